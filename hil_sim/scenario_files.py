@@ -21,9 +21,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-from pydantic import AfterValidator, BaseModel, Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
-from codegen.configuration import Config, parse_toml, shown
+from codegen.configuration import Config, parse_toml
+from codegen.configuration.faults import Location, first_fault
 from codegen.configuration.section import Range, Section, check_name
 from codegen.errors import CodegenError, suggestion
 from codegen.files import read_text
@@ -54,9 +55,9 @@ def load(path: Path, config: Config | None = None) -> Scenario:
     return _from_toml(text, path, Config() if config is None else config)
 
 
-def _remedy(word: str, known: Collection[str], title: str = "known") -> str:
-    """The name that was meant, or all that there are."""
-    return suggestion(word, known).lstrip("; ") or f"{title}: {', '.join(known)}"
+def _remedy(word: str, known: Collection[str]) -> str:
+    """Return the nearest known name, or all of them."""
+    return suggestion(word, known).lstrip("; ") or f"known: {', '.join(known)}"
 
 
 def _known_kind(kind: str) -> str:
@@ -94,7 +95,7 @@ def _from_toml(text: str, path: Path, config: Config) -> Scenario:
     try:
         given = ScenarioFile.model_validate(data)
     except ValidationError as error:
-        raise _first_fault(error, path) from None
+        raise first_fault(error, path, ScenarioFile, CodegenError, _key_of) from None
     if given.base not in BUILT_IN:
         remedy = _remedy(given.base, BUILT_IN)
         raise CodegenError(f"there is no scenario {given.base!r}", where=f"{path}: base", remedy=remedy)
@@ -189,21 +190,8 @@ def _fault(line: FaultLine, place: str, config: Config) -> Fault:
     return Fault(kind, line.start_s, line.duration_s, line.message, line.signal, line.cycles or 0)
 
 
-def _first_fault(error: ValidationError, path: Path) -> CodegenError:
-    # A misspelt key explains a value that seems missing, so it is told first.
-    fault = min(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
-    parts = [part for part in fault["loc"] if isinstance(part, int) or part.isidentifier()]
-    model: type[BaseModel] = FaultLine if parts[:1] == ["faults"] and len(parts) > 2 else ScenarioFile
-    # [[faults]] are counted as a user does.
-    key = "".join(
-        f" {part + 1}" if isinstance(part, int) else f"{': ' if place else ''}{part}" for place, part in enumerate(parts)
+def _key_of(location: Location) -> str:
+    """Write a location as a key; [[faults]] are counted from 1, as a user does."""
+    return "".join(
+        f" {part + 1}" if isinstance(part, int) else f"{': ' if place else ''}{part}" for place, part in enumerate(location)
     )
-    where = f"{path}: {key}" if key else path
-    if fault["type"] == "extra_forbidden":
-        remedy = _remedy(str(fault["loc"][-1]), model.model_fields, "known here")
-        return CodegenError("unknown key", where=where, remedy=remedy)
-    if fault["type"] == "missing":
-        return CodegenError("this key is missing", where=where, remedy="add it")
-    message = str(fault["ctx"]["error"]) if fault["type"] == "value_error" else f"{fault['msg']} (not {shown(fault['input'])})"
-    what, _, remedy = message.partition("; ")
-    return CodegenError(what, where=where, remedy=remedy or "mend the value")

@@ -63,7 +63,7 @@ FLOATS = [*(key for key, value in KEYS.items() if isinstance(value, float)), "ca
 
 @pytest.mark.parametrize("name", ["paper", "recommended"])
 def test_preset_shows_every_key(name: Any) -> None:
-    """The user edits that file, so it has every setting; of two ways to say the same, one."""
+    """The user edits that file, so it has every setting; of two equivalent keys, one."""
     shown = leaves_of(tomllib.loads(preset_text(name)))
     left_out = ("controller.tracking.schedule", *(("controller.tracking.", "tuning.") if name == "paper" else ()))
     for key in (key for key in KEYS if not key.startswith(left_out)):

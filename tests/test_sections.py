@@ -1,4 +1,4 @@
-"""`[can]` of ars.toml (places and scales of signals) and `[budgets]`: values, defaults, and messages for what cannot be."""
+"""`[can]` of ars.toml (places and scales of signals) and `[budgets]`: values, defaults, and messages for invalid values."""
 
 import re
 from typing import Any
@@ -104,7 +104,7 @@ def test_bad_budgets() -> None:
 
 
 def test_a_configuration_without_budgets_of_its_own_is_written_without_them() -> None:
-    """So what was made before there were any stays what it is, to the byte."""
+    """Older maps and builds stay equal to the byte."""
     assert "budgets" not in preset().to_json()
     assert "budgets" not in Config().model_dump(mode="json")
     own = parse({"budgets": {"step_instructions_max": 321}}, "ars.toml")

@@ -1,22 +1,22 @@
-"""`ars.toml` as a whole: reading it, rules between its tables, and one clear line for the first fault."""
+"""The whole of `ars.toml`: reading it, and the rules between its tables."""
 
 from __future__ import annotations
 
 import json
 import math
-import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from codegen.configuration.budgets import Budgets
 from codegen.configuration.can import Can, RealSignal
 from codegen.configuration.car import Case, Grid, Limits, Plant, RearActuator, Road, Steering, Tyre, Tyres, Vehicle
 from codegen.configuration.controller import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
+from codegen.configuration.faults import first_fault
 from codegen.configuration.section import KM_H, Section, check_name
 from codegen.configuration.sensors import Sensor, Sensors
 from codegen.errors import CodegenError, ConfigError, suggestion
@@ -58,17 +58,16 @@ __all__ = [
 Preset = Literal["paper", "recommended"]
 
 MAX_FILE_BYTES = 2**20
+"""Size limit of an ars.toml: hundreds of times what one with listed breakpoints needs."""
+
 MAX_LINE = 2**14
-"""Characters of a line of TOML."""
-
-"""Of an ars.toml: hundreds of times what one with listed breakpoints needs."""
-
+"""Limit of characters on a line of TOML."""
 
 RELAXATION_STEP_MAX = 2.5
-"""Of the way that a wheel rolls in a step of the plant over its relaxation length: Runge-Kutta is stable up to 2.79."""
+"""Largest distance that a wheel rolls in a step of the plant, over its relaxation length: Runge-Kutta is stable up to 2.79."""
 
 STEPS_MIN = 50
-"""Steps that a CAN signal must have over the range that it has to carry; fewer are a slip in its factor."""
+"""Least number of steps of a CAN signal over its required range; fewer mean a wrong factor."""
 
 
 def _whole_number(value: object) -> object:
@@ -102,7 +101,7 @@ class Config(Section):
     plant: Plant = Plant()
     sensors: Sensors = Sensors()
     can: Can = Can()
-    # Left out where nothing is set: a map or a build without budgets of its own does not change with them.
+    # Omitted where unset, so that maps and builds without budgets of their own do not change.
     budgets: Budgets = Field(default=Budgets(), exclude_if=lambda budgets: budgets == Budgets())
 
     @model_validator(mode="after")
@@ -153,7 +152,7 @@ class Config(Section):
         return self
 
     def _carried(self) -> Iterator[tuple[str, RealSignal, float, float]]:
-        """Place, signal, and the range (SI) that it must carry: what the controller accepts, or may command."""
+        """Yield key, signal, and the range (SI) that it must carry: the values that the controller accepts or commands."""
         can, inputs = self.can, self.controller.inputs
         yaw_rate = math.radians(inputs.yaw_rate_max_deg_s)
         both_signs = (
@@ -173,7 +172,7 @@ class Config(Section):
         yield "vehicle_conditions.friction", can.vehicle_conditions.real("friction"), 0.0, inputs.friction_max
 
     def case(self, name: str, where: object = "") -> Case:
-        """The case called `name`; ConfigError with the nearest name where there is none."""
+        """Return the case called `name`. Raises ConfigError, with the nearest name."""
         if name in self.cases:
             return self.cases[name]
         raise ConfigError(
@@ -183,14 +182,14 @@ class Config(Section):
         )
 
     def with_tyre_model(self, tyre_model: str | None) -> Config:
-        """The same with this tyre, "linear" or "magic-formula", in all cases; None leaves each case its own."""
+        """Return the configuration with this tyre model, "linear" or "magic-formula", in all cases; None changes nothing."""
         if tyre_model is None:
             return self
         cases = {name: case.model_copy(update={"tyre_model": tyre_model}) for name, case in self.cases.items()}
         return self.model_copy(update={"cases": cases})
 
     def to_json(self) -> str:
-        """Canonical text: the same configuration gives the same bytes."""
+        """Return canonical JSON: the same configuration gives the same bytes."""
         return json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
@@ -199,7 +198,7 @@ def parse(data: Mapping[str, Any], where: object) -> Config:
 
     Args:
         data: the tables and keys.
-        where: what the error message names as the place, mostly a file name.
+        where: the place that an error message names, mostly a file.
 
     Raises:
         ConfigError: the first fault, with its key.
@@ -207,21 +206,21 @@ def parse(data: Mapping[str, Any], where: object) -> Config:
     try:
         return Config.model_validate(dict(data))
     except ValidationError as error:
-        raise _first_fault(error, where) from None
+        raise first_fault(error, where, Config, ConfigError) from None
 
 
 def parse_toml(text: str, where: object, kind: type[CodegenError]) -> dict[str, Any]:
-    """The tables of a TOML text; an error of `kind` for the first line that is none."""
+    """Return the tables of a TOML text. Raises `kind` for the first line that is not TOML."""
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > MAX_LINE:  # the reader's time grows with the square of a key's parts
             raise kind(f"over {MAX_LINE >> 10} KiB on a line", where=f"{where}, line {number}", remedy="break it up")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise kind(f"TOML syntax: {error}", where=where, remedy="mend that line") from None
+        raise kind(f"TOML syntax: {error}", where=where, remedy="correct that line") from None
     except (ValueError, RecursionError) as error:
-        # A number of thousands of digits, brackets nested by the thousand: TOML, but beyond what the reader takes.
-        raise kind(f"cannot be read as TOML ({error})", where=where, remedy="mend the number or the nesting") from None
+        # A number of thousands of digits or brackets nested by the thousand are TOML, but the reader rejects them.
+        raise kind(f"cannot be read as TOML ({error})", where=where, remedy="correct the number or the nesting") from None
 
 
 def load(path: Path) -> Config:
@@ -231,75 +230,12 @@ def load(path: Path) -> Config:
 
 
 def preset_text(name: Preset = "paper") -> str:
-    """The commented text of a preset `ars.toml`."""
+    """Return the commented text of a preset `ars.toml`."""
     folder = resources.files("codegen.configuration").joinpath("presets")
     parts = (f"{name}-header", "car", f"{name}-cases", f"{name}-controller", "inputs", "bench", "budgets")
     return "".join(folder.joinpath(f"{part}.toml").read_text(encoding="utf-8") for part in parts)
 
 
 def preset(name: Preset = "paper") -> Config:
-    """A preset configuration of the published vehicle: with the paper's controller, or with the recommended one."""
+    """Return a preset of the published vehicle: with the paper's controller, or with the recommended one."""
     return parse(tomllib.loads(preset_text(name)), f"preset {name}")
-
-
-def _section_at(location: tuple[int | str, ...]) -> type[BaseModel] | None:
-    """The model class whose field stands at `location`, to suggest a key from."""
-    current: type[BaseModel] | None = Config
-    for part in location[:-1]:
-        if current is None:
-            return None
-        if current is Config and part == "cases":
-            current = Case if len(location) > 2 else None
-            if location[:1] == ("cases",):
-                return Case
-        field = current.model_fields.get(str(part)) if current is not None else None
-        annotation = field.annotation if field is not None else None
-        current = annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else None
-    return current
-
-
-def shown(value: object) -> str:
-    """A value of the user's for a message; Python does not print a number of thousands of digits."""
-    try:
-        return repr(value)
-    except ValueError:
-        return "a number of so many digits"
-
-
-def _first_fault(error: ValidationError, where: object) -> ConfigError:
-    # A misspelt key explains a value that seems missing, so it is told first.
-    faults = sorted(error.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
-    fault = faults[0]
-    location = tuple(part for part in fault["loc"] if not _is_union_label(part))
-    key = ".".join(str(part) for part in location) or "the file as a whole"
-    if fault["type"] == "extra_forbidden":
-        section = _section_at(location)
-        known = section.model_fields if section is not None else {}
-        remedy = suggestion(str(location[-1]), known).lstrip("; ") or f"known here: {', '.join(known)}"
-        return ConfigError("unknown key", where=f"{where}: {key}", remedy=remedy)
-    if fault["type"] == "value_error":
-        message = str(fault["ctx"]["error"])
-    elif fault["type"] in ("model_type", "model_attributes_type", "dict_type"):
-        message = f"a table is needed, not {shown(fault['input'])}; write [{key}] and its keys below"
-    elif fault["type"] == "missing":
-        message = "this key is missing; add it"
-    elif fault["type"] in ("too_short", "too_long"):
-        message = length_fault(fault)
-    else:
-        message = f"{fault['msg']} (not {shown(fault['input'])})"
-    what, _, remedy = message.partition("; ")
-    return ConfigError(what, where=f"{where}: {key}", remedy=remedy or "mend the value")
-
-
-def length_fault(fault: Mapping[str, Any]) -> str:
-    """What pydantic's too_short and too_long say, and the remedy."""
-    found, short = fault["ctx"]["actual_length"], fault["type"] == "too_short"
-    bound = fault["ctx"]["min_length" if short else "max_length"]
-    entries = "entry" if bound == 1 else "entries"
-    wanted = f"at least {bound} {entries} needed" if short else f"at most {bound} {entries} possible"
-    return f"{wanted}, not {found}; {'add what is missing' if short else 'take some out'}"
-
-
-def _is_union_label(part: int | str) -> bool:
-    # pydantic names the branch of a union ("float", "literal['off']", "function-after[...]") inside the path.
-    return isinstance(part, str) and bool(re.match(r"(function-|literal\[|list\[|float\Z|\[key\]\Z|constrained-)", part))

@@ -1,4 +1,4 @@
-"""The table `[budgets]` of `ars.toml`: what the generated code may take on a Cortex-M4F."""
+"""The table `[budgets]` of `ars.toml`: limits of the generated code on a Cortex-M4F."""
 
 from __future__ import annotations
 
@@ -15,20 +15,19 @@ from codegen.configuration.signals import CARRIED
 Count = Annotated[int, Field(ge=1, le=100_000_000)]
 
 LOOKUP, SECOND_TABLE = 86, 60
-"""Instructions of a lookup over even breakpoints, and what a table for the rear angle adds."""
+"""Instructions of a lookup over even breakpoints, and of an additional table for the rear angle."""
 
 SEARCH_ROUND, FRICTIONS, FRICTION, GRIP, GRIP_FRICTIONS = 10, 60, 10, 60, 30
-"""Instructions that are added by a round of a search over uneven breakpoints, by tables for several frictions, by each of
-those, by a table of what slip leaves of the cap, and by that for several frictions."""
+"""Additional instructions for a round of a search over uneven breakpoints, for tables of several frictions, for each of those,
+for a grip table, and for grip tables of several frictions."""
 CARS, RAW = 20, 15
-"""Those of the steering that goes with a capped yaw rate, where the car lies between two frictions; and of what turns the raw
-numbers of a table into values."""
+"""Additional instructions for rear steering under the cap between two frictions, and for raw numbers of a table."""
 
 GRIP_STACK = 48
-"""Bytes of stack for a table of what slip leaves of the cap."""
+"""Bytes of stack for a grip table."""
 
 CARRIED_BYTES = 4 * len(CARRIED)
-"""Bytes of state for the signals that the controller only hands on."""
+"""Bytes of state for the signals that the controller only forwards."""
 
 COMMON = {"limiter_instructions_max": 126, "task_stack_bytes_max": 250, "state_bytes_max": 144 + CARRIED_BYTES}
 OF_KIND: Mapping[Kind, Mapping[str, int]] = {
@@ -42,19 +41,19 @@ OF_KIND: Mapping[Kind, Mapping[str, int]] = {
         "state_bytes_max": 188 + CARRIED_BYTES,
     },
 }
-"""For a map with even breakpoints and one friction."""
+"""Budgets of each kind for a map with even breakpoints and one friction."""
 WITH_REAR_ANGLE: tuple[Kind, ...] = ("feedforward", "tracking")
 """Kinds whose step looks the rear angle up."""
 
 
 @dataclass(frozen=True)
 class MapShape:
-    """What a lookup has to do.
+    """Properties of a map that decide the cost of its lookup.
 
     Attributes:
-        search_rounds: of all axes together; an even one needs none.
-        frictions: that the map is for.
-        with_grip: whether there is a table of what slip leaves of the cap.
+        search_rounds: rounds of the search over all axes; an even axis needs none.
+        frictions: number of frictions of the map.
+        with_grip: whether there is a grip table.
         is_raw: whether the tables hold raw numbers.
     """
 
@@ -65,27 +64,27 @@ class MapShape:
 
     @property
     def instructions(self) -> int:
-        """What that adds to a lookup."""
+        """Additional instructions of a lookup."""
         stacked = FRICTIONS + FRICTION * self.frictions if self.frictions > 1 else 0
         grip = (GRIP + (GRIP_FRICTIONS if stacked else 0)) if self.with_grip else 0
         return SEARCH_ROUND * self.search_rounds + stacked + grip + (1 + self.with_grip) * self._raw
 
     @property
     def reference_instructions(self) -> int:
-        """The same to one that gives the rear angle too."""
+        """Additional instructions of a lookup that returns the rear angle too."""
         return self.instructions + (CARS if self.frictions > 1 else 0) + self._raw
 
     @property
     def _raw(self) -> int:
-        """Of one table, of which two layers are looked up where there are more."""
+        """Instructions for the raw numbers of one table; of several layers, two are looked up."""
         return RAW * min(self.frictions, 2) if self.is_raw else 0
 
 
 class Budgets(Section):
-    """The most that each part may take; what is not given is what suits the kind of controller and the map.
+    """Limit of each part; the defaults suit the kind of controller and the map.
 
-    Instructions are of the longest call, with what it calls; those of a step without the limiter, which has its own. A
-    reference is a lookup that gives the rear angle too. The task is one period: two frames received, the step, one frame sent.
+    Instructions count the longest call, including its callees. Those of a step exclude the limiter, which has its own limit. A
+    reference is a lookup that returns the rear angle too. The task is one period: two frames received, a step, one frame sent.
     `state_bytes_max` is the memory of one controller; `flash_bytes_max`, code and constants of all objects together, has no
     default, because the breakpoints of the map decide.
     """
@@ -100,7 +99,7 @@ class Budgets(Section):
     flash_bytes_max: Count | None = None
 
     def resolved(self, kind: Kind, shape: MapShape) -> dict[str, int]:
-        """Every budget that there is, by its key."""
+        """Return every budget by its key."""
         more = shape.reference_instructions if kind in WITH_REAR_ANGLE else shape.instructions
         found = {
             "lookup_instructions_max": LOOKUP + shape.instructions,

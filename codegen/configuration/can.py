@@ -1,6 +1,6 @@
 """The tables `[can]` of `ars.toml`: frames, signals, identifiers and scaling, from which the DBC and both codecs are made.
 
-Which quantities are exchanged is fixed; where they lie in a frame and how they are scaled is the user's. Bit numbers are
+The quantities are fixed; the user configures their position in a frame and their scaling. Bit numbers are
 those of a DBC: for Intel byte order the start bit is that of the least significant bit, for Motorola that of the most
 significant one.
 """
@@ -33,7 +33,7 @@ _RESERVED = ("VERSION", "FILTER", "VECTOR__INDEPENDENT_SIG_MSG", "Vector__XXX")
 """Words of the DBC format; all others of its words end in an underscore."""
 
 NODES = ("Car", "RearSteering")
-"""Who sends: the names of the two nodes in the DBC."""
+"""Names of the two sending nodes in the DBC."""
 
 
 def _check_dbc_name(name: str) -> str:
@@ -49,7 +49,7 @@ Identifier = Annotated[int, Field(ge=0, le=0x7FF)]
 
 
 class Signal(Section):
-    """Where an unsigned number lies in its frame."""
+    """Position of an unsigned number in its frame."""
 
     name: DbcName
     start_bit: Annotated[int, Field(ge=0, le=63)]
@@ -83,12 +83,12 @@ class RealSignal(Signal):
 
     @property
     def raw_low(self) -> int:
-        """Smallest code that stands for a value."""
+        """Smallest code of a value."""
         return -(2 ** (self.length - 1)) + 1 if self.signed else 0
 
     @property
     def raw_high(self) -> int:
-        """Largest code that stands for a value."""
+        """Largest code of a value."""
         return int(2 ** (self.length - 1)) - 1 if self.signed else int(2**self.length) - 2
 
     @property
@@ -108,7 +108,7 @@ class RealSignal(Signal):
 
 
 class Message(Section):
-    """A frame of eight bytes that is sent in every sampling time, protected by AUTOSAR E2E profile 1, variant 1A.
+    """A frame of eight bytes, sent in every sampling time and protected by AUTOSAR E2E profile 1, variant 1A.
 
     A subclass names its role in the table of signals, and gets a field for each of them: `role="vehicle_motion"`.
     """
@@ -123,7 +123,7 @@ class Message(Section):
 
     @property
     def e2e_data_id(self) -> int:
-        """Data id of the protection: the CAN identifier where none is given."""
+        """Data id of the protection; by default the CAN identifier."""
         return self.id if self.data_id is None else self.data_id
 
     def __init_subclass__(cls, role: str, **keywords: Any) -> None:
@@ -136,20 +136,20 @@ class Message(Section):
             setattr(cls, each.role, default)
 
     def real(self, role: str) -> RealSignal:
-        """The scaled signal of a role."""
+        """Return the scaled signal of a role."""
         found = self.signals()[role]
         assert isinstance(found, RealSignal)
         return found
 
     def signals(self) -> dict[str, Signal]:
-        """The signals by their role, in the order of their fields."""
+        """Return the signals by their role, in the order of their fields."""
         fields = ((role, getattr(self, role)) for role in type(self).model_fields)
         return {role: value for role, value in fields if isinstance(value, Signal)}
 
     @model_validator(mode="before")
     @classmethod
     def _complete(cls, data: Any) -> Any:
-        """A signal's keys that are not given take the defaults of that signal."""
+        """Complete a signal with its defaults."""
         if not isinstance(data, dict):
             return data
         defaults = {role: field.default for role, field in cls.model_fields.items() if isinstance(field.default, Signal)}
@@ -240,8 +240,8 @@ WindowCount = Annotated[int, Field(ge=0, le=WINDOW_SIZE_MAX)]
 class E2e(Section):
     """Tolerances of the receivers of protected frames; names of AUTOSAR's E2E profile 1 and of its E2E state machine.
 
-    The state machine judges a message by its last `window_size` cycles: how many brought a good frame (`min_ok_*`), and how
-    many a damaged one (`max_error_*`). Only while it is VALID are the message's data used.
+    The state machine counts the good frames (`min_ok_*`) and the damaged ones (`max_error_*`) of the last `window_size` cycles.
+    The data of a message are used only while it is VALID.
     """
 
     max_delta_counter_init: Annotated[int, Field(ge=0, le=14)] = 1
@@ -291,7 +291,7 @@ class Can(Section):
     rear_steer_command: RearSteerCommand = RearSteerCommand()
 
     def messages(self) -> dict[str, Message]:
-        """The messages by their role."""
+        """Return the messages by their role."""
         return {
             "vehicle_motion": self.vehicle_motion,
             "vehicle_conditions": self.vehicle_conditions,

@@ -23,12 +23,12 @@ class Vehicle(Section):
 
     @property
     def wheelbase(self) -> float:
-        """L in m."""
+        """Wheelbase L in m."""
         return float(self.cg_to_front_axle_m + self.cg_to_rear_axle_m)
 
 
 class Road(Section):
-    """What the map assumes of the road."""
+    """The road that the map assumes."""
 
     friction: Annotated[float, Range(0.05, 1.5)] = 0.9
     gravity_m_s2: Annotated[float, Range(1.0, 30.0, "m/s^2")] = 9.81
@@ -81,21 +81,21 @@ class Limits(Section):
 
     @property
     def rear_angle_max(self) -> float:
-        """rad; the map's own bound, which may be tighter than the actuator's."""
+        """Bound of the map on the rear angle in rad, which may be tighter than the actuator's."""
         return math.radians(self.rear_angle_max_deg)
 
 
 class Case(Section):
-    """One run of the optimisation: may the rear wheels steer, and how dear is sideslip (lambda of the objective)?
+    """One optimisation: rear steering on or off, and the weight of sideslip (lambda of the objective).
 
-    `passive_safe` leaves out what the car could not do without its rear steering. `tyre_model` is that of the steady turn: the
+    `passive_safe` excludes turns that the car cannot drive without rear steering. `tyre_model` is that of the steady turn: the
     linear single-track car, as in the paper, or the plant's four loaded wheels with the whole Magic Formula.
     """
 
     rear_steering: bool = True
     sideslip_weight_per_s2: Annotated[float, Range(0.0, 1e7, "1/s^2")] = 3000.0
     passive_safe: bool = False
-    # Left out where it is linear: maps and builds from before it do not change with it.
+    # Omitted where linear, so that older maps and builds do not change.
     tyre_model: Literal["linear", "magic-formula"] = Field(default="linear", exclude_if=lambda model: model == "linear")
 
 
@@ -139,17 +139,17 @@ class Steering(Section):
 
     @property
     def front_angle_stop(self) -> float:
-        """rad at the road wheel: the mechanical stop."""
+        """Mechanical stop in rad at the road wheel."""
         return math.radians(self.front_angle_stop_deg)
 
 
 class RearActuator(Section):
-    """The rear-steering actuator: what it can do, how the plant models it (first-order lag, rate limit), and what it does
-    on its own where no command comes: hold its last one, or return to zero.
+    """The rear-steering actuator: its limits, its model in the plant (first-order lag, rate limit), and its reaction without a
+    command: hold the last one, or return to zero.
 
-    The task reports it as stuck where the measured angle is off by more than `stuck_error_deg` from what the lag makes of the
-    commands, for `stuck_time_s`. "from-actuator" takes a tenth of the largest angle, and the time from one stop to the other at
-    the largest rate and ten lags.
+    The task reports it as stuck where the measured angle differs from the lagged command by more than `stuck_error_deg` for
+    `stuck_time_s`. "from-actuator" means a tenth of the largest angle, and the time from one stop to the other at the largest
+    rate plus ten lags.
     """
 
     angle_max_deg: Annotated[float, Range(0.1, 20.0, "deg")] = 3.5

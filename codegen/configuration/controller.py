@@ -11,32 +11,32 @@ from codegen.configuration.section import Breakpoints, Range, Section
 
 SCHEDULE_POINTS_MAX = 32
 DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 1.0, 10_000
-"""Beyond them the fail-safe would as good as never act, or never end."""
+"""Beyond these limits the fail-safe would almost never act, or never end."""
 PROPORTIONAL_GAIN_MAX_S, INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX = 2.0, 0.01, 20.0
-"""Without an integral part the car does not reach the map; beyond the others no loop with a rear actuator is stable."""
+"""Without an integral part the car does not reach the map; above the upper limits no loop with a rear actuator is stable."""
 LEAD_MAX_S, RESPONSE_GAIN_MAX_S, RESPONSE_AHEAD_MAX_S = 0.2, 2.0, 1.0
-"""The lead below zero delays the feedforward."""
+"""Upper limits of lead, response gain and look-ahead. A negative lead delays the feedforward."""
 RESPONSE_AHEAD_FACTORS = (1.0, 1.75, 2.5)
-"""Multiples of the actuator's lag and one sample that `codegen tune` tries for `response_ahead_s`. It takes the first with
+"""Multiples of the actuator's lag plus one sample that `codegen tune` tries for `response_ahead_s`. It uses the first with
 which the configured car keeps its limits; a slow actuator or a strongly understeering car needs more."""
 REAR_RATE_MIN_DEG_S = 1.0
-"""Slower, the rear wheels do nothing in a manoeuvre."""
+"""At slower rates the rear wheels have no effect in a manoeuvre."""
 TRIM_MAX_PERCENT = 20.0
-"""Of the map's yaw rate: a trim beyond has nothing of a trim."""
+"""Largest trim, in percent of the map's yaw rate."""
 
 Kind = Literal["tracking", "pi", "feedforward", "proportional"]
-"""What the controllers are called; their parameters and templates are chosen in `emit.laws`."""
+"""Kinds of controller; `emit.laws` chooses their parameters and templates."""
 
 
 class Inputs(Section):
-    """Which measurements the controller believes, and what stands for others.
+    """Which measurements the controller accepts, and what replaces the others.
 
-    Each has a range, and a rate at which a car can change it. A yaw rate is believed up to what the road explains, and
-    a tolerance; it is frozen where it stays to the bit while the linear car with these angles moves away from it. A wrong
-    signal counts again where it agrees with the others. The lag is that of the yaw rate behind the front angle,
-    friction_recovery_1_s how fast a lost estimate of the friction is forgotten. On straights the offset of the yaw rate is
-    learned, up to yaw_rate_offset_max_deg_s with the time constant yaw_rate_correction_time_s, which also applies to what
-    replaces a yaw rate; a straight is where the front wheels alone make no more than straight_yaw_rate_deg_s.
+    Each measurement has a range and a largest rate of change. A yaw rate is accepted up to the limit of the road plus a
+    tolerance. It counts as frozen where it stays equal to the bit while the yaw rate of the linear car moves away from it. A
+    rejected signal is accepted again once it agrees with the others. The lag is that of the yaw rate behind the front angle;
+    friction_recovery_1_s is the rate at which a lost friction estimate is forgotten. The offset of the yaw rate is learned on
+    straights, up to yaw_rate_offset_max_deg_s with the time constant yaw_rate_correction_time_s, which also applies to the
+    substitute of a yaw rate. On a straight, the front wheels alone cause at most straight_yaw_rate_deg_s.
     """
 
     speed_max_km_h: Annotated[float, Range(50.0, 500.0, "km/h")] = 400.0
@@ -61,7 +61,7 @@ class Inputs(Section):
 
 
 class FailSafe(Section):
-    """How long inputs may be missing, how long they must be back, and how fast the rear angle goes to zero without them."""
+    """Time that inputs may be missing, time until they count again, and rate of the rear angle to zero without them."""
 
     degraded_samples_max: int = Field(default=3, ge=0, le=1_000)
     recovery_samples: int = Field(default=10, ge=1, le=RECOVERY_SAMPLES_MAX)
@@ -73,10 +73,10 @@ def _is_none(value: object) -> bool:
 
 
 class Schedule(Section):
-    """Gains of the kind "tracking" over speed, and the margins that they were designed to have over the family of cars.
+    """Gains of the kind "tracking" over speed, and their design margins over the family of cars.
 
-    `codegen tune` writes it. Between breakpoints the gains are interpolated, beyond them they hold. The margins are for
-    people: the worst of the family at each breakpoint.
+    `codegen tune` writes it. Between breakpoints the gains are interpolated, beyond them they hold. The margins are information
+    for readers: the worst of the family at each breakpoint.
     """
 
     speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")]
@@ -86,7 +86,7 @@ class Schedule(Section):
     integral_gain: list[
         Annotated[float, Range(INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX, "(rad of rear angle for each rad of integrated error)")]
     ]
-    # Left out where they are not tuned: the whole schedule has `controller.tracking.lead_s` then, and no response gain.
+    # Omitted where not tuned: then `controller.tracking.lead_s` applies at all speeds, without response gain.
     lead_s: list[Annotated[float, Range(-LEAD_MAX_S, LEAD_MAX_S, "s")]] | None = Field(default=None, exclude_if=_is_none)
     response_gain_s: (
         list[Annotated[float, Range(0.0, RESPONSE_GAIN_MAX_S, "s (rad of rear angle for each rad/s that the model lacks)")]]
@@ -111,11 +111,10 @@ class Schedule(Section):
 class Tracking(Section):
     """The kind "tracking": feedforward of the map, a reference model, and scheduled PI feedback of bounded authority.
 
-    `lead_s` looks ahead on the front angle that enters the map, unless the schedule has a lead for each speed;
-    `response_ahead_s` on the model's yaw rate that the response gain of the schedule steers against.
-    `yaw_increasing_max_deg` bounds what feedback may add in the direction that turns the car more; against it, feedback is
-    free up to the actuator's limit. The trim moves the model's yaw rate towards the map's. The grip_* keys are the limit
-    that follows the lateral acceleration which the car really reaches.
+    `lead_s` predicts the front angle that enters the map, unless the schedule has a lead for each speed. `response_ahead_s`
+    predicts the model's yaw rate for the response gain of the schedule. `yaw_increasing_max_deg` limits feedback that increases
+    the yaw rate; in the other direction feedback is free up to the actuator's limit. The trim moves the model's yaw rate
+    towards the map's. The grip_* keys limit the yaw rate by the lateral acceleration that the car reaches.
     """
 
     lead_s: Annotated[float, Range(-LEAD_MAX_S, LEAD_MAX_S, "s")] = 0.032
@@ -134,7 +133,7 @@ class Tracking(Section):
 
 
 class Tuning(Section):
-    """The family of cars for which `codegen tune` designs the gains, and what each of them must keep.
+    """The family of cars for which `codegen tune` designs the gains, and the margins that each must keep.
 
     All combinations of the listed deviations are members; the stiffness of front and rear axle vary independently. Yaw
     inertia goes with the mass.
@@ -188,13 +187,13 @@ class Controller(Section):
 
 
 class Limiter(Section):
-    """The safety limiter, last in the chain whatever the controller computed: angle, rate, and angle against the front wheels.
+    """The safety limiter, last in the chain for every controller: limits of angle, rate, and opposite-phase angle.
 
-    Opposite phase (front and rear wheels turned to different sides) makes the car turn more: its bound falls with speed. In
+    In opposite phase, front and rear wheels turn to different sides and the car turns more, so this limit falls with speed. In
     phase the whole angle is free once the front wheels are turned by `in_phase_from_front_angle_deg`; with them straight
-    ahead the bound of the opposite phase holds to both sides. "from-car" takes the angle that alone makes the linear car turn
-    with `opposite_phase_lateral_acceleration_m_s2`: a (L + K vx^2) / vx^2. The speeds "from-car" begin where that angle is the
-    actuator's own, so that slower the whole angle is free.
+    ahead the opposite-phase limit holds to both sides. "from-car" is the rear angle with which alone the linear car turns with
+    `opposite_phase_lateral_acceleration_m_s2`: a (L + K vx^2) / vx^2. The speeds "from-car" begin where that angle equals the
+    actuator's limit; below, the whole angle is free.
     """
 
     rear_rate_max_deg_s: Annotated[float, Range(REAR_RATE_MIN_DEG_S, 500.0, "deg/s")] | Literal["off"] = 30.0

@@ -1,7 +1,7 @@
-"""Tables and numbers of `ars.toml`: what all sections share.
+"""Common base of the tables and numbers of `ars.toml`.
 
-Degrees and km/h exist only here and are turned into SI by the properties beside them. A value that no car can have is refused
-with the range and the unit, because a wrong unit is the usual cause.
+Degrees and km/h exist only in the configuration; properties convert them to SI. A value that no car can have is rejected with
+the range and the unit, because a wrong unit is the usual cause.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pydantic_core import CoreSchema, core_schema
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}\Z", re.ASCII)
 KM_H = 1.0 / 3.6
-"""m/s for one km/h."""
+"""Conversion factor from km/h to m/s."""
 
 MAX_BREAKPOINTS = 2000
 MAX_CELLS = 1_000_000
@@ -24,7 +24,7 @@ MAX_CELLS = 1_000_000
 
 
 def check_name(name: str) -> str:
-    """Return `name` if it may stand in file names and C comments, else raise ValueError.
+    """Return `name` if it is valid in file names and C comments, else raise ValueError.
 
     Such a name starts with an ASCII letter or digit and goes on with those, dot, hyphen or underscore; 63 characters at most.
     """
@@ -40,7 +40,7 @@ def check_name(name: str) -> str:
 
 
 def check_number(value: object) -> object:
-    """Return a number as it is; ValueError for anything else."""
+    """Return a number unchanged. Raises ValueError for anything else."""
     # A TOML boolean or text is not a number, although Python would turn both into one.
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"a number is needed, not {value!r}")
@@ -68,7 +68,7 @@ class Range:
 
 
 class RangeOrZero(Range):
-    """The same, where zero stands for "none"."""
+    """A range that also accepts zero, for "none"."""
 
     def check(self, value: float) -> float:
         """Return `value`, or raise ValueError where it is outside."""
@@ -104,5 +104,5 @@ class Breakpoints:
 class Section(BaseModel):
     """A table of `ars.toml`: immutable, and unknown keys are errors."""
 
-    # defer_build: of the tables by themselves, most are never asked for; building them all takes longer than to solve a map.
+    # defer_build: most tables are never validated alone, and building all of them takes longer than solving a map.
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)

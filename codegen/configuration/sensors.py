@@ -1,4 +1,4 @@
-"""The tables `[sensors]` of `ars.toml`: what the bench's sensors make of the car's motion where switched on."""
+"""The tables `[sensors]` of `ars.toml`: errors of the bench's simulated sensors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from codegen.configuration.section import KM_H, Range, Section
 
 
 class Sensor(Section):
-    """What every sensor has. The child gives noise and resolution in its unit."""
+    """Keys of every sensor; subclasses add noise and resolution in their unit."""
 
     delay_samples: Annotated[int, Field(ge=0, le=100)] = 0
 

@@ -4,7 +4,7 @@ The fields of the three payload classes are the table, and `SIGNALS` lists them.
 `ars.toml` starts from, the C structs and their packing, the DBC, the measurements of the A2L, the variables of the FMUs, the
 columns of a run, the inputs of the checks and the tables of the guide.
 
-A signal that the controller does not use is added here alone. The controller receives it in its measurement and hands it on.
+A signal that the controller does not use is added here alone. The controller receives it in its measurement and forwards it.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ class SignalDefinition:
         factor: default resolution, in the unit; None: a whole number. With `length` and `signed` it gives the range.
         signed: whether a real signal has both signs.
         values: names of the codes of a whole number, from 0.
-        source: where the bench takes it from: "scenario.", "state." or "output." (of the plant) and a name there; "": the bench
-            does not have it and sends "not available".
-        is_used: whether the controller uses it; the others are only handed on and recorded.
+        source: source in the bench: "scenario.", "state." or "output." (of the plant) and a name there; "": the bench sends
+            "not available".
+        is_used: whether the controller uses it; the others are only forwarded and recorded.
         in_measurement: comment in the controller's measurement struct; "" derives it from unit and meaning.
         message: role of its message; filled in from the payload class.
         role: its name in code; filled in from the field.
@@ -70,7 +70,7 @@ class SignalDefinition:
 
     @property
     def c_type(self) -> str:
-        """C type of what is not scaled; "" for a real signal, whose type is that of the build's numbers."""
+        """C type of an unscaled signal; "" for a real signal, whose type is that of the build's numbers."""
         if self.is_real:
             return ""
         return "bool" if self.is_flag else f"uint{8 if self.length <= 8 else 16}_t"
@@ -83,22 +83,22 @@ class SignalDefinition:
 
     @property
     def variable(self) -> str:
-        """Name with its unit, as columns of a run and variables of an FMU have it."""
+        """Name with unit suffix, for columns of a run and variables of an FMU."""
         return f"{self.role}{UNIT_SUFFIXES[self.unit]}"
 
     @property
     def origin(self) -> str:
-        """Where the bench takes it from: "scenario", "state", "output" or ""."""
+        """Source in the bench: "scenario", "state", "output" or ""."""
         return self.source.partition(".")[0]
 
     @property
     def origin_name(self) -> str:
-        """Its name there."""
+        """Name at the source."""
         return self.source.partition(".")[2]
 
     @property
     def is_of_plant(self) -> bool:
-        """Whether the simulated car has it, so that a run records it."""
+        """Whether the simulated car provides it, so that a run records it."""
         return self.origin in ("state", "output")
 
 
@@ -278,12 +278,12 @@ MEASURED = tuple(each for each in SIGNALS if each.message != "rear_steer_command
 """Signals from the car, in the order of `Measurement` and of the C struct."""
 
 CARRIED = tuple(each for each in MEASURED if not each.is_used)
-"""Signals from the car that the controller only hands on."""
+"""Signals from the car that the controller only forwards."""
 
 RECORDED = tuple(each for each in CARRIED if each.is_of_plant)
-"""Those of them that a run records in a column of their own."""
+"""Forwarded signals that a run records in a column of their own."""
 
 
 def signals_of(message: str) -> tuple[SignalDefinition, ...]:
-    """Signals of one message, by its role."""
+    """Return the signals of one message, by its role."""
     return tuple(each for each in SIGNALS if each.message == message)

@@ -1,4 +1,4 @@
-"""The family of cars that the feedback must suit: what may differ from the configured car, and in which combinations."""
+"""The family of cars that the feedback must suit: deviations from the configured car and their combinations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from codegen.configuration import Config
 from codegen.errors import ConfigError
 
 MEMBERS_MAX = 4096
-"""Combinations that the design takes on: far more than the ends and the middle of each deviation give."""
+"""Most combinations that the design accepts: far more than the ends and the middle of each deviation give."""
 
 DEVIATIONS = ("actuator_lag_s", "mass_percent", "stiffness_percent", "relaxation_length_m")
 
@@ -21,10 +21,10 @@ class Member:
 
     Attributes:
         actuator_lag: s, first order.
-        mass_factor: of the mass and of the yaw inertia; 1 is the configured car, as for the next two.
-        front_stiffness_factor: of the cornering stiffness of the front axle.
-        rear_stiffness_factor: of the cornering stiffness of the rear axle.
-        relaxation_length: m, of the tyres of both axles; 0 where the force follows the slip at once.
+        mass_factor: factor on mass and yaw inertia; 1 is the configured car, as for the next two.
+        front_stiffness_factor: factor on the cornering stiffness of the front axle.
+        rear_stiffness_factor: factor on the cornering stiffness of the rear axle.
+        relaxation_length: m, tyres of both axles; 0 where the force follows the slip at once.
     """
 
     actuator_lag: float
@@ -34,7 +34,7 @@ class Member:
     relaxation_length: float = 0.0
 
     def __str__(self) -> str:
-        """Short, for messages and tables: "lag 50 ms, mass +20 %, stiffness -20/+15 %, relaxation 0.6 m"."""
+        """Return a short text for messages and tables: "lag 50 ms, mass +20 %, stiffness -20/+15 %, relaxation 0.6 m"."""
         stiffness = f"{_percent(self.front_stiffness_factor)}/{_percent(self.rear_stiffness_factor)} %"
         return (
             f"lag {1e3 * self.actuator_lag:.4g} ms, mass {_percent(self.mass_factor)} %, stiffness {stiffness}, "
@@ -48,12 +48,12 @@ def _percent(factor: float) -> str:
 
 
 def nominal(config: Config) -> Member:
-    """The configured car itself, with the relaxation length of the simulated plant."""
+    """Return the configured car, with the relaxation length of the simulated plant."""
     return Member(actuator_lag=config.rear_actuator.lag_s, relaxation_length=config.plant.relaxation_length_m)
 
 
 def members(config: Config) -> tuple[Member, ...]:
-    """All combinations of the deviations in `config.tuning`, each once; and the configured car, where it is not among them.
+    """Return all combinations of the deviations in `config.tuning`, each once, and the configured car.
 
     The stiffnesses of front and rear axle vary independently; the yaw inertia goes with the mass.
 

@@ -1,7 +1,7 @@
-"""The plant itself, linearised: CasADi's Jacobian of the two-track car at steady turns, as the controller's samples see it.
+"""The plant linearised and sampled: CasADi's Jacobian of the two-track car at steady turns.
 
-Where `sampled` writes the linear single-track car down, nothing is written down here: load transfer, the tyres' curve and their
-relaxation are those of `vehicle.dynamics.two_track`, at any speed, friction and mass, straight ahead or in a turn.
+`sampled` has the equations of the linear single-track car. Here, load transfer, tyre curve and relaxation are those of
+`vehicle.dynamics.two_track`, at any speed, friction and mass, straight ahead or in a turn.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ LATERAL, YAW, WHEEL, REAR = (
 )
 COMMAND = PLANT_INPUTS.index("rear_angle_command")
 LEFT_OUT = ("steering_wheel_angle", "position_x", "position_y", "heading")
-"""States that the loop does not feed back: what the driver does, and where the car is."""
+"""States that the loop does not feed back: the driver's input, and the position of the car."""
 
 NEWTON_STEPS = 40
 TURN_TOLERANCE = 1e-9
-"""m/s^2 and rad/s^2 that are left of the derivatives at a steady turn: rounding of forces of some 10 kN."""
+"""Largest residual derivative of a steady turn, m/s^2 and rad/s^2: rounding of forces of some 10 kN."""
 
 
 @dataclass(frozen=True, eq=False)
 class SteadyTurns:
-    """Where the plant was linearised, (n,) each.
+    """Steady turns at which the plant was linearised, (n,) each.
 
     Attributes:
         sampled: the cars, (n,); meaningless where `found` is false.
-        found: whether there is such a turn: the road may not give so much, or the car may have no steady state.
+        found: whether the turn exists: grip may be insufficient, or the car may have no steady state.
         front_angle: rad.
     """
 
@@ -50,10 +50,10 @@ class SteadyTurns:
 def linearised(
     config: Config, speed: npt.ArrayLike, friction: npt.ArrayLike, mass_factor: npt.ArrayLike = 1.0, grip_share: float = 0.0
 ) -> SteadyTurns:
-    """The plant at steady turns with straight rear wheels: arguments (n,) that broadcast together.
+    """Linearise the plant at steady turns with straight rear wheels; arguments (n,) broadcast together.
 
-    The slope of the tyres stays under another mass, and goes with the friction; the yaw inertia goes with the mass. The delay
-    is `config.tuning.delay_samples`.
+    The slope of the tyres is independent of the mass and proportional to the friction; the yaw inertia is proportional to the
+    mass. The delay is `config.tuning.delay_samples`.
 
     Args:
         speed: m/s. friction: of the road. mass_factor: 1 is the configured car.
@@ -81,9 +81,10 @@ def linearised(
 
 
 def _turn(linear: ca.Function, states: FloatArray, inputs: FloatArray, cars: FloatArray, acceleration: FloatArray) -> BoolArray:
-    """Steady turns at lateral accelerations (n,) in m/s^2, into `states`: Newton's method on lateral speed and steering wheel.
+    """Solve steady turns at lateral accelerations (n,) in m/s^2 into `states`, and return which were found.
 
-    In ten steps of acceleration from straight ahead, so that each starts near its solution. Returns where they were found.
+    Newton's method on lateral speed and steering wheel, in ten steps of acceleration from straight ahead, so that each step
+    starts near its solution.
     """
     count = states.shape[0]
     slips = [index for index in range(count) if index >= len(PLANT_STATES)]

@@ -1,8 +1,9 @@
-"""What happens when the rear steering is lost: known of every map before any car drives it.
+"""Loss of rear steering: its consequences for a map.
 
-Two answers. Which operating points are feasible only with rear steer: the same car under the same bounds cannot drive them
-with its rear wheels straight. And what the car then does: at some operating points the two-track plant is in its steady turn,
-the driver holds the front angle and the speed, and from t = 0 the rear angle is held, ramped to zero or set to zero.
+There are two results. The first is the set of operating points that are feasible only with rear steer: the same car under the
+same bounds cannot drive them with its rear wheels straight. The second is the motion after the loss. At some operating points
+the two-track plant is in its steady turn. The driver holds the front angle and the speed, and from t = 0 the rear angle is
+held, ramped to zero or set to zero.
 
 The operating points: eight speeds, evenly spaced from the lowest to the highest at which the map has a feasible cell and the
 controller does not stand by, each moved to the nearest such breakpoint; at each 50, 75 and 100 % of the front angle of the
@@ -33,14 +34,14 @@ BoolArray = npt.NDArray[np.bool_]
 
 SPEEDS = 8
 SHARES = (0.5, 0.75, 1.0)
-"""Of the largest feasible front angle."""
+"""Fractions of the largest feasible front angle."""
 
 KEPT_RESULTS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class LossOfFunction:
-    """What losing the rear steering means for a map of n speeds and m front angles; k operating points. All arrays read-only.
+    """Consequences of losing rear steering for a map of n speeds and m front angles, at k operating points. Read-only arrays.
 
     Attributes:
         only_with_rear_steer: (n, m) feasible in the map and not with the rear wheels straight; None for a bare map.
@@ -48,12 +49,12 @@ class LossOfFunction:
         speed: (k,) m/s. front_angle: (k,) rad. rear_angle: (k,) rad, before the loss, within the actuator's angle. Where a
             bare map has none it is delta_f - r/G, which gives the map's yaw rate in the linear single-track car.
         passively_feasible: (k,) whether the point is feasible without rear steer too; None for a bare map.
-        settles: (k,) whether the plant settles into a steady turn before the loss. Where not, nothing is said of the loss.
+        settles: (k,) whether the plant settles into a steady turn before the loss. Where not, the loss is not simulated.
         sideslip: (k,) rad, of that steady turn, with sign; NaN where it does not settle.
         ramp_rate: (k,) rad/s: the fail-safe's rate.
         sideslip_max: (3, k) rad, largest magnitude from t = 0 on for each of MODES; NaN where it does not settle.
         spins: (3, k) whether the car spins (see `loss_simulation.SPIN_SIDESLIP`); False where it does not settle.
-        horizon: (3,) s that were looked at in each mode.
+        horizon: (3,) s simulated in each mode.
     """
 
     only_with_rear_steer: BoolArray | None
@@ -75,8 +76,9 @@ class LossOfFunction:
         return None if self.only_with_rear_steer is None else float(np.mean(self.only_with_rear_steer))
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON values, with lists that have an entry for each operating point; null where the plant does not settle. Cells that
-        are feasible only with rear steer are "x", a text for each speed.
+        """Return JSON values, in lists with an entry for each operating point; null where the plant does not settle.
+
+        Cells that are feasible only with rear steer are "x" in a text for each speed.
 
         Sideslip angles are rounded to 0.1 deg, so that the last bits of a libm do not show.
         """
@@ -109,7 +111,7 @@ class LossOfFunction:
 
 
 def rounded(value: float | None, digits: int) -> float | None:
-    """For JSON, which has neither NaN nor infinity; -0.0 becomes 0.0."""
+    """Return a number rounded for JSON, which has neither NaN nor infinity; -0.0 becomes 0.0."""
     return round(float(value), digits) + 0.0 if value is not None and math.isfinite(value) else None
 
 
@@ -118,12 +120,12 @@ def _degrees(values: FloatArray, digits: int) -> list[float | None]:
 
 
 def loss_of_function(reference_map: ReferenceMap, config: Config) -> LossOfFunction:
-    """What losing the rear steering means for a map, on the road that the map is for (the layers of a stack do not count).
+    """Return the consequences of losing rear steering for a map, on the road of the map (without the layers of a stack).
 
-    The result for the same map and configuration is kept: asking again costs nothing.
+    Results are cached by map and configuration.
 
     Args:
-        reference_map: solved or bare. What is feasible without rear steer is asked of the car that it was solved for.
+        reference_map: solved or bare. The car that it was solved for decides what is feasible without rear steer.
         config: the simulated car, its road, its actuator and its fail-safe.
     """
     return _kept(_Request(_digest(reference_map, config), reference_map, config))
@@ -131,7 +133,7 @@ def loss_of_function(reference_map: ReferenceMap, config: Config) -> LossOfFunct
 
 @dataclass(frozen=True)
 class _Request:
-    """The arguments, told apart by a digest of all that counts."""
+    """The arguments, compared by a digest of everything that affects the result."""
 
     digest: str
     reference_map: ReferenceMap = field(compare=False)
@@ -162,7 +164,7 @@ def _kept(request: _Request) -> LossOfFunction:
     for entry in fields(result):
         value = getattr(result, entry.name)
         if isinstance(value, np.ndarray):
-            value.setflags(write=False)  # shared by all who ask
+            value.setflags(write=False)  # shared through the cache
     return result
 
 
@@ -194,12 +196,12 @@ def _computed(reference_map: ReferenceMap, config: Config) -> LossOfFunction:
 
 
 def _ramp_rate(speed: FloatArray, config: Config) -> FloatArray:
-    """rad/s at speeds (k,): that of the fail-safe."""
+    """Return the rate of the fail-safe in rad/s at speeds (k,)."""
     return np.full_like(speed, math.radians(config.controller.fail_safe.rate_deg_s))
 
 
 def _rows(reference_map: ReferenceMap, config: Config) -> npt.NDArray[np.intp]:
-    """Indices of the speeds to look at. Where the controller stands by there is no function to lose."""
+    """Return the indices of the examined speeds. Where the controller stands by there is no function to lose."""
     speed = reference_map.speed
     standby = config.controller.disable_speed_km_h * KM_H
     usable = np.flatnonzero(reference_map.feasible.any(axis=1) & (speed >= standby))
@@ -211,7 +213,7 @@ def _rows(reference_map: ReferenceMap, config: Config) -> npt.NDArray[np.intp]:
 
 
 def _operating_points(reference_map: ReferenceMap, config: Config) -> Points:
-    """SHARES at each of `_rows`; none where the controller stands by at all speeds of the map."""
+    """Return the operating points, SHARES at each of `_rows`; none where the controller stands by at all speeds of the map."""
     car = SingleTrack.from_config(config)
     limit = config.rear_actuator.angle_max
     turns = []

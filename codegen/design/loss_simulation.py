@@ -21,16 +21,16 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 MODES = ("hold", "ramp", "zero")
-"""What the rear angle does from t = 0: held; to zero at the rate of the fail-safe; to zero as fast as the actuator can."""
+"""Rear angle from t = 0: held; to zero at the rate of the fail-safe; to zero as fast as the actuator can."""
 
 HORIZON = 4.0
-"""s that are looked at from t = 0; with "ramp" from the end of the slowest ramp, but RAMP_HORIZON_MAX in all."""
+"""Simulated time in s from t = 0; with "ramp" from the end of the slowest ramp, but RAMP_HORIZON_MAX in all."""
 RAMP_HORIZON_MAX = 12.0
 SETTLING_TIME = 5.0
-"""s that the plant gets to settle from the steady turn of the linear car; SETTLING_ROUNDS times that where it is slow."""
+"""Time in s for the plant to settle from the steady turn of the linear car; SETTLING_ROUNDS times that where it is slow."""
 SETTLING_ROUNDS = 4
 STEP_MAX = 0.005
-"""s; the largest sideslip angles then differ by less than 0.001 deg from those with 1 ms."""
+"""Largest step in s; the largest sideslip angles then differ by less than 0.001 deg from those with 1 ms."""
 
 SPIN_SIDESLIP = math.radians(10.0)
 """A car spins where its sideslip angle is beyond this while its rear axle slides: beyond SPIN_REAR_SLIP at its middle."""
@@ -40,13 +40,13 @@ SETTLED_SIDESLIP_RATE = math.radians(0.1)
 SETTLED_YAW_ACCELERATION = math.radians(0.5)
 
 AT_ONCE = 1e9
-"""rad/s, as the rate of a command: in one step."""
+"""Rate of a command, in rad/s, that completes in one step."""
 
-# The car drives the same wherever on the road it is; sine and cosine of the heading would cost time.
+# The motion does not depend on position or heading, and sine and cosine of the heading would cost time.
 _NO_FEEDBACK = ("position_x", "position_y", "heading")
-# These stand still here, so that they decide nothing about the step.
+# These are constant here, so they do not limit the step.
 _AT_REST = (*_NO_FEEDBACK, "steering_wheel_angle")
-# What a column holds below the states of the plant.
+# Rows of a column below the states of the plant.
 _EXTRA = ("command", "ramp_rate", "speed", "wheel_command", "sideslip_max", "spun")
 
 
@@ -63,10 +63,10 @@ class Points:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What became of k points in each of MODES.
+    """Outcome of k operating points in each of MODES.
 
     Attributes:
-        settles: (k,) whether the plant came to a steady turn before t = 0, without a spin on the way.
+        settles: (k,) whether the plant reached a steady turn before t = 0 without a spin.
         sideslip: (k,) rad, in that turn; NaN where it did not settle.
         sideslip_max: (3, k) rad, largest magnitude from t = 0 on; NaN where it did not settle.
         spins: (3, k) whether the car spins; False where it did not settle.
@@ -81,7 +81,7 @@ class Simulated:
 
 
 def simulate(points: Points, ramp_rate: FloatArray, config: Config) -> Simulated:
-    """Let the plant settle at each point, then take the rear steering away. `ramp_rate` (k,) in rad/s, above zero."""
+    """Let the plant settle at each point, then remove the rear steering. `ramp_rate` (k,) in rad/s, above zero."""
     car = _Car.at(points, config)
     columns, sideslip = car.settle(car.start(points))
     settles = np.isfinite(sideslip)
@@ -95,7 +95,7 @@ def simulate(points: Points, ramp_rate: FloatArray, config: Config) -> Simulated
         begin[car.row("ramp_rate")] = rate[settles]
         end = car.run(begin, horizon[mode])
         sideslip_max[mode, settles] = end[car.row("sideslip_max")]
-        # A car that went out of all numbers has not stayed on the road either.
+        # A car whose state is not finite has spun too.
         spins[mode, settles] = (end[car.row("spun")] > 0.0) | ~np.isfinite(end).all(axis=0)
     return Simulated(settles, sideslip, sideslip_max, spins, horizon)
 
@@ -110,7 +110,7 @@ class _Car:
 
     @classmethod
     def at(cls, points: Points, config: Config) -> _Car:
-        """STEP_MAX, or the fastest time constant at the points, where the fourth-order method is still good to 1 %."""
+        """Return the plant; its step is at most STEP_MAX and the fastest time constant (fourth order: error below 1 %)."""
         car = cls(two_track(config), config, STEP_MAX)
         size = len(car.model.states)
         moving = [index for index, name in enumerate(car.model.states) if name not in _AT_REST]
@@ -121,11 +121,11 @@ class _Car:
         return cls(car.model, config, min(STEP_MAX, 1.0 / max(fastest, 1e-9)))
 
     def row(self, name: str) -> int:
-        """Where a column has one of _EXTRA."""
+        """Return the row of one of _EXTRA in a column."""
         return len(self.model.states) + _EXTRA.index(name)
 
     def start(self, points: Points) -> FloatArray:
-        """One column a point. States that the linear car does not have start at zero."""
+        """Return one column for each point. States that the linear car does not have start at zero."""
         wheel = points.front_angle * self.config.steering.ratio
         known = {
             "lateral_speed": points.speed * np.tan(points.sideslip),
@@ -139,7 +139,7 @@ class _Car:
         return np.array([known.get(name, np.zeros_like(wheel)) for name in (*self.model.states, *_EXTRA)])
 
     def inputs(self, extra: Any) -> list[Any]:
-        """The inputs of the plant from values in the order of _EXTRA."""
+        """Return the inputs of the plant from values in the order of _EXTRA."""
         known = {
             "speed": extra[_EXTRA.index("speed")],
             "steering_wheel_command": extra[_EXTRA.index("wheel_command")],
@@ -149,7 +149,7 @@ class _Car:
         return [known.get(name, 0.0) for name in self.model.inputs]
 
     def run(self, columns: FloatArray, duration: float) -> FloatArray:
-        """The columns after a duration (s)."""
+        """Return the columns after a duration (s)."""
         if not columns.shape[1]:
             return columns
         steps = math.ceil(duration / self.step - 1e-9)
@@ -157,7 +157,7 @@ class _Car:
         return result
 
     def settle(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The columns when they are steady, and their sideslip angles (rad), NaN where they spin or never are steady."""
+        """Return the steady columns and their sideslip angles (rad), NaN where they spin or never become steady."""
         columns, sideslip = columns.copy(), np.full(columns.shape[1], np.nan)
         waiting = np.arange(columns.shape[1])
         for _ in range(SETTLING_ROUNDS):
@@ -168,7 +168,7 @@ class _Car:
         return columns, sideslip
 
     def _steady_sideslip(self, column: FloatArray) -> float:
-        """rad; NaN where the turn is not steady, or the car span on the way."""
+        """Return the steady sideslip angle in rad; NaN where the turn is not steady, or the car spun before."""
         state, inputs = column[: len(self.model.states)], self.inputs(column[len(self.model.states) :])
         rate = dict(zip(self.model.states, np.array(self.model.derivative(state, inputs)).ravel(), strict=True))
         steady = (
@@ -179,15 +179,15 @@ class _Car:
         return float(self._slips(state, inputs)[0]) if steady else math.nan
 
     def _slips(self, state: Any, inputs: Any) -> tuple[Any, Any]:
-        """Sideslip angle and rear slip angle, rad."""
+        """Return sideslip angle and rear slip angle, rad."""
         assert self.model.output is not None  # the plant has outputs
         y = self.model.output(state, inputs)
         return y[self.model.outputs.index("sideslip_angle")], y[self.model.outputs.index("slip_rear")]
 
     def _stepper(self, step: float) -> Any:
-        """One Runge-Kutta step of fourth order over a column.
+        """Return one fourth-order Runge-Kutta step over a column.
 
-        The command moves once a step, as a sampled controller's does, and holds in between.
+        The command changes once a step, as a sampled controller's does, and holds in between.
         """
         size = len(self.model.states)
         column = ca.SX.sym("column", size + len(_EXTRA))

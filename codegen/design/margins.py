@@ -1,8 +1,8 @@
-"""Stability margins of the yaw-rate loop: of one car, of the family, and where over speed they are weakest.
+"""Stability margins of the yaw-rate loop for one car and for the family, and the speeds where they are smallest.
 
-The loop is L(z) = -(Kp + Ki T z/(z-1)) P(z), P being the sampled car of `sampled`: the controller adds Ki T e to its integral
-before it uses it, and a rear angle in phase turns the car less. Margins are read from L(e^(j w T)) on a frequency grid, with
-crossings interpolated; whether the closed loop is stable is told by its poles.
+The loop is L(z) = -(Kp + Ki T z/(z-1)) P(z), where P is the sampled car of `sampled`. The controller adds Ki T e to its
+integral before use, and a rear angle in phase turns the car less. Margins are read from L(e^(j w T)) on a frequency grid, with
+interpolated crossings; the poles decide whether the closed loop is stable.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Gains = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Speeds (n,) in m/s -> Kp in s and Ki, (n,) each."""
 
 WEAKEST_SPEEDS = 160
-"""Speeds that `weakest` looks at, evenly spaced in their logarithm: 2 % apart over the default range."""
+"""Number of speeds in `weakest`, evenly spaced in their logarithm: 2 % apart over the default range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Margins:
     """Margins of loops, arrays of one shape. A loop that is unstable has 0 dB, 0 deg and an infinite sensitivity.
 
     Attributes:
-        gain_margin_db: how far the loop's gain may change, up or down, whichever is less; inf where no change matters.
+        gain_margin_db: largest change of the loop's gain, up or down, whichever is less; inf where no change destabilises.
         phase_margin_deg: at the crossing of unit gain where it is smallest; inf where there is no such crossing.
         sensitivity: the peak of |1/(1 + L)| over frequency.
         stable: whether all poles of the closed loop lie inside the unit circle.
@@ -50,7 +50,7 @@ class Margins:
 
 @dataclass(frozen=True)
 class WorstMembers:
-    """The member of the family that sets each figure of the worst margins, one for each speed."""
+    """Member of the family with the worst margin of each kind, one for each speed."""
 
     gain_margin: tuple[Member, ...]
     phase_margin: tuple[Member, ...]
@@ -59,10 +59,10 @@ class WorstMembers:
 
 @dataclass(frozen=True)
 class Weakest:
-    """The smallest margins of the configured car over speed, and the speeds (m/s) where they are.
+    """Smallest margins of the configured car over speed, and their speeds (m/s).
 
-    They need not be at the same speed: `speed` is that of the one nearer to its limit of warning, or farther below it.
-    `warns_from` and `unstable_from` are the lowest speeds (m/s) at which a margin is below its limit of warning, and at which
+    The speeds can differ: `speed` is that of the margin nearer to its warning limit, or farther below it.
+    `warns_from` and `unstable_from` are the lowest speeds (m/s) at which a margin is below its warning limit, and at which
     the loop is unstable; None where there is none.
     """
 
@@ -75,22 +75,22 @@ class Weakest:
 
     @property
     def speed(self) -> float:
-        """m/s."""
+        """Speed in m/s of the margin that is worse against its warning limit."""
         gain, phase = self.gain_margin_db / WARN_GAIN_MARGIN_DB, self.phase_margin_deg / WARN_PHASE_MARGIN_DEG
         return self.gain_margin_speed if gain < phase else self.phase_margin_speed
 
     @property
     def enough(self) -> bool:
-        """Whether no margin is below its limit of warning."""
+        """Whether no margin is below its warning limit."""
         return self.gain_margin_db >= WARN_GAIN_MARGIN_DB and self.phase_margin_deg >= WARN_PHASE_MARGIN_DEG
 
 
 def loop_margins(
     car: SampledCar, kp: npt.ArrayLike, ki: npt.ArrayLike, frequency: FloatArray, response: ComplexArray | None = None
 ) -> Margins:
-    """Margins of sampled cars (...) with gains that broadcast against (...), from a grid of frequencies (f,) in rad/s.
+    """Return margins of sampled cars (...) with gains that broadcast against (...), from a grid of frequencies (f,) in rad/s.
 
-    `response` is `car.response(frequency)` where the caller has it already.
+    `response` is `car.response(frequency)`, if already computed.
     """
     response = car.response(frequency) if response is None else response
     kp, ki = np.asarray(kp, dtype=np.float64)[..., np.newaxis], np.asarray(ki, dtype=np.float64)[..., np.newaxis]
@@ -114,7 +114,7 @@ def loop_margins(
 
 
 def _gain_margin(loop: ComplexArray) -> FloatArray:
-    """dB, of loops (k, f): from the nearest crossing of the negative real axis, the end at pi/T included."""
+    """Return gain margins in dB of loops (k, f), from the nearest crossing of the negative real axis, or the end at pi/T."""
     margin = np.full(loop.shape[0], np.inf)
     turned = (loop.imag[:, 1:] > 0.0) != (loop.imag[:, :-1] > 0.0)
     left = np.minimum(loop.real[:, 1:], loop.real[:, :-1]) < 0.0
@@ -134,7 +134,7 @@ def _gain_margin(loop: ComplexArray) -> FloatArray:
 
 
 def _phase_margin(loop: ComplexArray) -> FloatArray:
-    """deg, of loops (k, f): the smallest angle from the negative real axis where the gain is one."""
+    """Return phase margins in deg of loops (k, f): the smallest angle from the negative real axis where the gain is one."""
     margin = np.full(loop.shape[0], np.inf)
     above = loop.real**2 + loop.imag**2 > 1.0
     rows, cells = np.nonzero(above[:, 1:] != above[:, :-1])
@@ -147,7 +147,7 @@ def _phase_margin(loop: ComplexArray) -> FloatArray:
 
 
 def nominal_margins(config: Config, speed: npt.ArrayLike, kp: npt.ArrayLike, ki: npt.ArrayLike) -> Margins:
-    """Margins (n,) of the configured car at speeds (n,) in m/s with gains (n,): Kp in s, Ki.
+    """Return margins (n,) of the configured car at speeds (n,) in m/s with gains (n,): Kp in s, Ki.
 
     The delay is `config.tuning.delay_samples`.
     """
@@ -157,7 +157,7 @@ def nominal_margins(config: Config, speed: npt.ArrayLike, kp: npt.ArrayLike, ki:
 
 
 def family_margins(config: Config, speed: npt.ArrayLike, kp: npt.ArrayLike, ki: npt.ArrayLike) -> tuple[Margins, WorstMembers]:
-    """The worst margins (n,) of the whole family at speeds (n,) in m/s with gains (n,), and the members that have them.
+    """Return the worst margins (n,) of the family at speeds (n,) in m/s with gains (n,), and the members that have them.
 
     Raises:
         ConfigError: the family is empty or too large (see `family.members`).
@@ -172,7 +172,7 @@ def family_margins(config: Config, speed: npt.ArrayLike, kp: npt.ArrayLike, ki: 
 
 
 def worst_of(margins: Margins) -> tuple[Margins, tuple[int, int, int]]:
-    """The worst figures (1,) of margins of any shape, and where (flat index) each of them is."""
+    """Return the worst values (1,) of margins of any shape, and the flat index of each."""
     gain, phase, peak = margins.figures()
     which = int(gain.argmin()), int(phase.argmin()), int(peak.argmax())
     gain, phase, peak = (x.reshape(-1)[[place]] for x, place in zip(margins.figures(), which, strict=True))
@@ -180,13 +180,13 @@ def worst_of(margins: Margins) -> tuple[Margins, tuple[int, int, int]]:
 
 
 def concatenate(parts: Sequence[Margins]) -> Margins:
-    """Margins (n,) of parts (n_i,), one after the other."""
+    """Join margins of parts (n_i,) to (n,)."""
     gain, phase, peak = (np.concatenate(column) for column in zip(*(part.figures() for part in parts), strict=True))
     return Margins(gain, phase, peak, np.concatenate([part.stable for part in parts]))
 
 
 def gains_of(schedule: Schedule) -> Gains:
-    """The gains of a schedule over speed: straight lines between its breakpoints, held beyond its ends."""
+    """Return the gains of a schedule over speed: linear between its breakpoints, constant beyond."""
     speed = np.array(schedule.speed_km_h) * KM_H
     kp, ki = np.array(schedule.proportional_gain_s), np.array(schedule.integral_gain)
 
@@ -203,12 +203,12 @@ def margin_speeds(config: Config) -> FloatArray:
 
 
 def weakest(config: Config, gains: Gains) -> Weakest:
-    """The smallest margins of the configured car, from the speed at which the controller switches on to the largest it accepts.
+    """Return the smallest margins of the configured car from the switch-on speed of the controller to the largest it accepts.
 
     The delay is `config.tuning.delay_samples`. A build warns where they are below WARN_GAIN_MARGIN_DB or WARN_PHASE_MARGIN_DEG.
 
     Args:
-        gains: speeds (n,) in m/s -> Kp, Ki (n,); `gains_of` makes it of a schedule.
+        gains: speeds (n,) in m/s -> Kp, Ki (n,); `gains_of` returns it for a schedule.
     """
     speed = margin_speeds(config)
     margins = nominal_margins(config, speed, *gains(speed))

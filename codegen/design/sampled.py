@@ -1,4 +1,4 @@
-"""The rear-steered car as the controller's samples see it: from the rear angle commanded to the yaw rate measured.
+"""Sampled linear model of the rear-steered car, from the commanded rear angle to the measured yaw rate.
 
 Single-track car with linear tyres in continuous time, angles small, front wheels straight ahead:
 
@@ -9,8 +9,8 @@ Single-track car with linear tyres in continuous time, angles small, front wheel
     delta_r' = (command - delta_r)/lag
 
 (R. Rajamani, Vehicle Dynamics and Control, section 2.3; H. B. Pacejka, Tire and Vehicle Dynamics, section 1.3.3, for the
-relaxation length.) A hold of zeroth order keeps the command over each sample, so the step from sample to sample is exact: a
-matrix exponential. The command acts a whole number of samples after the measurement that it was computed from.
+relaxation length.) A zero-order hold keeps the command over each sample, so the step from sample to sample is an exact matrix
+exponential. The command acts a whole number of samples after the measurement from which it was computed.
 """
 
 from __future__ import annotations
@@ -33,27 +33,27 @@ STATES = ("sideslip_angle", "yaw_rate", "slip_front", "slip_rear", "rear_angle")
 BETA, YAW_RATE, SLIP_FRONT, SLIP_REAR, REAR = range(len(STATES))
 
 FREQUENCY_MIN = 0.02
-"""rad/s: far below every crossing of a loop that answers within minutes."""
+"""Lowest frequency in rad/s, far below every crossing of a loop that responds within minutes."""
 
 POINTS_PER_DECADE = 100
-"""Of the frequency grid. With crossings interpolated, the margins of a well-damped loop (sensitivity up to 3) are those of a
-ten times finer grid within 0.02 dB, 0.01 deg and 0.006."""
+"""Density of the frequency grid. With interpolated crossings, margins of a well-damped loop (sensitivity up to 3) agree with
+those of a ten times finer grid within 0.02 dB, 0.01 deg and 0.006."""
 
 STABLE_MODULUS = 1.0 - 1e-12
-"""Poles on the unit circle itself, to rounding, do not count as stable."""
+"""Largest modulus of a stable pole: poles on the unit circle, to rounding, are not stable."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampledCar:
-    """Cars at speeds, one for each place of an array of any shape (...): x[k+1] = transition x[k] + input u[k-delay], r = x[1].
+    """Cars at speeds, in arrays of any shape (...): x[k+1] = transition x[k] + input u[k-delay], r = x[1].
 
     Attributes:
-        transition: (..., n, n), of STATES, or of other states of which the yaw rate is the second.
-        input: (..., n), for each rad of command.
+        transition: (..., n, n), over STATES, or over other states of which the second is the yaw rate.
+        input: (..., n), per rad of command.
         sampling_time: s.
         delay: whole samples between computing a command and its acting.
         numerator, denominator: (n, ...) and (n + 1, ...), coefficients of the transfer function without the delay in powers of
-            z - 1, highest first. In powers of z they would cancel to nothing near z = 1, where all that is slow lies.
+            z - 1, highest first. Powers of z would cancel near z = 1, where the slow poles lie.
     """
 
     transition: FloatArray
@@ -64,14 +64,14 @@ class SampledCar:
     denominator: FloatArray
 
     def response(self, frequency: FloatArray) -> ComplexArray:
-        """P(e^(j w T)) for frequencies (f,) in rad/s: (..., f), in rad/s of yaw rate for each rad commanded, delay included."""
+        """Return P(e^(j w T)) at frequencies (f,) in rad/s: (..., f), in rad/s of yaw rate per rad of command, with delay."""
         step = np.expm1(1j * frequency * self.sampling_time)
         above, below = (_horner(coefficients, step) for coefficients in (self.numerator, self.denominator))
         result: ComplexArray = above / below * np.exp(-1j * self.delay * self.sampling_time * frequency)
         return result
 
     def pick(self, places: Sequence[int]) -> SampledCar:
-        """The cars at the flat indices `places` (k): a SampledCar of shape (k,)."""
+        """Return the cars at the flat indices `places` (k): a SampledCar of shape (k,)."""
         chosen = list(places)
         size = self.input.shape[-1]
         return SampledCar(
@@ -84,28 +84,28 @@ class SampledCar:
         )
 
     def steady_gain(self) -> FloatArray:
-        """P at zero frequency: (...), below zero for a car that is stable on its own."""
+        """Return P at zero frequency: (...), below zero for a car that is stable on its own."""
         result: FloatArray = self.numerator[-1] / self.denominator[-1]
         return result
 
     def open_loop_stable(self) -> BoolArray:
-        """(...): whether the car with its rear wheels held is stable."""
+        """Return whether each car (...) with its rear wheels held is stable."""
         return _stable(self.transition)
 
     def closed_loop_stable(self, kp: npt.ArrayLike, ki: npt.ArrayLike) -> BoolArray:
-        """(...): whether all poles of the closed loop lie inside the unit circle."""
+        """Return whether all poles of each closed loop (...) lie inside the unit circle."""
         return _stable(self.closed_loop(kp, ki))
 
     def growth(self, kp: npt.ArrayLike, ki: npt.ArrayLike) -> FloatArray:
-        """(...) 1/s: the rate at which the slowest motion of the closed loop grows; below zero where it dies out."""
+        """Return the growth rate (...) in 1/s of the slowest motion of the closed loop; below zero where it decays."""
         result: FloatArray = np.log(np.abs(np.linalg.eigvals(self.closed_loop(kp, ki))).max(axis=-1)) / self.sampling_time
         return result
 
     def closed_loop(self, kp: npt.ArrayLike, ki: npt.ArrayLike) -> FloatArray:
-        """(..., k, k): the closed loop from sample to sample, of the states, the commands on their way and the integral.
+        """Return the closed loop (..., k, k) from sample to sample: states, delayed commands and integral.
 
         The loop is u = -(kp e + ki q), q[k] = q[k-1] + T e[k], e = -r. Gains broadcast against (...). With ki = 0 the
-        integrator is no part of the loop.
+        loop has no integrator.
         """
         shape = np.broadcast_shapes(self.input.shape[:-1], np.shape(kp), np.shape(ki))
         kp, ki = np.broadcast_to(kp, shape), np.broadcast_to(ki, shape)
@@ -115,7 +115,7 @@ class SampledCar:
         loop[..., :cars, :cars] = self.transition
         loop[..., integrator, integrator] = ki != 0.0
         loop[..., integrator, YAW_RATE] = -time
-        # Commands on their way, the newest first; without delay the command acts on the car at once.
+        # Delayed commands, the newest first; without delay the command acts on the car at once.
         for age in range(1, self.delay):
             loop[..., cars + age, cars + age - 1] = 1.0
         command = np.zeros((*shape, integrator + 1))
@@ -142,7 +142,7 @@ def _horner(coefficients: FloatArray, at: ComplexArray) -> ComplexArray:
 
 
 def frequency_grid(sampling_time: float, points_per_decade: int = POINTS_PER_DECADE) -> FloatArray:
-    """Frequencies in rad/s, evenly spaced in their logarithm, from FREQUENCY_MIN to pi/T itself."""
+    """Return frequencies in rad/s, evenly spaced in their logarithm, from FREQUENCY_MIN to pi/T itself."""
     last = np.pi / sampling_time
     grid: FloatArray = np.geomspace(FREQUENCY_MIN, last, 1 + round(points_per_decade * np.log10(last / FREQUENCY_MIN)))
     grid[-1] = last
@@ -150,7 +150,7 @@ def frequency_grid(sampling_time: float, points_per_decade: int = POINTS_PER_DEC
 
 
 def sample(config: Config, family: Sequence[Member], speed: npt.ArrayLike) -> SampledCar:
-    """The cars of a family (m) at speeds (n,) in m/s, above zero: a SampledCar of shape (m, n).
+    """Return the cars of a family (m) at speeds (n,) in m/s, above zero: a SampledCar of shape (m, n).
 
     The sampling time is the controller's, the delay `config.tuning.delay_samples`.
     """
@@ -159,7 +159,7 @@ def sample(config: Config, family: Sequence[Member], speed: npt.ArrayLike) -> Sa
 
 
 def sample_of(a: FloatArray, b: FloatArray, time: float, delay: int) -> SampledCar:
-    """Cars x' = a x + b u, (..., n, n) and (..., n), as samples `time` s apart see them; the yaw rate is the second state."""
+    """Sample cars x' = a x + b u, (..., n, n) and (..., n), every `time` s; the yaw rate is the second state."""
     states = b.shape[-1]
     augmented = np.zeros((*b.shape[:-1], states + 1, states + 1))
     augmented[..., :states, :states] = a
@@ -170,7 +170,7 @@ def sample_of(a: FloatArray, b: FloatArray, time: float, delay: int) -> SampledC
 
 
 def _continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A (m, n, 5, 5) and B (m, n, 5) of STATES and the commanded rear angle."""
+    """Return A (m, n, 5, 5) and B (m, n, 5) for STATES and the commanded rear angle."""
     car = SingleTrack.from_config(config)
     columns = np.array(
         [
@@ -191,7 +191,7 @@ def _continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> 
     ):
         steady = ((BETA, 1.0), (YAW_RATE, arm / speed), (REAR, angle))
         per_slip = ((BETA, -stiffness / (mass * speed)), (YAW_RATE, -arm * stiffness / inertia))
-        # Without relaxation the slip's state follows at some pace and acts on nothing: every car has the same states.
+        # Without relaxation the slip states have no effect, but every car has the same states.
         rate = speed / np.where(relaxed, sigma, 1.0)
         a[..., slip, slip] = -rate
         for state, share in steady:
@@ -207,7 +207,7 @@ def _continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> 
 
 
 def matrix_exponential(matrices: FloatArray) -> FloatArray:
-    """exp of matrices (..., k, k) by scaling, Taylor polynomial and squaring, all at once: scipy's takes them one by one.
+    """Return exp of matrices (..., k, k) by scaling, Taylor polynomial and squaring, vectorised unlike scipy's.
 
     Scaled to a norm of 1/2, the polynomial of order 14 is exact to rounding: 0.5**15/15! = 2e-17.
     """
@@ -224,7 +224,7 @@ def matrix_exponential(matrices: FloatArray) -> FloatArray:
 
 
 def _transfer_function(transition: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Numerator and denominator in powers of z - 1 by the recursion of Faddeev and LeVerrier on (transition - 1)."""
+    """Return numerator and denominator in powers of z - 1 by the recursion of Faddeev and LeVerrier on (transition - 1)."""
     size = transition.shape[-1]
     identity = np.eye(size)
     step = transition - identity

@@ -1,9 +1,9 @@
-"""The gains for some cars at once: the largest Ki with which each of them keeps its margins.
+"""Gains for several cars at once: the largest Ki with which each of them keeps its margins.
 
 A constant disturbance of the rear angle leaves a yaw-rate error whose integral is that disturbance over Ki, so the largest Ki
 rejects best; margins and peak sensitivity keep the loop damped (K. J. Åström, T. Hägglund, Advanced PID Control, chapter 6).
-A search in two dimensions: Kp on a grid that is refined around the best, for each Kp the largest Ki by bisection. Few of the
-cars bind, so the search is made for those that did before, all cars judge what it finds, and the worst of them join it.
+The search has two dimensions: Kp on a grid that is refined around the best, and for each Kp the largest Ki by bisection. Few
+cars bind, so the search runs for those that did before. All cars are checked with its result, and the worst of them join it.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from codegen.design.margins import Margins, loop_margins, worst_of
 from codegen.design.sampled import BoolArray, ComplexArray, FloatArray, SampledCar
 
 ROUNDING = (0.025, 0.015, 0.011)
-"""dB, deg and sensitivity: 0.005 for margins written with two decimals, the rest what the grid of frequencies may take."""
+"""Allowance in dB, deg and sensitivity: 0.005 for margins written with two decimals, the rest for the frequency grid."""
 
 RESERVE = (0.05, 0.25, 0.005)
-"""dB, deg and sensitivity that one reserve puts on top of the demands."""
+"""Step of reserve on top of the demands, in dB, deg and sensitivity."""
 
 KP_GRID = np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 25)])
 KI_MIN, KI_MAX = 1e-4, 100.0
 REFINEMENTS = 3
 REFINED_POINTS = 9
 BISECTIONS = 14
-"""Halvings of the six decades of Ki: to 0.1 %."""
+"""Bisections over the six decades of Ki, which find it within 0.1 %."""
 
 
 @dataclass(frozen=True)
 class Shortfall:
-    """That gains do not meet the demands, and what the car reaches that comes off worst: dB, deg, peak sensitivity."""
+    """Gains that do not meet the demands: the worst car and the margins that it reaches, in dB, deg and peak sensitivity."""
 
     member: Member
     speed_km_h: float
@@ -45,7 +45,7 @@ class Shortfall:
 
     @property
     def reached(self) -> str:
-        """In words, for messages."""
+        """Text of the margins for messages."""
         if math.isinf(self.sensitivity):
             return "is unstable"
         return (
@@ -56,7 +56,7 @@ class Shortfall:
 
 @dataclass(frozen=True)
 class Demands:
-    """What each counted car keeps: margins in dB and deg, and the peak sensitivity."""
+    """Demands on each counted car: margins in dB and deg, and the peak sensitivity."""
 
     gain_margin_db: float
     phase_margin_deg: float
@@ -64,14 +64,14 @@ class Demands:
 
     @classmethod
     def of(cls, tuning: Tuning, reserves: int = 0) -> Demands:
-        """Those of a configuration, with ROUNDING and so many RESERVEs on top."""
+        """Return the demands of a configuration, with ROUNDING and a number of RESERVEs on top."""
         gain, phase, peak = (least + reserves * step for least, step in zip(ROUNDING, RESERVE, strict=True))
-        # A peak below 1 does not exist: near it, the reserve is a share of what is left.
+        # A peak below 1 does not exist: near 1, the reserve is a share of the distance to it.
         peak = min(peak, 0.5 * (tuning.sensitivity_max - 1.0))
         return cls(tuning.gain_margin_db + gain, tuning.phase_margin_deg + phase, tuning.sensitivity_max - peak)
 
     def score(self, margins: Margins) -> FloatArray:
-        """The figure that comes off worst, as share of what is demanded: met from 1, and 0 for an unstable loop."""
+        """Return the worst margin as a fraction of its demand: met from 1, and 0 for an unstable loop."""
         shares = (
             margins.gain_margin_db / self.gain_margin_db,
             margins.phase_margin_deg / self.phase_margin_deg,
@@ -81,7 +81,7 @@ class Demands:
         return result
 
     def reserves_missing(self, short: Shortfall) -> int:
-        """How many reserves a car is short of, at least one."""
+        """Return the number of reserves that a car lacks, at least one."""
         missing = (
             self.gain_margin_db - short.gain_margin_db,
             self.phase_margin_deg - short.phase_margin_deg,
@@ -91,7 +91,7 @@ class Demands:
         return max(1, math.ceil(min(steps, 1e3)))
 
     def met(self, margins: Margins) -> BoolArray:
-        """Where they are, in the shape of the margins."""
+        """Return whether the demands are met, in the shape of the margins."""
         result: BoolArray = self.score(margins) >= 1.0
         return result
 
@@ -110,7 +110,7 @@ class Cars:
     def of(
         cls, members: Sequence[Member], speeds: Sequence[float], sampled: SampledCar, keep: BoolArray, frequency: FloatArray
     ) -> Cars:
-        """Of a SampledCar (m, n), those where `keep` (m, n) is true."""
+        """Return the cars of a SampledCar (m, n) where `keep` (m, n) is true."""
         places = np.flatnonzero(keep)
         chosen = sampled.pick(places.tolist())
         rows, columns = np.divmod(places, len(speeds))
@@ -126,7 +126,7 @@ class Cars:
         return len(self.members)
 
     def pick(self, places: Sequence[int]) -> Cars:
-        """Those at the indices `places`."""
+        """Return the cars at the indices `places`."""
         chosen = list(places)
         return Cars(
             tuple(self.members[place] for place in chosen),
@@ -137,11 +137,11 @@ class Cars:
         )
 
     def margins(self, kp: FloatArray | float, ki: FloatArray | float) -> Margins:
-        """Margins (..., k) with gains that broadcast against (k,)."""
+        """Return margins (..., k) with gains that broadcast against (k,)."""
         return loop_margins(self.sampled, kp, ki, self.frequency, self.response)
 
     def worst_for(self, demands: Demands, kp: FloatArray | float, ki: FloatArray | float) -> Shortfall | None:
-        """The car that comes off worst with gains that broadcast to (k,); None where all meet the demands."""
+        """Return the worst car with gains that broadcast to (k,); None where all meet the demands."""
         margins = self.margins(kp, ki)
         place = int(demands.score(margins).argmin())
         if demands.met(margins).all():
@@ -150,12 +150,12 @@ class Cars:
 
 
 def best_gains(cars: Cars, demands: Demands, binding: list[Member]) -> tuple[float, float] | Shortfall:
-    """(Kp, Ki) with the largest Ki with which all cars keep the demands, or what they reach where there are none.
+    """Return (Kp, Ki) with the largest Ki with which all cars meet the demands, or the shortfall where there are none.
 
     Args:
         cars: at least one.
-        demands: of each car.
-        binding: members to begin with; those that bind are added.
+        demands: demands on each car.
+        binding: members of the first search; those that bind are added.
     """
     active = [place for place, member in enumerate(cars.members) if member in binding] or [0]
     while True:
@@ -173,7 +173,7 @@ def best_gains(cars: Cars, demands: Demands, binding: list[Member]) -> tuple[flo
 
 
 def _search(cars: Cars, demands: Demands) -> tuple[float, float]:
-    """(Kp, Ki) with the largest Ki for a few cars; where there are none, KI_MIN and the Kp that comes nearest."""
+    """Return (Kp, Ki) with the largest Ki for a few cars; where there are none, KI_MIN and the Kp that comes nearest."""
     kps = KP_GRID
     kis = _largest(cars, demands, kps)
     if not kis.any():
@@ -189,7 +189,7 @@ def _search(cars: Cars, demands: Demands) -> tuple[float, float]:
 
 
 def _largest(cars: Cars, demands: Demands, kps: FloatArray) -> FloatArray:
-    """The largest Ki for each Kp (n,), by bisection of its logarithm; 0 where even KI_MIN is too much."""
+    """Return the largest Ki for each Kp (n,), by bisection of its logarithm; 0 where even KI_MIN is too much."""
 
     def met(ki: FloatArray) -> BoolArray:
         return np.asarray(demands.met(cars.margins(kps[:, np.newaxis], ki[:, np.newaxis])).all(axis=-1))

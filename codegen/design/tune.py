@@ -1,14 +1,14 @@
-"""The schedule of gains over speed, designed so that the whole family of cars keeps its margins.
+"""Design of the gain schedule over speed, so that the whole family of cars keeps its margins.
 
-Who counts where:
+Cars that must meet the demands:
 
 - up to the last speed of the map's grid: every member of the family, or the design fails;
 - beyond, up to the largest speed that the controller accepts: the configured car, and every member that is stable there with
-  its rear wheels held. Where no gains suit all of those, the configured car alone; where none suit that, nobody: the gains
+  its rear wheels held. Where no gains suit all of those, the configured car alone. Where none suit that, no car: the gains
   before are held, and a build warns;
 - below the first breakpoint, where its gains hold, down to the speed at which the controller switches off: every member.
 
-Between breakpoints the interpolated gains are checked; where they fail, both ends are designed again with more in reserve.
+Between breakpoints the interpolated gains are checked; where they fail, both ends are designed again with more reserve.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ STEP_BEYOND = 1.25
 """Largest ratio of neighbouring breakpoints beyond the grid."""
 
 BETWEEN = 3
-"""Speeds checked inside each interval of the schedule, the middle among them, where interpolated gains are furthest from those
-of a design, and below its first breakpoint."""
+"""Number of speeds checked inside each interval of the schedule, including the middle, where interpolated gains differ most
+from a design, and below its first breakpoint."""
 
 RESERVES_MAX = 100
 
 UNBOUNDED = 999.99
-"""Stands for an infinite margin or sensitivity, which a file cannot hold."""
+"""Substitute for an infinite margin or sensitivity, which a file cannot hold."""
 
 
 class Counted(IntEnum):
-    """Who keeps the demands at a breakpoint."""
+    """Cars that meet the demands at a breakpoint."""
 
     NOBODY = 0
     CONFIGURED = 1
@@ -53,7 +53,7 @@ class Counted(IntEnum):
 
 @dataclass
 class Breakpoint:
-    """A breakpoint in the making. The first reserve is for rounding the gains, and for cars between the checked speeds."""
+    """Design state of a breakpoint. The first reserve is for rounding the gains, and for cars between the checked speeds."""
 
     speed_km_h: float
     beyond: bool
@@ -65,13 +65,13 @@ class Breakpoint:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A schedule, and for whom it was made: one entry for each breakpoint.
+    """A schedule and the cars for which it was designed, with one entry for each breakpoint.
 
     Attributes:
-        schedule: gains and the worst margins of those who count, or the configured car's where nobody does.
-        limiting: the car among them that is nearest to one of the demands, or misses it most.
-        counted: how many members keep the demands; beyond the grid 0 where no gains were found.
-        family_size: how many there are.
+        schedule: gains and the worst margins of the counted cars, or of the configured car where none counts.
+        limiting: the counted car that is nearest to one of the demands, or misses it most.
+        counted: number of members that meet the demands; 0 beyond the grid where no gains were found.
+        family_size: number of members.
     """
 
     schedule: Schedule
@@ -81,15 +81,15 @@ class Design:
 
 
 def tune(config: Config, progress: Progress | None = None) -> Schedule:
-    """The schedule of gains of a configuration (see `design`)."""
+    """Return the gain schedule of a configuration (see `design`)."""
     return design(config, progress).schedule
 
 
 def design(config: Config, progress: Progress | None = None) -> Design:
-    """Find the schedule of gains: the same configuration gives the same gains.
+    """Design the gain schedule; the same configuration gives the same gains.
 
     Args:
-        config: its `tuning` states the family and the demands.
+        config: `tuning` holds the family and the demands.
         progress: called with (done, in all).
 
     Raises:
@@ -109,7 +109,7 @@ def design(config: Config, progress: Progress | None = None) -> Design:
 
 
 def breakpoints(config: Config) -> list[Breakpoint]:
-    """Those of `config.tuning` up to the last speed of the grid, that speed, and some up to the largest that is accepted."""
+    """Return the breakpoints of `config.tuning` up to the last speed of the grid, that speed, and further ones."""
     controller = config.controller
     top = controller.inputs.speed_max_km_h
     last = min(config.grid.last_speed_km_h, top)
@@ -131,7 +131,7 @@ def breakpoints(config: Config) -> list[Breakpoint]:
 
 
 def round_down(value: float, digits: int = 4) -> float:
-    """A value from zero up, to significant digits, towards zero; what has no more digits stays as it is."""
+    """Round a value from zero up towards zero to significant digits; fewer digits stay unchanged."""
     if value == 0.0:
         return 0.0
     places = digits - 1 - math.floor(math.log10(value))
@@ -141,7 +141,7 @@ def round_down(value: float, digits: int = 4) -> float:
 
 @dataclass
 class _Designer:
-    """The breakpoints in the making, and the cars that the search has met."""
+    """Design state of all breakpoints, and the sampled cars so far."""
 
     config: Config
     points: list[Breakpoint]
@@ -154,7 +154,7 @@ class _Designer:
         self.frequency = frequency_grid(self.config.controller.sampling_time_s)
 
     def cars(self, speeds: tuple[float, ...], counted: Counted, beyond: bool) -> Cars:
-        """Who counts at speeds (km/h) together."""
+        """Return the cars that count at speeds (km/h) together."""
         own = self.family.index(nominal(self.config))
         if speeds not in self.sampled:
             self.sampled[speeds] = sample(self.config, self.family, np.array(speeds) * KM_H)
@@ -166,7 +166,7 @@ class _Designer:
         return Cars.of(self.family, speeds, sampled, keep, self.frequency)
 
     def at(self, place: int) -> Cars:
-        """Who counts at a breakpoint: at the first, below it too."""
+        """Return the cars that count at a breakpoint; for the first, those below it too."""
         point, lowest = self.points[place], self.config.controller.disable_speed_km_h
         speeds: tuple[float, ...] = (point.speed_km_h,)
         if place == 0 and lowest < point.speed_km_h:
@@ -186,7 +186,7 @@ class _Designer:
             point.counted = Counted(point.counted - 1)
 
     def _try(self, place: int, reserves: int) -> Shortfall | None:
-        """Give a breakpoint the best gains with so many reserves; where there are none, leave it as it is and say why."""
+        """Set the best gains of a breakpoint with a number of reserves; where there are none, return the shortfall."""
         point = self.points[place]
         found = best_gains(self.at(place), Demands.of(self.config.tuning, reserves), self.binding)
         if isinstance(found, Shortfall):
@@ -208,11 +208,11 @@ class _Designer:
             waiting |= intervals & {place for end in self._mend(first, short) for place in (end - 1, end)}
 
     def _mend(self, first: int, short: Shortfall) -> list[int]:
-        """Change what does not hold between breakpoints `first` and the next; returns the breakpoints that have changed."""
+        """Redesign breakpoints `first` and the next where the gains between fail; return the breakpoints that changed."""
         mended = []
         more = Demands.of(self.config.tuning).reserves_missing(short)
         for place in (first, first + 1):
-            # As much as is missing, for between two points the margins rise about as much as at them; then step by step.
+            # First by the missing amount, because margins between two points rise about as much as at them; then step by step.
             wanted = min(self.points[place].reserves + more, RESERVES_MAX)
             if wanted > self.points[place].reserves and self._try(place, wanted) is None:
                 mended.append(place)
@@ -226,7 +226,7 @@ class _Designer:
         return [first + 1]
 
     def between(self, first: int) -> Shortfall | None:
-        """Who misses the demands most between breakpoint `first` and the next; None where all that count at both meet them."""
+        """Return the worst car between breakpoint `first` and the next; None where all that count at both meet the demands."""
         low, high = self.points[first], self.points[first + 1]
         counted = min(low.counted, high.counted)
         if counted == Counted.NOBODY:
@@ -238,7 +238,7 @@ class _Designer:
         return cars.worst_for(Demands.of(self.config.tuning), kp, ki)
 
     def result(self) -> Design:
-        """The schedule as it stands, with the margins at its breakpoints."""
+        """Return the schedule with the margins at its breakpoints."""
         demands = Demands.of(self.config.tuning)
         found, limiting, counted = [], [], []
         for place, point in enumerate(self.points):
@@ -262,7 +262,7 @@ class _Designer:
 
 
 def _unmet(short: Shortfall, ends: tuple[float, float] | None = None) -> ConfigError:
-    """With the breakpoints at both ends where the gains between them are what fails."""
+    """Return the error, with the breakpoints at both ends where the gains between them fail."""
     if ends is not None:
         return ConfigError(
             f"straight lines between the gains at {ends[0]:g} and {ends[1]:g} km/h do not meet the demands: at "

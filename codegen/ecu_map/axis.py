@@ -13,13 +13,13 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 
 EVENNESS = 1e-9
-"""Breakpoints count as even where none lies further from its even place than this share of a step: far below what single
+"""Largest deviation of an even breakpoint from its even position, as a fraction of a step: far below what single
 precision resolves over 2000 breakpoints."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Breakpoints (n,), strictly increasing from zero, and how they are spaced.
+    """Breakpoints (n,), strictly increasing from zero, and their spacing.
 
     Attributes:
         breakpoints: SI units.
@@ -36,7 +36,7 @@ class Axis:
 
     @classmethod
     def from_breakpoints(cls, breakpoints: FloatArray) -> Axis:
-        """Classify breakpoints; the fewest end cells win."""
+        """Classify breakpoints as even or uneven, with as few end cells as possible."""
         n = breakpoints.size
         for start, end in ((0, n - 1), (1, n - 1), (0, n - 2), (1, n - 2)):
             core = breakpoints[start : end + 1]

@@ -1,4 +1,4 @@
-"""From a solved or given map to a total one: a value for every speed and front angle that an ECU meets.
+"""Extension of a solved or given map to a total one: a value for every speed and front angle that an ECU meets.
 
 Rules, with G(vx) the steady yaw gain of the passive car and ay_cap the largest lateral acceleration that the constraints allow:
 
@@ -9,11 +9,11 @@ Rules, with G(vx) the steady yaw gain of the passive car and ay_cap the largest 
   uncapped, so that the lookup meets the minimum of both exactly and not along a chord;
 - a speed without a feasible cell takes its neighbours'.
 
-The rear angle that goes with it follows the same rules: the optimum's own inside, and beyond an edge the edge's, which is what
-the linear car needs for the straight line of the third rule. A bare table brings no rear angles: they are delta_f - r/G then.
+The rear angle follows the same rules: the optimum inside, and the value at the edge beyond it, which the linear car needs for
+the straight line of the third rule. A bare table has no rear angles: they are delta_f - r/G then.
 
-Holding the last feasible yaw rate instead would, at 20 km/h, ask for less than the passive car does at larger angles, and
-steer the rear wheels with the front ones just where the driver wants to turn.
+Holding the last feasible yaw rate instead would demand less than the passive car reaches at 20 km/h and larger angles. The
+rear wheels would then steer in phase just where the driver wants to turn.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class _Edges:
-    """End of the usable front angles at each speed (n,): angle, yaw rate and rear angle there, and whether grip ends it."""
+    """Last usable front angle at each speed (n,), with its yaw rate and rear angle, and whether grip limits it."""
 
     front_angle: FloatArray
     yaw_rate: FloatArray
@@ -88,7 +88,7 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
 
 @dataclass(frozen=True)
 class _Filled:
-    """Tables (n, k) over all angles, without a gap, and where each cell comes from."""
+    """Tables (n, k) over all angles without gaps, and the rule that gave each cell."""
 
     yaw_rate: FloatArray
     rear_angle: FloatArray
@@ -103,7 +103,7 @@ def _inside(reference_map: ReferenceMap, gain: FloatArray) -> _Filled:
 
 
 def _beyond_the_edges(inside: _Filled, edges: _Edges, speed: FloatArray, angles: FloatArray, gain: FloatArray) -> _Filled:
-    """The map on `angles` (k,), of which its own are the first."""
+    """Return the map on `angles` (k,), which begin with its own."""
     points = inside.yaw_rate.shape[1]
     yaw_rate, rear_angle = (np.full((speed.size, angles.size), np.nan) for _ in range(2))
     yaw_rate[:, :points], rear_angle[:, :points] = inside.yaw_rate, inside.rear_angle
@@ -154,7 +154,7 @@ def _lateral_acceleration_cap(reference_map: ReferenceMap, turns: SteadyTurns | 
 
 
 def _fill_inside(reference_map: ReferenceMap, table: FloatArray) -> tuple[FloatArray, npt.NDArray[np.str_]]:
-    """A table (n, m) with gaps between (or before) feasible cells filled; NaN only beyond the last feasible cell of a row."""
+    """Fill the gaps of a table (n, m) before and between feasible cells; NaN remains beyond the last feasible cell of a row."""
     front_angle, feasible = reference_map.front_angle, reference_map.feasible
     filled = np.where(feasible, table, np.nan)
     rule = np.where(feasible, Rule.SOLVED.value, Rule.PASSIVE_SLOPE.value)
@@ -205,13 +205,13 @@ def _end_of_cells(reference_map: ReferenceMap, turns: SteadyTurns) -> Edge:
     if not reference_map.config.case(reference_map.case).passive_safe or turns.problem.rear_angle_max == 0.0:
         return turns.edge(speed, float(reference_map.front_angle[-1]))
     passive = turns.without_rear_steering().edge(speed, float(reference_map.front_angle[-1]))
-    # A trifle inside, for rounding decides whether the edge itself is feasible; without an edge nothing is asked for there.
+    # Slightly inside, because rounding decides whether the edge itself is feasible. Without an edge, the value is unused.
     optimum = turns.at(speed, np.where(np.isfinite(passive.front_angle), passive.front_angle, 0.0) * (1.0 - 1e-12))
     return Edge(passive.front_angle, optimum.yaw_rate, optimum.rear_angle, np.zeros(speed.shape, dtype=bool))
 
 
 def _from_neighbours(speed: FloatArray, table: FloatArray, empty: BoolArray) -> FloatArray:
-    """A table (n, m) whose `empty` rows (n,) come from the rows around them."""
+    """Fill the `empty` rows (n,) of a table (n, m) from the rows around them."""
     filled = table.copy()
     if empty.any():
         for column in range(filled.shape[1]):
@@ -221,7 +221,7 @@ def _from_neighbours(speed: FloatArray, table: FloatArray, empty: BoolArray) -> 
 
 @dataclass(frozen=True)
 class _Zeros:
-    """Puts a zero row and a zero column where the breakpoints do not start at zero; makes them zero where they do."""
+    """Zero row and zero column of a table: inserted where the breakpoints do not start at zero, else overwritten."""
 
     given_speed: FloatArray
     given_front_angle: FloatArray
@@ -235,13 +235,13 @@ class _Zeros:
         return _from_zero(self.given_front_angle)
 
     def table(self, values: FloatArray) -> FloatArray:
-        """Of numbers (n, m)."""
+        """Return a table of numbers (n, m) with zeros."""
         result = np.pad(values, self._padding)
         result[0, :], result[:, 0] = 0.0, 0.0
         return result
 
     def rule(self, letters: npt.NDArray[np.str_]) -> npt.NDArray[np.str_]:
-        """Of letters (n, m)."""
+        """Return a table of `Rule` letters (n, m) with zeros."""
         result = np.pad(letters, self._padding, constant_values=Rule.ZERO.value)
         result[0, :], result[:, 0] = Rule.ZERO.value, Rule.ZERO.value
         return result

@@ -1,12 +1,12 @@
-"""What the generated lookup computes, in NumPy and in the same precision: the C is held against it, bit for bit.
+"""Reference of the generated lookup, in NumPy and in the same precision: the C is compared with it bit for bit.
 
-Written from the rules for a total map, not from the C: nothing of the code generator is imported. The order of the operations
-is part of the contract, because in floating point it decides the last bit:
+It is written from the rules for a total map, not from the C, and imports nothing from the code generator. The order of the
+operations is part of the contract, because in floating point it decides the last bit:
 
 1. speed and |front angle|: NaN and what is below zero are at the first breakpoint, i = 0 and u = 0; beyond the last one u = 1.
 2. axes begin at zero. Even axis, of N cells from x_a to x_b: core p = (x - x_a) / (x_b - x_a) N, i = int(p), u = p - i; first
    cell u = x / x_1; last cell u = min((x - x_b) / (x_top - x_b), 1). Uneven axis: i by binary search,
-   u = (x - x_i) / (x_{i+1} - x_i), held to 0 to 1.
+   u = (x - x_i) / (x_{i+1} - x_i), clamped to 0 to 1.
 3. a = t00 + u (t10 - t00), b = t01 + u (t11 - t01), r = a + w (b - a), u along speed and w along the front angle.
    The rear angle likewise from its own table. With a stack of layers: both layers around the friction, then p + s (q - p).
 4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above, and the rear angle rises by what the linear car
@@ -39,7 +39,7 @@ def cap_in_precision(lateral_acceleration_cap: float, real: Real) -> Any:
 
 @dataclass(frozen=True)
 class AxisConstants:
-    """An axis in the precision of the target: the numbers that the C holds."""
+    """Constants of an axis in the precision of the target, as the C holds them."""
 
     axis: Axis
     real: Real
@@ -64,12 +64,12 @@ class AxisConstants:
 
     @property
     def cells(self) -> Any:
-        """How many cells the even core has."""
+        """Number of cells of the even core."""
         return self.real(self.axis.core_end - self.axis.core_start)
 
     @property
     def unevenness(self) -> float:
-        """How far the roundings of the target's precision move a breakpoint of an even core, as a share of a step."""
+        """Largest shift of a breakpoint of the even core by rounding to the target's precision, as a fraction of a step."""
         axis, core = self.axis, self.table[self.axis.core_start : self.axis.core_end + 1]
         step = (core[-1] - core[0]) / self.cells
         if not (axis.even and step > 0.0):
@@ -124,11 +124,11 @@ class SteeringConstants:
 
     @classmethod
     def of(cls, steering: CapSteering, real: Real) -> SteeringConstants:
-        """Those of a car."""
+        """Return the constants of a car."""
         return cls(*(real(value) for value in astuple(steering)))
 
     def towards(self, other: SteeringConstants, share: Any) -> SteeringConstants:
-        """Between two roads, of which the tyres' stiffnesses are."""
+        """Interpolate between two roads, which differ in the stiffness of the tyres."""
         coefficient = self.understeer_coefficient + share * (other.understeer_coefficient - self.understeer_coefficient)
         slip = self.rear_slip + share * (other.rear_slip - self.rear_slip)
         return replace(self, understeer_coefficient=coefficient, rear_slip=slip)
@@ -144,7 +144,7 @@ class GripConstants:
 
     @classmethod
     def of(cls, total: TotalMap, real: Real) -> GripConstants | None:
-        """Those of a total map and its layers; None where it has none."""
+        """Return the constants of a total map and its layers; None where it has no grip table."""
         if total.grip is None:
             return None
         speed, front_angle = (Axis.from_breakpoints(axis) for axis in (total.grip.speed, total.grip.front_angle))
@@ -152,7 +152,7 @@ class GripConstants:
         return cls(AxisConstants(speed, real), AxisConstants(front_angle, real), shares)
 
     def locate(self, speed: npt.NDArray[Any], magnitude: npt.NDArray[Any]) -> tuple[Any, Any]:
-        """Where to look: cell and position of each axis."""
+        """Cell and position on each axis."""
         return self.speed_axis.locate(speed), self.front_axis.locate(magnitude)
 
 
@@ -181,7 +181,7 @@ class Lookup:
 
     @classmethod
     def from_map(cls, total: TotalMap, real: Real = np.float32) -> Lookup:
-        """The lookup of a total map."""
+        """Return the lookup of a total map."""
         lowest, stack = total.stack[0], total.stack
         return cls(
             speed_axis=AxisConstants(Axis.from_breakpoints(total.speed), real),
@@ -198,22 +198,22 @@ class Lookup:
 
     @property
     def table(self) -> npt.NDArray[Any]:
-        """(n, m) yaw rates at the map's own friction."""
+        """Yaw rates (n, m) in rad/s at the map's own friction."""
         table: npt.NDArray[Any] = self.tables[-1]
         return table
 
     @property
     def lateral_acceleration_cap(self) -> Any:
-        """m/s^2, at the map's own friction."""
+        """Cap in m/s^2 at the map's own friction."""
         return self.caps[-1]
 
     @property
     def friction(self) -> Any:
-        """The map's own."""
+        """Friction of the map."""
         return self.frictions[-1]
 
     def __call__(self, speed: npt.ArrayLike, front_angle: npt.ArrayLike, friction: float = math.nan) -> npt.NDArray[Any]:
-        """Yaw rate in rad/s, in `real`, of the broadcast shape of the arguments.
+        """Return the yaw rate in rad/s, in `real`, in the broadcast shape of the arguments.
 
         Args:
             speed: m/s, any value, NaN and infinity too.
@@ -225,7 +225,7 @@ class Lookup:
     def reference(
         self, speed: npt.ArrayLike, front_angle: npt.ArrayLike, friction: float = math.nan
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        """Yaw rate in rad/s and the rear angle in rad that goes with it; arguments as of a call."""
+        """Return yaw rate in rad/s and rear angle in rad; arguments as in `__call__`."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
             v: npt.NDArray[Any] = np.asarray(speed, dtype=self.real)
             angle: npt.NDArray[Any] = np.asarray(front_angle, dtype=self.real)
@@ -247,11 +247,11 @@ class Lookup:
             return np.where(left, yaw_rate, -yaw_rate), np.where(left, rear_angle, -rear_angle)
 
     def lateral_acceleration(self, friction: float) -> Any:
-        """m/s^2 that the map allows at most on a road of an estimated friction (NaN: the map's own), in `real`."""
+        """Return the lateral acceleration cap in m/s^2 at an estimated friction (NaN: the map's own), in `real`."""
         return self._road(self.real(friction))[1]
 
     def _road(self, friction: Any) -> tuple[tuple[int, Any], Any]:
-        """Layer and position above it, and ay_cap, at a friction estimate (NaN: none)."""
+        """Return the layer, the position above it, and ay_cap at a friction estimate (NaN: none)."""
         frictions, caps = self.frictions, self.caps
         if not friction < frictions[-1]:
             friction = frictions[-1]
@@ -283,7 +283,7 @@ class Lookup:
 def capped_rear_angle(
     car: SteeringConstants, yaw_rate: Any, rear_angle: Any, allowed_yaw_rate: Any, speed: Any
 ) -> npt.NDArray[Any]:
-    """Rear angle in rad where the cap leaves `allowed_yaw_rate` of `yaw_rate`; `speed` at most the last breakpoint, m/s."""
+    """Return the rear angle in rad where the cap reduces `yaw_rate`; `speed` (m/s) is at most the last breakpoint."""
     excess = yaw_rate - allowed_yaw_rate
     wanted = rear_angle + excess * (car.wheelbase / speed + car.understeer_coefficient * speed)
     bound = car.sideslip_max - allowed_yaw_rate * (car.rear_arm / speed - car.rear_slip * speed)
@@ -302,20 +302,20 @@ def _interpolate(table: npt.NDArray[Any], row: Any, column: Any) -> npt.NDArray[
 
 
 def error_bound(total: TotalMap, real: Real = np.float32) -> float:
-    """Bound in rad/s on |lookup in `real` - the same rule in exact arithmetic|, for all inputs that `real` can hold.
+    """Return a bound in rad/s on the difference of the lookup in `real` from the same rule in exact arithmetic, for all inputs.
 
     Rounding-error analysis to first order in the unit roundoff u (N. J. Higham, Accuracy and Stability of Numerical
     Algorithms, chapter 3). Rounded breakpoints, the subtractions, the quotient and the product move the position by at
     most 6 u x, worth the steepest slope at hand (of a cell or its neighbour, for rounding may choose that one). Stored corners
-    and three interpolations add 8 u times the largest corner, the lowered cap and its quotient 10 u times the largest value,
-    and a table of what grip leaves of the cap the like of its own.
+    and three interpolations add 8 u times the largest corner. The lowered cap and its quotient add 10 u times the largest
+    value. A grip table adds its own terms of the same form.
     """
     unit = 0.5 * float(np.finfo(real).eps)
     return max(_layer_bound(layer, unit) for layer in total.stack) + _stack_bound(total, unit)
 
 
 def _stack_bound(total: TotalMap, unit: float) -> float:
-    """The same along the friction axis: position and interpolation of yaw rate and cap between layers."""
+    """Return the bound along the friction axis: position and interpolation of yaw rate and cap between layers."""
     stack = total.stack
     bound = 0.0
     for lower, upper in pairwise(stack):
@@ -328,7 +328,7 @@ def _layer_bound(total: TotalMap, unit: float) -> float:
     largest = float(total.yaw_rate.max())
     bound = 18.0 * unit * largest + _position_bound(total.speed, total.front_angle, total.yaw_rate, unit)
     if total.grip is not None:
-        # A share that is off moves what it caps by as much of it; it has stored corners, interpolations and a product too.
+        # An error of the share scales the capped value; the share has stored corners, interpolations and a product too.
         grip = total.grip
         off = 9.0 * unit + _position_bound(grip.speed, grip.front_angle, grip.share, unit)
         bound += off / float(grip.share.min()) * largest
@@ -336,7 +336,7 @@ def _layer_bound(total: TotalMap, unit: float) -> float:
 
 
 def _position_bound(speed: FloatArray, front_angle: FloatArray, table: FloatArray, unit: float) -> float:
-    """What the positions may be off, in units of a table (n, m)."""
+    """Return the effect of position errors, in the unit of a table (n, m)."""
     bound = 0.0
     for breakpoints, rise in (
         (speed, np.abs(np.diff(table, axis=0)).max(axis=1)),

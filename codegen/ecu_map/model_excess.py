@@ -1,8 +1,8 @@
-"""By how much the reference model of kind "tracking" turns more than its map, in steady state with the map's rear angle.
+"""Excess of the yaw rate of the reference model (kind "tracking") over its map, in steady state with the map's rear angle.
 
-The model is the single-track car of `vehicle.dynamics.single_track(config, "load-transfer")`, which has what track and load
-transfer cost the nonlinear car. What the tables of a build and the model's other simplifications leave is for the trim
-(`controller.tracking.trim_max_percent`). A map of linear tyres asks for at least what the model can do.
+The model is the single-track car of `vehicle.dynamics.single_track(config, "load-transfer")`, which includes the effect of
+track and load transfer on the nonlinear car. The trim (`controller.tracking.trim_max_percent`) takes back the excess that the
+tables of a build and the model's other simplifications leave. A map of linear tyres demands at least what the model reaches.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from codegen.vehicle.dynamics import single_track
 FloatArray = npt.NDArray[np.float64]
 
 STEPS = 30
-"""Of Newton's method, which starts at the map's own turn, a few percent off."""
+"""Steps of Newton's method, which starts at the map's own turn, within a few percent of the solution."""
 RESIDUAL_MAX = 1e-8
-"""1/s^2 and rad/s^2."""
+"""Largest residual of a steady turn, 1/s^2 and rad/s^2."""
 SPEEDS, EDGE_SHARES = 121, (*np.arange(0.05, 0.95, 0.05), 0.95, 0.97, 0.98, 0.99, 1.0)
-"""Where it is asked: so many speeds from a map's first to its last, and shares of the front angle at which it ends there."""
+"""Number of speeds from the first to the last of a map, and fractions of the last front angle at each speed."""
 EDGE_ALLOWANCE = 0.0075
-"""Share of the yaw rate that is not counted at the edge itself: the last cell of a grid cuts across the kink there. It is less
-than the 1 % to which a slip bound is kept, for the slip grows 1.3 times as fast as the yaw rate there."""
+"""Fraction of the yaw rate that is not counted at the edge itself, where the last cell of a grid cuts across the kink. It is
+less than the 1 % to which a slip bound is kept, because the slip grows 1.3 times as fast as the yaw rate there."""
 
 COARSE = "a finer [grid], or codegen build --max-error, brings what is interpolated closer to the optimum"
-"""What to do where no trim is enough."""
+"""Remedy where no trim is enough."""
 
 
 @dataclass(frozen=True)
 class Excess:
-    """The largest excess over a map, as a share of its yaw rate, and where it is: m/s, rad, friction."""
+    """Largest excess over a map as a fraction of its yaw rate, and its operating point: m/s, rad, friction."""
 
     share: float
     speed: float
@@ -50,22 +50,22 @@ class Excess:
 
     @property
     def percent(self) -> float:
-        """Up, to a tenth: what a trim has to be allowed to take back at least."""
+        """Excess in percent, rounded up to a tenth: the least trim that removes it."""
         return math.ceil(1e3 * self.share - 1e-6) / 10.0
 
     @property
     def trim_percent(self) -> int:
-        """The whole number of percent that is enough."""
+        """Smallest whole percentage of trim that is enough."""
         return math.ceil(self.percent)
 
 
 def model_excess(reference_map: ReferenceMap, total: TotalMap, config: Config, real: Real = np.float32) -> Excess:
-    """Of a solved map and each lower friction of its stack, with what the lookup of a build gives there.
+    """Return the largest excess over a solved map and the lower frictions of its stack, by the lookup of a build.
 
     Args:
-        total: what the build holds. real: its numbers.
+        total: the map of the build. real: its number type.
 
-    Where the model has no steady turn near the map's, a point is left out.
+    Points at which the model has no steady turn near that of the map are left out.
 
     Raises:
         MapError: a steady turn is not found.
@@ -102,7 +102,7 @@ def _on_one_road(reference_map: ReferenceMap, lookup: Lookup, config: Config) ->
     for _ in range(STEPS):
         state = np.asarray(newton(state, inputs))
     settled = np.abs(np.asarray(residual(state, inputs))).max(axis=0) <= RESIDUAL_MAX  # false for NaN
-    # What the table is below the optimum is no excess; where it is above, the trim draws to the table.
+    # A table below the optimum is no excess; where it is above, the trim follows the table.
     excess = state[1] - np.fmax(wanted, optimum.yaw_rate)
     excess -= np.tile(np.where(np.array(EDGE_SHARES) == 1.0, EDGE_ALLOWANCE, 0.0), SPEEDS) * wanted
     share = np.where(settled & (wanted > 0.0), excess / np.where(wanted > 0.0, wanted, 1.0), -math.inf)
@@ -111,7 +111,7 @@ def _on_one_road(reference_map: ReferenceMap, lookup: Lookup, config: Config) ->
 
 
 def _response_gain(config: Config, speed: FloatArray) -> FloatArray:
-    """s, for speeds (n,) in m/s: with it the feedforward steers for the yaw rate that the model lacks or has too much."""
+    """Return the response gain in s at speeds (n,) in m/s, with which the feedforward steers for the model's yaw rate error."""
     schedule = config.controller.tracking.schedule
     if schedule is None or schedule.response_gain_s is None:
         return np.zeros(speed.shape)
@@ -120,5 +120,5 @@ def _response_gain(config: Config, speed: FloatArray) -> FloatArray:
 
 
 def asks_for_more(reference_map: ReferenceMap, config: Config) -> bool:
-    """Whether the question is asked: of the kind of controller with a reference model, and a map that the nonlinear car set."""
+    """Whether an excess is possible: the controller has a reference model and the nonlinear car limits the map."""
     return config.controller.kind == "tracking" and reference_map.solved and reference_map.tyre_model != "linear"

@@ -1,7 +1,7 @@
-"""Breakpoints chosen for a bound: on the error against the continuous map, on the bytes, or on both.
+"""Choice of breakpoints for a bound on the error against the continuous map, on the bytes, or on both.
 
-`choose` makes the total map that a build holds then. Its axes are even or uneven, whichever takes fewer bytes; its tables hold
-`reference_surface`'s surface. The bound holds for the lookup's result after the cap, in the stored numbers, at any point.
+`choose` returns the total map for the build. Its axes are even or uneven, whichever takes fewer bytes; its tables hold the
+surface of `reference_surface`. The bound holds for the lookup's result after the cap, in the stored numbers, at any point.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from codegen.map_file.map import ReferenceMap
 FloatArray = npt.NDArray[np.float64]
 
 SPACINGS: tuple[Spacing, ...] = ("even", "uneven")
-"""Of two that take the same bytes the first is taken: its cells are found without a search."""
+"""Spacings in order of preference at the same bytes: cells of an even axis are found without a search."""
 
 BOUND_FRACTIONS = (0.98, 0.96)
-"""Fractions of the requested bound at which the search is repeated: it can happen to find fewer bytes."""
+"""Fractions of the requested bound at which the search is repeated, because a tighter bound can give fewer bytes."""
 
 ATTEMPT_COUNT = 10
-"""Attempts with ever tighter bounds, for tables whose stored numbers are further off than the exact ones."""
+"""Attempts with ever tighter bounds, for tables whose stored numbers have a larger error than the exact ones."""
 FINAL_BOUND_FRACTION = 0.995
 """Fraction of the requested bound used in the last attempt."""
 
-LEVEL = 0.85
-"""Step of the search for the lowest level above which a table need not go."""
+CLIP_LEVEL_FACTOR = 0.85
+"""Factor between tried levels at which the table is clipped above the cap."""
 
 REACHABLE_ERROR_FRACTION = 2e-4
 """Error, as a fraction of the largest yaw rate, that is usually reached."""
@@ -48,26 +48,26 @@ GRID_ERROR_FACTOR = 4.0
 ERROR_GROWTH_FACTOR = 1.6
 """Factor from an error that was not reached to the next one that is tried."""
 
-SMALLEST, HALVES = 1e-4, 9
-"""Of the search for the bound that fills a number of bytes: the smallest, of the largest yaw rate, and how often the span is
-halved: to within a fiftieth."""
+SMALLEST_BOUND_FRACTION, BISECTION_COUNT = 1e-4, 9
+"""Search for the bound that fills a number of bytes: its smallest value as a fraction of the largest yaw rate, and the number
+of halvings, which find it within a fiftieth."""
 
-GRIP_SHARE = 0.75
-"""Of the bound, for the table of the share of the cap, which is small: the errors of both do not add up (the smaller of two
-numbers is never further off than the worse of both), but what it is off on a finer lattice no cell of the other one mends."""
+GRIP_BOUND_FRACTION = 0.75
+"""Fraction of the bound for the grip table. The errors of both tables do not add up, because the smaller of two numbers has at
+most the larger error. The reserve covers errors on a finer lattice, which the other table cannot correct."""
 
-TIGHTER, MISSED = 0.97, 2
-"""From the error that was reached so: step to smaller ones, and how many in a row do not fit when no more are tried."""
+TIGHTENING_FACTOR, MISSES_MAX = 0.97, 2
+"""Factor to the next smaller error that is tried, and the number of misses in a row that end the search."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What the user asked for, with the words of the command line.
+    """Bounds that the user requested, with their command-line options.
 
     Attributes:
         max_error: rad/s, None for no bound. max_flash: bytes, likewise.
         storage: of the tables.
-        words: options of `codegen build` that ask for the same.
+        words: options of `codegen build` with the same meaning.
     """
 
     max_error: float | None
@@ -78,14 +78,14 @@ class Request:
 
 @dataclass(frozen=True)
 class Target:
-    """What the tables are stored for: how many tables the kind of controller has (1 or 2), and the target's numbers."""
+    """Storage target: number of tables of the kind of controller (1 or 2), and the number type."""
 
     tables: int
     real: Real
     storage: Storage
 
     def bytes_of(self, speeds: int, front_angles: int, layers: int) -> int:
-        """Of tables on so many breakpoints."""
+        """Return the bytes of tables with these numbers of breakpoints."""
         return table_bytes(speeds, front_angles, self.tables, layers, self.storage, self.real)
 
 
@@ -98,10 +98,10 @@ class Placed:
         flash_bytes: of tables, axes and scales.
         error: measured.
         rounding: largest rounding of the storage, rad/s and rad; zero for real numbers.
-        origin: what the error is measured against.
+        origin: reference of the error, see `ReferenceSurface`.
         own_speed, own_front_angle: first and last breakpoint of the map that it is made from, m/s and rad.
         tables: 2 with one of the rear angle, else 1.
-        gap: what of the error is the surface's own: how far it may be off the optimum, rad/s.
+        gap: part of the error that is the surface's own deviation from the optimum, rad/s.
     """
 
     total: TotalMap
@@ -122,14 +122,14 @@ class Placed:
 
 
 def choose(reference_map: ReferenceMap, config: Config, request: Request, tables: int, real: Real) -> Placed:
-    """The total map that meets a request at the fewest bytes, or with the least error where only bytes are bounded.
+    """Return the total map that meets a request in the fewest bytes, or with the least error where only bytes are bounded.
 
     Args:
         config: the car, for a map that does not bring its own configuration.
         tables: 2 where the kind of controller looks the rear angle up, else 1.
 
     Raises:
-        BuildError: the request cannot be met; the line says what can be reached.
+        BuildError: the request cannot be met; the message names what can be reached.
         MapError: see `extend`.
     """
     maker = Maker(reference_surface_of(reference_map, config), Target(tables, real, request.storage))
@@ -194,12 +194,12 @@ def _degrees(yaw_rate: float, *, up: bool = False) -> str:
 
 @dataclass(frozen=True)
 class _Tables:
-    """What stands beside the tables that are searched for.
+    """Tables to search for, and the grip tables that accompany them.
 
     Attributes:
-        grips: of the share of the cap, one for each friction; None where the cap is the same everywhere.
-        layouts: of the tables, with those beside them.
-        bytes_of: of all of them, from how many breakpoints the tables have.
+        grips: grip table of each friction; None where the cap is the same everywhere.
+        layouts: layout of the tables at each friction.
+        bytes_of: bytes of all tables, from the numbers of breakpoints.
     """
 
     surface: ReferenceSurface
@@ -209,7 +209,7 @@ class _Tables:
     _searches: dict[tuple[Spacing, float], Search] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def search(self, spacing: Spacing, bytes_max: float) -> Search:
-        """For axes of a spacing at no more than so many bytes: one search, whatever the bound."""
+        """Return the search for axes of a spacing within a number of bytes, for any bound."""
         key = (spacing, bytes_max)
         if key not in self._searches:
             self._searches[key] = Search(self.surface, self.layouts, spacing, self.bytes_of, bytes_max)
@@ -218,14 +218,14 @@ class _Tables:
 
 @dataclass(frozen=True)
 class Maker:
-    """Makes total maps of one surface for one target."""
+    """Maker of total maps from one surface for one target."""
 
     surface: ReferenceSurface
     target: Target
 
     @property
     def largest(self) -> float:
-        """The largest yaw rate, rad/s."""
+        """Largest yaw rate, rad/s."""
         return max(float(layer.total.yaw_rate.max()) for layer in self.surface.layers)
 
     @property
@@ -238,7 +238,7 @@ class Maker:
 
     @property
     def least_bytes(self) -> int:
-        """Of the smallest tables."""
+        """Bytes of the smallest tables."""
         beside = self._grip_bytes(2, 2) if self._follows_grip else 0
         return beside + self._bytes_of(2, 2)
 
@@ -250,18 +250,18 @@ class Maker:
         return self.target.bytes_of(speeds, front_angles, len(self.surface.layers))
 
     def _grip_bytes(self, speeds: int, front_angles: int) -> int:
-        """Of tables of the cap's share, of all frictions."""
+        """Return the bytes of the grip tables of all frictions."""
         number, is_raw = np.dtype(self.target.real).itemsize, self.target.storage == "int16"
         cells = len(self.surface.layers) * speeds * front_angles
         return cells * (2 if is_raw else number) + number * (speeds + front_angles + is_raw)
 
-    def _frame(self, bound: float) -> _Tables | None:
-        """For a bound in rad/s; None where no table of the cap's share holds it."""
+    def _tables_for(self, bound: float) -> _Tables | None:
+        """Return the tables for a bound in rad/s; None where no grip table meets it."""
         layers = self.surface.layers
         if not self._follows_grip:
-            return self._bare_frame
+            return self._tables_without_grip
         search = Search(self.surface, [grip_layout(layer) for layer in layers], "uneven", self._grip_bytes)
-        axes = search.place(GRIP_SHARE * bound)
+        axes = search.place(GRIP_BOUND_FRACTION * bound)
         if axes is None:
             return None
         grips = tuple(self._grip(axes, layer.share(*axes)) for layer in layers if layer.share is not None)
@@ -269,73 +269,73 @@ class Maker:
         return _Tables(
             self.surface,
             grips,
-            tuple(self._sheet(layer, grip) for layer, grip in zip(layers, grips, strict=True)),
+            tuple(self._layout(layer, grip) for layer, grip in zip(layers, grips, strict=True)),
             lambda speeds, front_angles: beside + self._bytes_of(speeds, front_angles),
         )
 
     @cached_property
-    def _bare_frame(self) -> _Tables:
-        """Where the cap is the same everywhere: for any bound."""
+    def _tables_without_grip(self) -> _Tables:
+        """Tables where the cap is the same everywhere, for any bound."""
         layers = self.surface.layers
-        layouts = tuple(self._sheet(layer, None) for layer in layers)
+        layouts = tuple(self._layout(layer, None) for layer in layers)
         return _Tables(self.surface, (None,) * len(layers), layouts, self._bytes_of)
 
-    def _sheet(self, layer: SurfaceLayer, grip: GripTable | None) -> TableLayout:
+    def _layout(self, layer: SurfaceLayer, grip: GripTable | None) -> TableLayout:
         return yaw_rate_layout(layer, grip) if self.target.tables == 1 else reference_layout(layer, grip)
 
     def _grip(self, axes: Axes, share: FloatArray) -> GripTable:
-        """As it is stored."""
+        """Return a grip table in its stored numbers."""
         if self.target.storage == "float":
             return GripTable(*axes, share)
         scale = scale_of(1.0, self.target.real)
         return GripTable(*axes, values_of(raw_of(share, scale), scale), scale)
 
     def for_error(self, max_error: float, spacings: tuple[Spacing, ...] = SPACINGS) -> Placed | None:
-        """The fewest bytes for an error of at most `max_error`, rad/s; None where no table holds it."""
+        """Return the map with the fewest bytes for an error of at most `max_error`, rad/s; None where no table meets it."""
         bound = max_error - self.gap
-        frame = self._frame(bound) if bound > 0.0 else None
-        if frame is None:
+        tables = self._tables_for(bound) if bound > 0.0 else None
+        if tables is None:
             return None
         best: Placed | None = None
         for spacing in sorted(spacings, reverse=True):  # the uneven one bounds what is worth searching for the even one
-            best = self._for_error(spacing, max_error, frame, math.inf if best is None else best.flash_bytes) or best
+            best = self._for_error(spacing, max_error, tables, math.inf if best is None else best.flash_bytes) or best
         if best is None:
             return None
         for share in BOUND_FRACTIONS:
-            found = self._for_error(best.spacing, share * max_error, frame, math.inf)
+            found = self._for_error(best.spacing, share * max_error, tables, math.inf)
             best = found if found is not None and found.flash_bytes < best.flash_bytes else best
         return best
 
     def for_flash(self, max_flash: int, spacings: tuple[Spacing, ...] = SPACINGS) -> Placed | None:
-        """The least error in at most `max_flash` bytes; None where not even the smallest table fits."""
+        """Return the map with the least error in at most `max_flash` bytes; None where not even the smallest table fits."""
         best: Placed | None = None
         for spacing in sorted(spacings, reverse=True):
             found = self._filling(spacing, max_flash) if best is None else self._better(spacing, best)
             best = found or best
         return best
 
-    def _for_error(self, spacing: Spacing, max_error: float, frame: _Tables, bytes_max: float) -> Placed | None:
-        search = frame.search(spacing, bytes_max)
+    def _for_error(self, spacing: Spacing, max_error: float, tables: _Tables, bytes_max: float) -> Placed | None:
+        search = tables.search(spacing, bytes_max)
         bound = max_error - self.gap
         axes = search.place(bound)
         for _ in range(ATTEMPT_COUNT):
             if axes is None:
                 return None
-            placed = self._on(axes, spacing, frame)
+            placed = self._on(axes, spacing, tables)
             if placed.bounded_error <= max_error:
                 return placed
-            # The lattice of the search and the rounding of the numbers both leave a little out.
+            # The lattice of the search and the rounding of the numbers both miss a little of the error.
             bound *= FINAL_BOUND_FRACTION * max_error / placed.bounded_error
             axes = search.again(axes, bound)
         return None
 
     def _filling(self, spacing: Spacing, max_flash: int) -> Placed | None:
-        """The least error found in so many bytes: halving the span of bounds, on a logarithmic scale."""
+        """Return the map with the least error found in a number of bytes, by bisection of the bound on a logarithmic scale."""
         if self.least_bytes > max_flash:
             return None
-        low, high = math.log(SMALLEST * self.largest), math.log(self.largest)
+        low, high = math.log(SMALLEST_BOUND_FRACTION * self.largest), math.log(self.largest)
         best = self._smallest(spacing)
-        for _ in range(HALVES):
+        for _ in range(BISECTION_COUNT):
             middle = 0.5 * (low + high)
             placed = self._within(spacing, math.exp(middle), max_flash)
             if placed is None:
@@ -343,54 +343,54 @@ class Maker:
                 continue
             high = middle
             best = placed if placed.bounded_error < best.bounded_error else best
-        bound, missed = best.bounded_error, 0
-        while missed < MISSED:  # a smaller error does not always take more bytes
-            bound *= TIGHTER
+        bound, misses = best.bounded_error, 0
+        while misses < MISSES_MAX:  # a smaller error does not always take more bytes
+            bound *= TIGHTENING_FACTOR
             fitting = self._fitting(spacing, bound, max_flash)
             if fitting is None or fitting.bounded_error >= best.bounded_error:  # none is below zero
-                missed += 1
+                misses += 1
             else:
-                best, bound, missed = fitting, fitting.bounded_error, 0
+                best, bound, misses = fitting, fitting.bounded_error, 0
         return best
 
     def _fitting(self, spacing: Spacing, max_error: float, max_flash: int) -> Placed | None:
-        """Within both bounds. A search that may pass through more bytes can find fewer, and one that may not, others."""
-        frame = self._frame(max_error - self.gap) if max_error > self.gap else None
-        if frame is None:
+        """Return a map within both bounds, from a search without the limit of bytes or from one with it."""
+        tables = self._tables_for(max_error - self.gap) if max_error > self.gap else None
+        if tables is None:
             return None
         for most in (math.inf, max_flash):
-            placed = self._for_error(spacing, max_error, frame, most)
+            placed = self._for_error(spacing, max_error, tables, most)
             if placed is not None and placed.flash_bytes <= max_flash:
                 return placed
         return None
 
     def _better(self, spacing: Spacing, than: Placed) -> Placed | None:
-        """One of another spacing with no larger error, in as many bytes."""
+        """Return a map of the other spacing with no larger error in as many bytes."""
         placed = self._within(spacing, than.bounded_error - self.gap, than.flash_bytes)
         return placed if placed is not None and placed.bounded_error <= than.bounded_error else None
 
     def _within(self, spacing: Spacing, bound: float, bytes_max: float) -> Placed | None:
-        """What one search finds for a bound on what the tables add to the error; the stored numbers can add a little more."""
-        frame = self._frame(bound)
-        if frame is None:
+        """Return the result of one search for a bound on the error of the tables; the stored numbers can add a little."""
+        tables = self._tables_for(bound)
+        if tables is None:
             return None
-        axes = frame.search(spacing, bytes_max).place(bound)
-        return None if axes is None else self._on(axes, spacing, frame)
+        axes = tables.search(spacing, bytes_max).place(bound)
+        return None if axes is None else self._on(axes, spacing, tables)
 
     def _smallest(self, spacing: Spacing) -> Placed:
         axes = (np.array([0.0, self.surface.own_speed[1]]), np.array([0.0, self.surface.front_angle_top]))
-        frame = self._frame(self.largest)
-        assert frame is not None  # a cap's share is far from the largest yaw rate everywhere
-        return self._on(axes, spacing, frame)
+        tables = self._tables_for(self.largest)
+        assert tables is not None  # a cap's share is far from the largest yaw rate everywhere
+        return self._on(axes, spacing, tables)
 
-    def _on(self, axes: Axes, spacing: Spacing, frame: _Tables) -> Placed:
-        """The total map on given axes, from zero, as it is stored, and its error."""
+    def _on(self, axes: Axes, spacing: Spacing, tables: _Tables) -> Placed:
+        """Return the total map on given axes from zero, in its stored numbers, and its error."""
         estimator = ErrorEstimator(self.surface, axes, self.target.real)
-        stored, rounding = self._stored(self._lowered(_total(self.surface, axes, frame.grips), estimator))
+        stored, rounding = self._stored(self._clipped(_total(self.surface, axes, tables.grips), estimator))
         return Placed(
             total=stored,
             spacing=spacing,
-            flash_bytes=frame.bytes_of(axes[0].size, axes[1].size),
+            flash_bytes=tables.bytes_of(axes[0].size, axes[1].size),
             error=estimator.error(stored),
             rounding=rounding,
             origin=self.surface.origin,
@@ -400,21 +400,21 @@ class Maker:
             gap=self.gap,
         )
 
-    def _lowered(self, total: TotalMap, estimator: ErrorEstimator) -> TotalMap:
-        """The total map, held where it is so far above the cap that no error comes of it: plain numbers, and a finer scale."""
+    def _clipped(self, total: TotalMap, estimator: ErrorEstimator) -> TotalMap:
+        """Clip the total map far above the cap, where no error results, for a finer scale."""
         before = estimator.on_lattice(total)
         level = max(float(layer.yaw_rate.max()) for layer in total.stack)
         while True:
-            level *= LEVEL
-            held = _held(total, level)
-            after = estimator.on_lattice(held)
+            level *= CLIP_LEVEL_FACTOR
+            clipped = _clipped_at(total, level)
+            after = estimator.on_lattice(clipped)
             if after.yaw_rate_whole > before.yaw_rate_whole or after.yaw_rate > before.yaw_rate:
                 return total
             if self.target.tables > 1 and (
                 after.rear_angle_whole > before.rear_angle_whole or after.rear_yaw_rate_whole > before.rear_yaw_rate_whole
             ):
                 return total
-            total = held
+            total = clipped
 
     def _stored(self, total: TotalMap) -> tuple[TotalMap, tuple[float, float]]:
         if self.target.storage == "float":
@@ -449,8 +449,8 @@ def _layer(surface: ReferenceSurface, layer: SurfaceLayer, axes: Axes, grip: Gri
     )
 
 
-def _held(total: TotalMap, level: float) -> TotalMap:
-    layers = tuple(_held(layer, level) for layer in total.layers)
+def _clipped_at(total: TotalMap, level: float) -> TotalMap:
+    layers = tuple(_clipped_at(layer, level) for layer in total.layers)
     return replace(total, yaw_rate=np.minimum(total.yaw_rate, level), layers=layers)
 
 

@@ -1,10 +1,10 @@
 """Breakpoints for a bilinear table whose error, after the cap, stays within a bound: the search, in double precision.
 
-One axis after the other: with the breakpoints of one axis fixed, the error of a cell of the other depends on its two ends
-alone, so that the longest cells that keep the bound, taken from zero on, are the fewest. This is turned from axis to axis until
-nothing is gained, from several starts: the bound of a start is shared between the axes, for linear interpolation has norm 1 and
-the errors of both add up at most. Errors are taken on a lattice several times finer than any cell. An even axis, perhaps with
-one wider cell at either end (`Axis`), is searched alike: the longest end cells, then the fewest even ones between them.
+The search alternates between the axes. With the breakpoints of one axis fixed, the error of a cell of the other depends on its
+two ends alone, so the longest cells within the bound, taken from zero on, are the fewest. The search repeats until nothing is
+gained, from several starts. A start divides the bound between the axes: linear interpolation has norm 1, so their errors at
+most add up. Errors are computed on a lattice several times finer than any cell. An even axis, perhaps with one wider cell at
+either end (`Axis`), is searched in the same way: the longest end cells, then the fewest even ones between them.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ FloatArray = npt.NDArray[np.float64]
 Spacing = Literal["even", "uneven"]
 Axes = tuple[FloatArray, FloatArray]
 Cost = Callable[[int, int], int]
-"""Breakpoints of both axes -> bytes."""
+"""Numbers of breakpoints of both axes -> bytes."""
 
 POINTS_MAX = 256
-"""Breakpoints of an axis; tables beyond are none for an ECU."""
+"""Most breakpoints of an axis; larger tables do not suit an ECU."""
 
 OWN_POINTS, OTHER_POINTS, POINTS_IN_CELL = 256, 32, 12
-"""Of the lattice: over the map's own part of an axis, over each part beside it, and in each cell found so far."""
+"""Points of the lattice: over the map's own part of an axis, over each part outside it, and in each cell found so far."""
 
 APART = 1e-6
-"""Of an axis: what is closer together is one."""
+"""Fraction of an axis within which two points count as one."""
 
 SHARES = (0.3, 0.6, 0.85)
-"""Of the bound, for the axis that is placed first: the starts."""
+"""Fractions of the bound for the axis that is placed first, one for each start."""
 
 TURNS = 6
 
 COARSE = 0.004
-"""Of the largest yaw rate: a bound for which the first lattice is fine enough; smaller ones are reached by halves."""
+"""Bound, as a fraction of the largest yaw rate, for which the first lattice is fine enough; the search halves it from there."""
 
 
 @dataclass(frozen=True)
 class _Layer:
-    """A layout on a lattice: its arrays, (k, n, m) each, and what comes of them."""
+    """A layout on a lattice: its arrays, (k, n, m) each."""
 
     values: FloatArray
     beside: FloatArray
@@ -57,24 +57,24 @@ class _Layer:
 
     @classmethod
     def of(cls, layout: TableLayout, speed: FloatArray, front_angle: FloatArray) -> Self:
-        """On these coordinates."""
+        """Sample a layout on coordinates."""
         values, beside, truth = (of(speed, front_angle) for of in (layout.values, layout.beside, layout.truth))
         return cls(values, beside, truth, layout.outcome)
 
     @property
     def transposed(self) -> _Layer:
-        """With the axes exchanged."""
+        """Return the layer with the axes exchanged."""
         values, beside, truth = (np.swapaxes(each, 1, 2) for each in (self.values, self.beside, self.truth))
         return _Layer(values, beside, truth, self.outcome)
 
     def error(self, values: FloatArray, points: slice) -> float:
-        """The largest in rad/s, of values (k, p, m) that the tables give at p points of the first axis."""
+        """Return the largest error in rad/s of values (k, p, m) of the tables at p points of the first axis."""
         found = self.outcome(values, self.beside[:, points])
         return float(np.abs(found - self.truth[:, points]).max(initial=0.0))
 
 
 class Lattice:
-    """Sheets on a grid: `coordinates` are speeds (n,) and front angles (m,), from zero to the top."""
+    """Layouts on a grid: `coordinates` are speeds (n,) and front angles (m,), from zero to the top."""
 
     def __init__(self, layouts: Sequence[TableLayout], speed: FloatArray, front_angle: FloatArray) -> None:
         self.layouts, self.coordinates = layouts, (speed, front_angle)
@@ -82,12 +82,12 @@ class Lattice:
 
     @classmethod
     def over(cls, surface: ReferenceSurface, layouts: Sequence[TableLayout], axes: Axes | None = None) -> Lattice:
-        """A lattice over all that an ECU meets, fine enough for the cells of `axes`."""
+        """Return a lattice over the domain of an ECU, fine enough for the cells of `axes`."""
         return cls(layouts, *cls.points(surface, axes))
 
     @staticmethod
     def points(surface: ReferenceSurface, axes: Axes | None = None) -> Axes:
-        """The coordinates of such a lattice."""
+        """Return the coordinates of such a lattice."""
         speed, front_angle = (None, None) if axes is None else axes
         return (
             _points(surface.own_speed, surface.own_speed[1], surface.speed_kinks, speed),
@@ -96,7 +96,7 @@ class Lattice:
 
 
 def _points(own: tuple[float, float], top: float, kinks: FloatArray, axis: FloatArray | None) -> FloatArray:
-    """A lattice from zero to `top`, with the kinks on it: as fine as its part of the axis and the cells at hand ask for."""
+    """Return points from zero to `top`, kinks included, as fine as the part of the axis and the cells require."""
     fixed = np.unique(np.clip(np.concatenate([[0.0, own[0], own[1], top], kinks]), 0.0, top))
     fixed = fixed[np.append(True, np.diff(fixed) > APART * top)]
     points = [fixed[:1]]
@@ -108,7 +108,7 @@ def _points(own: tuple[float, float], top: float, kinks: FloatArray, axis: Float
 
 
 def _graded(low: float, high: float, widest: float, axis: FloatArray | None) -> FloatArray:
-    """Points after `low` up to `high`, `widest` apart; finer in the cells of `axis`, and as far beside a cell as it is wide."""
+    """Return points after `low` up to `high`, at most `widest` apart; finer in and near the cells of `axis`."""
     if axis is None:
         return np.linspace(low, high, math.ceil((high - low) / widest) + 1)[1:]
     width = np.diff(axis)
@@ -126,7 +126,7 @@ def _graded(low: float, high: float, widest: float, axis: FloatArray | None) -> 
 class Strips:
     """The cells of one axis (0 speed, 1 front angle), each over the whole other axis, which has the breakpoints `other`.
 
-    Without `other`, the other axis is taken to be exact.
+    Without `other`, the other axis is exact.
     """
 
     def __init__(self, lattice: Lattice, dimension: int, other: FloatArray | None) -> None:
@@ -137,7 +137,7 @@ class Strips:
         self._lines = [layer.values for layer in self._layers] if other is None else self._rows(self.x)
 
     def _rows(self, at: FloatArray) -> list[FloatArray]:
-        """For each layer the values (k, p, m) at points (p,) of this axis, over the lattice of the other one."""
+        """Return for each layer the values (k, p, m) at points (p,) of this axis, over the lattice of the other one."""
         beside = self.lattice.coordinates[1 - self.dimension] if self.other is None else self.other
         rows = []
         for layout in self.lattice.layouts:
@@ -146,7 +146,7 @@ class Strips:
         return rows
 
     def error(self, low: int, high: int) -> float:
-        """Largest error, rad/s, of one cell between two points of the lattice, by their indices."""
+        """Return the largest error, rad/s, of one cell between two points of the lattice, by their indices."""
         part = slice(low + 1, high)
         if self.other is not None:
             part = slice(low, high + 1)
@@ -158,10 +158,10 @@ class Strips:
         return worst
 
     def error_on(self, axis: FloatArray, bound: float = math.inf) -> float:
-        """Largest error, rad/s, with any breakpoints of this axis; where it is above `bound`, any figure above that."""
+        """Return the largest error, rad/s, with any breakpoints of this axis; above `bound`, any number above it."""
         all_rows = self._rows(axis)
         worst = 0.0
-        for points in (slice(None, None, 7), slice(None)):  # most of what fails does so at a few points
+        for points in (slice(None, None, 7), slice(None)):  # most failures show at a few points
             cell, share = cell_of(axis, self.x[points])
             for rows, layer in zip(all_rows, self._layers, strict=True):
                 worst = max(worst, layer.error(along(rows, cell, share), points))
@@ -170,7 +170,7 @@ class Strips:
         return worst
 
     def longest(self, low: int, bound: float, stride: int = 1) -> int:
-        """The farthest end of a cell that begins at a point of the lattice and keeps the bound (at least the next point)."""
+        """Return the farthest end of a cell from a point of the lattice that keeps the bound (at least the next point)."""
         last = self.x.size - 1
         good, reach = low + 1, max(stride, 2)
         while low + reach < last and self.error(low, low + reach) <= bound:
@@ -184,7 +184,7 @@ class Strips:
         return good
 
     def last_cell(self, bound: float) -> int:
-        """Where the longest cell begins that ends at the top and keeps the bound."""
+        """Return the start of the longest cell that ends at the top and keeps the bound."""
         last = self.x.size - 1
         good, bad = last - 1, 0
         if self.error(0, last) <= bound:
@@ -196,7 +196,7 @@ class Strips:
 
 
 def uneven_axis(strips: Strips, bound: float, most: int) -> FloatArray | None:
-    """The fewest breakpoints, on the lattice; None where they are more than `most`."""
+    """Return the fewest breakpoints, on the lattice; None where they are more than `most`."""
     ends, stride = [0], 4
     while ends[-1] < strips.x.size - 1:
         ends.append(strips.longest(ends[-1], bound, stride))
@@ -208,7 +208,7 @@ def uneven_axis(strips: Strips, bound: float, most: int) -> FloatArray | None:
 
 
 def even_axis(strips: Strips, bound: float, most: int) -> FloatArray | None:
-    """The fewest breakpoints of an even axis, with or without a wider cell at either end; None where more than `most`."""
+    """Return the fewest breakpoints of an even axis, perhaps with a wider cell at either end; None where more than `most`."""
     x, top = strips.x, strips.x.size - 1
     first, last = strips.longest(0, bound), strips.last_cell(bound)
     if first == top:
@@ -222,8 +222,9 @@ def even_axis(strips: Strips, bound: float, most: int) -> FloatArray | None:
 
 
 def _fewest(strips: Strips, start: int, end: int, bound: float, most: int) -> FloatArray | None:
-    """The axis of the fewest even cells between two points of the lattice that keeps the bound, with at most `most`
-    breakpoints; as if more cells were never worse."""
+    """Return the axis of at most `most` breakpoints with the fewest even cells between two lattice points within the bound.
+
+    The search assumes that more cells are never worse."""
     before, after = strips.x[:1] if start else strips.x[:0], strips.x[-1:] if end < strips.x.size - 1 else strips.x[:0]
 
     def axis(cells: int) -> FloatArray:
@@ -251,9 +252,9 @@ AXIS_OF = {"even": even_axis, "uneven": uneven_axis}
 
 @dataclass(frozen=True)
 class Search:
-    """A search for axes of one spacing, for the layouts of all frictions. `cost` is to be small, and at most `cost_max`.
+    """Search for axes of one spacing and least `cost`, at most `cost_max`, for the layouts of all frictions.
 
-    A second search comes by the same coarse bounds: what was found for those is kept.
+    Results for the coarse bounds are kept, because a second search passes the same ones.
     """
 
     surface: ReferenceSurface
@@ -264,7 +265,7 @@ class Search:
     _coarse: dict[tuple[int, float], Axes | None] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def place(self, bound: float) -> Axes | None:
-        """Breakpoints of both axes that keep the bound, rad/s, at few bytes; None where they cost too much."""
+        """Return breakpoints of both axes that keep the bound, rad/s, at few bytes; None where they cost too much."""
         coarse = max(bound, COARSE * self._largest)
         best = self._at_level(0, coarse, None)
         for level in itertools.count(1):
@@ -280,18 +281,18 @@ class Search:
 
     @property
     def _largest(self) -> float:
-        """Yaw rate of all layouts, rad/s."""
+        """Return the largest yaw rate of all layouts, rad/s."""
         return max(float(layer.truth.max()) for layer in self._first.layers)
 
     def _at_level(self, level: int, bound: float, before: Axes | None) -> Axes | None:
-        """What is found for a bound that was come to by halves, on a lattice for the axes of the level before."""
+        """Return the axes for a halved bound, on a lattice for the axes of the level before."""
         if (level, bound) not in self._coarse:
             lattice = self._first if before is None else Lattice.over(self.surface, self.layouts, before)
             self._coarse[level, bound] = self._from_starts(lattice, bound)
         return self._coarse[level, bound]
 
     def again(self, axes: Axes, bound: float) -> Axes | None:
-        """Another search for about the same bound, on a lattice fine enough for the cells of these axes."""
+        """Search again for about the same bound, on a lattice fine enough for the cells of these axes."""
         lattice = Lattice.over(self.surface, self.layouts, axes)
         kept = self._cheaper(*(self._turned(lattice, dimension, axes[dimension], bound) for dimension in (0, 1)))
         return self._cheaper(kept, self._from_starts(lattice, bound))
@@ -305,7 +306,7 @@ class Search:
         return best
 
     def _turned(self, lattice: Lattice, dimension: int, first: FloatArray | None, bound: float) -> Axes | None:
-        """From one axis to both, and on in turns while it pays."""
+        """Alternate between the axes, beginning with one, while it saves bytes."""
         best: Axes | None = None
         axis, placed = first, dimension
         for _ in range(TURNS):
@@ -323,7 +324,7 @@ class Search:
         return best
 
     def _most(self, other: int) -> int:
-        """The most breakpoints of an axis beside one of `other`."""
+        """Return the most breakpoints of an axis when the other one has `other`."""
         most = POINTS_MAX
         while most > 2 and self.cost(most, other) > self.cost_max:
             most -= 1

@@ -1,4 +1,4 @@
-"""The error of a total map in its stored numbers, against the continuous map: in every cell, and at its tops."""
+"""Error of a total map in its stored numbers against the continuous map: sampled in every cell, then refined at its peaks."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from codegen.ecu_map.total import TotalMap
 FloatArray = npt.NDArray[np.float64]
 
 PLACES, ROUNDS, SIDE, CLOSER = 24, 3, 9, 0.25
-"""Of the climb: so many places of each direction, rounds, points along a side of the window, and its next width."""
+"""Refinement at the peaks: starts for each sign, rounds, points along a side of the window, and its next relative width."""
 
 YAW_RATE, REAR_ANGLE, REAR_YAW_RATE = range(3)
-"""Channels of errors: rad/s, rad, and rad/s."""
+"""Error channels: rad/s, rad, and rad/s."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class ErrorEstimator:
         self._own = np.ix_(_within(speed, surface.own_speed), _within(front_angle, surface.own_front_angle))
 
     def on_lattice(self, total: TotalMap) -> MeasuredError:
-        """Sampled in every cell."""
+        """Return the errors sampled in every cell."""
         found = MeasuredError()
         for errors in self._errors(Lookup.from_map(total, self.real)):
             own = [float(error[self._own].max()) for error in errors]

@@ -1,18 +1,18 @@
-"""The optimum with the nonlinear tyre, taken apart into two smooth surfaces: what is asked for, and what grip leaves of it.
+"""Split of the optimum with the nonlinear tyre into two smooth surfaces: the demand, and the limit of grip.
 
 With linear tyres the grip bounds are ay_cap / speed, one number for all speeds and front angles, and the optimum without them
 is solved like the one with them. With the nonlinear tyre the lateral acceleration at a slip bound depends on both, and beyond
-the tyre's peak there is no turn without grip bounds. So the optimum is solved once on a fine grid, and taken apart:
+the tyre's peak there is no turn without grip bounds. So the optimum is solved once on a fine grid, and split:
 
-- what grip leaves: where a slip bound, the bound on lateral acceleration or the stability limit ends the turns. Beyond an edge
-  it is held, and where another bound ends them before, the nearest known one at that speed stands;
-- what is asked for: the optimum as far as no grip bound holds it, and from there on with its slope; beyond an edge that
+- the limit: where a slip bound, the bound on lateral acceleration or the stability limit ends the turns. Beyond an edge it is
+  constant; where another bound ends the turns first, it is the nearest known limit at that speed;
+- the demand: the optimum where no grip bound is active, and its slope beyond that; beyond an edge that
   sideslip or the rear angle set, and beyond the last front angle, with the passive car's gain, as in `extend`. Up to that last
-  angle it need not go further than ABOVE what grip leaves.
+  angle it need not exceed the limit by more than ABOVE.
 
-The smaller of both is the optimum, and each is smooth where they meet, so that a table of each holds the kink between them. The
-rear angle goes with what is asked for in such a way that the lookup, which adds what the linear car needs for the difference
-(`lookup.capped_rear_angle`), comes to the optimum's.
+The smaller of both is the optimum. Each is smooth where they meet, so that a table of each preserves the kink between them. The
+rear angle of the demand is chosen so that the lookup, which adds the linear car's rear angle for the difference
+(`lookup.capped_rear_angle`), returns that of the optimum.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ Solve = Callable[[FloatArray, FloatArray], FloatArray]
 """Speeds (p,) and front angles (p,) -> CHANNELS rows (3, p), NaN where there is none."""
 
 CELLS, HALVINGS = 100, 3
-"""Of the grid: cells of each axis at first, and how often they are halved."""
+"""Grid: initial cells of each axis, and number of halvings."""
 
 SMOOTH = 1e-5
-"""rad/s: a point between others is solved where their second differences leave it uncertain by more than this."""
+"""rad/s: a point is solved where the second differences of its neighbours leave a larger uncertainty."""
 
 HELD = 1e-9
-"""rad/s: a yaw rate so near to its grip bound is held by it."""
+"""rad/s: distance within which a grip bound counts as active."""
 
 ABOVE = 0.05
 """rad/s: more than any bound on an error between breakpoints."""
 
 STENCIL = 8
-"""Cells of the grid over which a slope is taken."""
+"""Grid cells over which a slope is computed."""
 
 YAW_RATE, REAR_ANGLE, GRIP = range(3)
 """Channels: the optimum in rad/s, its rear angle in rad, and the yaw rate at which grip ends the turns, rad/s."""
@@ -52,13 +52,12 @@ YAW_RATE, REAR_ANGLE, GRIP = range(3)
 
 @dataclass(frozen=True)
 class GripSurfaces:
-    """On axes from zero: `speed` (n,) in m/s and `front_angle` (m,) in rad; linear in between.
+    """Demand and limit on axes from zero: `speed` (n,) in m/s and `front_angle` (m,) in rad; linear in between.
 
     Attributes:
-        yaw_rate, rear_angle: (n, m) rad/s and rad, what is asked for.
-        lateral_acceleration: (n, m) m/s^2, what grip leaves.
-        rear_slip: rad s^2/m: with so much slip of the rear axle for each m/s^2, the sideslip of no optimum that grip holds
-            counts as more than its bound.
+        yaw_rate, rear_angle: (n, m) rad/s and rad, the demand.
+        lateral_acceleration: (n, m) m/s^2, the limit of grip.
+        rear_slip: rad s^2/m, rear slip for each m/s^2 with which no grip-limited optimum exceeds the sideslip bound.
     """
 
     speed: FloatArray
@@ -78,10 +77,10 @@ def grip_surfaces(
     *,
     passive_safe: bool,
 ) -> GripSurfaces:
-    """Of a map over first and last speed (m/s) and front angle (rad), up to `front_angle_top`.
+    """Split the optimum of a map over first and last speed (m/s) and front angle (rad), up to `front_angle_top`.
 
     Args:
-        cap: m/s^2, what is left where grip ends no turn of the map.
+        cap: m/s^2, the limit where grip ends no turn of the map.
 
     Raises:
         MapError: a steady turn is not found.
@@ -93,7 +92,7 @@ def grip_surfaces(
     gain = turns.problem.car.yaw_gain(speeds)[:, np.newaxis]
     rows = [_row(angles, float(gain[i, 0]), optimum[:, i]) for i in range(points)]
     asked, line, rear_angle, left, least = (np.array(table) for table in zip(*rows, strict=True))
-    # Where another bound holds the optimum, what grip leaves elsewhere must not.
+    # Where another bound limits the optimum, a grip limit known elsewhere must not.
     known = _between_rows(speeds, left * speeds[:, np.newaxis])
     acceleration = np.fmax(np.where(np.isnan(known), cap, known), least * speeds[:, np.newaxis])
     asked, line, rear_angle = (_between_rows(speeds, table) for table in (asked, line, rear_angle))
@@ -113,7 +112,7 @@ def grip_surfaces(
 
 
 def _rear_slip(problem: SteadyTurnProblem, speed: FloatArray, optimum: FloatArray) -> float:
-    """See `GripSurfaces`; `optimum` as of `_on_grid`. Zero where grip holds none."""
+    """Return `GripSurfaces.rear_slip` for the `optimum` of `_on_grid`; zero where no optimum is grip-limited."""
     yaw_rate, rear_angle, grip = optimum
     held = np.abs(grip - yaw_rate) <= HELD  # false for NaN
     with np.errstate(invalid="ignore"):
@@ -139,8 +138,9 @@ def _solver(turns: NonlinearTurns, *, passive_safe: bool) -> Solve:
 
 
 def _on_grid(solve: Solve, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
-    """The channels (3, n, n) on a grid of CELLS 2^HALVINGS cells of each axis: solved on every so many of its points, and
-    between them where those do not say enough."""
+    """Return the channels (3, n, n) on a grid of CELLS 2^HALVINGS cells of each axis.
+
+    A coarse grid is solved first. Points between are solved where interpolation is uncertain."""
     every = 2**HALVINGS
     pairs = np.meshgrid(speed[::every], front_angle[::every], indexing="ij")
     channels = solve(*(values.ravel() for values in pairs)).reshape(-1, CELLS + 1, CELLS + 1)
@@ -155,7 +155,7 @@ def _on_grid(solve: Solve, speed: FloatArray, front_angle: FloatArray) -> FloatA
 
 
 def _halved(values: FloatArray) -> FloatArray:
-    """(..., n, m) -> (..., 2 n - 1, 2 m - 1), with means in between."""
+    """Return (..., 2 n - 1, 2 m - 1) from (..., n, m), with means in between."""
     for axis in (-2, -1):
         lines = np.moveaxis(values, axis, 0)
         finer = np.empty((2 * len(lines) - 1, *lines.shape[1:]))
@@ -165,7 +165,7 @@ def _halved(values: FloatArray) -> FloatArray:
 
 
 def _unsure(channels: FloatArray) -> BoolArray:
-    """(n, m): where the second differences of a channel are large, or it ends."""
+    """Return (n, m) where the second differences of a channel are large, or it ends."""
     unsure = np.zeros(channels.shape[1:], dtype=np.bool_)
     for channel in channels:
         there = np.isfinite(channel)
@@ -178,18 +178,18 @@ def _unsure(channels: FloatArray) -> BoolArray:
     return unsure
 
 
-# --- taken apart ----------------------------------------------------------------------------------------------------------
+# --- split ----------------------------------------------------------------------------------------------------------------
 
 
 def _row(front_angle: FloatArray, gain: float, optimum: FloatArray) -> tuple[FloatArray, ...]:
-    """One speed, rad/s and rad over `front_angle` (m,), which begins at zero and may end beyond the last angle of the map.
+    """Split the optimum at one speed, over `front_angle` (m,) in rad from zero, perhaps beyond the last angle of the map.
 
     Args:
-        gain: of the passive car, 1/s. optimum: (3, k) channels at the angles of the map.
+        gain: passive yaw gain, 1/s. optimum: (3, k) channels at the angles of the map.
 
     Returns:
-        (m,) each, NaN where nothing is known: the yaw rate asked for; the optimum, and beyond its end on with the passive gain;
-        the rear angle, the optimum's or that at its edge; the yaw rate that grip leaves; the least that it has to leave.
+        (m,) each, NaN where unknown: the yaw rate demand; the optimum, continued with the passive gain; the rear angle of the
+        optimum or of its edge; the yaw rate limit of grip; its lower bound.
     """
     yaw_rate, rear_angle, grip = np.pad(optimum, ((0, 0), (1, 0)))
     grip[0] = np.nan
@@ -218,13 +218,13 @@ def _row(front_angle: FloatArray, gain: float, optimum: FloatArray) -> tuple[Flo
 
 
 def _slope(front_angle: FloatArray, values: FloatArray, at: int) -> float:
-    """Before a point of the grid; from zero where that is the first one."""
+    """Return the slope before a point of the grid; from zero where that is the first one."""
     first = max(at - STENCIL, 1) if at > 1 else 0
     return float((values[at] - values[first]) / (front_angle[at] - front_angle[first]))
 
 
 def _between_rows(speed: FloatArray, table: FloatArray) -> FloatArray:
-    """A table (n, m) with the rows of which nothing is known from those around them."""
+    """Fill unknown rows of a table (n, m) from the rows around them."""
     known = np.isfinite(table[:, 0])
     if known.all() or not known.any():
         return table

@@ -1,4 +1,4 @@
-"""What tables cost for which error: bytes over the bound, for even and uneven axes and for int16."""
+"""Bytes of tables over their error bound, for even and uneven axes and for int16."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from codegen.ecu_map.storage import Real, Storage
 from codegen.map_file.map import ReferenceMap
 
 BOUNDS = tuple(math.radians(degrees) for degrees in (1.0, 0.5, 0.2, 0.1, 0.05, 0.02))
-"""rad/s."""
+"""Error bounds, rad/s."""
 
 
 @dataclass(frozen=True)
 class StorageOption:
-    """A way to store a map, which may choose between `spacings`."""
+    """Storage of a map, with the `spacings` to choose from."""
 
     name: str
     spacings: tuple[Spacing, ...]
@@ -38,7 +38,7 @@ STORAGE_OPTIONS = (
 
 @dataclass(frozen=True)
 class FlashPoint:
-    """One way at one bound, rad/s. None: no table of 256 breakpoints an axis."""
+    """One storage option at one bound, rad/s. None: not met with 256 breakpoints an axis."""
 
     way: str
     bound: float
@@ -47,12 +47,12 @@ class FlashPoint:
 
 @dataclass(frozen=True)
 class FlashTable:
-    """All points, and the grid of the map as it is.
+    """All points, and the map's own grid for comparison.
 
     Attributes:
-        tables: how many the kind of controller has. origin: what errors are measured against.
-        grid: breakpoints of both axes, with those that the total map adds.
-        grid_bytes, grid_error: of the map as it is, in real numbers.
+        tables: number of tables of the kind of controller. origin: reference of the errors, see `ReferenceSurface`.
+        grid: numbers of breakpoints of both axes, with those that the total map adds.
+        grid_bytes, grid_error: bytes and error of the map's own grid, in real numbers.
     """
 
     points: tuple[FlashPoint, ...]
@@ -63,7 +63,7 @@ class FlashTable:
     grid_error: MeasuredError
 
     def of(self, way: str) -> list[FlashPoint]:
-        """The points of a way that have a table, the largest bound first."""
+        """Return the points of an option that have a table, the largest bound first."""
         return [point for point in self.points if point.way == way and point.placed is not None]
 
 
@@ -75,13 +75,13 @@ def flash_table(
     bounds: Sequence[float] | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> FlashTable:
-    """Place breakpoints for each bound and way. What a way cannot hold, it is not searched for again with smaller bounds.
+    """Place breakpoints for each bound and option. An option that fails a bound is not tried with smaller ones.
 
     Args:
         bounds: rad/s, falling; by default BOUNDS.
         config: the car, for a map that does not bring its own configuration.
         tables: 2 where the kind of controller looks the rear angle up, else 1.
-        progress: called with (points done, points in all, what comes next).
+        progress: called with (points done, points in all, name of the next).
 
     Raises:
         MapError: see `extend`.

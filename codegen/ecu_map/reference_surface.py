@@ -1,14 +1,13 @@
-"""What a table is measured against: the continuous total map behind a reference map, at any speed and front angle.
+"""Reference for the error of tables: the continuous total map behind a reference map, at any speed and front angle.
 
 For a map that the exact solution made, this is the optimum itself: with linear tyres solved anew at every point. Within the
 bounds, the optimum is the smaller of the optimum *without the grip bounds* and ay_cap / speed: the grip bounds are on |r|
 alone, and the objective falls with |r|. The lookup applies ay_cap / speed by itself, so that a table of the optimum without the
-grip bounds, continued, meets the kink between both exactly, wherever its cells lie. With the nonlinear tyre, what grip leaves
+grip bounds, continued, meets the kink between both exactly, wherever its cells lie. With the nonlinear tyre, the limit of grip
 is a surface too (`placement_grip`), with a table of its own. Where sideslip or the rear angle end it, and beyond the last
 angle of the map, it goes on with the passive car's gain, as in `extend`; below the first speed and angle it is linear to zero.
 
-For any other map nothing but its own table is known: its bilinear interpolation, extended, is what the new table is measured
-against.
+For any other map only its own table is known. The reference is then its bilinear interpolation, extended.
 """
 
 from __future__ import annotations
@@ -39,28 +38,28 @@ Pair = tuple[FloatArray, FloatArray]
 Surface = Callable[[FloatArray, FloatArray], Pair]
 """Speeds (n,) in m/s and front angles (m,) in rad -> yaw rate in rad/s and rear angle in rad, (n, m) each, before the cap."""
 Values = Callable[[FloatArray, FloatArray], FloatArray]
-"""The same -> one value at each, (n, m)."""
+"""Speeds (n,) in m/s and front angles (m,) in rad -> one value at each, (n, m)."""
 
 Origin = Literal["optimum", "surfaces", "table"]
 
 SAME_YAW_RATE = 1e-5
-"""rad/s: how far the table of a map may lie from the exact optimum and still be it (IPOPT ends within 1e-7)."""
+"""rad/s: largest deviation at which a table counts as the exact optimum (IPOPT ends within 1e-7)."""
 
 UNBOUNDED = 1e3
 """m/s^2 and rad: a grip bound that never acts."""
 
 GAP_POINTS = 150
-"""Speeds, and front angles, at which surfaces are held against the optimum."""
+"""Number of speeds, and of front angles, at which surfaces are compared with the optimum."""
 BESIDE_EDGE = np.array([1e-6, 5e-4, 1e-3, 2e-3, 4e-3])
-"""Of an edge: the same, so far inside it."""
+"""Relative distances inside an edge at which surfaces are compared with the optimum."""
 
 JUST_INSIDE = 1.0 - 1e-12
-"""Of an edge: rounding decides whether the edge itself is feasible."""
+"""Factor on an edge, because rounding decides whether the edge itself is feasible."""
 
 
 @dataclass(frozen=True)
 class Gap:
-    """How far a surface may be off the optimum, rad/s and rad; `rear_yaw_rate`: the latter times the passive gain, rad/s."""
+    """Largest deviation of a surface from the optimum, rad/s and rad; `rear_yaw_rate`: the latter times G, rad/s."""
 
     yaw_rate: float = 0.0
     rear_angle: float = 0.0
@@ -71,8 +70,8 @@ class Gap:
 class SurfaceLayer:
     """One friction: the surface before the cap, the cap in m/s^2, and the total map that a build without a choice holds.
 
-    `share`: of the cap, where it is not the same everywhere. `gap`: what all this may be off, where the optimum takes too
-    long to be solved anew at every point.
+    `share` is the fraction of the cap that grip leaves, where it varies. `gap` is the error of the surfaces, where solving the
+    optimum at every point takes too long.
     """
 
     surface: Surface
@@ -82,35 +81,35 @@ class SurfaceLayer:
     gap: Gap = Gap()
 
     def allowed(self, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
-        """(n, m) m/s^2."""
+        """Return the allowed lateral acceleration (n, m) in m/s^2."""
         if self.share is None:
             return np.full((speed.size, front_angle.size), self.cap)
         return self.cap * self.share(speed, front_angle)
 
     def limit(self, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
-        """(n, m) rad/s."""
+        """Return the allowed yaw rate (n, m) in rad/s."""
         return self.allowed(speed, front_angle) / above_zero(speed)[:, np.newaxis]
 
     def with_share(self, share: Values) -> SurfaceLayer:
-        """The same with another share of the cap."""
+        """Return the layer with another share of the cap."""
         return replace(self, share=share)
 
     def truth(self, speed: FloatArray, front_angle: FloatArray) -> Pair:
-        """Yaw rate and rear angle (n, m) after the cap, for speeds (n,) and front angles (m,) from zero."""
+        """Return yaw rate and rear angle (n, m) after the cap, for speeds (n,) and front angles (m,) from zero."""
         yaw_rate, rear_angle = self.surface(speed, front_angle)
         return capped(yaw_rate, rear_angle, self.allowed(speed, front_angle), speed, self.total.steering)
 
 
 @dataclass(frozen=True)
 class ReferenceSurface:
-    """The continuous total map, the layer of the lowest friction first, and where it is.
+    """The continuous total map, the layer of the lowest friction first.
 
     Attributes:
         origin: "optimum": solved anew at every point; "surfaces": solved on a fine grid (`placement_grip`), with a `gap`
             for its error; "table": the map's own bilinear interpolation.
         own_speed, own_front_angle: first and last breakpoint of the map (above zero), m/s and rad.
         front_angle_top: rad, the mechanical stop, or the map's last angle where that is larger.
-        speed_kinks, front_angle_kinks: where the surfaces are not smooth by rule.
+        speed_kinks, front_angle_kinks: kinks of the surfaces by rule, m/s and rad.
     """
 
     layers: tuple[SurfaceLayer, ...]
@@ -123,14 +122,14 @@ class ReferenceSurface:
 
     @property
     def total(self) -> TotalMap:
-        """What a build without a choice holds, with its layers."""
+        """Total map of a build without placed breakpoints, with its layers."""
         return replace(self.layers[-1].total, layers=tuple(layer.total for layer in self.layers[:-1]))
 
 
 def capped(
     yaw_rate: FloatArray, rear_angle: FloatArray, cap: float | FloatArray, speed: FloatArray, steering: CapSteering
 ) -> Pair:
-    """Tables (n, m) after the cap (m/s^2, one or (n, m)) at speeds (n,), in exact arithmetic: what the lookup makes of them."""
+    """Return tables (n, m) after the cap (m/s^2, one or (n, m)) at speeds (n,): the lookup in exact arithmetic."""
     v = above_zero(speed)[:, np.newaxis]
     allowed = np.broadcast_to(cap / v, yaw_rate.shape)
     car = SteeringConstants.of(steering, np.float64)
@@ -140,12 +139,12 @@ def capped(
 
 
 def above_zero(speed: FloatArray) -> FloatArray:
-    """Speeds in m/s, to divide by."""
+    """Return speeds in m/s that are safe divisors."""
     return np.maximum(speed, 1e-9)
 
 
 def reference_surface_of(reference_map: ReferenceMap, config: Config) -> ReferenceSurface:
-    """The continuous total map of a map; `config` is the car for one that brings no configuration.
+    """Return the continuous total map of a map; `config` is the car for one without a configuration.
 
     Raises:
         MapError: see `extend`.
@@ -174,10 +173,10 @@ def reference_surface_of(reference_map: ReferenceMap, config: Config) -> Referen
 
 
 def optimum_of(reference_map: ReferenceMap, config: Config, total: TotalMap) -> SurfaceLayer | None:
-    """The optimum behind a map, as a table is to hold it; None where it is not known or the map does not hold it.
+    """Return the optimum behind a map; None where it is unknown or the map deviates from it.
 
     Args:
-        total: of the same map.
+        total: total map of the same map.
 
     Raises:
         MapError: a steady turn is not found.
@@ -196,7 +195,7 @@ def optimum_of(reference_map: ReferenceMap, config: Config, total: TotalMap) -> 
 
 
 def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMap, *, passive_safe: bool) -> SurfaceLayer:
-    """With a cap that follows slip: the largest of the continuous optimum, and shares of that."""
+    """Return the layer with a cap that follows slip: its largest value on the continuous optimum, and shares of that."""
     speed, front_angle = (_ends(axis) for axis in (reference_map.speed, reference_map.front_angle))
     found = grip_surfaces(
         turns, speed, front_angle, float(total.front_angle[-1]), total.lateral_acceleration_cap, passive_safe=passive_safe
@@ -218,8 +217,10 @@ def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMa
 def _gap(
     layer: SurfaceLayer, turns: SteadyTurns, speed: tuple[float, float], front_angle: tuple[float, float], *, passive_safe: bool
 ) -> Gap:
-    """How far the surfaces are off the optimum: at GAP_POINTS x GAP_POINTS places between first and last speed (m/s) and front
-    angle (rad) that are on no line of their grid, and beside the edge at as many speeds."""
+    """Return the deviation of the surfaces from the optimum.
+
+    It is measured at GAP_POINTS x GAP_POINTS points off the grid, between first and last speed (m/s) and front angle (rad), and
+    just inside the edge at as many speeds."""
     source, rear_max = np.random.default_rng(0), layer.total.steering.rear_angle_max
     speeds, angles = (np.sort(source.uniform(*ends, GAP_POINTS)) for ends in (speed, front_angle))
     straight = turns.without_rear_steering() if passive_safe else turns
@@ -246,7 +247,7 @@ def _gap(
 
 
 def _holds(reference_map: ReferenceMap, turns: SteadyTurns, passive_safe: bool) -> bool:
-    """Whether a map is the optimum on its grid: one that was edited is not."""
+    """Return whether a map is the optimum on its grid; an edited one is not."""
     if reference_map.speed[0] <= 0.0:
         return False
     axes = (reference_map.speed, reference_map.front_angle)
@@ -265,8 +266,9 @@ def _holds(reference_map: ReferenceMap, turns: SteadyTurns, passive_safe: bool) 
 def continued(
     problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray, passive_safe: bool, steering: CapSteering
 ) -> Surface:
-    """The optimum without the grip bounds, continued, of a map with breakpoints `speed` (n,) and `front_angle` (m,), and up to
-    the first of them the plain rules, which are linear there."""
+    """Return the continued optimum without the grip bounds, of a map with breakpoints `speed` (n,) and `front_angle` (m,).
+
+    Up to the first breakpoints the rules of `extend` apply, which are linear there."""
     grip_limits: dict[str, Any] = {bound.limit: UNBOUNDED for bound in BOUNDS if bound.is_grip}
     without_grip = replace(problem, **grip_limits)
     ends_passively = passive_safe and problem.rear_angle_max > 0.0
@@ -294,7 +296,7 @@ def continued(
 
 @dataclass(frozen=True)
 class _PassivelySafe:
-    """Turns as far as the passive car goes: from there on with its slope, whatever ends it."""
+    """Turns as far as the passive car reaches, continued with its slope."""
 
     turns: LinearTurns
 
@@ -309,7 +311,7 @@ class _PassivelySafe:
 
 
 def _ends(axis: FloatArray) -> tuple[float, float]:
-    """First breakpoint above zero, and last one."""
+    """Return the first breakpoint above zero, and the last one."""
     return float(axis[axis > 0.0][0]), float(axis[-1])
 
 
@@ -322,11 +324,11 @@ def extended(
     front_angle: FloatArray,
     steering: CapSteering,
 ) -> Surface:
-    """An optimum extended by the plain rules of `extend`, where none is known without the grip bounds.
+    """Extend an optimum by the rules of `extend`, where none is known without the grip bounds.
 
     Args:
         solve: at speeds (n,) and front angles (m,), inside the breakpoints of the map.
-        edge: where the feasible front angles end at speeds (n,).
+        edge: last feasible front angle at speeds (n,), rad.
         passive_gain: G of speeds (n,), 1/s. cap: ay_cap in m/s^2.
         speed, front_angle: breakpoints of the map, (n,) and (m,).
     """
@@ -351,23 +353,23 @@ def extended(
 
 
 def _plausible(yaw_rate: FloatArray) -> FloatArray:
-    """Held where no car's map goes: far above any cap, and the most that the C lets a calibration hold."""
+    """Clip to the largest values that the C accepts in a calibration, far above any cap."""
     return np.minimum(yaw_rate, 0.999 * PLAUSIBLE["yaw_rate"].high)
 
 
 def _bilinear(total: TotalMap) -> Surface:
-    """A total map's own tables, interpolated."""
+    """Return the interpolated tables of a total map."""
     return _surface(total.speed, total.front_angle, total.yaw_rate, total.rear_angle)
 
 
 def _surface(speed: FloatArray, front_angle: FloatArray, *tables: FloatArray) -> Surface:
-    """Both tables (n, m), bilinear."""
+    """Return the bilinear surface of both tables (n, m)."""
     yaw_rate, rear_angle = (interpolated(speed, front_angle, table) for table in tables)
     return lambda v, angle: (yaw_rate(v, angle), rear_angle(v, angle))
 
 
 def interpolated(speed: FloatArray, front_angle: FloatArray, table: FloatArray) -> Values:
-    """A table (n, m), bilinear; the last row and column hold beyond."""
+    """Interpolate a table (n, m) bilinearly; the last row and column hold beyond it."""
 
     def value(v: FloatArray, angle: FloatArray) -> FloatArray:
         return along(along(table, *cell_of(speed, v)).T, *cell_of(front_angle, angle)).T
@@ -376,20 +378,20 @@ def interpolated(speed: FloatArray, front_angle: FloatArray, table: FloatArray) 
 
 
 def cell_of(axis: FloatArray, x: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray]:
-    """Cell index and share of the cell, 0 to 1, of points (k,) on breakpoints (n,)."""
+    """Return cell index and position in the cell, 0 to 1, of points (k,) on breakpoints (n,)."""
     cell = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, axis.size - 2)
     return cell, np.clip((x - axis[cell]) / (axis[cell + 1] - axis[cell]), 0.0, 1.0)
 
 
 def along(table: FloatArray, cell: npt.NDArray[np.int64], share: FloatArray) -> FloatArray:
-    """Rows of a table (..., n, m) interpolated at positions (k,): (..., k, m)."""
+    """Interpolate rows of a table (..., n, m) at positions (k,): (..., k, m)."""
     low, high = table[..., cell, :], table[..., cell + 1, :]
     result: FloatArray = low + share[:, np.newaxis] * (high - low)
     return result
 
 
 def rule_at(surface: ReferenceSurface, layer: SurfaceLayer, speed: FloatArray, front_angle: FloatArray) -> npt.NDArray[np.str_]:
-    """(n, m) `Rule` letters of a table of the surface on any axes from zero."""
+    """Return the `Rule` letters (n, m) of a table of the surface on axes from zero."""
     total = layer.total
     i = np.clip(np.searchsorted(total.speed, speed * JUST_INSIDE), 0, total.speed.size - 1)
     j = np.clip(np.searchsorted(total.front_angle, front_angle * JUST_INSIDE), 0, total.front_angle.size - 1)

@@ -1,4 +1,4 @@
-"""What tables are placed for: the numbers that they are to hold, and what the lookup makes of those.
+"""Layouts for the placement of breakpoints: the numbers that tables hold, and the yaw rates that the lookup computes from them.
 
 A bound on an error is one in rad/s. The error of a rear angle counts as the yaw rate that the linear car makes of it without
 being steered otherwise: the angle times the passive yaw gain G. A law that looks the rear angle up steers by it, or lets its
@@ -20,16 +20,16 @@ FloatArray = npt.NDArray[np.float64]
 Stacked = Callable[[FloatArray, FloatArray], FloatArray]
 """Speeds (n,) in m/s and front angles (m,) in rad -> (k, n, m)."""
 Outcome = Callable[[FloatArray, FloatArray], FloatArray]
-"""Numbers of tables (k, ...) and those beside them (f, ...) -> rad/s (d, ...)."""
+"""Numbers of tables (k, ...) and accompanying numbers (f, ...) -> rad/s (d, ...)."""
 
 
 @dataclass(frozen=True)
 class TableLayout:
-    """Of one friction.
+    """Layout of the tables of one friction.
 
     Attributes:
-        values: of k tables. beside: f numbers that the outcome depends on besides.
-        outcome: d yaw rates from both. truth: what they are to be, rad/s.
+        values: numbers of k tables. beside: f accompanying numbers that the outcome also depends on.
+        outcome: d yaw rates from both, rad/s. truth: their exact values, rad/s.
     """
 
     values: Stacked
@@ -39,7 +39,7 @@ class TableLayout:
 
 
 def yaw_rate_layout(layer: SurfaceLayer, grip: GripTable | None) -> TableLayout:
-    """Of the table of the yaw rate, beside a table of the share of the cap (None: no such table)."""
+    """Return the layout of the yaw rate table, with a grip table (None: no such table)."""
     stored = _beside(layer, grip)
     return TableLayout(
         values=lambda v, angle: layer.surface(v, angle)[0][np.newaxis],
@@ -50,7 +50,7 @@ def yaw_rate_layout(layer: SurfaceLayer, grip: GripTable | None) -> TableLayout:
 
 
 def reference_layout(layer: SurfaceLayer, grip: GripTable | None) -> TableLayout:
-    """Of both tables, that of the yaw rate and that of the rear angle, likewise."""
+    """Return the layout of the tables of yaw rate and rear angle, with a grip table or None."""
     stored, car = _beside(layer, grip), layer.total.steering
     largest = car.rear_angle_max
 
@@ -64,7 +64,7 @@ def reference_layout(layer: SurfaceLayer, grip: GripTable | None) -> TableLayout
     def outcome(values: FloatArray, numbers: FloatArray) -> FloatArray:
         (yaw_rate, rear_angle), (limit, needed, most) = values, numbers
         allowed = np.minimum(yaw_rate, limit)
-        # `lookup.capped_rear_angle`, for all at once, within the range that the laws hold it in.
+        # `lookup.capped_rear_angle`, vectorised, within the range to which the laws clip it.
         turned = np.minimum((yaw_rate - allowed) * needed, np.maximum(most - rear_angle, 0.0))
         return np.stack([allowed, np.clip(rear_angle + turned, -largest, largest) / needed])
 
@@ -76,7 +76,7 @@ def reference_layout(layer: SurfaceLayer, grip: GripTable | None) -> TableLayout
 
 
 def grip_layout(layer: SurfaceLayer) -> TableLayout:
-    """Of the table of the share of the cap, beside the exact surface of the yaw rate."""
+    """Return the layout of the grip table, with the exact surface of the yaw rate."""
 
     def scale(v: FloatArray) -> FloatArray:
         return (layer.cap / above_zero(v))[:, np.newaxis]
@@ -90,11 +90,11 @@ def grip_layout(layer: SurfaceLayer) -> TableLayout:
 
 
 def gain_of(car: CapSteering, speed: FloatArray) -> FloatArray:
-    """G in 1/s, the passive car's yaw rate for each rad, at speeds (m/s, any shape) above zero."""
+    """Return the passive yaw gain G in 1/s at speeds (m/s, any shape) above zero."""
     result: FloatArray = 1.0 / (car.wheelbase / speed + car.understeer_coefficient * speed)
     return result
 
 
 def _beside(layer: SurfaceLayer, grip: GripTable | None) -> SurfaceLayer:
-    """The same with the share of the cap that a table holds."""
+    """Return the layer with the share of the cap that a table holds."""
     return layer if grip is None else layer.with_share(interpolated(grip.speed, grip.front_angle, grip.share))

@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class Rule(StrEnum):
-    """Where a cell of the total map comes from; one letter, as in the manifest."""
+    """Rule that gave a cell of the total map; one letter, as in the manifest."""
 
     SOLVED = "s"
     ZERO = "z"
@@ -40,12 +40,12 @@ RULE_TEXT = {
 
 @dataclass(frozen=True)
 class CapSteering:
-    """Rear steering for the yaw rate that the cap takes away: it takes 1/G = L/vx + K vx rad for each rad/s.
+    """Rear steering for the yaw rate that the cap removes: 1/G = L/vx + K vx rad for each rad/s.
 
     Attributes:
         wheelbase: L, m. understeer_coefficient: K, s^2/m.
         rear_arm: m, and rear_slip_per_lateral_acceleration: rad s^2/m, of the sideslip beta = delta_r + r (lr/vx - slip vx);
-            of a nonlinear optimum that was taken apart, of its tyre where grip ends the turns.
+            for a nonlinear optimum, that of `placement_grip.GripSurfaces`.
         sideslip_max: rad; such steering ends where the steady sideslip would reach it.
         rear_angle_max: rad.
     """
@@ -59,7 +59,7 @@ class CapSteering:
 
     @classmethod
     def from_config(cls, config: Config) -> CapSteering:
-        """Of the car and the limits of a configuration."""
+        """Return the values of a configuration's car and limits."""
         car = SingleTrack.from_config(config)
         return cls(
             car.wheelbase,
@@ -73,7 +73,7 @@ class CapSteering:
 
 @dataclass(frozen=True)
 class GripTable:
-    """What grip leaves of ay_cap, bilinear.
+    """Fraction of ay_cap that grip leaves, bilinear.
 
     Attributes:
         speed: (a,) m/s, front_angle: (b,) rad, both from zero. share: (a, b), above 0 and up to 1.
@@ -93,11 +93,11 @@ class TotalMap:
     Attributes:
         speed: (n,) m/s, from 0. front_angle: (m,) rad, from 0 to the mechanical stop or beyond.
         yaw_rate: (n, m) rad/s, before the cap.
-        rear_angle: (n, m) rad, before the cap, where on chosen breakpoints it may leave the actuator's range; the laws hold it.
+        rear_angle: (n, m) rad, before the cap, which on placed breakpoints may exceed the actuator's range; the laws clip it.
         rule: (n, m) of `Rule` letters.
         lateral_acceleration_cap: ay_cap, m/s^2.
         friction: the road friction that the map assumes.
-        steering: what the lookup needs where the cap takes yaw rate away.
+        steering: constants of the lookup where the cap removes yaw rate.
         layers: the total maps of lower frictions on the same axes, the lowest first.
         grip: the share of ay_cap that grip leaves, where that is not the same everywhere; of a stack on the same axes.
         scales: of tables that are stored as int16, whose numbers here are then the stored ones; None for real numbers.
@@ -117,5 +117,5 @@ class TotalMap:
 
     @property
     def stack(self) -> tuple[TotalMap, ...]:
-        """All total maps, the one of the lowest friction first, this one last."""
+        """All total maps: the lowest friction first, this one last."""
         return (*self.layers, self)

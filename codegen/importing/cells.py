@@ -19,9 +19,9 @@ MISSING = ("", "nan", "na", "n/a")
 """A cell without a value, in small letters: there the map is infeasible."""
 COMMENT = "#%"
 SAID_SEPARATOR = re.compile(r"\s*\"?sep=([\t;, ])\"?[\s;,]*", re.IGNORECASE)
-"""The first line by which Excel is told what stands between the cells."""
+"""First line that declares the separator to Excel."""
 UNITLESS = ("", "-", "1")
-"""What stands in a line of units where there is none."""
+"""Cells of a line of units that mean no unit."""
 NAMES_WANTED = "give a first line such as: vx_km_h, delta_f_deg, yaw_rate_deg_s"
 NO_HEAD = "neither names for three columns nor a row of front angles"
 A_TITLE = "put # before a title"
@@ -29,7 +29,7 @@ A_TITLE = "put # before a title"
 
 @dataclass(frozen=True)
 class Line:
-    """The cells of one line, and its number in the file, counted from one."""
+    """Cells of one line, and its number in the file, counted from one."""
 
     number: int
     cells: tuple[str, ...]
@@ -50,7 +50,7 @@ class Cells:
     decimal_comma: bool
 
     def value(self, line: Line, column: int, where: object) -> float:
-        """The number in a cell; NaN where it is missing. Raises ImportFault with the line."""
+        """Return the number in a cell; NaN where it is missing. Raises ImportFault with the line."""
         text = line.cells[column].strip()
         if text.lower() in MISSING:
             return math.nan
@@ -74,9 +74,9 @@ class Cells:
 
 
 def split(text: str, where: object) -> Cells:
-    """Split a text into cells; the separator is told from the first line that is no comment, by "sep=;" or by the marks in it.
+    """Split a text into cells. The first line that is no comment decides the separator, by "sep=;" or by its characters.
 
-    A line without anything in its cells is none. Units in a second line go to the names in the first.
+    Lines of empty cells are skipped. Units in a second line go to the names in the first.
 
     Raises:
         ImportFault: there is no table, or a line has another number of cells than the first, or a title stands above the names.
@@ -118,7 +118,7 @@ def _is_empty(line: str) -> bool:
 
 
 def _separator(line: str) -> str | None:
-    """What stands between the cells; None for white space."""
+    """Return the separator of the cells; None for white space."""
     return next((mark for mark in ("\t", ";", ",") if mark in line), None)
 
 
@@ -137,7 +137,7 @@ def _line(number: int, line: str, separator: str | None, *, head: bool) -> Line:
 
 
 def _with_units(words: list[str]) -> list[str]:
-    """In a head that is split at white space, "speed [km/h]" and "speed in km/h" are one name."""
+    """Join "speed [km/h]" and "speed in km/h" to one name in a head that was split at white space."""
     names: list[str] = []
     for word, after in zip(words, [*words[1:], ""], strict=True):
         is_in = word.lower() == "in" and quantities.unit_of(after) is not None
@@ -149,13 +149,13 @@ def _with_units(words: list[str]) -> list[str]:
 
 
 def _head_with_units(rows: list[Line], where: object) -> tuple[Line, list[Line]]:
-    """The head and the rest; a line of units under it ("km/h;deg;deg/s") goes into the names. Raises ImportFault."""
+    """Return the head and the rest; a line of units under it ("km/h;deg;deg/s") goes into the names. Raises ImportFault."""
     head, units = rows[0], [cell.strip("[](){} ") for cell in rows[1].cells] if len(rows) > 1 else []
     known = [quantities.unit_of(unit) for unit in units]
     if not any(known) or not all(unit or text in UNITLESS for unit, text in zip(known, units, strict=True)):
         return head, rows[1:]
     if len(units) != len(head.cells):
-        return head, rows[1:]  # told with the number of cells
+        return head, rows[1:]  # reported with the number of cells
     names = []
     for name, unit in zip(head.cells, known, strict=True):
         has = quantities.take_apart(name).unit
@@ -167,7 +167,7 @@ def _head_with_units(rows: list[Line], where: object) -> tuple[Line, list[Line]]
 
 
 def _refuse_title(lines: list[tuple[int, str]], where: object) -> None:
-    """ImportFault for a first line of words above the line with the names, or above all that is a table."""
+    """Raise ImportFault for a title above the line with the names or above the table."""
     (number, first), (_, second), (_, last) = lines[0], lines[1], lines[-1]
     below = _words(second, _separator(second))
     is_name = [word[0].isalpha() and word.lower() not in MISSING and quantities.unit_of(word) is None for word in below]
@@ -182,19 +182,19 @@ def _refuse_title(lines: list[tuple[int, str]], where: object) -> None:
 
 
 def _words(line: str, separator: str | None) -> list[str]:
-    """The cells that hold something."""
+    """Return the cells that are not empty."""
     return [cell for cell in _line(0, line, separator, head=False).cells if cell]
 
 
 def _without_empty_end(rows: list[Line]) -> list[Line]:
-    """Spreadsheets end lines with a separator: a last column that is empty everywhere is none."""
+    """Remove a last column that is empty everywhere, because spreadsheets end lines with a separator."""
     while all(len(row.cells) > 1 and not row.cells[-1] for row in rows):
         rows = [Line(row.number, row.cells[:-1]) for row in rows]
     return rows
 
 
 def _commented_head(comments: list[tuple[int, str]], first: Line, separator: str | None) -> Line | None:
-    """The last comment above the numbers, where it has a name for each column, as numpy.savetxt writes it."""
+    """Return the last comment above the numbers if it names each column, as numpy.savetxt writes it."""
     above = [(number, line) for number, line in comments if number < first.number]
     if not above:
         return None

@@ -32,12 +32,12 @@ PRESSURE = ("PPY1", "PPY2", "PPY3", "PPY4")
 STIFFNESS_LOW, STIFFNESS_HIGH = 3.0, 100.0
 """1/rad, of |PKY1|, the largest cornering stiffness over the nominal load: tyres of trucks have 5, racing slicks 60."""
 PRESSURE_RATIO_MAX = 0.5
-"""Of |dpi|: beyond that the formula is not fitted, and the two pressures are likely in different units."""
+"""Largest |dpi|: beyond it the formula is not fitted, and the two pressures probably have different units."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Pure lateral slip at one load, F(alpha), rising with slip, without the shifts of the file; these beside it.
+    """Pure lateral slip at one load, F(alpha), rising with slip, without the shifts of the file, which are separate attributes.
 
     Attributes:
         stiffness: K = B C D, N/rad, above zero.
@@ -60,7 +60,7 @@ class Curve:
     tangent: bool
 
     def force(self, slip_angle: npt.ArrayLike) -> FloatArray:
-        """N for slip angles in rad, without shifts: the mean of what a left and a right tyre do (4.E19)."""
+        """Return the force in N at slip angles in rad, without shifts: the mean of a left and a right tyre (4.E19)."""
         slip = np.asarray(slip_angle, dtype=np.float64)
         x = self.stiffness / (self.shape * self.peak) * (np.tan(slip) if self.tangent else slip)
         sides = [min(self.curvature * (1.0 - sign * self.asymmetry), 1.0) for sign in (1.0, -1.0)]
@@ -71,7 +71,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class LateralFormula:
-    """The coefficients of a file, checked: what `at` needs.
+    """Checked coefficients of a file.
 
     Attributes:
         version: "PAC2002", "MF 5.2", "MF 6.1" or "MF 6.2".
@@ -80,7 +80,7 @@ class LateralFormula:
         load_min, load_max: FZMIN and FZMAX in N; zero and inf where the file has none.
         pressure_change: dpi = (INFLPRES - NOMPRES)/NOMPRES; 0 without pressure.
         angle: rad for one unit of angle of the file.
-        side: TYRESIDE as it stands.
+        side: TYRESIDE as written in the file.
     """
 
     version: str
@@ -93,7 +93,7 @@ class LateralFormula:
     side: str
 
     def at(self, load: float) -> Curve:
-        """The curve at a wheel load in N."""
+        """Return the curve at a wheel load in N."""
         value = self.values
         reference = value["LFZO"] * self.nominal_load  # 4.E1
         dfz, dpi = load / reference - 1.0, self.pressure_change  # 4.E2a, 4.E2b
@@ -115,12 +115,12 @@ class LateralFormula:
 
     @property
     def _outward(self) -> float:
-        """The sign of the stiffness at a small load in the axes of the file."""
+        """Return the sign of the stiffness at a small load in the axes of the file."""
         return math.copysign(1.0, self.values["PKY1"] * self.values["PKY2"] * self.values["PKY4"])
 
 
 def read_formula(file: PropertyFile) -> LateralFormula:
-    """The lateral formula of a file.
+    """Return the lateral formula of a file.
 
     Raises:
         ImportFault: another format, a coefficient missing or impossible, units that are not known or cannot be right.
@@ -151,7 +151,7 @@ def read_formula(file: PropertyFile) -> LateralFormula:
 
 
 def _version(file: PropertyFile) -> str:
-    """From FITTYP, and PROPERTY_FILE_FORMAT where that says PAC2002 (Adams writes no FITTYP, or 6)."""
+    """Return the version from FITTYP, or from PROPERTY_FILE_FORMAT for PAC2002 (Adams writes no FITTYP, or 6)."""
     form = file.text("PROPERTY_FILE_FORMAT").upper()
     known = "PAC2002, and FITTYP 6, 21, 52 (MF 5.2), 61 (MF 6.1), 62 (MF 6.2)"
     if form == PAC2002 and int(file.number("FITTYP", "MODEL", 6.0)) == 6:
@@ -166,7 +166,7 @@ def _version(file: PropertyFile) -> str:
 
 
 def _units(file: PropertyFile) -> tuple[float, float]:
-    """N for one unit of force, rad for one unit of angle."""
+    """Return N for one unit of force and rad for one unit of angle."""
     sizes = {
         "FORCE": {"newton": 1.0, "n": 1.0, "knewton": 1e3, "kilonewton": 1e3, "kn": 1e3},
         "ANGLE": {"radian": 1.0, "rad": 1.0, "degree": math.pi / 180.0, "deg": math.pi / 180.0},
@@ -187,7 +187,7 @@ def _units(file: PropertyFile) -> tuple[float, float]:
 
 
 def _pressure_change(file: PropertyFile) -> float:
-    """dpi (4.E2b); both pressures are in one unit, whichever. A file without either was made at its nominal pressure."""
+    """Return dpi (4.E2b), from pressures in any common unit; 0 for a file without pressures."""
     section = "OPERATING_CONDITIONS"
     if "INFLPRES" not in file.entries and "NOMPRES" not in file.entries:
         return 0.0

@@ -1,4 +1,4 @@
-"""A map from a MATLAB file or a text table: found, put into SI units, held against what cars can do."""
+"""Import of a map from a MATLAB file or a text table: find the quantities, convert to SI, check plausibility."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ TABLE_ENDINGS = (".csv", ".tsv", ".txt", ".dat")
 
 @dataclass(frozen=True)
 class Choices:
-    """What the user said about a file.
+    """Options of the user for a file.
 
     Attributes:
         names: quantity key -> variable or column.
         units: the text of --units.
-        rows: the axis that runs down the rows of the table; None where the file shall tell.
+        rows: the axis that runs down the rows of the table; None where the file decides.
     """
 
     names: Mapping[str, str]
@@ -43,7 +43,7 @@ class Choices:
 
 @dataclass(frozen=True)
 class ImportedMap:
-    """The map, and how it was read: lines for the user, and quantity key -> name and unit in the file."""
+    """The imported map, notes for the user, and quantity key -> name and unit in the file."""
 
     reference_map: ReferenceMap
     said: tuple[str, ...]
@@ -78,7 +78,7 @@ def _fits(source: Source, found: mat.Contents | None, choices: Choices, given: M
 
 
 def _imported(source: Source, found: mat.Contents | None, choices: Choices, given: Mapping[str, str]) -> ImportedMap:
-    """The map of a text table, or where `found` is there of a MATLAB file."""
+    """Return the map of a text table, or of a MATLAB file where `found` is given."""
     path = source.path
     raw = _from_matlab(source, found, choices) if found is not None else read_table(source, choices.names, choices.rows)
     stray = sorted(given.keys() - raw.values.keys())
@@ -115,7 +115,7 @@ def _meta(source: Source, columns: dict[str, dict[str, str]]) -> dict[str, Any]:
 
 
 def _units(raw: RawMap, given: Mapping[str, str], source: Source) -> dict[str, str]:
-    """The unit of every quantity; ImportFault for the first that has none, with what would fit the values."""
+    """Return the unit of every quantity. Raises ImportFault for the first without one, with the unit that fits the values."""
     units = {key: quantities.named_unit(key, raw.names[key], given, source.path) for key in raw.values}
     known = {key: unit for key, unit in units.items() if unit is not None}
     for key in units:
@@ -134,7 +134,7 @@ def _units(raw: RawMap, given: Mapping[str, str], source: Source) -> dict[str, s
 
 
 def _judged(raw: RawMap) -> dict[str, FloatArray]:
-    """The values by which units are judged: real ones, of feasible cells."""
+    """Return the values for the check of units: real numbers of feasible cells."""
     feasible = raw.values.get("feasible")
     judged = {}
     for key, array in raw.values.items():
@@ -156,7 +156,7 @@ def _in_si(array: npt.NDArray[Any], key: str, unit: str) -> npt.NDArray[Any]:
 
 
 def _from_matlab(source: Source, found: mat.Contents, choices: Choices) -> RawMap:
-    """The map's variables of a MATLAB file, axes as vectors and tables with a row for each speed."""
+    """Return the map's variables of a MATLAB file: axes as vectors, tables with a row for each speed."""
     unread = f"structs inside structs are not read ({found.nested[0]}); {SAVE_FLAT}" if found.nested else ""
     names = quantities.choose(found.variables, choices.names, source.path, unread)
     values = {key: _real(found.variables[name.text], f"{source.path}: {name.text}") for key, name in names.items()}
@@ -187,7 +187,7 @@ def _vector(array: npt.NDArray[Any], place: str) -> npt.NDArray[Any]:
 
 
 def _is_transposed(found: tuple[int, ...], wanted: tuple[int, int], rows: Axis | None, place: str) -> bool:
-    """Whether a table of shape `found` has delta_f down its rows; `wanted` is (n, m)."""
+    """Return whether a table of shape `found` has delta_f down its rows; `wanted` is (n, m)."""
     if rows == "delta_f":
         if found != wanted[::-1]:
             _refuse_shape(found, wanted[::-1], place)

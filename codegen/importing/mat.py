@@ -1,7 +1,7 @@
-"""Numeric variables of a MATLAB file: versions 4, 5, 6, 7 and 7.2 (save -v4, -v6, -v7); 7.3 is HDF5 and is refused.
+"""Numeric variables of a MATLAB file: versions 4, 5, 6, 7 and 7.2 (save -v4, -v6, -v7); 7.3 is HDF5 and is rejected.
 
-SciPy reads them, in a process of its own (`mat_child`): on a damaged file it may crash (1.17 does) or ask for any amount of
-memory, and then that process ends, not this one.
+SciPy reads them in a child process (`mat_child`). On a damaged file it may crash (1.17 does) or request any amount of memory;
+then only the child ends.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from codegen.importing.source import MIB, ImportFault, Source
 AnyArray = npt.NDArray[Any]
 
 MAX_BYTES = 64 * MIB
-"""Of the file, and of what it unpacks to: what a map may have (docs/interface.md)."""
+"""Size limit of the file, packed and unpacked, as for a map (docs/interface.md)."""
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SAVE_AGAIN = "save it in MATLAB with save(name, 'vx', 'delta_f', 'yaw_rate', '-v7')"
 SECONDS = 60.0
-"""For the reading; 64 MiB take one."""
+"""Time limit of the reading in s; 64 MiB take one second."""
 # -P: neither the user's folder nor this one comes before the libraries. By its path: the package need not be installed.
 READER = (sys.executable, "-P", str(Path(mat_child.__file__)), str(MAX_BYTES))
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What a MATLAB file holds.
+    """Contents of a MATLAB file.
 
     Attributes:
         variables: name -> array for each numeric or logical (0 and 1) one, in the file's order; in plain structs as "map.vx".

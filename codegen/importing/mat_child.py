@@ -1,7 +1,7 @@
-"""A program of its own: a MATLAB file on standard input, its numbers as .npz on standard output, at most so many bytes.
+"""Child process that reads a MATLAB file from standard input and writes its numbers as .npz to standard output, within a limit.
 
-`mat` runs it by its path, because SciPy may crash on a damaged file. It imports nothing of the project, which need not be where
-a new Python looks for it.
+`mat` runs it by its path, because SciPy may crash on a damaged file. It imports nothing of the project, which need not be on
+the path of a new Python.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy.typing as npt
 AnyArray = npt.NDArray[Any]
 
 DAMAGED, TOO_LARGE = 10, 11
-"""Exit codes. 0: read. Any other, or a signal: neither of the two."""
+"""Exit codes. 0 is success; any other code or a signal is another failure."""
 
 NAMES, NESTED = "names", "nested"
 """Keys of the names of the variables, and of structs inside structs, which are not read. The arrays of the variables are arr_0,
@@ -28,13 +28,13 @@ arr_1 and so on, because no name must get into NumPy's way."""
 BYTES_PER_NUMBER = {"int8": 1, "uint8": 1, "logical": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4, "single": 4}
 BYTES_PER_NUMBER |= {"int64": 8, "uint64": 8, "double": 8}
 SPARE = 2**30
-"""Bytes that the reading may take beside what Python, NumPy and SciPy have already."""
+"""Bytes that the reading may use in addition to Python, NumPy and SciPy."""
 
 
 def read(data: bytes, limit: int) -> tuple[dict[str, AnyArray], list[str]]:
-    """Name -> array for each numeric or logical (0 and 1) variable, those inside plain structs as "map.vx".
+    """Return name -> array for each numeric or logical (0 and 1) variable, those inside plain structs as "map.vx".
 
-    Beside it the names of the structs inside those structs.
+    Also return the names of the structs inside those structs.
 
     Raises:
         MemoryError: over `limit` bytes.
@@ -45,7 +45,7 @@ def read(data: bytes, limit: int) -> tuple[dict[str, AnyArray], list[str]]:
     wanted, size = [], 0
     for name, shape, kind in whosmat(io.BytesIO(data)):
         length = int(np.prod(shape, dtype=object))
-        if kind in BYTES_PER_NUMBER and not name.startswith("__"):  # no name of MATLAB begins so: SciPy's and MATLAB's own
+        if kind in BYTES_PER_NUMBER and not name.startswith("__"):  # internal names of SciPy and MATLAB
             size += BYTES_PER_NUMBER[kind] * length
             wanted.append(name)
         elif kind == "struct" and length == 1:
@@ -73,7 +73,7 @@ def _inside(variables: Mapping[str, Any], wanted: list[str]) -> Iterator[tuple[s
 
 
 def _bound_process() -> None:
-    """No core file of a crash, and where Linux tells the size of this process no more than SPARE on top of it."""
+    """Disable core files and, where Linux reports the size of this process, limit its memory to SPARE more."""
     with contextlib.suppress(ImportError, OSError, ValueError):
         import resource
 
@@ -84,7 +84,7 @@ def _bound_process() -> None:
 
 
 def main() -> int:
-    """Returns the exit code. Raises ImportError: SciPy cannot be used, whatever the file."""
+    """Return the exit code. Raises ImportError where SciPy is unusable."""
     import scipy.io  # noqa: F401, before the bound: it takes some memory itself
 
     _bound_process()

@@ -1,7 +1,7 @@
-"""Whether the units of a map can be right: what no car can do shows a wrong unit, and mostly which one.
+"""Plausibility of the units of a map: impossible values reveal a wrong unit, and usually the right one.
 
-Each bound has its reason beside it. A true unit is never refused for a road car; a wrong one is found where it leads beyond a
-bound, which is nearly always for a factor of 57 (degrees, radians) and mostly for a factor of 3.6 (km/h, m/s).
+Each bound states its reason. The true unit of a road car is never rejected. A wrong one is found where it exceeds a bound:
+nearly always for a factor of 57 (degrees, radians) and mostly for a factor of 3.6 (km/h, m/s).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ FloatArray = npt.NDArray[np.float64]
 SPEED_MAX_LOW, SPEED_MAX_HIGH = 3.0, 120.0
 """m/s, of the largest speed. Control begins at 15 km/h (4.2 m/s); 120 m/s is 432 km/h, above what road tyres are sold for."""
 FRONT_MAX_LOW, FRONT_MAX_HIGH = math.radians(1.0), math.radians(60.0)
-"""rad, of the largest front angle: below 1 deg there is no map to speak of; no car's road wheels turn beyond 60 deg."""
+"""rad, of the largest front angle: a map below 1 deg is useless; no car's road wheels turn beyond 60 deg."""
 YAW_MAX_LOW, YAW_MAX_HIGH = 0.02, 4.0
 """rad/s, of the largest yaw rate: 1.1 deg/s is less than a car on ice reaches (1 m/s^2 at 30 m/s: 0.033 rad/s); 4 rad/s is a
 whole turn in 1.6 s, 2 g at 5 m/s."""
 REAR_MAX_HIGH = math.radians(25.0)
 """rad, of rear angle and sideslip: production cars turn their rear wheels by up to 10 deg."""
 ACCELERATION_MAX_G = 2.0
-"""Lateral, vx times yaw rate: what ars.toml accepts at the most; road tyres reach 1.2 g."""
+"""Lateral acceleration, vx times yaw rate: the largest that ars.toml accepts; road tyres reach 1.2 g."""
 TURNING_LENGTH_LOW, TURNING_LENGTH_HIGH = 0.9, 8.0
 """m, of vx tan(delta_f)/yaw_rate, which for slow turns is wheelbase * tan(delta_f)/(tan(delta_f) - tan(delta_r)). The shortest
 car (1.7 m) with rear wheels turned nearly as far against the front ones has 0.9 m; no truck has a wheelbase of 8 m."""
@@ -41,7 +41,7 @@ AT_THE_WHEEL = ", or are these angles of the steering wheel? delta_f is at the r
 
 @dataclass(frozen=True)
 class _Doubt:
-    """What cannot be: the quantities that may be to blame, most likely first, the words for it, and what else it may be."""
+    """An impossible value: the quantities that may have a wrong unit, most likely first, the message, and a hint."""
 
     keys: tuple[str, ...]
     what: str
@@ -49,15 +49,15 @@ class _Doubt:
 
 
 def check_units(values: Mapping[str, FloatArray], units: Mapping[str, str], where: object) -> None:
-    """Refuse units that cannot be right.
+    """Reject impossible units.
 
     Args:
         values: quantity key -> values in the unit of the file: `vx` (n,), `delta_f` (m,), tables (n, m), NaN where infeasible.
         units: quantity key -> unit.
-        where: what an error names as the place.
+        where: the place that an error names.
 
     Raises:
-        ImportFault: with the value, and the unit that would be right where one can be told.
+        ImportFault: with the value, and the right unit where it can be inferred.
     """
     doubt = next(_doubts(values, units), None)
     if doubt is None:
@@ -72,7 +72,7 @@ def check_units(values: Mapping[str, FloatArray], units: Mapping[str, str], wher
 
 
 def likely_units(values: Mapping[str, FloatArray], known: Mapping[str, str]) -> dict[str, str] | None:
-    """Units for what `known` leaves open that fit the values, slow turns among them, if just one set does."""
+    """Return units for the quantities missing in `known` if exactly one set fits the values, slow turns included."""
     open_keys = [key for key in values if key not in known]
     fitting = [
         {**dict(known), **dict(zip(open_keys, chosen, strict=True))}
@@ -86,7 +86,7 @@ def likely_units(values: Mapping[str, FloatArray], known: Mapping[str, str]) -> 
 
 
 def _guess(values: Mapping[str, FloatArray], units: Mapping[str, str], blamed: tuple[str, ...]) -> dict[str, str]:
-    """The least change of units with which nothing is in doubt: one quantity, else two, else all; {} where there is none.
+    """Return the least change of units that makes all values possible: one quantity, else two, else all; {} if none does.
 
     A change that only makes the slow turns fast ones proves nothing: then the bounds of the turning length have no data.
     """
@@ -106,7 +106,7 @@ def _guess(values: Mapping[str, FloatArray], units: Mapping[str, str], blamed: t
 
 
 def _shows_slow_turns(values: Mapping[str, FloatArray], units: Mapping[str, str]) -> bool:
-    """Whether the bounds of the turning length have data with these units."""
+    """Return whether the bounds of the turning length have data with these units."""
     si = _in_si(values, units)
     fitting = si["yaw_rate"].shape == (si["vx"].size, si["delta_f"].size)
     return fitting and _slow_turns(_turning_lengths(si["vx"], si["delta_f"], si["yaw_rate"]), si["vx"]).size > 0
@@ -117,14 +117,14 @@ def _in_si(values: Mapping[str, FloatArray], units: Mapping[str, str]) -> dict[s
 
 
 def _turning_lengths(speed: FloatArray, angle: FloatArray, yaw_rate: FloatArray) -> FloatArray:
-    """m, (n, m); NaN where there is none, as on the straight."""
+    """Return turning lengths (n, m) in m; NaN where there is none, as on the straight."""
     with np.errstate(all="ignore"):
         length = speed[:, np.newaxis] * np.tan(angle) / yaw_rate
     return np.where(np.isfinite(length) & (length > 0.0), length, np.nan)
 
 
 def _slow_turns(length: FloatArray, speed: FloatArray) -> npt.NDArray[np.intp]:
-    """The rows with a turning length at a slow speed."""
+    """Return the rows with a turning length at a slow speed."""
     return np.flatnonzero(np.isfinite(length).any(axis=1) & (speed <= SLOW))
 
 
@@ -133,7 +133,7 @@ def _doubts(values: Mapping[str, FloatArray], units: Mapping[str, str]) -> Itera
     yield from _doubts_of_size(units, si)
     speed, angle, yaw_rate = si["vx"], si["delta_f"], si["yaw_rate"]
     if yaw_rate.shape != (speed.size, angle.size):
-        return  # told by the map's own checks, with the shapes
+        return  # reported by the map's own checks, with the shapes
     yield from _doubts_of_motion(speed, angle, yaw_rate, units)
 
 
@@ -169,7 +169,7 @@ def _doubts_of_motion(speed: FloatArray, angle: FloatArray, yaw_rate: FloatArray
     if not slow.size:
         return
     shortest = float(np.nanmin(length))
-    last = int(np.flatnonzero(np.isfinite(length[slow[0]]))[-1])  # where the rear wheels count least beside the front ones
+    last = int(np.flatnonzero(np.isfinite(length[slow[0]]))[-1])  # where the rear wheels matter least
     sharpest = float(length[slow[0], last])
     if shortest > TURNING_LENGTH_HIGH:
         what = (

@@ -1,7 +1,7 @@
-"""The quantities of a map: the names and units that people give them, and what a name says of its unit.
+"""Quantities of a map: their common names and units, and the units inside names.
 
-`speed_km_h`, `v (km/h)` and `V [kph]` are one quantity in one unit. What a name does not say, the user has to: a unit is never
-assumed.
+`speed_km_h`, `v (km/h)` and `V [kph]` are one quantity in one unit. Where a name has no unit, the user must give it: a unit is
+never assumed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SPELLINGS = {
     "rad/s": ("rad/s", "rad_s", "radps", "rad/sec"),
     "deg/s": ("deg/s", "deg_s", "degps", "dps", "deg/sec", "°/s"),
 }
-"""Unit -> how it is written, in small letters; `unit_of` makes "deg" of "degrees" first."""
+"""Unit -> its spellings, in small letters; `unit_of` makes "deg" of "degrees" first."""
 
 UNIT_OF = {spelling: unit for unit, spellings in SPELLINGS.items() for spelling in spellings}
 KIND_OF = {unit: kind for kind, factors in FACTORS.items() for unit in factors}
@@ -41,7 +41,7 @@ KIND_OF = {unit: kind for kind, factors in FACTORS.items() for unit in factors}
 
 @dataclass(frozen=True)
 class Quantity:
-    """One array of the map: its key in the file, its kind, the option that names its variable, the names it goes by."""
+    """One array of the map: its key in the file, its kind, the option that names its variable, its common names."""
 
     key: str
     kind: str
@@ -50,7 +50,7 @@ class Quantity:
 
     @property
     def option(self) -> str:
-        """Such as --delta-f."""
+        """Option that names the variable, such as --delta-f."""
         return "--" + self.key.replace("_", "-")
 
 
@@ -95,13 +95,13 @@ BRACKETED = re.compile(r"\s*[\[({]\s*([^\])}]*?)\s*[\])}]\s*\Z")
 
 @dataclass(frozen=True)
 class Name:
-    """A variable's or column's name taken apart.
+    """Parts of a variable's or column's name.
 
     Attributes:
-        text: as it stands in the file.
-        base: without unit, struct and all that is no letter or digit, in small letters: "Map.Delta_f [deg]" gives "deltaf".
-        unit: a unit of FACTORS, None where the name says nothing.
-        unknown_unit: what stands in brackets and is no unit that is known.
+        text: the name in the file.
+        base: letters and digits without unit and struct, in small letters: "Map.Delta_f [deg]" gives "deltaf".
+        unit: a unit of FACTORS, None where the name has none.
+        unknown_unit: text in brackets that is no known unit.
     """
 
     text: str
@@ -111,13 +111,13 @@ class Name:
 
 
 def unit_of(text: str) -> str | None:
-    """The unit that a spelling means, None where it means none."""
+    """Return the unit of a spelling, or None."""
     flat = re.sub(r"\s+", "", text.lower()).replace("degrees", "deg").replace("degree", "deg").replace("·", "")
     return UNIT_OF.get(flat)
 
 
 def take_apart(text: str) -> Name:
-    """Base and unit of a name: the unit stands in brackets at the end, or is the name's last part (`_km_h`, ` in km/h`)."""
+    """Split a name into base and unit. The unit is in brackets at the end, or is the name's last part (`_km_h`, ` in km/h`)."""
     stem, unit, unknown = text.strip(), None, None
     bracketed = BRACKETED.search(stem)
     if bracketed:
@@ -138,21 +138,21 @@ def _unit_at_end(stem: str) -> tuple[str, str | None]:
 
 
 def quantity_named(name: Name) -> Quantity | None:
-    """The quantity that a name means by itself."""
+    """Return the quantity that a name denotes by itself."""
     return next((quantity for quantity in QUANTITIES.values() if name.base in quantity.names), None)
 
 
 def choose(available: Iterable[str], wanted: Mapping[str, str], where: object, unread: str = "") -> dict[str, Name]:
-    """Which variable is which quantity.
+    """Assign variables to quantities.
 
     Args:
         available: the names in the file.
-        wanted: quantity key -> name that the user gave for it; the others are found by common names.
-        where: what an error names as the place.
-        unread: the remedy for what is not found, where the file holds more than was read; "" where it does not.
+        wanted: quantity key -> name given by the user; the others are found by common names.
+        where: the place that an error names.
+        unread: remedy for a missing quantity where the file holds unread data; "" where it does not.
 
     Returns:
-        Quantity key -> the name. The three required ones are there.
+        Quantity key -> name, with at least the three required ones.
 
     Raises:
         ImportFault: a required one is not found, or two names fit.
@@ -198,7 +198,7 @@ def _by_name(text: str, names: list[Name], quantity: Quantity, where: object, un
 
 
 def parse_units(text: str | None) -> dict[str, str]:
-    """What `--units vx=km/h,delta_f=deg` says: quantity key -> unit. Raises ImportFault."""
+    """Parse `--units vx=km/h,delta_f=deg` into quantity key -> unit. Raises ImportFault."""
     units: dict[str, str] = {}
     for part in (text or "").split(",") if text is not None else ():
         left, equals, right = part.partition("=")
@@ -218,7 +218,7 @@ def parse_units(text: str | None) -> dict[str, str]:
 
 
 def named_unit(key: str, name: Name, given: Mapping[str, str], where: object) -> str | None:
-    """The unit of a quantity from --units, else from its name; None where neither says one.
+    """Return the unit of a quantity from --units, else from its name; None where neither has one.
 
     Raises:
         ImportFault: the name has a unit of another kind, or one that is not known.

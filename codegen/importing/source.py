@@ -1,4 +1,4 @@
-"""The bytes of a file that somebody else's tool wrote: read once, never more than a bound, with their SHA-256."""
+"""Files of other tools: read once, up to a size limit, with their SHA-256."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ MIB = 2**20
 
 
 class ImportFault(CodegenError):
-    """A file that cannot be taken in."""
+    """A file that cannot be imported."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A file that was read whole: where it stands, its name without the folder, its bytes."""
+    """A file that was read whole: its path and its bytes."""
 
     path: Path
     data: bytes
 
     @property
     def name(self) -> str:
-        """Without the folder, so that no path gets into a result."""
+        """Name without the folder, so that results contain no path."""
         return self.path.name
 
     @property
     def sha256(self) -> str:
-        """Of the bytes, in hexadecimal digits."""
+        """SHA-256 of the bytes, in hexadecimal digits."""
         return hashlib.sha256(self.data).hexdigest()
 
 
@@ -43,7 +43,7 @@ def read(path: Path, limit: int) -> Source:
 
 
 def text_of(source: Source) -> str:
-    """Its text: UTF-8 with or without a mark at the start, else Latin-1. Raises ImportFault for what is no text."""
+    """Return the text: UTF-8 with or without a byte order mark, else Latin-1. Raises ImportFault for binary data."""
     if b"\0" in source.data:
         raise ImportFault("not a text file (it holds zero bytes)", where=source.path, remedy="save it as UTF-8 text")
     try:

@@ -1,4 +1,4 @@
-"""A text table as the arrays of a map: the long form and the matrix form.
+"""Text tables in long form and matrix form, as the arrays of a map.
 
 Long: a line with names, then a line for each point of the grid, in any order. Matrix: the first line holds the front angles,
 the first column the speeds (or the other way round), the corner names and units.
@@ -30,12 +30,12 @@ CORNER_SEPARATORS = re.compile(r"\s*[\\|:]\s*")
 
 @dataclass(frozen=True)
 class RawMap:
-    """What a file holds, in its own units.
+    """Contents of a file, in its own units.
 
     Attributes:
         values: quantity key -> (n,) for vx, (m,) for delta_f, (n, m) for the tables, NaN where there is no value.
         names: quantity key -> its name in the file.
-        said: what the user should know of how it was read.
+        said: notes for the user on how it was read.
     """
 
     values: dict[str, npt.NDArray[np.float64]]
@@ -49,7 +49,7 @@ def read_table(source: Source, wanted: Mapping[str, str], rows: Axis | None) -> 
     Args:
         source: the file.
         wanted: quantity key -> column, where the user named it (long form only).
-        rows: which axis runs down the lines of a matrix; None where the corner says it, else vx.
+        rows: axis that runs down the lines of a matrix; None: the axis named in the corner, else vx.
 
     Raises:
         ImportFault: with the line.
@@ -102,7 +102,7 @@ def _cell(cells: Cells, line: Line, column: int, key: str, source: Source) -> fl
 
 
 def _grid(speed: list[float], front: list[float], lines: tuple[Line, ...], source: Source) -> npt.NDArray[np.intp]:
-    """The order that sorts the points by speed, then by front angle; ImportFault for a double or a gap."""
+    """Return the order that sorts the points by speed, then by front angle. Raises ImportFault for a duplicate or a gap."""
     order = np.lexsort((front, speed))
     for before, after in pairwise(order):
         if (speed[before], front[before]) == (speed[after], front[after]):
@@ -167,7 +167,7 @@ def _axis_value(cells: Cells, line: Line, column: int, key: str, source: Source)
 
 
 def _corner(text: str, place: str) -> tuple[dict[str, Name], Axis | None]:
-    r"""Names and units in the corner, "vx [km/h] \ delta_f [deg] : yaw_rate [deg/s]", and the axis that it puts down."""
+    r"""Return names and units in the corner, "vx [km/h] \ delta_f [deg] : yaw_rate [deg/s]", and the axis that it puts down."""
     names: dict[str, Name] = {}
     for part in filter(None, CORNER_SEPARATORS.split(text)):
         unit = quantities.unit_of(part.strip("[]() "))

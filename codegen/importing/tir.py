@@ -1,7 +1,7 @@
-"""A tyre property file, `.tir`, as its keys and values: the TeimOrbit format that Adams and MF-Tyre use.
+"""Keys and values of a tyre property file, `.tir`, in the TeimOrbit format of Adams and MF-Tyre.
 
 Sections in brackets, KEY = value, comments from `!` or `$`, text in quotation marks, small and capital letters alike. Tables
-([SHAPE] and the like) are passed over. Where a key stands does not matter, but for the units: MASS is a unit and an inertia.
+([SHAPE] and the like) are skipped. The section of a key matters only for units: MASS is a unit and an inertia.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from codegen.importing.source import MIB, ImportFault, Source, text_of
 
 MAX_BYTES = MIB
-"""A file has about 20 KiB."""
+"""Size limit; a file has about 20 KiB."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?\Z", re.ASCII)
 UNITS_SECTION = "UNITS"
 KEY = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z", re.ASCII)
@@ -22,7 +22,7 @@ KEY = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z", re.ASCII)
 
 @dataclass(frozen=True)
 class Entry:
-    """A value as it stands in the file, without quotation marks, and its line."""
+    """A value as written in the file, without quotation marks, and its line."""
 
     text: str
     line: int
@@ -44,11 +44,11 @@ class PropertyFile:
     units: Mapping[str, Entry]
 
     def text(self, key: str, default: str = "") -> str:
-        """The text of a key, `default` where it is missing."""
+        """Return the text of a key; `default` where it is missing."""
         return self.entries[key].text if key in self.entries else default
 
     def number(self, key: str, section: str, default: float | None = None) -> float:
-        """The number of a key; `default` where it is missing.
+        """Return the number of a key; `default` where it is missing.
 
         Raises:
             ImportFault: it is no finite number, or it is missing and has no default; names the section that it belongs to.
@@ -67,13 +67,13 @@ class PropertyFile:
         return value
 
     def place(self, key: str) -> str:
-        """File and line of a key, the file alone where it is missing."""
+        """Return file and line of a key; the file alone where it is missing."""
         entry = self.entries.get(key) or self.units.get(key)
         return f"{self.source.path}, line {entry.line}" if entry else str(self.source.path)
 
 
 def parse(source: Source) -> PropertyFile:
-    """Take a file apart. Raises ImportFault: it is no such file, or a key stands there twice with two values."""
+    """Parse a file. Raises ImportFault: it is no property file, or a key has two different values."""
     entries: dict[str, Entry] = {}
     units: dict[str, Entry] = {}
     section, sections = "", 0
@@ -102,7 +102,7 @@ def parse(source: Source) -> PropertyFile:
 
 
 def _without_comment(line: str) -> str:
-    """The line up to the first `!` or `$` outside of quotation marks."""
+    """Return the line up to the first `!` or `$` outside of quotation marks."""
     quote = ""
     for position, character in enumerate(line):
         if quote:

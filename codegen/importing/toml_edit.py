@@ -1,6 +1,6 @@
-"""New values in a table of a TOML text, all else as it stands: comments, order, spaces.
+"""Edit values in a table of a TOML text; comments, order and spaces stay.
 
-Python's own library reads TOML and writes none. The edit is by lines; reading the result shows whether it did what it should.
+Python's library reads TOML but does not write it. The edit works by lines, and the result is parsed to verify it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ VALUE = re.compile(r"(?P<start>\s*(?P<key>[A-Za-z0-9_-]+|\"[^\"]+\"|'[^']+')\s*=
 
 
 def number(value: float) -> str:
-    """Nine significant digits at the most: far finer than any tyre is known."""
+    """Return a number as TOML with at most nine significant digits, far finer than any tyre is known."""
     return repr(float(f"{value:.9g}"))
 
 
@@ -29,15 +29,15 @@ def replace_values(
     remark: str,
     written: Callable[[Any], str] = number,
 ) -> str:
-    """The text with `values` in the table.
+    """Return the text with `values` in the table.
 
     Args:
-        text: of a valid TOML file.
-        table: its dotted name, "tyre.front"; made at the end where the text has none.
-        values: key -> value, numbers by default; keys that the table has not are added at its end.
-        renamed: key that stands there -> key that takes its line.
-        remark: a comment under the head of the table; one of an earlier call with the same first two words gives way to it.
-        written: a value as TOML, on one line.
+        text: text of a valid TOML file.
+        table: dotted name, "tyre.front"; added at the end where the text has none.
+        values: key -> value, numbers by default; missing keys are added at the end of the table.
+        renamed: existing key -> key that replaces it on its line.
+        remark: comment under the head of the table; it replaces one of an earlier call with the same first two words.
+        written: writes a value as TOML, on one line.
 
     Raises:
         ImportFault: the table is written in a way that cannot be edited line by line.
@@ -56,7 +56,7 @@ def replace_values(
 
 
 def _span(lines: list[str], table: str) -> tuple[int | None, int]:
-    """The line of the table's head, and the line after its last."""
+    """Return the line of the table's head, and the line after its last."""
     start = None
     for index, line in enumerate(lines):
         match = HEADER.match(line)
@@ -82,7 +82,7 @@ def _edited(body: list[str], values: Mapping[str, str], renamed: Mapping[str, st
             start = match["start"] if new == key else match["start"].replace(key, new, 1)
             line = f"{start}{waiting.pop(new)}{match['end']}"
         elif match and key in renamed:
-            continue  # its line was taken already
+            continue  # its line was reused already
         result.append(line)
         last = len(result) if match else last
     added = [f"{key} = {value}" for key, value in waiting.items()]
@@ -91,7 +91,7 @@ def _edited(body: list[str], values: Mapping[str, str], renamed: Mapping[str, st
 
 
 def _check(before: str, after: str, table: str, values: Mapping[str, str], renamed: Mapping[str, str]) -> None:
-    """See that the texts differ in the values, and in nothing else."""
+    """Check that the texts differ in the values, and in nothing else."""
     expected = tomllib.loads(before)
     inner = expected
     for part in table.split("."):

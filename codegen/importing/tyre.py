@@ -1,8 +1,8 @@
-"""The tyres of a car from property files: the Magic Formula at the static wheel loads, as [tyre.front] and [tyre.rear].
+"""Import of tyres from property files: the Magic Formula at the static wheel loads, as [tyre.front] and [tyre.rear].
 
 The configuration's formula (`codegen.vehicle.tyre`) has no shifts and one E for both sides. A car has a left and a right tyre,
 mirror images of each other, so the shifts of a file (ply steer, conicity) and the difference of E cancel over an axle: they are
-removed, and their size is told.
+removed, and their size is reported.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ NEEDED_OF_VEHICLE = ("mass_kg", "cg_to_front_axle_m", "cg_to_rear_axle_m")
 SLIP_MAX = math.radians(45.0)
 SLIP_POINTS = 4501
 NOTED_SHARE = 0.1
-"""A peak friction of the file so far from that of the road is told."""
+"""Relative difference of the file's peak friction from the road's that is reported."""
 STIFFNESS_KEY, FACTOR_KEY = "cornering_stiffness_n_per_rad", "stiffness_factor_b_per_rad"
 
 
 @dataclass(frozen=True)
 class AxleImport:
-    """What a file says of one tyre of an axle, and what became of it. SI units; JSON-able by `dataclasses.asdict`.
+    """Imported tyre of an axle, and its differences from the file. SI units; JSON-able by `dataclasses.asdict`.
 
     Attributes:
         axle: "front" or "rear".
@@ -50,7 +50,7 @@ class AxleImport:
         horizontal_shift, vertical_shift, asymmetry: SHy in rad, SVy in N and PEY3 of the file, removed.
         worst: largest difference of the two curves up to the slip bound, and
         worst_to_peak: up to the peak (20 deg without one), over the file's peak.
-        stiffness_lighter, stiffness_heavier: of the configuration over the file's at 0.7 and 1.3 times the load, less one.
+        stiffness_lighter, stiffness_heavier: relative error of the configuration's stiffness at 0.7 and 1.3 times the load.
         values: key of [tyre.front] or [tyre.rear] -> number.
     """
 
@@ -77,14 +77,14 @@ class AxleImport:
 
 @dataclass(frozen=True)
 class TyreImport:
-    """The text of the new ars.toml, both axles, and what the user should know."""
+    """Text of the new ars.toml, both axles, and notes for the user."""
 
     text: str
     axles: tuple[AxleImport, ...]
     notes: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return values for JSON."""
         return {axle.axle: {key: value for key, value in asdict(axle).items() if key != "axle"} for axle in self.axles}
 
 
@@ -93,8 +93,8 @@ def import_tyres(paths: Sequence[Path], config_path: Path, peak: Peak = "file") 
 
     Args:
         paths: one or two `.tir` files.
-        config_path: the ars.toml that gives the car; its text is the one that is edited.
-        peak: "file": the peak at static load is the file's, whatever road.friction says; "road": it is road.friction.
+        config_path: the ars.toml of the car, whose text is edited.
+        peak: "file": the peak at static load is the file's, independent of road.friction; "road": it is road.friction.
 
     Raises:
         ImportFault: a file or the car cannot give the tyre.
@@ -140,7 +140,7 @@ def _check_car(config: Config, path: Path) -> None:
 
 
 def _curve(formula: LateralFormula, load: float, source: Source) -> Curve:
-    """The curve at the car's wheel load; ImportFault where the file does not reach there or gives no tyre."""
+    """Return the curve at the car's wheel load. Raises ImportFault where the file does not cover it or gives no tyre."""
     if not formula.load_min <= load <= formula.load_max:
         span = f"{formula.load_min:.0f} to {formula.load_max:.0f} N"
         raise ImportFault(
@@ -159,7 +159,7 @@ def _curve(formula: LateralFormula, load: float, source: Source) -> Curve:
 
 
 def _values(formula: LateralFormula, load: float, config: Config, peak: Peak) -> dict[str, float]:
-    """The keys of the configuration's tyre.
+    """Return the keys of the configuration's tyre.
 
     D = friction (p1 + p2 dFz) Fz with dFz over the static load, the file's muy = a + b (Fz - Fz0')/Fz0': p1 is muy at the
     static load and p2 its slope there, both over road.friction. Both are straight lines of the load, so the peak is the file's
@@ -182,7 +182,7 @@ def _values(formula: LateralFormula, load: float, config: Config, peak: Peak) ->
 
 
 def _checked(text: str, sources: Sequence[Source]) -> Config:
-    """The new configuration; its faults are those of the files, for the old one was good."""
+    """Return the new configuration; its faults come from the files, because the old one was valid."""
     named = " and ".join(dict.fromkeys(str(source.path) for source in sources))
     try:
         return configuration.parse(tomllib.loads(text), named)
@@ -239,7 +239,7 @@ def _slip_at_peak(curve: Curve) -> float | None:
 
 
 def _worst(curve: Curve, tyre: MagicFormulaTyre, slip_max: float) -> float:
-    """Of the file's peak."""
+    """Return the largest difference as a fraction of the file's peak."""
     slips = np.linspace(0.0, slip_max, 1001)
     return float(np.max(np.abs(tyre.force(slips) - curve.force(slips))) / curve.peak)
 
@@ -250,7 +250,7 @@ def _stiffness_ratio(formula: LateralFormula, tyre: MagicFormulaTyre, load: floa
 
 
 def _comment(name: str) -> str:
-    """A file's name that may stand in a comment of TOML."""
+    """Return a file's name that is valid in a TOML comment."""
     return "".join(character if character.isprintable() else "?" for character in name)
 
 

@@ -29,17 +29,16 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
-from codegen.configuration import length_fault, parse_toml, shown
+from codegen.configuration import parse_toml
+from codegen.configuration.faults import first_fault, shown
 from codegen.configuration.section import Range, Section, check_name, check_number
-from codegen.errors import CodegenError, ConfigError, suggestion
+from codegen.errors import ConfigError, suggestion
 from codegen.files import read_text
 
 MAX_BYTES = 2**20
 MAX_SAMPLES = 100_000_000
 MAX_POINTS = 10_000
 MAX_CONTROLLERS = 20
-WHOLE = {"samples": (1, MAX_SAMPLES), "seed": (0, 2**63 - 1), "points": (2, MAX_POINTS)}
-"""Keys of whole numbers: the smallest and the largest that is taken."""
 PASSIVE = "passive"
 """Name of the passive car, which needs no build: its rear wheels stay straight."""
 
@@ -99,7 +98,7 @@ class Values(Section):
     normal: _Pair | None = None
     within: _Pair | None = None
     values: Annotated[list[_Number], Field(min_length=1, max_length=MAX_POINTS)] | None = None
-    points: int | None = Field(default=None, ge=WHOLE["points"][0], le=WHOLE["points"][1])
+    points: Annotated[int, _check_whole(2, MAX_POINTS)] | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -175,8 +174,8 @@ class Spec(Section):
 
     schema_version: Literal[1] = 1
     design: Literal["monte-carlo", "factorial"] = "monte-carlo"
-    samples: int | None = Field(default=None, ge=WHOLE["samples"][0], le=WHOLE["samples"][1])
-    seed: int = Field(default=0, ge=WHOLE["seed"][0], le=WHOLE["seed"][1])
+    samples: Annotated[int, _check_whole(1, MAX_SAMPLES)] | None = None
+    seed: Annotated[int, _check_whole(0, 2**63 - 1)] = 0
     scenarios: Annotated[list[str], Field(max_length=20)] = Field(default_factory=lambda: ["step-steer"])
     lead_s: Annotated[float, Range(0.1, 60.0, "s")] = 1.0
     length_s: Annotated[float, Range(1.0, 600.0, "s")] | None = None
@@ -243,29 +242,4 @@ def parse(data: Mapping[str, Any], where: object) -> Spec:
     try:
         return Spec.model_validate(dict(data))
     except ValidationError as error:
-        raise _first_fault(error, where) from None
-
-
-def _first_fault(error: ValidationError, where: object) -> CodegenError:
-    # A misspelt key explains a value that seems missing, so it is told first.
-    fault = min(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
-    parts = [str(part) for part in fault["loc"] if isinstance(part, int) or not part.startswith(("function-", "["))]
-    place = f"{where}: {'.'.join(parts)}" if parts else str(where)
-    if fault["type"] == "extra_forbidden":
-        known = Values.model_fields if parts[:1] == ["factors"] else Spec.model_fields
-        remedy = suggestion(parts[-1], known).lstrip("; ") or f"known here: {', '.join(known)}"
-        return ConfigError("unknown key", where=place, remedy=remedy)
-    if fault["type"] == "missing":
-        return ConfigError("this key is missing", where=place, remedy="add it")
-    if parts and parts[-1] in WHOLE and fault["type"] in ("int_type", "greater_than_equal", "less_than_equal"):
-        low, high = WHOLE[parts[-1]]
-        told = f"{shown(fault['input'])} is no whole number from {low} to {high}"
-        return ConfigError(told, where=place, remedy="give one, without a point or an exponent")
-    if fault["type"] == "value_error":
-        message = str(fault["ctx"]["error"])
-    elif fault["type"] in ("too_short", "too_long"):
-        message = length_fault(fault)
-    else:
-        message = f"{fault['msg']} (not {shown(fault['input'])})"
-    what, _, remedy = message.partition("; ")
-    return ConfigError(what, where=place, remedy=remedy or "mend the value")
+        raise first_fault(error, where, Spec, ConfigError) from None

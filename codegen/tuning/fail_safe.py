@@ -29,18 +29,18 @@ from codegen.tuning.transient import family_of, unit_step
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 Driver = Callable[[FloatArray], FloatArray]
-"""Share of the front angle, from the time since the driver acts, in s and not below zero."""
+"""Time since the driver acts, in s and not below zero -> fraction of the front angle."""
 
 RATES_DEG_S = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
-"""Candidates beside the configured rate."""
+"""Candidates in addition to the configured rate."""
 
 SPEED_SHARES = (2.0 / 3.0, 0.75, 5.0 / 6.0, 11.0 / 12.0, 1.0)
-"""Of the largest speed of the map: 80 to 120 km/h for a map that ends at 120 km/h. Slower cars do not spin."""
+"""Fractions of the largest speed of the map: 80 to 120 km/h for a map that ends at 120 km/h. Slower cars do not spin."""
 ANGLE_SHARES = (0.5, 0.75, 1.0)
-"""Of the largest feasible front angle."""
+"""Fractions of the largest feasible front angle."""
 
 STEER_TIME, STEER_DURATION, LOSS_TIME, DRIVER_TIME, DURATION = 0.3, 0.3, 2.0, 2.2, 6.0
-"""s. The driver steers in, everything is lost, the driver acts, the drive ends."""
+"""Times in s: the driver steers in, all inputs are lost, the driver acts, the drive ends."""
 
 
 def keep(seconds: FloatArray) -> FloatArray:
@@ -71,9 +71,9 @@ class RateOutcome:
     """Drives with one rate.
 
     Attributes:
-        rate_deg_s: of the fail-safe.
-        spins, runs: of the configured car with all drivers. A spin of the car that has lost nothing is not counted.
-        family_spins, family_runs: of the cars that differ from it in mass, tyres or lag; None and 0 where they were not driven,
+        rate_deg_s: rate of the fail-safe.
+        spins, runs: counts for the configured car with all drivers. Spins without any loss do not count.
+        family_spins, family_runs: counts for cars of other mass, tyres or lag; None and 0 where they were not driven,
             because the configured car spins more often than with another rate.
         sideslip_max_deg: largest of the configured car, after the loss.
     """
@@ -87,7 +87,7 @@ class RateOutcome:
 
     @property
     def cost(self) -> tuple[float, float, float]:
-        """What is least with the best rate, in order: spins of the configured car, of the others, and the sideslip angle."""
+        """Cost, which the best rate minimises in order: spins of the configured car, of the others, and the sideslip angle."""
         return self.spins, math.inf if self.family_spins is None else self.family_spins, self.sideslip_max_deg
 
 
@@ -115,7 +115,7 @@ def tune_fail_safe(
         config: with the tuned controller.
         software: the build of that map for this car; what was tuned since is taken from the configuration.
         progress: called with (done, in all).
-        rates_deg_s: candidates beside the configured rate.
+        rates_deg_s: candidates in addition to the configured rate.
     """
     configured = config.controller.fail_safe.rate_deg_s
     candidates = (configured, *(rate for rate in rates_deg_s if rate != configured))
@@ -135,7 +135,7 @@ def tune_fail_safe(
 def _spins(
     drives: _Drives, rates: Sequence[float], progress: Callable[[int, int], None] | None
 ) -> list[tuple[float, BoolArray, float]]:
-    """For each rate the spins (drivers, runs) that the loss causes, and the largest sideslip angle in deg."""
+    """Return for each rate the spins (drivers, runs) that the loss causes, and the largest sideslip angle in deg."""
     jobs: list[tuple[float | None, Driver]] = [(rate, driver) for rate in (None, *rates) for driver in DRIVERS]
     found = []
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C runs without the interpreter's lock
@@ -169,7 +169,7 @@ def tuned_parameters(software: BatchSoftware, config: Config) -> Any:
 
 @dataclass(frozen=True)
 class _Drives:
-    """The cells, and how they are driven."""
+    """Cells of the drives, and the batch that drives them."""
 
     software: BatchSoftware
     config: Config
@@ -177,7 +177,7 @@ class _Drives:
 
     @classmethod
     def of(cls, reference_map: ReferenceMap, config: Config, software: BatchSoftware, cars: FloatArray) -> _Drives:
-        """The cells of cars, rows of PLANT_PARAMETERS, on the map."""
+        """Return the cells of cars, rows of PLANT_PARAMETERS, on the map."""
         assert reference_map.case is not None  # a solved map has one
         axis, angles = breakpoints(config)
         speed: FloatArray = axis[-1] * np.array(SPEED_SHARES)
@@ -194,11 +194,11 @@ class _Drives:
 
     @property
     def runs(self) -> int:
-        """Cars times cells."""
+        """Number of runs: cars times cells."""
         return len(self.lanes.cars)
 
     def drive(self, rate_deg_s: float | None, driver: Driver) -> tuple[BoolArray, FloatArray]:
-        """All cars in all cells, with everything lost and this rate, or with nothing lost where it is None.
+        """Drive all cars in all cells, with the loss and this rate, or without a loss where it is None.
 
         Returns:
             (runs,) whether each spins, and (runs,) its largest sideslip angle after the loss, in deg.
@@ -212,12 +212,12 @@ class _Drives:
             noise[lost_from:] = math.nan
             lanes = replace(lanes, noise=noise)
         sideslip, slip = self.software.run(self._profile(driver), lanes, parameters, ("sideslip_rad", "slip_rear_rad"))
-        # Written so that a car beyond all numbers has spun.
+        # Written so that NaN counts as a spin.
         held = (np.abs(sideslip) <= SPIN_SIDESLIP) | (np.abs(slip) <= SPIN_REAR_SLIP)
         return ~held.all(axis=0), np.degrees(np.nan_to_num(np.abs(sideslip[lost_from:]), nan=math.pi).max(axis=0))
 
     def _profile(self, driver: Driver) -> FloatArray:
-        """The inputs (steps, 6), INPUT_COLUMNS, of a front angle of 1 rad / steering ratio at 1 m/s."""
+        """Return the inputs (steps, 6), INPUT_COLUMNS, of a front angle of 1 rad / steering ratio at 1 m/s."""
         profile = unit_step(self.config, STEER_TIME, DURATION)
         time: FloatArray = np.arange(profile.shape[0], dtype=np.float64) * self.config.plant.sampling_time_s
         share = np.clip((time - STEER_TIME) / STEER_DURATION, 0.0, 1.0)

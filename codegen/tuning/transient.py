@@ -1,8 +1,8 @@
 """Lead and response gain of kind "tracking" over speed, from step responses of the nonlinear plant around the generated C.
 
-Both shape the feedforward alone, so no margin of the loop depends on them. The car itself must keep its limits at each speed of
-the schedule and half way to the neighbouring ones. Among the pairs with which it does, the cars of a small family count, and
-then the rise time with a price on their overshoot.
+Both shape the feedforward alone, so no margin of the loop depends on them. The configured car must keep its limits at each
+speed of the schedule and half way to the neighbouring ones. Among the pairs that meet this, the cars of a small family decide,
+then the rise time plus a price on their overshoot.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
 FloatArray = npt.NDArray[np.float64]
 
 OVERSHOOT_PERCENT, SETTLING_S = 1.3, 1.05
-"""Aims for the configured car."""
+"""Targets for the configured car."""
 OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 4.3, 1.09
 """Its limits where it cannot have both, a little inside those of `codegen sil --suite cars`."""
 DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, LAG_OVERSHOOT_PERCENT = 3.0, 15.0, 5.0
@@ -41,35 +41,35 @@ STATIC_OVERSHOOT_FACTOR = 0.6
 """The limit of a car with another lag is at least this factor times its overshoot without lead and response gain: rear wheels
 that follow late leave the beginning of a step to the front wheels."""
 OVERSHOOT_PRICE_S = 0.005
-"""s of t90 that a percent of overshoot of the worst of these is worth."""
+"""Price in s of t90 of a percent of overshoot of the worst of these."""
 
 SHARES = (0.25, 0.5, 1.0)
-"""Of the largest feasible front angle."""
+"""Fractions of the largest feasible front angle."""
 LARGER_FROM = SHARES.index(0.5)
-"""Where a car cannot keep its limits at every angle, it keeps them from this one on: the same percentage is less of a yaw rate
-at a small angle, where an understeering car swings most."""
+"""First fraction at which a car keeps its limits that cannot keep them at every angle. At small angles, where an understeering
+car overshoots most, the same percentage is a smaller yaw rate."""
 SPEED_MIN_KM_H = 25.0
-"""Slower, the breakpoints of the schedule get what the first one above has: there the car follows its wheels."""
+"""Breakpoints of the schedule below this speed get the pair of the first one above: there the car follows its wheels."""
 
 STEER_TIME, DURATION, STEADY_WINDOW = 0.2, 4.0, 0.5
-"""s. Steps begin, end, and are averaged for the steady yaw rate."""
+"""Times in s: a step begins, ends, and is averaged for the steady yaw rate."""
 SETTLED_SHARE, RISEN_SHARE = 0.02, 0.9
 
 LEADS_S = (-0.02, 0.0, 0.02, 0.04, 0.06, 0.08, 0.10, 0.12, 0.14)
-"""More lead makes more of the front angle's noise: 0.14 s turn 0.01 deg of it into some 0.1 deg of rear angle."""
+"""Leads of the first pairs. Lead amplifies noise: 0.14 s turn 0.01 deg of the front angle into about 0.1 deg of rear angle."""
 RESPONSE_GAINS_S = (0.0, 0.06, 0.12, 0.18, 0.24)
-"""The first pairs, all with all."""
+"""Response gains of the first pairs, each with each lead."""
 DISTANCE_PRICE_S = 0.005
-"""s of t90 that a pair is worth which is one step of these nearer to that of the next speed: between two speeds that lie far
-apart, what is interpolated is neither."""
+"""Price in s of t90 of one step of distance between the pairs of neighbouring speeds, because a pair interpolated between
+distant ones is neither of them."""
 TIERS = (1e6, 1e4, 1e2, 1.0)
 """Weights that put one key of the choice before the next one, in the sum over the speeds."""
 STEPS = ((0.015, 0.04), (0.0075, 0.02), (0.00375, 0.01))
-"""s, s. Then each speed's best pair and its eight neighbours, at these distances. Speeds with an even number move first, those
-between them second: what is driven half way between two speeds then depends on one that moves."""
+"""Refinement in s, s: each speed's best pair is compared with its eight neighbours at these distances. Even speeds move first,
+odd ones second, so that a drive half way between two speeds depends on only one that moves."""
 
 FIGURES = ("overshoot", "settling", "overshoot at larger angles", "settling at larger angles", "rise")
-"""Overshoot in percent, the others in s: the largest over the shares."""
+"""Rows of figures, the largest over SHARES: overshoot in percent, the others in s."""
 
 COLUMNS = ("yaw_rate_rad_s", "sideslip_rad", "slip_rear_rad")
 
@@ -78,11 +78,11 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Response:
-    """What was chosen at one speed, and what it gives over the shares of the front angle.
+    """Chosen pair at one speed, and its results over the fractions of the front angle.
 
     Attributes:
-        speed_km_h: of the schedule.
-        lead_s, response_gain_s: the pair.
+        speed_km_h: speed of the schedule.
+        lead_s, response_gain_s: the chosen pair.
         overshoot_percent, settling_s: the largest of the configured car there and half way to the neighbours; inf for a spin.
         rise_s: its largest at this speed.
         family_overshoot_percent: the largest of the mass and tyre deviations of both axles.
@@ -98,7 +98,7 @@ class Response:
 
     @property
     def excess(self) -> float:
-        """The figure of the configured car that comes off worst, as share of its limit."""
+        """Worst figure of the configured car, as a fraction of its limit."""
         return max(self.overshoot_percent / OVERSHOOT_MAX_PERCENT, self.settling_s / SETTLING_MAX_S)
 
     @property
@@ -120,7 +120,7 @@ def tune_response(
     software: BatchSoftware,
     progress: Progress | None = None,
 ) -> tuple[float, tuple[Response, ...]]:
-    """Return how far (s) the model is looked ahead, and the pair for each speed of a schedule that the map reaches.
+    """Return the look-ahead in s on the model, and the pair for each speed of the schedule within the map.
 
     The same input gives the same numbers.
 
@@ -128,7 +128,7 @@ def tune_response(
         reference_map: solved for the car of the configuration.
         config: with the schedule as its own.
         software: `compile_controller` of both.
-        progress: called with (done, in all), from the beginning for each look ahead that is tried.
+        progress: called with (done, in all), from the beginning for each look-ahead that is tried.
     """
     least = config.rear_actuator.lag_s + config.controller.sampling_time_s
     tried: list[tuple[float, tuple[Response, ...]]] = []
@@ -142,7 +142,7 @@ def tune_response(
 
 
 def _pairs(search: _Search, progress: Progress | None) -> tuple[Response, ...]:
-    """The pair for each speed, with one look ahead."""
+    """Return the pair for each speed, with one look-ahead."""
     around = [(i, j) for i in (0, -1, 1) for j in (0, -1, 1)]
     total = len(LEADS_S) * len(RESPONSE_GAINS_S) + 2 * len(around) * len(STEPS) + 1
     tell = _counted(progress, total)
@@ -160,7 +160,7 @@ def _pairs(search: _Search, progress: Progress | None) -> tuple[Response, ...]:
 
 
 def _counted(progress: Progress | None, total: int) -> Callable[[], None]:
-    """A function that counts its calls and tells of them."""
+    """Return a function that counts its calls and reports them."""
     done = 0
 
     def tell() -> None:
@@ -192,11 +192,11 @@ def with_response(config: Config, schedule: Schedule, ahead: float, found: Seque
 
 @dataclass(frozen=True)
 class _Search:
-    """The cells, and how they are driven and judged.
+    """Cells of the drives, and the batch that drives and evaluates them.
 
-    `ahead` is the look ahead of the model's yaw rate in s, `limits` are those of the overshoot in percent, (cars, speeds).
+    `ahead` is the look-ahead on the model's yaw rate in s, `limits` are the limits of overshoot in percent, (cars, speeds).
     Figures are (5, cars, speeds), rows as FIGURES. Those of the configured car, the first, include the speeds half way to the
-    neighbours, but for the rise time.
+    neighbours, except the rise time.
     """
 
     software: BatchSoftware
@@ -211,7 +211,7 @@ class _Search:
     def of(
         cls, reference_map: ReferenceMap, config: Config, schedule: Schedule, software: BatchSoftware, ahead: float
     ) -> _Search:
-        """The cells of a car on its map."""
+        """Return the cells of a car on its map."""
         axis, angles = breakpoints(config)
         reached = [speed for speed in schedule.speed_km_h if axis[0] <= speed * KM_H <= axis[-1] * (1.0 + 1e-9)]
         speeds = tuple([speed for speed in reached if speed >= SPEED_MIN_KM_H] or reached or schedule.speed_km_h[-1:])
@@ -239,7 +239,7 @@ class _Search:
         return replace(search, limits=np.where(other_lag, np.maximum(over_speed, least), over_speed))
 
     def drive_all(self, pairs: FloatArray, tell: Callable[[], None]) -> FloatArray:
-        """Figures (n, 5, cars, speeds) of pairs (n, speeds, 2) of lead and response gain."""
+        """Return figures (n, 5, cars, speeds) of pairs (n, speeds, 2) of lead and response gain."""
         rows = []
         with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C runs without the interpreter's lock
             for figures in pool.map(self.drive, pairs):
@@ -248,7 +248,7 @@ class _Search:
         return np.array(rows)
 
     def drive(self, pairs: FloatArray) -> FloatArray:
-        """Figures with a pair (speeds, 2) at each speed."""
+        """Return figures with a pair (speeds, 2) at each speed."""
         over = [np.interp(self.schedule.speed_km_h, self.speeds, values).tolist() for values in pairs.T]
         parameters = self.software.parameters()
         parameters.lead_time, parameters.response_gain = over
@@ -275,12 +275,12 @@ class _Search:
         return result
 
     def best(self, figures: FloatArray) -> list[int]:
-        """Number of the best of figures (n, 5, cars, speeds) at each speed."""
+        """Return the index of the best of figures (n, 5, cars, speeds) at each speed."""
         keys = self._keys(figures)
         return [int(np.lexsort(keys[::-1, :, k])[0]) for k in range(len(self.speeds))]
 
     def smooth_best(self, pairs: FloatArray, figures: FloatArray) -> list[int]:
-        """The same of pairs (n, speeds, 2) that are alike at all speeds, with a price on the distance from speed to speed."""
+        """Return the same for pairs (n, speeds, 2) equal at all speeds, with a price on the distance from speed to speed."""
         step = np.array([LEADS_S[1] - LEADS_S[0], RESPONSE_GAINS_S[1] - RESPONSE_GAINS_S[0]])
         places = pairs[:, 0] / step
         apart = DISTANCE_PRICE_S * np.abs(places[:, np.newaxis] - places).sum(axis=-1)
@@ -296,28 +296,29 @@ class _Search:
         return chosen[::-1]
 
     def _keys(self, figures: FloatArray) -> FloatArray:
-        """Keys (4, n, speeds) of figures (n, 5, cars, speeds), the smaller the better; the first one counts first."""
+        """Return sort keys (4, n, speeds) of figures (n, 5, cars, speeds), the most significant first; smaller is better."""
         overshoot, settling, overshoot_larger, settling_larger, rise = (figures[:, k] for k in range(len(FIGURES)))
         at_aim = (overshoot[:, 0] <= OVERSHOOT_PERCENT) & (settling[:, 0] <= SETTLING_S)
         excess = np.maximum(overshoot[:, 0] / OVERSHOOT_MAX_PERCENT, settling[:, 0] / SETTLING_MAX_S)
         larger = np.maximum(overshoot_larger[:, 0] / OVERSHOOT_MAX_PERCENT, settling_larger[:, 0] / SETTLING_MAX_S)
         others = (overshoot[:, 1:] / self.limits[1:]).max(axis=1)
-        # In steps of a hundredth: what is missing by less is no reason to be slow.
+        # In steps of a hundredth: a smaller excess does not justify a slower response.
         larger, own, others = (np.round(np.maximum(values, 1.0), 2) for values in (larger, excess, others))
         own[at_aim] = 0.0
         cost = rise[:, 0] + OVERSHOOT_PRICE_S * overshoot[:, 1:].max(axis=1)
         return np.array([larger, own, others, cost])
 
     def responses(self, pairs: FloatArray, figures: FloatArray) -> tuple[Response, ...]:
-        """What a pair (speeds, 2) at each speed gives."""
+        """Return the responses with a pair (speeds, 2) at each speed."""
         both = self.limits[:, 0] == DEVIATION_OVERSHOOT_PERCENT
         rows = np.concatenate([pairs.T, figures[[0, 1, 4], 0], figures[:1, both].max(axis=1, initial=0.0)])
         return tuple(Response(speed, *(round(float(value), 4) for value in rows[:, k])) for k, speed in enumerate(self.speeds))
 
 
 def _crossing(share: FloatArray, level: float) -> FloatArray:
-    """Samples (n,) after which courses (samples, n) first reach a level, with the straight line between two: a finer figure
-    than whole samples lets small differences between pairs count."""
+    """Return the samples (n,) after which signals (samples, n) first reach a level.
+
+    The result is interpolated linearly, so that small differences between pairs count."""
     after = np.maximum(np.argmax(share >= level, axis=0), 1)
     column = np.arange(share.shape[1])
     below, above = share[after - 1, column], share[after, column]
@@ -328,7 +329,7 @@ def _crossing(share: FloatArray, level: float) -> FloatArray:
 
 
 def family_of(config: Config) -> tuple[FloatArray, FloatArray]:
-    """Cars (n, k) and the limits of their overshoot (n,) in percent: the configured one first, then one deviation each."""
+    """Return cars (n, k) and their limits of overshoot (n,) in percent: the configured one, then one deviation each."""
     tuning = config.tuning
     masses = sorted({min(tuning.mass_percent), max(tuning.mass_percent)} - {0.0})
     slopes = sorted({min(tuning.stiffness_percent), max(tuning.stiffness_percent)} - {0.0})

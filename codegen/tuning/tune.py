@@ -20,21 +20,21 @@ from codegen.tuning.transient import Response, compile_controller, tune_response
 Progress = Callable[[int, int], None]
 
 TRIM_TIME_MAX_S = 0.3
-"""For a map of the nonlinear tyre, where the trim has to be done before the car counts as settled."""
+"""Largest time constant of the trim for a map of the nonlinear tyre; the trim must finish before the car counts as settled."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tuned:
-    """A configuration with its tuned controller, and how it came about.
+    """A configuration with its tuned controller, and the results of each step.
 
     Attributes:
         config: kind "tracking", with gain schedule, look ahead, trim and rate of the fail-safe.
-        design: of the gains.
+        design: design of the gains.
         responses: lead and response gain at each speed of the schedule that was driven; empty for a map that was not solved.
-        excess: of the reference model over the map where that is more than the trim was; None where it was enough.
+        excess: excess of the reference model over the map where the trim was too small for it; None where it was enough.
         fail_safe: rate of the fail-safe, and the candidates; None for a map that was not solved.
-        software: the build that was driven, without what was tuned on it (`fail_safe.tuned_parameters` has that); None for a
-            map that was not solved.
+        software: the build that was driven, without the parameters tuned on it (see `fail_safe.tuned_parameters`); None for
+            a map that was not solved.
     """
 
     config: Config
@@ -56,7 +56,7 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
     Args:
         reference_map: solved for the car of the configuration.
         progress: called with (done, in all).
-        where: what an error names as the place.
+        where: the place that an error names.
 
     Raises:
         ConfigError: no gains meet the demands, see `design`.

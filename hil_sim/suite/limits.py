@@ -8,8 +8,9 @@ from typing import Annotated
 from pydantic import Field, ValidationError
 
 from codegen.configuration import parse_toml
+from codegen.configuration.faults import first_fault
 from codegen.configuration.section import Range, Section
-from codegen.errors import CodegenError, suggestion
+from codegen.errors import CodegenError
 from codegen.files import read_text
 
 FILE_BYTES_MAX = 2**16
@@ -67,11 +68,4 @@ def load(path: Path) -> Limits:
     try:
         return Limits.model_validate(parse_toml(text, path, CodegenError))
     except ValidationError as error:
-        fault = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in fault["loc"])
-        if fault["type"] == "extra_forbidden":
-            remedy = suggestion(key, Limits.model_fields).lstrip("; ") or f"known: {', '.join(Limits.model_fields)}"
-            raise CodegenError("there is no such limit", where=f"{path}: {key}", remedy=remedy) from None
-        said = str(fault["ctx"]["error"]) if fault["type"] == "value_error" else fault["msg"]
-        what, _, remedy = said.partition("; ")
-        raise CodegenError(what, where=f"{path}: {key}", remedy=remedy or "mend the value") from None
+        raise first_fault(error, path, Limits, CodegenError) from None

@@ -85,7 +85,7 @@ def test_limits_of_a_file_and_what_a_missed_one_is_for(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("overshot_percent = 1.0", "mine.toml: overshot_percent: there is no such limit; did you mean 'overshoot_percent'?"),
+        ("overshot_percent = 1.0", "mine.toml: overshot_percent: unknown key; did you mean 'overshoot_percent'?"),
         ("overshoot_percent = -1.0", "mine.toml: overshoot_percent: -1 is outside 0 to 1000 %; check the value and its unit"),
         ("instructions = 1.5", "mine.toml: instructions: Input should be a valid integer"),
     ],

@@ -9,7 +9,7 @@ from codegen.vehicle.single_track import SingleTrack
 
 
 def sampled_car(config: Config, member: Member, speed: float, delay: int) -> control.StateSpace:
-    """From the rear angle commanded to the yaw rate, discrete: body and tyres in a feedback loop, actuator and delay in series.
+    """Return the discrete model from commanded rear angle to yaw rate: body and tyres in a loop, actuator and delay in series.
 
     The tyres see the slip angles of the body, each through a first-order lag of length sigma; the body sees the tyres' forces.
     """

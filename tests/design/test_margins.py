@@ -73,7 +73,7 @@ def test_a_loop_may_end_its_gain_margin_at_half_the_sampling_frequency() -> None
 
 
 def test_the_family_is_as_good_as_its_worst_members() -> None:
-    """Found by its members alone. One unstable member makes the family unstable."""
+    """Compared with its members one by one. One unstable member makes the family unstable."""
     config = small_config(relaxation_length_m=[0.0, 0.3, 0.6], actuator_lag_s=[0.02, 0.1])
     speed, kp, ki = np.array([20.0, 70.0, 120.0]) * KM_H, np.array([0.02, 0.1, 0.12]), np.array([1.5, 0.7, 0.4])
     found, worst = family_margins(config, speed, kp, ki)

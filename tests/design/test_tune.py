@@ -16,7 +16,7 @@ from codegen.errors import ConfigError
 from .conftest import small_config
 
 FINE = 400
-"""Points a decade of the frequency grid that judges: four times the design's."""
+"""Points per decade of the frequency grid of the check: four times the design's."""
 TO_120 = {"controller": {"inputs": {"speed_max_km_h": 120.0}}}
 
 
@@ -85,7 +85,7 @@ def test_held_gains_below_the_first_breakpoint_keep_stricter_demands_and_are_wri
     for speed in np.linspace(12.0, 80.0, 12):
         check_demands(config, list(members(config)), schedule, float(speed))
     assert min(schedule.gain_margin_db) < 11.0  # the demands bind
-    # Written are the margins of the written gains, which have four digits, and 0.02 dB, 0.01 deg, 0.006 are for the grid.
+    # The written margins are those of the written gains, which have four digits, and 0.02 dB, 0.01 deg, 0.006 are for the grid.
     written = zip(schedule.gain_margin_db, schedule.phase_margin_deg, schedule.sensitivity, strict=True)
     for speed, margins in zip(schedule.speed_km_h, written, strict=True):
         found = worst(config, list(members(config)), schedule, speed)
@@ -120,7 +120,7 @@ def test_too_many_breakpoints_are_refused() -> None:
         tune(small_config(speed_km_h=[float(speed) for speed in range(10, 50)]))
 
 
-def test_where_no_gains_or_no_straight_lines_meet_the_demands_it_is_said_where(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_no_gains_or_no_straight_lines_meet_the_demands_the_speed_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """With half of the rear stiffness the car is unstable far below the grid's end."""
     with pytest.raises(ConfigError) as refused:
         tune(small_config(stiffness_percent=[-50.0, 50.0]))

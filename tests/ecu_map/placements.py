@@ -25,7 +25,7 @@ Truth = Callable[[FloatArray, FloatArray], FloatArray]
 
 COARSE, FINE = math.radians(0.2), math.radians(0.05)
 ROUNDING = 1e-6
-"""rad/s: of the lookup in single precision, whose own bound (`lookup.error_bound`) is below this for these tables."""
+"""Allowance in rad/s for single precision; the lookup's own bound (`lookup.error_bound`) is below it for these tables."""
 
 
 def placed(reference_map: ReferenceMap, config: Config, bound: float, tables: int = 1, **changes: Any) -> Placed:
@@ -41,7 +41,7 @@ def coarsely(config: Config) -> Config:
 def truth_of(config: Config, case: str) -> Truth:
     """The total map's rules, with the optimum solved at each point by the bounded problem and its edges.
 
-    Shares the exact solution alone with the code under test: nothing here is without grip bounds, and nothing is a table.
+    Only the exact solution is shared with the code under test: grip bounds always apply, and there are no tables.
     """
     problem = SteadyTurnProblem.from_config(config, config.case(case))
     passive = replace(problem, rear_angle_max=0.0)

@@ -26,7 +26,7 @@ ROUNDING = 1e-12  # rad/s, of a few operations in double precision on values of 
 
 
 def bare(speed: list[float], front_angle: list[float], yaw_rate: Any, feasible: Any = None) -> ReferenceMap:
-    """A map as another tool would make it."""
+    """Return a bare map, as from another tool."""
     arrays = {"vx": np.array(speed), "delta_f": np.array(front_angle), "yaw_rate": np.array(yaw_rate, dtype=float)}
     return npz.from_arrays(arrays if feasible is None else {**arrays, "feasible": np.array(feasible)}, "test")
 
@@ -38,7 +38,7 @@ def passive_gain(config: Config, speed: float) -> float:
 
 
 def rules(total: TotalMap) -> list[str]:
-    """The letters of each speed."""
+    """Return the rule letters of each speed."""
     return ["".join(row) for row in total.rule]
 
 
@@ -56,7 +56,7 @@ def test_linear_from_zero_then_the_passive_slope_then_the_cap() -> None:
         assert total.yaw_rate[row, 3] == pytest.approx(last + passive_gain(PAPER, speed) * (STOP - 0.05), rel=1e-12)
     assert total.lateral_acceleration_cap == pytest.approx(20.0 * 0.18, rel=1e-15)  # the largest in the table
     assert total.friction == PAPER.road.friction
-    # A map that starts at zero gets no second zero; its values there, which nobody could drive, become zero.
+    # A map that starts at zero gets no second zero; its values there become zero.
     total = extend(bare([0.0, 20.0], [0.0, 0.05], [[0.3, 0.4], [0.01, 0.18]]), PAPER)
     np.testing.assert_array_equal(total.speed, [0.0, 20.0])
     np.testing.assert_array_equal(total.yaw_rate[:, :2], [[0.0, 0.0], [0.0, 0.18]])

@@ -22,7 +22,7 @@ REALS: tuple[Real, ...] = (np.float32, np.float64)
 
 
 def bare(speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray) -> TotalMap:
-    """The extension of a table without a configuration."""
+    """Return the extension of a table without a configuration."""
     return extend(npz.from_arrays({"vx": speed, "delta_f": front_angle, "yaw_rate": yaw_rate}, "test"), PAPER)
 
 
@@ -73,7 +73,7 @@ def points(total: TotalMap, count: int, real: Real, seed: int) -> tuple[npt.NDAr
 @pytest.mark.parametrize("name", ["4ws-2", "uneven", "rough"])
 @pytest.mark.parametrize("real", REALS)
 def test_against_scipy_within_the_error_bound(every: Mapping[str, TotalMap], name: str, real: Real) -> None:
-    """The bound adds up worst cases that do not meet; it is at most 50 times the largest error in single precision."""
+    """The bound adds worst cases that do not coincide; it is at most 50 times the largest error in single precision."""
     total = every[name]
     v, angle = points(total, 200_000, real, 2)
     found = Lookup.from_map(total, real)(v, angle)

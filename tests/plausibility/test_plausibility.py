@@ -1,4 +1,4 @@
-"""Warnings of `codegen check`: each slip that was made with a real car is found, and no plausible car is accused."""
+"""Warnings of `codegen check`: each input error from practice is found, and no plausible car is flagged."""
 
 import json
 import re

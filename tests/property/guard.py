@@ -1,6 +1,6 @@
 """A bound on the memory of a loader of arbitrary files: no more than the size limits of its files allow.
 
-That a loader ends is judged by the timeout of every test.
+The timeout of every test checks that a loader ends.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""The choice of lead and response gain among figures that are planted."""
+"""The choice of lead and response gain among given figures."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from codegen.tuning import transient
 from codegen.tuning.transient import FIGURES, LEADS_S, RESPONSE_GAINS_S, _Search
 
 OWN = {"overshoot": 1.0, "settling": 0.8, "overshoot at larger angles": 1.0, "settling at larger angles": 0.8, "rise": 0.3}
-"""A configured car at its aims."""
+"""Figures of a configured car at its targets."""
 
 
 def search(speeds: int = 1) -> _Search:

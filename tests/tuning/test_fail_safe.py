@@ -1,4 +1,4 @@
-"""Rate of the fail-safe: the verdict on each candidate, driven alone and step by step, and the choice among them."""
+"""Rate of the fail-safe: the outcome of each candidate, driven alone and step by step, and the choice among them."""
 
 import math
 from dataclasses import replace

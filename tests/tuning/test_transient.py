@@ -1,4 +1,4 @@
-"""Lead and response gain: what was chosen, driven alone."""
+"""Lead and response gain: the chosen pairs, driven alone."""
 
 import numpy as np
 import pytest
