@@ -16,6 +16,7 @@ from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.map_file import map as npz
 from codegen.map_file.choose import choose_config
+from codegen.map_file.map import ReferenceMap
 from codegen.report.fault_table import fault_data
 from codegen.report.html.handling import HANDLING, RESPONSE
 from codegen.report.html.inputs import Files, read_files
@@ -122,13 +123,11 @@ def gather(found: Read, steps: Steps) -> Material:
     """
     material, config = found.material, found.material.config
     steps(1, PARTS)
-    if not material.others and (other := to_compare(material.map.map)) is not None:
-        material = replace(material, others=[other])
-    steps(2, PARTS)
     if found.request.build is not None:
         material = _driven(found, material, steps)
     elif material.configured and not is_untuned(config):
         material = replace(material, loops={config.controller.kind: config})
+    material = _compared(material)
     if material.loops and not material.regions:
         material = replace(material, regions=_linear_regions(material.loops))
     steps(PARTS, PARTS)
@@ -137,6 +136,12 @@ def gather(found: Read, steps: Steps) -> Material:
 
 
 PARTS = 6
+
+
+def _compared(material: Material) -> Material:
+    """Add the map to compare with, where the user names none."""
+    other = None if material.others else to_compare(material.map.map)
+    return material if other is None else replace(material, others=[other])
 
 
 def _linear_regions(loops: Mapping[str, Config]) -> dict[str, Region]:
@@ -151,10 +156,15 @@ def _config_of(build: Path) -> Config:
         return configuration.parse(manifest["configuration"], "manifest.json: configuration")
 
 
+def _is_built_from(request: Request) -> bool:
+    """Whether the build was made from the very map of the report."""
+    given = hashlib.sha256(request.map_path.read_bytes()).hexdigest()
+    return request.build is not None and read_build(request.build)["inputs"]["map"]["sha256"] == given
+
+
 def _differences(request: Request, config: Config, own: Config | None) -> list[str]:
     found = []
-    given = hashlib.sha256(request.map_path.read_bytes()).hexdigest()
-    if request.build is None or read_build(request.build)["inputs"]["map"]["sha256"] != given:
+    if not _is_built_from(request):
         found.append(f"{request.build} was built from another map than {request.map_path}.")
     if own is not None and (own.vehicle, own.tyre, own.road) != (config.vehicle, config.tyre, config.road):
         found.append("The build's configuration describes another car than the map was solved for.")
@@ -188,13 +198,21 @@ def _driven(found: Read, material: Material, steps: Steps) -> Material:
     loops = {kind: config}
     if not found.request.simulate or scenario is None:
         return replace(material, loops=loops)
-    beside, left_out = _beside(build, kind)
-    loops |= {subject.name: subject.config for subject in beside}
-    generated = {kind: around_folder(build), **{subject.name: subject.around for subject in beside}}
     regions = _linear_regions(loops)
-    steps(3, PARTS)
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C of a region runs without the interpreter's lock
-        confirmed = {name: pool.submit(_confirm, linear, generated[name]) for name, linear in regions.items()}
+        confirmed = {name: pool.submit(_confirm, linear, around_folder(build)) for name, linear in regions.items()}
+        material = _compared(material)
+        steps(2, PARTS)
+        own_map = material.map.map if _is_built_from(found.request) else None
+        beside, left_out = _beside(build, kind, own_map)
+        loops |= {subject.name: subject.config for subject in beside}
+        steps(3, PARTS)
+        linear_beside = _linear_regions({subject.name: subject.config for subject in beside})
+        confirmed |= {
+            subject.name: pool.submit(_confirm, linear_beside[subject.name], subject.around)
+            for subject in beside
+            if subject.name in linear_beside
+        }
         software = load(build)
         runs = dict(material.runs or {})
         if not runs:
@@ -221,10 +239,14 @@ def _confirm(linear: Region, build: Build) -> Region:
     return confirm(linear, build.generated.files, build.generated.manifest)
 
 
-def _beside(build: Path, kind: str) -> tuple[list[Subject], list[str]]:
-    """Other controllers on the map of a build; none for a map of the user's own, which cannot be solved again."""
+def _beside(build: Path, kind: str, reference_map: ReferenceMap | None) -> tuple[list[Subject], list[str]]:
+    """Other controllers on the map of a build; none for a map of the user's own, which cannot be solved again.
+
+    Args:
+        reference_map: the map of the build; None solves it again.
+    """
     try:
-        line_up = of_folder(build).line_up()
+        line_up = of_folder(build).line_up(reference_map=reference_map)
     except CodegenError as error:
         return [], [f"No other controller is shown beside: {error}"]
     return [subject for subject in line_up.baselines if subject.name in BESIDE and subject.name != kind], list(line_up.notes)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import Config
+from codegen.design.margins import Weakest
 from codegen.emit.evidence import margins_of, margins_text
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
@@ -76,6 +78,11 @@ class Material:
     notes: Sequence[str] = ()
     look_up: LookUp | None = None
     of_paper: bool = False
+
+    @cached_property
+    def margins(self) -> Weakest | None:
+        """The least margins of the configured controller; None without feedback."""
+        return margins_of(self.config)
 
 
 def to_compare(one: ReferenceMap) -> NamedMap | None:
@@ -229,7 +236,7 @@ def _margins(material: Material) -> Iterator[Block]:
         return
     yield chart
     for name, config in (material.loops or {}).items():
-        least = margins_text(margins_of(config)).replace("**", "")
+        least = margins_text(material.margins if config is material.config else margins_of(config)).replace("**", "")
         top = config.controller.inputs.speed_max_km_h
         yield Text(f"{name}, least margins of the car itself up to {top:g} km/h: {least}.")
 
