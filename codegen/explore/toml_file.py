@@ -42,7 +42,7 @@ class Existing(ExploreError):
 
 @dataclass(frozen=True)
 class Target:
-    """Where it goes: one file name in one folder.
+    """The file to write: one name in one folder.
 
     Attributes:
         bases: texts that may be taken over, the first that fits; that of the file itself comes before them.

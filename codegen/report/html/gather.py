@@ -1,4 +1,4 @@
-"""What a report is made of, gathered from the user's files and, for a build, from runs of its C."""
+"""Content of a report from the user's files and, for a build, from runs of its C."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ from hil_sim.suite.subjects import Build, Subject, around_folder
 Steps = Callable[[int, int], None]
 
 PASSIVE = "passive car"
-BESIDE = ("pi", "tracking")
-"""Kinds of controller that a build is shown beside, of those that it is not: the paper's and the recommended one."""
+COMPARED_KINDS = ("pi", "tracking")
+"""Kinds of controller that a build is compared with: the paper's and the recommended one."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What the user asks for.
+    """Arguments of the command.
 
     Attributes:
         map_path: the map. compare: maps to compare it with; none takes that of the car without rear steering.
@@ -60,10 +60,10 @@ class Request:
 
 @dataclass(frozen=True)
 class Read:
-    """The user's files, read and found to fit together.
+    """The user's files, read and checked.
 
     Attributes:
-        request: what is asked for.
+        request: arguments of the command.
         material: of the files alone.
         scenario: to be driven, or driven in the recordings; None where there is neither a build nor a recording.
     """
@@ -112,11 +112,11 @@ def read(request: Request) -> Read:
 
 
 def gather(found: Read, steps: Steps) -> Material:
-    """Solve and run what the files do not bring.
+    """Solve and run what the files do not contain.
 
     Args:
         found: the files.
-        steps: is told of the parts done, and of all.
+        steps: called with the number of parts done, and of all parts.
 
     Raises:
         CodegenError: a build that does not compile.
@@ -145,7 +145,7 @@ def _compared(material: Material) -> Material:
 
 
 def _linear_regions(loops: Mapping[str, Config]) -> dict[str, Region]:
-    """Where the linearised loops are stable, of those that have feedback."""
+    """Return the stable regions of the linearised loops that have feedback."""
     found = {name: region(config) for name, config in loops.items()}
     return {name: linear for name, linear in found.items() if linear is not None}
 
@@ -172,7 +172,7 @@ def _differences(request: Request, config: Config, own: Config | None) -> list[s
 
 
 def _scenario_of(files: Files, request: Request, config: Config) -> Scenario:
-    """What was driven: as the user says, else what the first recording holds."""
+    """Return the scenario that the user names, else the one of the first recording."""
     if request.scenario is not None:
         return find(request.scenario, config)
     name, path = next(iter(files.paths.items()))
@@ -204,20 +204,20 @@ def _driven(found: Read, material: Material, steps: Steps) -> Material:
         material = _compared(material)
         steps(2, PARTS)
         own_map = material.map.map if _is_built_from(found.request) else None
-        beside, left_out = _beside(build, kind, own_map)
-        loops |= {subject.name: subject.config for subject in beside}
+        baselines, left_out = _baselines(build, kind, own_map)
+        loops |= {subject.name: subject.config for subject in baselines}
         steps(3, PARTS)
-        linear_beside = _linear_regions({subject.name: subject.config for subject in beside})
+        linear_baselines = _linear_regions({subject.name: subject.config for subject in baselines})
         confirmed |= {
-            subject.name: pool.submit(_confirm, linear_beside[subject.name], subject.around)
-            for subject in beside
-            if subject.name in linear_beside
+            subject.name: pool.submit(_confirm, linear_baselines[subject.name], subject.around)
+            for subject in baselines
+            if subject.name in linear_baselines
         }
         software = load(build)
         runs = dict(material.runs or {})
         if not runs:
             runs[kind] = run(software, scenario)
-            for subject in beside:
+            for subject in baselines:
                 runs[subject.name] = run(subject.around(config), scenario)
         steps(4, PARTS)
         if not any(is_passive(name) for name in runs):
@@ -239,7 +239,7 @@ def _confirm(linear: Region, build: Build) -> Region:
     return confirm(linear, build.generated.files, build.generated.manifest)
 
 
-def _beside(build: Path, kind: str, reference_map: ReferenceMap | None) -> tuple[list[Subject], list[str]]:
+def _baselines(build: Path, kind: str, reference_map: ReferenceMap | None) -> tuple[list[Subject], list[str]]:
     """Other controllers on the map of a build; none for a map of the user's own, which cannot be solved again.
 
     Args:
@@ -249,4 +249,6 @@ def _beside(build: Path, kind: str, reference_map: ReferenceMap | None) -> tuple
         line_up = of_folder(build).line_up(reference_map=reference_map)
     except CodegenError as error:
         return [], [f"No other controller is shown beside: {error}"]
-    return [subject for subject in line_up.baselines if subject.name in BESIDE and subject.name != kind], list(line_up.notes)
+    return [subject for subject in line_up.baselines if subject.name in COMPARED_KINDS and subject.name != kind], list(
+        line_up.notes
+    )

@@ -48,7 +48,7 @@ WITHOUT_REAR_STEER = "fws"
 
 @dataclass(frozen=True)
 class Material:
-    """What a report is about.
+    """Data of a report.
 
     Attributes:
         map: with its name. others: maps to compare it with.
@@ -96,7 +96,7 @@ def to_compare(one: ReferenceMap) -> NamedMap | None:
 
 
 def sections(material: Material) -> Iterator[Section]:
-    """All sections; those without content say how to get it."""
+    """Yield all sections. Sections without content contain a notice how to add it."""
     yield Section("verdict", "Verdict", list(verdict_blocks(material)), is_open=True)
     yield Section("map", "The map", list(_map(material)))
     if material.others:
@@ -171,7 +171,7 @@ def _compared(material: Material) -> Iterator[Block]:
 
 
 def _same_car(one: ReferenceMap, other: ReferenceMap) -> str:
-    """What is known of the cars of two maps."""
+    """Return a text on whether two maps are of the same car."""
     same = same_car(one, other)
     if same is None:
         return "; of what car, a bare map does not tell"
