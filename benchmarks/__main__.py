@@ -25,10 +25,11 @@ NAMES = {
     "minimal-error": "minimal_error",
     "signal-faults": "signal_faults",
     "stability": "stability",
+    "response": "response",
 }
 """What the user calls a benchmark -> its module."""
 
-ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement", "minimal-error", "signal-faults", "stability")
+ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement", "minimal-error", "signal-faults", "stability", "response")
 """Only where named: they need what not every machine has, or measure no time."""
 
 READING = "Times: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side."

@@ -52,6 +52,10 @@ class _Codes:
         return code - 2 * (code & self._sign)
 
 
+_SINGLE_SAFE = 1e30
+"""No smaller value overflows single precision, whatever the offset of its signal."""
+
+
 class _Scale:
     """A physical value and its code, in the precision of a build."""
 
@@ -65,8 +69,11 @@ class _Scale:
 
     def code(self, value: float) -> int:
         """The nearest code."""
-        with np.errstate(over="ignore"):  # too large for single precision: infinite, so it saturates
+        if abs(value) < _SINGLE_SAFE:
             shifted = float(self._real(value) - self._offset)
+        else:
+            with np.errstate(over="ignore"):  # too large for single precision: infinite, so it saturates
+                shifted = float(self._real(value) - self._offset)
         # In float64 the product of two numbers of single precision is exact.
         scaled = shifted * float(self._steps) if self._single else shifted / self._factor
         if math.isnan(scaled):

@@ -13,7 +13,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-import can
 import numpy as np
 import numpy.typing as npt
 
@@ -21,6 +20,7 @@ from codegen import __version__
 from hil_sim.frames import Frame
 
 if TYPE_CHECKING:
+    import can
     from asammdf import Signal
 
 EPOCH = 946_684_800.0
@@ -70,6 +70,8 @@ class BlfWriter:
     """Vector's binary log."""
 
     def __init__(self, path: Path, head: Head) -> None:
+        import can
+
         # Small containers, lightly packed: a short job each for the thread.
         self._writer = can.BLFWriter(path, channel=CHANNEL_NUMBER, compression_level=1, max_container_size=16384)
         self._start = head.unix
@@ -92,6 +94,8 @@ class AscWriter:
     """Vector's text log. The head is not python-can's, which shows the moment of writing, and 5 ms as .5 s."""
 
     def __init__(self, path: Path, head: Head) -> None:
+        import can
+
         file = path.open("w", encoding="ascii", errors="replace", newline="\n")
         self._writer = can.ASCWriter(file, channel=CHANNEL_NUMBER)
         file.seek(0)
@@ -209,6 +213,8 @@ FORMATS: dict[str, type[Writer]] = {".blf": BlfWriter, ".asc": AscWriter, ".log"
 
 
 def _message(frame: Frame, received: bool, rounding: float = 0.0) -> can.Message:
+    import can  # here: it takes half a second where asammdf is installed
+
     return can.Message(
         timestamp=max(frame.time, 0.0) + rounding,
         arbitration_id=frame.id,

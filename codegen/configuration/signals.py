@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import MISSING, dataclass, fields, replace
+from functools import lru_cache
 from typing import Annotated, Any, get_args, get_type_hints
 
 STATUSES = ("TRACKING", "LIMITED", "STANDBY", "DEGRADED", "FAIL_SAFE")
@@ -284,6 +285,7 @@ RECORDED = tuple(each for each in CARRIED if each.is_of_plant)
 """Forwarded signals that a run records in a column of their own."""
 
 
+@lru_cache
 def signals_of(message: str) -> tuple[SignalDefinition, ...]:
     """Return the signals of one message, by its role."""
     return tuple(each for each in SIGNALS if each.message == message)

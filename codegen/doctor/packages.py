@@ -27,6 +27,7 @@ SERVES = {
     "python-can": "buses and their logs",
     "rich": "progress and the live view",
     "scipy": "frequency responses",
+    "tomlkit": "editing ars.toml with its comments",
 }
 """Purposes of the required packages."""
 

@@ -1,4 +1,4 @@
-"""What can be moved on the page, and the configuration that comes of it.
+"""Controls of the page, and the configuration that their values give.
 
 The bounds of what may be typed are those of the configuration's own models; a slider spans the part of them that is worth
 dragging through, and the table below says why.
@@ -67,7 +67,7 @@ class Control:
     logarithmic: bool = False
 
     def check(self, value: object) -> float:
-        """The number that was asked for. Raises ExploreError where it is none, or outside of what may be typed."""
+        """Return the requested number. Raises ExploreError if it is not a number, or out of range."""
         first, last = self.bounds
         unit = f" {self.unit}" if self.unit else ""
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= FLOAT_MAX:
@@ -238,13 +238,13 @@ def _started(control: Control, config: Config, case: str) -> Control:
 
 
 def _with_value(control: Control, value: float) -> Control:
-    """With a slider that reaches to where it starts; to zero a logarithmic one has its own stop."""
+    """Extend the slider to its start value. A logarithmic slider has an own stop for zero."""
     low = control.low if control.logarithmic and value == 0.0 else min(control.low, value)
     return replace(control, value=value, low=low, high=max(control.high, value))
 
 
 def _bounds(config: Config, path: tuple[str, ...]) -> tuple[float, float]:
-    """What the configuration's model takes at a place."""
+    """Return the range that the configuration's model accepts for a key."""
     section: Any = config
     for part in path[:-1]:
         section = section[part] if isinstance(section, dict) else getattr(section, part)
@@ -321,5 +321,5 @@ class Step:
 
     @classmethod
     def of(cls, values: Values) -> Step:
-        """From checked values."""
+        """Return the configuration with checked values."""
         return cls(values[STEP_SPEED] * KM_H, values[STEP_ANGLE], values[STEP_ROAD] / 100.0)

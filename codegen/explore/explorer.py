@@ -30,7 +30,7 @@ Kept = TypeVar("Kept")
 
 @dataclass(eq=False)
 class Explorer:
-    """What the page asks of the project. Calls may come from any thread; one computes at a time.
+    """Answers to the requests of the page. Calls may come from any thread; one computes at a time.
 
     Attributes:
         start: the configuration that the page begins with.
@@ -76,7 +76,7 @@ class Explorer:
         return self._software.run(calibration, inputs)
 
     def picture(self, given: object) -> Data:
-        """Everything that the page shows of some settings, see `picture`; `took_ms` says how long each part took.
+        """Return all data that the page shows of some settings, see `picture`; `took_ms` has the time of each part in ms.
 
         Raises:
             CodegenError: settings that are none, or that leave no map.
@@ -106,7 +106,7 @@ class Explorer:
         return picture.family_data(self.configured(given), is_stale)
 
     def _kept(self, name: str, key: object, make: Callable[[], Kept]) -> Kept:
-        """What was made last under a name, where the key is still the same; else made anew."""
+        """Return the last result under a name if its key is unchanged; else compute it."""
         found = self._latest.get(name)
         if found is None or found[0] != key:
             found = self._latest[name] = (key, make())
@@ -148,7 +148,7 @@ class Explorer:
 
 
 def _of_the_loop(config: Config) -> tuple[object, ...]:
-    """What the margins of the feedback follow from."""
+    """Return the part of the configuration that determines the margins of the feedback."""
     return config.vehicle, config.tyre, config.road, config.controller
 
 
@@ -170,7 +170,7 @@ class _Map:
 
 @dataclass
 class _Clock:
-    """How long the parts of one picture took."""
+    """Computing time of the parts of one picture."""
 
     laps: dict[str, float] = field(default_factory=dict)
     last: float = field(default_factory=time.perf_counter)

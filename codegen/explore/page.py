@@ -54,11 +54,11 @@ def assets() -> dict[str, Asset]:
 
 
 def page(explorer: Explorer, key: str, page_number: int) -> Asset:
-    """The page of an exploration.
+    """Render the page of an exploration.
 
     Args:
         key: what its requests must carry.
-        page_number: tells its requests from those of another page.
+        page_number: distinguishes its requests from those of another page.
     """
     groups = [
         {"key": group, "title": title, "controls": [each for each in explorer.controls if each.group == group]}

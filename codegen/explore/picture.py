@@ -1,4 +1,4 @@
-"""What the page shows of one setting, as plain data: the map, a cut through it, the step response, the margins, figures.
+"""Data that the page shows of one setting: the map, a cut through it, the step response, the margins, figures.
 
 Everything is in the units of the page: km/h, deg, deg/s, m/s^2, dB. Arrays of a whole grid go as base64 of single precision.
 """
@@ -42,7 +42,7 @@ STEER_TIME, DURATION = 0.5, 4.5
 FAMILY_SPEEDS = 22
 CUT_ANGLES = 121
 UNBOUNDED_DB, UNBOUNDED_DEG = 40.0, 180.0
-"""Larger margins, and those without a limit, are drawn here; the page says so."""
+"""Larger margins, and unlimited ones, are drawn at this value; a note on the page states it."""
 
 
 def numbers(values: npt.ArrayLike, digits: int = 4) -> list[float | None]:
@@ -86,7 +86,7 @@ def map_data(reference_map: ReferenceMap, known: list[int]) -> Data:
 
 
 def cut_data(total: TotalMap, last_angle: float, speed: float) -> Data:
-    """What the ECU looks up at one speed (m/s), from straight ahead to the map's last front angle (rad)."""
+    """Return the yaw rates that the ECU looks up at one speed (m/s), from zero to the map's last front angle (rad)."""
     angles = np.linspace(0.0, last_angle, CUT_ANGLES)
     yaw_rate, rear_angle = Lookup.from_map(total).reference(speed, angles)
     return {
@@ -149,7 +149,7 @@ def margins_of(config: Config) -> tuple[FloatArray, Margins] | None:
 
 
 def margin_data(config: Config) -> Data | None:
-    """The margins over speed and what is asked of them."""
+    """Return the margins over speed and their design targets."""
     found = margins_of(config)
     if found is None:
         return None

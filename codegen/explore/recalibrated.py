@@ -75,7 +75,7 @@ class Calibration:
 
     @classmethod
     def of(cls, total: TotalMap, config: Config) -> Calibration:
-        """Of a total map and the configuration that it was solved with. Raises BuildError: see `law_of`."""
+        """Return the values for a total map and its configuration. Raises BuildError: see `law_of`."""
         law = law_of(config)
         lookup = Lookup.from_map(total, np.float32)
         tables = {"yaw_rate_table": lookup.table}
@@ -113,7 +113,7 @@ def _fields(views: tuple[ParameterView, ...]) -> dict[str, Any]:
 
 
 def _value(text: str) -> float | int | list[float]:
-    """What a C initialiser says: the view's own text is the one source of a parameter's value."""
+    """Parse a C initialiser. The view's own text is the only source of a parameter's value."""
     if text.startswith("{"):
         return [_number(part) for part in text.strip("{} \n").replace("\n", " ").split(",")]
     return int(text.removesuffix("u")) if text.endswith("u") else _number(text)
@@ -189,7 +189,7 @@ def _with_variables(sources: Mapping[str, bytes], names: Collection[str]) -> dic
     """The sources with the named constants taken from a struct `explore`.
 
     Raises:
-        BuildError: a name is no constant in them, or stands for two.
+        BuildError: a name is no constant in them, or the name of two.
     """
     result, found = dict(sources), Counter[str]()
     for path in (path for path in sources if path.startswith("src/")):

@@ -1,7 +1,7 @@
 """The page's server: on the loopback address alone, for one user.
 
-Who asks must name the address that it listens on (a name that was made to point here is refused), must carry the key that the
-command printed, and gets nothing but the page's own parts: no path of a request is ever taken for a file.
+Requests are rejected unless their Host header is the listening address (a name that resolves to this host is refused too) and
+they carry the key that the command printed. Only the page's own parts are served: no path is read as a file.
 """
 
 from __future__ import annotations
@@ -79,18 +79,18 @@ class ExploreServer(ThreadingHTTPServer):
             raise ExploreError(what, where="--port", remedy="name another one, or 0 for any that is free") from None
 
     def server_bind(self) -> None:
-        """Without the look-up of the host's name that HTTPServer does, which may ask a name server."""
+        """Bind without the host name look-up of HTTPServer, which may query a name server."""
         socketserver.TCPServer.server_bind(self)
         self.server_name, self.server_port = HOST, self.server_address[1]
 
     @property
     def address(self) -> str:
-        """Of the page, with its key."""
+        """Address of the page, with its key."""
         return f"http://{HOST}:{self.server_port}/?key={self.key}"
 
     @property
     def hosts(self) -> frozenset[str]:
-        """What a request may call this server."""
+        """Accepted values of the Host header."""
         names = {f"{name}:{self.server_port}" for name in (HOST, "localhost")}
         return frozenset(names | ({HOST, "localhost"} if self.server_port == 80 else set()))
 
@@ -142,7 +142,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(HTTPStatus.OK, asset.content, asset.kind)
 
     def do_POST(self) -> None:
-        """What the page asks for."""
+        """Answer a request of the page."""
         try:
             self._check_host()
             data = self._question()
@@ -262,7 +262,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(content)
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """What the library itself refuses, as another method than GET and POST: with the headers of every answer."""
+        """Answer what the library itself rejects, such as methods other than GET and POST, with the usual headers."""
         del message, explain  # they repeat what was asked
         self.close_connection = True
         status = HTTPStatus(code)

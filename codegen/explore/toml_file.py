@@ -4,12 +4,13 @@ comments stay; else the whole configuration, key by key."""
 from __future__ import annotations
 
 import hashlib
-import json
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import tomlkit
 
 from codegen.configuration import Config, parse, preset_text
 from codegen.emit.outputs import check_output
@@ -41,7 +42,7 @@ class Existing(ExploreError):
 
 @dataclass(frozen=True)
 class Target:
-    """Where it goes: one file name in one folder.
+    """The file to write: one name in one folder.
 
     Attributes:
         bases: texts that may be taken over, the first that fits; that of the file itself comes before them.
@@ -105,41 +106,9 @@ class Target:
 
 
 def whole(config: Config) -> str:
-    """All keys of a configuration as TOML."""
-    lines = ["# Written by codegen explore: every key, units in the names.", ""]
-    lines += _table(config.model_dump(mode="json", exclude_none=True), ())
-    return "\n".join(lines).rstrip("\n") + "\n"
-
-
-def _table(values: Mapping[str, Any], place: tuple[str, ...]) -> Iterator[str]:
-    plain = {key: value for key, value in values.items() if not isinstance(value, Mapping)}
-    if place and (plain or not values):
-        yield f"[{'.'.join(_key(part) for part in place)}]"
-    for key, value in plain.items():
-        yield f"{_key(key)} = {_written(value)}"
-    if plain or place:
-        yield ""
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _table(value, (*place, key))
-
-
-def _key(name: str) -> str:
-    bare = name.isascii() and name.replace("-", "").replace("_", "").isalnum()
-    return name if bare else json.dumps(name)
-
-
-def _written(value: Any) -> str:
-    """A value as TOML, to the last digit."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, list):
-        return f"[{', '.join(_written(each) for each in value)}]"
-    if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{_key(key)} = {_written(each)}' for key, each in value.items())} }}"
-    return json.dumps(value)
+    """Return all keys of a configuration as TOML."""
+    keys = tomlkit.dumps(config.model_dump(mode="json", exclude_none=True))
+    return f"# Written by codegen explore: every key, units in the names.\n\n{keys}"
 
 
 def _edited(text: str, config: Config) -> str | None:
@@ -163,7 +132,7 @@ def _edited(text: str, config: Config) -> str | None:
         for table, values in tables.items():
             # The stiffness of a tyre gives way to B, and margins to the gains that they are no longer of.
             renamed = dict.fromkeys(gone.get(table, ()), next(iter(values)))
-            text = replace_values(text, table, values, renamed, REMARK, _written)
+            text = replace_values(text, table, values, renamed, REMARK)
     except CodegenError:
         return None
     return text if _parsed(text) == config else None
@@ -190,7 +159,7 @@ def _differences(before: Leaves, after: Leaves) -> Iterable[str]:
 
 
 def _shown(value: Any) -> str:
-    text = "not there" if value is None else _written(value)
+    text = "not there" if value is None else tomlkit.item(value).as_string()
     return text if len(text) <= 60 else f"{text[:59]}…"
 
 

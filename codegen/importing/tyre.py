@@ -170,7 +170,7 @@ def _values(formula: LateralFormula, load: float, config: Config, peak: Peak) ->
     slope = formula.at(2.0 * load).peak / (2.0 * load) - friction
     over = config.road.friction if peak == "file" else friction
     sides = [min(curve.curvature * (1.0 - sign * curve.asymmetry), 1.0) for sign in (1.0, -1.0)]
-    return {
+    values = {
         STIFFNESS_KEY: curve.stiffness,
         "shape_factor_c": curve.shape,
         "curvature_factor_e": 0.5 * (sides[0] + sides[1]),
@@ -179,6 +179,7 @@ def _values(formula: LateralFormula, load: float, config: Config, peak: Peak) ->
         "horizontal_shift_deg": 0.0,
         "vertical_shift_n": 0.0,
     }
+    return {key: toml_edit.rounded(value) for key, value in values.items()}
 
 
 def _checked(text: str, sources: Sequence[Source]) -> Config:
@@ -223,7 +224,7 @@ def _axle(
         worst_to_peak=_worst(curve, tyre, at_peak or math.radians(20.0)),
         stiffness_lighter=lighter,
         stiffness_heavier=heavier,
-        values={key: float(toml_edit.number(value)) for key, value in values.items()},
+        values=values,
     )
 
 

@@ -25,7 +25,7 @@ from codegen.optimum.brackets import shrink
 from codegen.optimum.nonlinear_arrays import FloatArray, IndexArray, Slips, Turns, replace_turns
 from codegen.optimum.nonlinear_axle import Axle, Motion, axle_force, curve
 from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
-from codegen.vehicle.tyre import AxleTyres
+from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres, load_transfer_per_lateral_acceleration
 
 STEP_TOLERANCE = 1e-13
 """rad: Newton's method ends with a step below; angles are of order 0.1 rad."""
@@ -89,8 +89,6 @@ class SteadyCar:
 
         The slip bound of an axle is that of the linear tyre, at the latest PEAK_SHARE of the slip at which its force peaks.
         """
-        from codegen.vehicle.dynamics import WHEEL_SPEED_MIN, load_transfer_per_lateral_acceleration
-
         tyres = AxleTyres.from_config(config)
         axles = (
             Axle(replace(tyre, horizontal_shift=0.0, vertical_shift=0.0), transfer, min(bound, PEAK_SHARE * tyre.peak_slip))

@@ -1,4 +1,4 @@
-"""What the bus did during a run, as rows of text and as plain data."""
+"""Events on the bus during a run, as rows of text and as plain data."""
 
 from __future__ import annotations
 

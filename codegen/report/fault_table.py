@@ -1,4 +1,4 @@
-"""What the faults on the bus came to, as rows of text and as plain data."""
+"""Outcomes of the faults on the bus, as rows of text and as plain data."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _milliseconds(seconds: float | None) -> str:
 
 
 def _condensed(seen: Sequence[str]) -> list[str]:
-    """What holds for both of the car's messages is said once, without their names."""
+    """Merge entries that hold for both of the car's messages into one without a name."""
     both = {text.removeprefix("motion ") for text in seen if f"conditions {text.removeprefix('motion ')}" in seen}
     texts = [text.removeprefix("motion ") if text.removeprefix("motion ") in both else text for text in seen]
     return [text for text in texts if text.removeprefix("conditions ") not in both or not text.startswith("conditions ")]

@@ -58,7 +58,7 @@ def flash_headline(table: FlashTable) -> str:
 
 
 def flash_dict(table: FlashTable) -> dict[str, Any]:
-    """For JSON, SI units."""
+    """Return JSON values in SI units."""
     return {
         "tables": table.tables,
         "error_against": table.origin,

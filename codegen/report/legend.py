@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 POINTS_PER_INCH = 72.0
 LINE_HEIGHT = 1.7
-"""Of an entry's line with what is between two, over the size of the font."""
+"""Height of an entry including its spacing, as a multiple of the font size."""
 HEIGHT_WITHOUT_GROWING = 0.5
 """in that a picture has for the legend under its panels."""
 
@@ -34,7 +34,7 @@ def fitted(handles: Sequence[Artist], room: float, most: int) -> dict[str, Any]:
 
 
 def height(arguments: dict[str, Any]) -> float:
-    """Of a legend with the arguments of `fitted`, in."""
+    """Return the height in inches of a legend with the arguments of `fitted`."""
     lines = max(sum(label.count("\n") + 1 for label in column) for column in _split(arguments["labels"], arguments["ncols"]))
     return lines * LINE_HEIGHT * _font_size()
 
@@ -47,24 +47,24 @@ def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
 
 
 def _font_size() -> float:
-    """In, of the style that is set."""
+    """Font size of the current style, in inches."""
     from matplotlib import rcParams
 
     return float(rcParams["legend.fontsize"]) / POINTS_PER_INCH
 
 
 def _split(labels: Sequence[str], columns: int) -> list[list[str]]:
-    """As Matplotlib fills them: one column after the other."""
+    """Split entries into columns as Matplotlib does: one column after the other."""
     return [list(part) for part in np.array_split(np.array(labels, dtype=object), columns)]
 
 
 def _width(labels: Sequence[str], columns: int) -> float:
-    """Of a legend, in."""
+    """Return the width of a legend in inches."""
     return _width_of_spaces(columns) + sum(max(map(_text_width, column)) for column in _split(labels, columns))
 
 
 def _width_of_spaces(columns: int) -> float:
-    """Of all of a legend but its text, in."""
+    """Return the width of a legend without its text, in inches."""
     from matplotlib import rcParams
 
     handle = rcParams["legend.handlelength"] + rcParams["legend.handletextpad"]
@@ -73,7 +73,7 @@ def _width_of_spaces(columns: int) -> float:
 
 
 def _text_width(text: str) -> float:
-    """Of the longest line, in."""
+    """Return the width of the longest line in inches."""
     from matplotlib import rcParams
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path

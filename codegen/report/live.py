@@ -69,7 +69,7 @@ class LiveView:
             sys.setswitchinterval(self._switch_interval)
 
     def picture(self) -> Panel:
-        """What is on the screen, for the size of the console."""
+        """Return the content of the screen for the size of the console."""
         while self._samples:
             self._history.add(self._samples.popleft())
         width, height = self._console.size

@@ -24,7 +24,7 @@ LONGEST = 30.0
 
 @dataclass(frozen=True)
 class Window:
-    """What a chart shows: `start` to `start + length` (s), in bins."""
+    """Time range of a chart: `start` to `start + length` in s, in bins."""
 
     start: float
     length: float

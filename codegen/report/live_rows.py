@@ -1,4 +1,4 @@
-"""What the live view shows: the history of a run, and the rows of text for it."""
+"""Content of the live view: the history of a run, and its rows of text."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def _draw(history: History, last: LiveSample, look: Look) -> list[Text]:
 
 @dataclass(frozen=True)
 class _Block:
-    """Numbers, and a chart beside them: (label, value, unit, style); `least` is the smallest range of the axis."""
+    """Rows of numbers next to a chart: (label, value, unit, style); `least` is the smallest range of the axis."""
 
     entries: Sequence[tuple[str, float, str, str]]
     lines: Sequence[Line]
@@ -214,7 +214,7 @@ def _progress(history: History, last: LiveSample, look: Look) -> Text:
 
 
 def _status_rows(history: History, last: LiveSample, window: Window, columns: int, look: Look) -> list[Text]:
-    """The status by name, beside it the worst of each moment; then the axis of time."""
+    """Yield the status by name with the worst status of each bin, then the time axis."""
     name, style = _status(last.status)
     row = Text.assemble("Status".ljust(LABELS), (name, style))
     if not columns:

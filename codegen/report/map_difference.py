@@ -1,4 +1,4 @@
-"""What changes from one map to another, in figures: compared where both are defined, on the breakpoints of the first.
+"""Differences of two maps in figures, where both are defined, on the breakpoints of the first.
 
 Degrees and km/h, as they are told. For the console, for JSON and for the HTML report alike.
 """
@@ -24,10 +24,10 @@ BoolArray = npt.NDArray[np.bool_]
 
 POINT_SPEEDS_KM_H = (30.0, 60.0, 100.0, 150.0)
 POINT_FRONT_ANGLES_DEG = (2.0, 5.0, 10.0)
-"""Operating points that are told one by one, where at least one map has a yaw rate."""
+"""Operating points that are listed individually, where at least one map has a yaw rate."""
 
 ON_BREAKPOINT = 1e-9
-"""Of the width of a cell: nearer than this to a breakpoint is on it."""
+"""Fraction of the cell width within which a point counts as on the breakpoint."""
 
 SAME = 1e-7
 """Share by which the slips of two cells may differ and be equal."""
@@ -59,7 +59,7 @@ class AxleSlip:
 
 @dataclass(frozen=True)
 class Side:
-    """One of both maps on all its cells.
+    """Figures of one map over all its cells.
 
     Attributes:
         tyre_model: of its case; None for a bare map.
@@ -205,7 +205,7 @@ def map_difference(one: ReferenceMap, other: ReferenceMap, used: Sequence[SlipUs
 
 
 def same_car(one: ReferenceMap, other: ReferenceMap) -> bool | None:
-    """Whether two maps are of the same car on the same road; None where a bare map does not tell."""
+    """Whether two maps are of the same car on the same road; None if a map has no configuration."""
     if one.config is None or other.config is None:
         return None
     mine, theirs = ((config.vehicle, config.tyre, config.road) for config in (one.config, other.config))
@@ -213,7 +213,7 @@ def same_car(one: ReferenceMap, other: ReferenceMap) -> bool | None:
 
 
 def caveats(one: ReferenceMap, other: ReferenceMap) -> list[str]:
-    """What is to be known of a comparison besides its figures."""
+    """Return the limitations of a comparison."""
     told = []
     if one.layers or other.layers:
         told.append("of a stack, the map for its highest friction is compared")

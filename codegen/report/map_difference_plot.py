@@ -80,7 +80,7 @@ def map_difference_figure(
 def _draw_yaw_rates(
     figure: Figure, panels: Sequence[Axes], maps: tuple[ReferenceMap, ReferenceMap], titles: Sequence[str]
 ) -> None:
-    """Of both, on one scale; the first is drawn last, for its limits are those of the picture."""
+    """Draw both on one scale. The first is drawn last, because its limits are those of the picture."""
     scale = YAW_RATE.scale(maps)
     for axes, one, title in reversed(list(zip(panels, maps, titles, strict=True))):
         table = YAW_RATE.degrees(one)
@@ -104,7 +104,7 @@ def _draw_gain(figure: Figure, axes: Axes, maps: tuple[ReferenceMap, ReferenceMa
 
 
 def _draw_where(axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> list[Artist]:
-    """Which of both is feasible at the breakpoints of the first; the legend of the picture."""
+    """Draw which map is feasible at the breakpoints of the first; return the legend entries."""
     from matplotlib.colors import ListedColormap, Normalize
     from matplotlib.patches import Patch
 

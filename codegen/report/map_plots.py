@@ -51,11 +51,11 @@ BINDING_COLOURS = {
     **{int(bound.flag): bound.colour for bound in BOUNDS},
 }
 OTHER_COLOURS = ("#999933", "#882255", "#44AA99", "#332288", "#DDCC77")
-"""For sets of constraints without a colour of their own (P. Tol's muted scheme); what is rarer still shares grey."""
+"""Colours of constraint sets without an own colour (P. Tol's muted scheme). Still rarer sets share grey."""
 
 
 def map_figure(reference_map: ReferenceMap, title: str) -> Figure:
-    """What a map holds, over speed and front angle: yaw rate, sideslip, rear angle, and which constraints bind.
+    """Draw a map over speed and front angle: yaw rate, sideslip, rear angle and binding constraints.
 
     A bare map shows only what it has.
     """
@@ -113,7 +113,7 @@ def _draw_binding(axes: Axes, reference_map: ReferenceMap, active: npt.NDArray[n
 
 
 def three_maps_figure(maps: Mapping[str, ReferenceMap]) -> Figure:
-    """Cases below each other (name -> map), yaw rate, sideslip and rear angle beside each other, on shared scales."""
+    """Draw cases (name -> map) as rows, with yaw rate, sideslip and rear angle as columns on shared scales."""
     if not maps:
         raise PlotError("no maps to show", remedy="give at least one")
     with style():
@@ -154,7 +154,7 @@ PAPER_FRONT_ANGLE = math.radians(TABLE_FRONT_ANGLE_DEG)
 
 
 def at_front_angle(reference_map: ReferenceMap, values: FloatArray, front_angle: float) -> FloatArray:
-    """A table (n, m) along the speeds (n,) at one front angle (rad): linear between breakpoints, NaN beside infeasible cells.
+    """Return a table (n, m) along the speeds (n,) at one front angle (rad): linear in between, NaN next to infeasible cells.
 
     Raises:
         PlotError: the angle is outside the map.

@@ -1,4 +1,4 @@
-"""The one picture that says what it is about: a map, and what it does to a car."""
+"""Overview picture: a map, and its effect on a car."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper reproduced: its three maps, its tables beside ours, its two closed-loop runs, its figures.
+"""Reproduction of the paper: its three maps, tables, two closed-loop runs and figures.
 
 Ryu, Hwang, Yoon, Choi: Constrained Optimization-Based Yaw-Rate Reference Map Generation for Active Rear Steering Control of
 Four-Wheel Steering Vehicles.
@@ -45,7 +45,7 @@ RUN_NOTES = (
     "C1 is the paper's PI on the 4WS-2 map, C2 the same on the FWS map.",
     "C1 tracking is the recommended controller on the map of C1.",
 )
-"""C1's map with the recommended controller instead of the paper's, beside it."""
+"""C1's map with the recommended controller instead of the paper's, for comparison."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def reproduce(folder: Path, config: Config | None = None, done: Callable[[int, i
     """Solve, build, run and draw everything under `folder`.
 
     Args:
-        done: told, after each part, how many of how many are done.
+        done: called after each part with the number of parts done, and of all parts.
 
     Raises:
         CodegenError: a folder that cannot be written, no compiler, a self-test that fails.
@@ -155,7 +155,7 @@ def reproduce(folder: Path, config: Config | None = None, done: Callable[[int, i
 
 
 def _teller(done: Callable[[int, int], None] | None) -> Callable[[], None]:
-    """To be called after each part: maps, the tuned one, runs, the pictures, and the report."""
+    """Progress after each part: maps, the tuned one, runs, the pictures, and the report."""
     parts, count = 2 * (len(RUNS) + 1) + 3, itertools.count(1)
 
     def tell() -> None:

@@ -1,4 +1,4 @@
-"""The paper's tables beside ours, as rows of text."""
+"""The paper's tables and ours, as rows of text."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class TableRow:
 
 
 def optimum_rows(config: Config) -> list[TableRow]:
-    """The optimum of the paper's cases at its front angle, at both speeds, beside what it prints."""
+    """Return the optimum of the paper's cases at its front angle and both speeds, with the printed values."""
     front_angle = np.array([math.radians(TABLE_FRONT_ANGLE_DEG)])
     rows = []
     for speed in TABLE_SPEEDS_KM_H:
@@ -77,7 +77,7 @@ def optimum_table(rows: Sequence[TableRow]) -> Table:
 
 
 def run_table(runs: Mapping[str, StepMetrics]) -> Table:
-    """The paper's runs, by their names in RUNS, beside what it prints of them."""
+    """Return the figures of the paper's runs, by their names in RUNS, with the printed values."""
     header = ("", "steady, here", "peak, here", "paper's maximum", "least |sideslip|, here", "paper's")
     rows: list[tuple[str, ...]] = [
         (

@@ -1,4 +1,4 @@
-"""What the paper prints: the figures that ours stand beside.
+"""Figures printed in the paper, for comparison.
 
 Ryu, Hwang, Yoon, Choi: Constrained Optimization-Based Yaw-Rate Reference Map Generation for Active Rear Steering Control of
 Four-Wheel Steering Vehicles.

@@ -1,4 +1,4 @@
-"""What is pointed out in the panels of a run: moments, stretches of time, and where a car spins."""
+"""Marks in the panels of a run: moments, time spans, and where a car spins."""
 
 from __future__ import annotations
 

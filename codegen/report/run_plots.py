@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Signal:
-    """A panel of a run: a column of RECORD_COLUMNS, and what is drawn dashed beside it."""
+    """A panel of a run: a column of RECORD_COLUMNS, and an optional dashed second column."""
 
     label: str
     column: str

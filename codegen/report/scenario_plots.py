@@ -42,7 +42,7 @@ def scenario_figure(
     details: str = "",
     look_up: LookUp | None = None,
 ) -> Figure:
-    """Runs of a scenario beside each other.
+    """Draw the runs of a scenario.
 
     Args:
         scenario: what was driven.
@@ -109,7 +109,7 @@ def _runs(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray]) ->
 
 
 def _dwell_marks(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray]) -> list[Mark]:
-    """Where FMVSS 126 looks: the first car's beginning and completion of steer, and the times that count from them."""
+    """Return the evaluation times of FMVSS 126: beginning and completion of steer of the first car, and times after them."""
     from hil_sim.metrics import sine_with_dwell
 
     looks_of(runs)

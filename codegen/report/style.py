@@ -1,4 +1,4 @@
-"""What all pictures share: palette, fonts, names, the panel that shows a map, and the file they are written to.
+"""Common parts of all pictures: palette, fonts, names, the panel of a map, and the output file.
 
 Matplotlib is used through its object interface, never pyplot, and imported only where a picture is drawn.
 """
@@ -74,7 +74,7 @@ class PlotError(CodegenError):
 
 @contextmanager
 def style(font_scale: float = 1.0) -> Iterator[None]:
-    """Matplotlib's defaults and the project's style, whatever the user's matplotlibrc says; restored at the end."""
+    """Apply Matplotlib's defaults and the project's style, independent of the user's matplotlibrc; restore them at the end."""
     import matplotlib
 
     sizes = {key: font_scale * value for key, value in _STYLE.items() if key.endswith(("size", "font.size"))}
@@ -148,7 +148,7 @@ class Quantity:
         return f"{self.name} ({self.unit})"
 
     def degrees(self, reference_map: ReferenceMap) -> FloatArray | None:
-        """What is drawn, (n, m) in `unit`; NaN where infeasible."""
+        """Values to draw, (n, m) in `unit`; NaN where infeasible."""
         values = self.table(reference_map)
         return None if values is None else np.degrees(np.where(reference_map.feasible, values, np.nan))
 
@@ -240,7 +240,7 @@ INFEASIBLE_NAME = "no feasible steady turn"
 
 
 def map_legend(phase_line: bool, infeasible: bool) -> list[Artist]:
-    """Legend entries of what map panels show beside their colours."""
+    """Return legend entries for the phase line and infeasible cells of map panels."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

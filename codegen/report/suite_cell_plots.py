@@ -1,4 +1,4 @@
-"""Figures over the cells of the test set: overshoot in each, all conditions beside each other, slippery roads."""
+"""Figures over the cells of the test set: overshoot in each, all conditions, slippery roads."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 SMALL: dict[str, Any] = {"markersize": 4.5, "markeredgewidth": 0.0, "zorder": 3}
 ROW_SHARE, ROW_FACE = 0.9, "#F2F2F2"
-"""Of the height of a row that its marks take; the ground of every other row."""
+"""Fraction of the row height that its marks take; background of every other row."""
 LEVELS = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0)
 """% of overshoot: bounds of the colours."""
 
@@ -155,7 +155,7 @@ FRICTION_TITLE = "Slippery roads, with and without an estimate of the friction"
 
 
 def _draw_sideslip_limits(axes: Axes, result: SuiteResult) -> list[Any]:
-    """A line over each road for which a sideslip is asked of the one under test; its legend entry."""
+    """Draw the sideslip limit of the controller under test over each road that has one; return the legend entry."""
     from matplotlib.lines import Line2D
 
     for place, road in enumerate(slippery(result)):

@@ -1,4 +1,4 @@
-"""How the subjects of the test set look in all pictures."""
+"""Colours and markers of the subjects of the test set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the test set of rear-steering controllers has shown, as pictures: each function returns a Matplotlib Figure.
+"""Results of the test set of rear-steering controllers as pictures: each function returns a Matplotlib Figure.
 
 On paper degrees and km/h, SI inside.
 """

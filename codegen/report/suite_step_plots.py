@@ -90,7 +90,7 @@ def _around_step(run: FloatArray) -> FloatArray:
 
 
 def _draw_references(axes: Axes, result: SuiteResult, shown: Shown) -> None:
-    """What the map asks for in the end, and what the one under test follows on the way there."""
+    """Draw the steady yaw rate of the map, and the reference of the controller under test."""
     inside = _around_step(shown.records[result.tested])
     axes.plot(column(inside, "time_s") - STEER_TIME, column(inside, "yaw_rate_reference_rad_s"), label="_", **FOLLOWED)
     axes.axhline(math.degrees(shown.map_yaw_rate), label="_", **REFERENCE)

@@ -1,4 +1,4 @@
-"""What the test set of rear-steering controllers has shown, as text that fits 120 columns. No printing, no plotting."""
+"""Results of the test set of rear-steering controllers as text of at most 120 columns. No printing, no plotting."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 WIDTH = 120
 SPUN, NONE = "spin", "-"
 BASELINE = "pi"
-"""What the price of a controller is told against."""
+"""Baseline for the cost of a controller."""
 
 SECONDS, DEGREES, SHARE, OVERSHOOT = 0.005, 0.5, 0.005, 2.0
 """Differences that are worth telling."""
@@ -91,7 +91,7 @@ NOTE_WIDTH = 40
 
 
 def verdict(row: Requirement) -> str:
-    """In words; a goal that may be missed is told from what must be met."""
+    """Verdict in words. Goals that may be missed are distinguished from requirements."""
     return "goal, missed" if row.stretch and row.passed is False else VERDICTS[row.passed]
 
 
@@ -107,7 +107,7 @@ def requirement_table(rows: Sequence[Requirement]) -> str:
 
 
 def measured_text(row: Requirement) -> str:
-    """With its unit."""
+    """Return the value with its unit."""
     if row.measured is None:
         return NONE
     digits = 0 if row.measured == int(row.measured) and not row.unit else 2
@@ -189,7 +189,7 @@ def _car_faults(car: CarResult) -> str:
 
 
 def car_failures(result: CarsResult) -> list[str]:
-    """What each car misses, a text for each figure."""
+    """Return a text for each limit that a car misses."""
     found = []
     for car in result.cars:
         found += [f"car {car.number}: {car.error}"] if car.error else failures(car.requirements)
@@ -280,7 +280,7 @@ def c1_table(result: SuiteResult) -> str:
 
 
 def margin_table(result: SuiteResult) -> str:
-    """Of the one under test and the paper's: the configured car, and the worst of the family."""
+    """Rows of the controller under test and the paper's: the configured car, and the worst of the family."""
     names = [name for name in dict.fromkeys((result.tested, BASELINE)) if name in result.margins]
     header = ["", *(text for name in names for text in (f"{name}: the car itself", f"{name}: worst of the family"))]
     rows = []
@@ -325,7 +325,7 @@ def _sine(row: SineTracking) -> str:
 
 
 def worse_text(result: SuiteResult) -> str:
-    """Where the one under test is slower than the paper's PI, follows a sine less well, or overshoots more than any other."""
+    """Trade-offs: where the controller under test rises slower, tracks a sine less well, or overshoots more."""
     return "\n".join(_wrapped(line) for line in (_slower(result), _lags_more(result), _overshoots_more(result)))
 
 

@@ -1,4 +1,4 @@
-"""What a map and a run show, as rows of text and as plain data: no printing, no plotting."""
+"""Figures of a map and a run, as rows of text and as plain data. No printing, no plotting."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TYRE = "tyre of the optimisation"
 
 
 def tyre_note(tyre_model: str | None) -> str:
-    """What follows a name in captions and legends; "" for the linear tyre, and where it is not known."""
+    """Suffix of a name in captions and legends; "" for the linear tyre, and if it is unknown."""
     return "" if tyre_model in (None, "linear") else f" ({tyre_model})"
 
 
@@ -86,7 +86,7 @@ class MapSummary:
 
     @property
     def tyre_line(self) -> str:
-        """The tyre of the optimisation; "" where the map does not tell."""
+        """Description of the tyre of the optimisation; "" if the map has none."""
         return f"{TYRE}: {self.tyre_model}" if self.tyre_model else ""
 
     @property

@@ -22,13 +22,13 @@ LINES = ("-", "--", "-.", ":")
 LOG_FROM = 20.0
 """Largest value over the medians, or over a limit that is drawn, from which an axis is logarithmic beyond what is usual."""
 FAR_FROM = 4.0
-"""Width of an axis with the limit over that of the data from which the limit is told in words: the curves would be one line."""
+"""Ratio of the axis width with the limit to that of the data above which the limit is only named in the legend."""
 TICKS_MAX = 4
-"""On each side of the linear part of such an axis."""
+"""Most ticks on each side of the linear part of such an axis."""
 
 WIDTH, HEIGHT = 4.6, 4.4
 """in of a panel."""
-BESIDE = 0.2
+LEGEND_GAP_IN = 0.2
 """in that a panel's legend leaves to the next one's."""
 TITLE_LENGTH = 44
 """Letters that fit above a panel."""
@@ -87,7 +87,7 @@ def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) ->
             axes.grid(visible=True)
             if figure in LIMITS:
                 _draw_limit(axes, shown, *LIMITS[figure])
-            legend = fitted(axes.get_legend_handles_labels()[0], WIDTH - BESIDE, 2)
+            legend = fitted(axes.get_legend_handles_labels()[0], WIDTH - LEGEND_GAP_IN, 2)
             axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), **legend)
             below = max(below, height(legend))
         picture.set_figheight(HEIGHT + max(0.0, below - LEGEND_HEIGHT))
@@ -112,7 +112,7 @@ def _is_near(shown: list[Figure], limit: float) -> bool:
 
 
 def _window(axes: Axes, shown: list[Figure], limit: float) -> None:
-    """The usual runs, and a limit that is drawn; of those far beyond, the legend says how many they are."""
+    """Range of the usual runs and a drawn limit. The legend has the number of runs far outside."""
     drawn = [limit] if _is_near(shown, limit) else []
     low, high = (of([*(one.quantiles[at] for one in shown), *drawn]) for of, at in ((min, 0), (max, 2)))
     if max(one.high for one in shown) - min(one.low for one in shown) <= OUT_FROM * (high - low):

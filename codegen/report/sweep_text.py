@@ -26,7 +26,7 @@ TITLES = {
     "yaw_rate_ratio_1_75_s_percent": ("yaw-rate ratio, 1.75 s", "%"),
     "lateral_displacement_m": ("lateral displacement", "m"),
 }
-"""Figures that are told, in order; all are in summary.json."""
+"""Printed figures, in order; all are in summary.json."""
 
 CRITERIA = {
     "spin": "spin",
@@ -34,7 +34,7 @@ CRITERIA = {
     "yaw_rate_ratio_1_75_s": "ratio at 1.75 s",
     "lateral_displacement": "lateral displacement",
 }
-"""Of FMVSS 126: name in summary.json, and in words."""
+"""Criteria of FMVSS 126: name in summary.json, and in words."""
 
 IN_TITLE = ("friction_estimate_error", "steering_percent")
 """Factors whose outcome, the estimate and the angle, a title has already."""
@@ -48,7 +48,7 @@ UNITS = (
     ("m", "m"),
     ("s", "s"),
 )
-"""How a factor's key ends, and its unit; what ends like another stands first."""
+"""Suffix of a factor's key, and its unit. Longer suffixes come first."""
 
 OF_WHICH = "Figures are of the runs that did not spin before. Overshoot is over the mean of\nthe last second, settled or not."
 
@@ -65,7 +65,7 @@ def sections(summary: Summary) -> Iterator[tuple[str, str]]:
 
 
 def factors_of(row: Mapping[str, float]) -> str:
-    """What a run was driven with besides speed, steering and road: "mass +12.3 %, delay 2 samples" from its row."""
+    """Describe the factors of a run besides speed, steering and road: "mass +12.3 %, delay 2 samples" from its row."""
     told = []
     for key in FACTORS:
         if key in row and key not in DRIVEN and key not in IN_TITLE:
@@ -77,7 +77,7 @@ def factors_of(row: Mapping[str, float]) -> str:
 
 
 def again(replay: str) -> str:
-    """How a run of the tables is driven again: `replay` is the command, up to the run's number."""
+    """Explain how to repeat a run of the tables: `replay` is the command, up to the run's number."""
     return f"Any of these runs again, RUN its number:\n{replay} RUN"
 
 

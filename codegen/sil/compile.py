@@ -15,12 +15,14 @@ import functools
 import hashlib
 import importlib.util
 import json
+import os
 import re
 import sys
 import sysconfig
 import tempfile
 import threading
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.machinery import ExtensionFileLoader, ModuleSpec
 from pathlib import Path, PurePosixPath
@@ -221,9 +223,13 @@ def _build(job: _Job, cache: Path) -> _Entry:
         units = sorted(path for path in job.sources if path.endswith(".c"))
         search = [f"-I{folder}" for folder in job.include_folders]
         # Sources first, so that the compiler reports errors in headers, not the parser.
-        for number, unit in enumerate(units):
-            command = [*job.compiler, *job.flags, *job.unit_flags.get(unit, ()), *search, "-c", unit, "-o", f"../{number}.o"]
-            require_success(run(command, tree), unit)
+        commands = [
+            [*job.compiler, *job.flags, *job.unit_flags.get(unit, ()), *search, "-c", unit, "-o", f"../{number}.o"]
+            for number, unit in enumerate(units)
+        ]
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            for unit, result in zip(units, pool.map(lambda command: run(command, tree), commands), strict=True):
+                require_success(result, unit)
         cdef = derive_cdef(
             [Path(header) for header in job.headers],
             job.include_folders,

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ import numpy.typing as npt
 
 from codegen import configuration
 from codegen.configuration import KM_H, Config
-from codegen.design.linearised import linearised
+from codegen.design.linearised import SteadyTurns, linearised
 from codegen.design.margins import Margins, loop_margins
 from codegen.design.sampled import SampledCar, frequency_grid
 from codegen.emit.laws import law_of
@@ -184,6 +185,21 @@ class Region:
         return self.speeds_km_h[int(found[0])] if found.size else None
 
 
+@dataclass(frozen=True)
+class _Car:
+    """A car with its sampling time on a grid of speeds, compared by the text that determines its linearisation."""
+
+    text: str
+    config: Config = field(compare=False)
+
+
+@lru_cache(maxsize=4)
+def _turns(car: _Car, grip_share: float) -> SteadyTurns:
+    """Return the linearised plant on the grid. All controllers of a car share it."""
+    mass, friction, speed = (values.ravel() for values in _grid(car.config))
+    return linearised(car.config, speed, friction, 1.0 + mass / 100.0, grip_share=grip_share)
+
+
 def region(config: Config) -> Region | None:
     """The linear part; None for a kind without feedback.
 
@@ -193,12 +209,11 @@ def region(config: Config) -> Region | None:
     gains = law_of(config).gains(config)
     if gains is None:
         return None
-    mass, friction, speed = _grid(config)
+    speed = _grid(config)[2]
     kp, ki = gains(speed.ravel())
     shape, frequency = speed.shape, frequency_grid(config.controller.sampling_time_s)
-    arguments = (speed.ravel(), friction.ravel(), 1.0 + mass.ravel() / 100.0)
-    ahead = linearised(config, *arguments)
-    turn = linearised(config, *arguments, grip_share=TURN_SHARE)
+    car = _Car(f"{config.model_dump_json(exclude={'controller', 'limiter'})} {frequency[-1]} {speeds_of(config)}", config)
+    ahead, turn = _turns(car, 0.0), _turns(car, TURN_SHARE)
     straight, turning = (loop_margins(found.sampled, kp, ki, frequency) for found in (ahead, turn))
     limit, limit_growth = _limits(ahead.sampled, kp, ki, straight)
     model = SingleTrack.from_config(config).critical_speed / KM_H if law_of(config).uses_reference_model else math.inf

@@ -24,7 +24,6 @@ from codegen.vehicle.plant_car import (
     PLANT_PARAMETERS,
     load_shares_per_lateral_acceleration,
     load_transfer_losses,
-    load_transfer_per_lateral_acceleration,
     plant_parameters,
 )
 from codegen.vehicle.two_track import (
@@ -32,12 +31,11 @@ from codegen.vehicle.two_track import (
     PLANT_OUTPUTS,
     PLANT_STATES,
     RELAXATION_STATES,
-    WHEEL_SPEED_MIN,
     ParametricModel,
     two_track,
     two_track_of_parameters,
 )
-from codegen.vehicle.tyre import AxleTyres
+from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres, load_transfer_per_lateral_acceleration
 
 __all__ = [
     "PLANT_INPUTS",

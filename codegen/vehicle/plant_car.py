@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from codegen.configuration import Config, Tyres
 from codegen.vehicle.curves import CURVES
-from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
+from codegen.vehicle.tyre import MagicFormulaTyre, load_transfer_per_lateral_acceleration, static_wheel_loads
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -176,15 +176,3 @@ def load_transfer_losses(config: Config) -> tuple[float, float]:
         for tyre, share in zip((config.tyre.front, config.tyre.rear), shares, strict=True)
     )
     return front, rear
-
-
-def load_transfer_per_lateral_acceleration(config: Config) -> tuple[float, float]:
-    """Load that moves from the inner to the outer wheel of the front and of the rear axle, N for each m/s^2.
-
-    "moment-balance": rho m h / w and (1 - rho) m h / w, so that w (dFz_f + dFz_r) = m ay h. "paper": as printed, half of it.
-    """
-    vehicle = config.vehicle
-    total = vehicle.mass_kg * vehicle.cg_height_m / vehicle.track_m
-    if config.plant.load_transfer == "paper":
-        total *= 0.5
-    return vehicle.front_roll_share * total, (1.0 - vehicle.front_roll_share) * total

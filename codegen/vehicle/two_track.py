@@ -13,7 +13,7 @@ import casadi as ca
 from codegen.configuration import Config
 from codegen.vehicle.expressions import Model, clamp, is_zero, magic_formula, make_model
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, PlantCar, plant_symbols
-from codegen.vehicle.tyre import AxleTyres
+from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres
 
 PLANT_STATES = (
     "lateral_speed",  # m/s, of the centre of gravity, to the left
@@ -46,9 +46,6 @@ PLANT_OUTPUTS = (
     "slip_front",  # rad, at the middle of the axle, from the motion: ahead of the tyres where they have a relaxation length
     "slip_rear",
 )
-
-WHEEL_SPEED_MIN = 0.5
-"""m/s. Below, the slip angle of a rolling wheel has no meaning and its quotient no bound; the plant takes this instead."""
 
 
 @dataclass(frozen=True)

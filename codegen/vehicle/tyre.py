@@ -24,6 +24,10 @@ SLIP_SEARCH_MAX = math.radians(45.0)
 SLIP_SEARCH_POINTS = 2000
 
 
+WHEEL_SPEED_MIN = 0.5
+"""m/s. Below, the slip angle of a rolling wheel has no meaning and its quotient no bound; the plant takes this instead."""
+
+
 @dataclass(frozen=True)
 class MagicFormulaTyre:
     """One tyre (H. B. Pacejka, Tire and Vehicle Dynamics, section 4.3; paper, equation of the magic formula).
@@ -165,6 +169,18 @@ class AxleTyres:
         rear = MagicFormulaTyre.from_config(config.tyre.rear, rear_load, friction)
         departure = config.limits.slip_departure_percent / 100.0
         return cls(front, rear, front.slip_bound(departure, "tyre.front"), rear.slip_bound(departure, "tyre.rear"))
+
+
+def load_transfer_per_lateral_acceleration(config: Config) -> tuple[float, float]:
+    """Load that moves from the inner to the outer wheel of the front and of the rear axle, N for each m/s^2.
+
+    "moment-balance": rho m h / w and (1 - rho) m h / w, so that w (dFz_f + dFz_r) = m ay h. "paper": as printed, half of it.
+    """
+    vehicle = config.vehicle
+    total = vehicle.mass_kg * vehicle.cg_height_m / vehicle.track_m
+    if config.plant.load_transfer == "paper":
+        total *= 0.5
+    return vehicle.front_roll_share * total, (1.0 - vehicle.front_roll_share) * total
 
 
 def static_wheel_loads(config: Config) -> tuple[float, float]:

@@ -74,13 +74,16 @@ class Candidate:
             return solve_stack(self.config, self.case, self.frictions)
         return solve_case(self.config, self.case)
 
-    def line_up(self, steps: Steps | None = None) -> LineUp:
-        """Solve the map, and tune and prepare everybody; a baseline that cannot be tuned for the car is left out.
+    def line_up(self, steps: Steps | None = None, reference_map: ReferenceMap | None = None) -> LineUp:
+        """Tune and prepare all controllers. A baseline that cannot be tuned for the car is left out.
+
+        Args:
+            reference_map: the map of the candidate where the caller has it already; None solves it.
 
         Raises:
             ConfigError, MapError: see `solve_case` and `tuned`.
         """
-        reference_map = self.reference_map()
+        reference_map = self.reference_map() if reference_map is None else reference_map
         configs, notes = self.contenders(), []
         for name, config in configs.items():
             if not LAWS[config.controller.kind].scheduled or (name == self.name and self.folder is not None):

@@ -64,7 +64,7 @@ PARTS = ("map", "cut", "step", "margins")
     ],
 )
 def test_each_setting_changes_its_parts_alone(pi: Explorer, key: str, value: float, parts: set[str]) -> None:
-    """And the start is shown beside the settings."""
+    """The start values are shown next to the settings."""
     before, after = pi.picture({}), pi.picture({key: value})
     if not key.startswith("step."):
         assert after["step"]["runs"]["start"] == before["step"]["runs"]["now"]

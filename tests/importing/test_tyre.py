@@ -10,6 +10,7 @@ import pytest
 
 from codegen import configuration
 from codegen.errors import CodegenError
+from codegen.importing import toml_edit
 from codegen.importing.tyre import TyreImport, import_tyres
 from codegen.vehicle.tyre import AxleTyres, static_wheel_loads
 from tests.cli.conftest import Run
@@ -124,6 +125,13 @@ def test_a_stiffness_factor_is_replaced_and_missing_tables_are_added(car: Path) 
     assert made.tyre.rear.cornering_stiffness_n_per_rad is not None
     assert "# B\n" in text
     assert "[road] # dry\nfriction = 1.0\n" in text
+
+
+def test_new_keys_and_tables_leave_the_comments_of_the_next_table_with_it() -> None:
+    text = "[a]\nx = 1.0 # m\nold = 2.0 # s\n\n# of b\n[b]\ny = [1, 2]\n"
+    edited = toml_edit.replace_values(text, "a", {"x": 3.0, "new": 4.0, "z": [5.0]}, {"old": "new"}, "made by hand")
+    assert edited == "[a]\n# made by hand\nx = 3.0 # m\nnew = 4.0 # s\nz = [5.0]\n\n# of b\n[b]\ny = [1, 2]\n"
+    assert toml_edit.replace_values(text, "a.c", {"x": 1}, {}, "made by hand") == f"{text}\n[a.c]\n# made by hand\nx = 1\n"
 
 
 BAD_FILES = [

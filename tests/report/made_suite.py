@@ -23,7 +23,7 @@ RISE = {"tracking": 0.3, "pi": 0.25, "feedforward": 0.28, "proportional": 0.31, 
 
 
 def cell_result(subject: str, cell: Cell, condition: str, **figures: Any) -> CellResult:
-    """A figure of each kind; the controller under test meets what is asked."""
+    """A figure of each kind; the controller under test meets all requirements."""
     values = {
         "spun_at_s": None,
         "settled": True,
@@ -94,14 +94,14 @@ def sines(subject: str) -> tuple[SineTracking, ...]:
 
 
 def third_party() -> dict[str, tuple[CellResult, ...]]:
-    """Nine cells, of which the PI spins in the last."""
+    """Nine cells; the PI spins in the last."""
     nine = tuple(Cell(speed, 300.0 * share / speed, share) for speed in (40.0, 70.0, 100.0) for share in (0.3, 0.6, 0.9))
     driven = {name: tuple(cell_result(name, cell, "third-party") for cell in nine) for name in SUBJECTS}
     return {**driven, "pi": (*driven["pi"][:-1], spun("pi", nine[-1], "third-party"))}
 
 
 def made(**changes: Any) -> SuiteResult:
-    """A controller that meets everything, beside baselines that do not; fields of SuiteResult may be changed."""
+    """A controller that meets everything, with baselines that do not; fields of SuiteResult may be changed."""
     results = {name: {condition.name: table(name, condition.name) for condition in CONDITIONS} for name in SUBJECTS}
     step = Cell(42.5, 6.75)
     values: dict[str, Any] = {
@@ -125,7 +125,7 @@ def made(**changes: Any) -> SuiteResult:
 
 
 def with_table(result: SuiteResult, subject: str, condition: str, rows: tuple[CellResult, ...]) -> SuiteResult:
-    """Another table in place of one; the requirements held against it."""
+    """Replace a table and evaluate the requirements again."""
     tables = {**result.results[subject], condition: rows}
     changed = replace(result, results={**result.results, subject: tables})
     return changed.with_outside(Outside(result.third_party, result.instructions))

@@ -92,7 +92,7 @@ def sweep_runs() -> Runs:
 
 
 def dwell_runs() -> Runs:
-    """Return runs of which the first spins at 3 s."""
+    """Return runs; the first spins at 3 s."""
     run = driven("sine-with-dwell")
     late = np.where(run[:, 0] >= 3.0, 0.2, 0.0)
     return {"controlled": driven("sine-with-dwell", sideslip_rad=late, slip_rear_rad=late), "passive": run}

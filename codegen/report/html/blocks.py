@@ -1,4 +1,4 @@
-"""What a report is made of: sections of paragraphs, tables and charts. Plain data; `page` makes HTML of it."""
+"""Content of a report: sections of paragraphs, tables and charts. Plain data; `page` renders it as HTML."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Tile:
-    """A figure in large type: its title, the value with its unit, and what it compares with; `look` is "", "good" or "bad"."""
+    """A figure in large type: its title, the value with its unit, and a comparison; `look` is "", "good" or "bad"."""
 
     title: str
     value: str
@@ -62,8 +62,8 @@ class Chart:
     """A figure with its caption.
 
     Attributes:
-        name: unique; its id in the page is "chart-" and this. figure: what Plotly draws. caption: what is to be seen in it.
-        spoken: what it shows, for who cannot see it. height: px.
+        name: unique; its id in the page is "chart-" and this. figure: what Plotly draws. caption: the text below.
+        spoken: the description for a screen reader. height: px.
     """
 
     name: str

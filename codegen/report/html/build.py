@@ -14,7 +14,7 @@ from codegen.report.html.blocks import Block, Table, Text
 
 VERDICTS = {"passed": "good", "failed": "bad"}
 SECTIONS = ("text", "rodata", "data", "bss")
-CALLS = {
+BUDGET_KEYS = {
     "map_yaw_rate": "lookup_instructions_max",
     "map_yaw_rate_on_road": "lookup_instructions_max",
     "map_reference": "reference_instructions_max",
@@ -23,14 +23,14 @@ CALLS = {
     "cycle": "task_instructions_max",
 }
 """Function as in verify.json -> its budget."""
-TOLD = {
+FUNCTION_TITLES = {
     "controller_step": "controller_step, its limiter apart",
     "cycle": "cycle: both frames received, and the task",
 }
 
 
 def verification_blocks(folder: Path) -> Iterator[Block]:
-    """The record of `codegen verify` beside a build; a notice where there is none, or where it is of other files.
+    """Yield the record of `codegen verify` of a build; a notice if there is none, or one of other files.
 
     Raises:
         BuildError: not a build folder.
@@ -81,11 +81,14 @@ def _budgets(figures: Mapping[str, Any]) -> Iterator[Block]:
     asked, counted = figures["budgets"], figures["functions"]
     rows = []
     for name, count in counted.items():
-        budget = asked.get(CALLS.get(name, ""))
+        budget = asked.get(BUDGET_KEYS.get(name, ""))
         instructions = count["instructions"]
         cycles = count.get("estimated_cycles") or {}
         rows.append(
-            (TOLD.get(name, name), *map(_number, (instructions["max"], instructions["mean"], cycles.get("max"), budget)))
+            (
+                FUNCTION_TITLES.get(name, name),
+                *map(_number, (instructions["max"], instructions["mean"], cycles.get("max"), budget)),
+            )
         )
     header = ("function", "instructions, worst", "mean", "estimated cycles, worst", "budget of instructions")
     yield Table("Budgets on a Cortex-M4F", header, rows)
@@ -115,7 +118,7 @@ def _number(value: float | None) -> str:
 
 
 def manifest_blocks(folder: Path) -> Iterator[Block]:
-    """Where a build comes from, and the SHA-256 of each of its files.
+    """Yield the origin of a build, and the SHA-256 of each of its files.
 
     Raises:
         BuildError: not a build folder.

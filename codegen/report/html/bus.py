@@ -45,7 +45,7 @@ class BusTimes:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether every period is the one that is asked for, to a microsecond: no clock has that."""
+        """Whether every period is the configured one to a microsecond, which no real clock achieves."""
         return all(bool(np.all(np.abs(values - self.cycle) < 1e-3)) for values in self.periods.values())
 
 

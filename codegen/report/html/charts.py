@@ -98,7 +98,7 @@ def line(x: Any, y: Any, name: str, colour: str, **more: Any) -> dict[str, Any]:
 def categories(
     codes: npt.NDArray[np.uint8], names: Sequence[str], colours: Sequence[str], hidden: npt.NDArray[np.bool_]
 ) -> Mapping[str, Any]:
-    """The parts of a heat map whose numbers stand for names: codes (rows, columns) into both lists; gaps where `hidden`."""
+    """Return the parts of a heat map of named categories: codes (rows, columns) into both lists; gaps where `hidden`."""
     count = len(names)
     steps = [[edge, colours[k]] for k in range(count) for edge in (k / count, (k + 1) / count)]
     return {

@@ -1,4 +1,4 @@
-"""Two maps compared: yaw rates beside each other, what the first has more, and the figures of `map_difference`."""
+"""Comparison of two maps: yaw rates side by side, their difference, and the figures of `map_difference`."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ LEAST = 0.01
 
 
 def comparison(one: NamedMap, other: NamedMap, number: int = 1) -> Gallery:
-    """Yaw rate of two maps, and what the first has more, on the first one's axes; NaN where one of them is infeasible.
+    """Return the yaw rates of two maps and their difference on the axes of the first; NaN where one is infeasible.
 
-    `number` tells several comparisons in one report apart.
+    `number` distinguishes several comparisons in one report.
     """
     mine = YAW_RATE.degrees(one.map)
     theirs = np.degrees(on_axes_of(one.map, other.map))
@@ -52,7 +52,7 @@ def comparison(one: NamedMap, other: NamedMap, number: int = 1) -> Gallery:
 
 
 def difference_in_figures(one: NamedMap, other: NamedMap) -> Iterator[Block]:
-    """What `codegen show --against` tells of two maps; a line where they have no operating point in common."""
+    """Yield the tables of `codegen show --against`; a notice if the maps have no operating point in common."""
     try:
         found = map_difference(one.map, other.map)
     except MapError as error:

@@ -18,7 +18,7 @@ from codegen.report.html.maps import FRONT_ANGLE, SPEED, NamedMap, category_trac
 from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
 YELLOW = "#F0E442"
-"""Of the palette of `codegen.report.style` too."""
+"""Yellow of the palette in `codegen.report.style`."""
 LINEAR = ", from there linear to the first breakpoint"
 
 RULE_COLOURS = {
@@ -39,7 +39,7 @@ RULE_NAMES = {
     Rule.NEIGHBOUR: "between speeds",
     Rule.CONTINUED: "beyond the cap, continued",
 }
-"""Short, for a legend; RULE_TEXT says more."""
+"""Short names for a legend; RULE_TEXT has the full ones."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a report is made of, gathered from the user's files and, for a build, from runs of its C."""
+"""Content of a report from the user's files and, for a build, from runs of its C."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.map_file import map as npz
 from codegen.map_file.choose import choose_config
+from codegen.map_file.map import ReferenceMap
 from codegen.report.fault_table import fault_data
 from codegen.report.html.handling import HANDLING, RESPONSE
 from codegen.report.html.inputs import Files, read_files
@@ -34,13 +35,13 @@ from hil_sim.suite.subjects import Build, Subject, around_folder
 Steps = Callable[[int, int], None]
 
 PASSIVE = "passive car"
-BESIDE = ("pi", "tracking")
-"""Kinds of controller that a build is shown beside, of those that it is not: the paper's and the recommended one."""
+COMPARED_KINDS = ("pi", "tracking")
+"""Kinds of controller that a build is compared with: the paper's and the recommended one."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What the user asks for.
+    """Arguments of the command.
 
     Attributes:
         map_path: the map. compare: maps to compare it with; none takes that of the car without rear steering.
@@ -59,10 +60,10 @@ class Request:
 
 @dataclass(frozen=True)
 class Read:
-    """The user's files, read and found to fit together.
+    """The user's files, read and checked.
 
     Attributes:
-        request: what is asked for.
+        request: arguments of the command.
         material: of the files alone.
         scenario: to be driven, or driven in the recordings; None where there is neither a build nor a recording.
     """
@@ -111,24 +112,22 @@ def read(request: Request) -> Read:
 
 
 def gather(found: Read, steps: Steps) -> Material:
-    """Solve and run what the files do not bring.
+    """Solve and run what the files do not contain.
 
     Args:
         found: the files.
-        steps: is told of the parts done, and of all.
+        steps: called with the number of parts done, and of all parts.
 
     Raises:
         CodegenError: a build that does not compile.
     """
     material, config = found.material, found.material.config
     steps(1, PARTS)
-    if not material.others and (other := to_compare(material.map.map)) is not None:
-        material = replace(material, others=[other])
-    steps(2, PARTS)
     if found.request.build is not None:
         material = _driven(found, material, steps)
     elif material.configured and not is_untuned(config):
         material = replace(material, loops={config.controller.kind: config})
+    material = _compared(material)
     if material.loops and not material.regions:
         material = replace(material, regions=_linear_regions(material.loops))
     steps(PARTS, PARTS)
@@ -139,8 +138,14 @@ def gather(found: Read, steps: Steps) -> Material:
 PARTS = 6
 
 
+def _compared(material: Material) -> Material:
+    """Add the map to compare with, where the user names none."""
+    other = None if material.others else to_compare(material.map.map)
+    return material if other is None else replace(material, others=[other])
+
+
 def _linear_regions(loops: Mapping[str, Config]) -> dict[str, Region]:
-    """Where the linearised loops are stable, of those that have feedback."""
+    """Return the stable regions of the linearised loops that have feedback."""
     found = {name: region(config) for name, config in loops.items()}
     return {name: linear for name, linear in found.items() if linear is not None}
 
@@ -151,10 +156,15 @@ def _config_of(build: Path) -> Config:
         return configuration.parse(manifest["configuration"], "manifest.json: configuration")
 
 
+def _is_built_from(request: Request) -> bool:
+    """Whether the build was made from the very map of the report."""
+    given = hashlib.sha256(request.map_path.read_bytes()).hexdigest()
+    return request.build is not None and read_build(request.build)["inputs"]["map"]["sha256"] == given
+
+
 def _differences(request: Request, config: Config, own: Config | None) -> list[str]:
     found = []
-    given = hashlib.sha256(request.map_path.read_bytes()).hexdigest()
-    if request.build is None or read_build(request.build)["inputs"]["map"]["sha256"] != given:
+    if not _is_built_from(request):
         found.append(f"{request.build} was built from another map than {request.map_path}.")
     if own is not None and (own.vehicle, own.tyre, own.road) != (config.vehicle, config.tyre, config.road):
         found.append("The build's configuration describes another car than the map was solved for.")
@@ -162,7 +172,7 @@ def _differences(request: Request, config: Config, own: Config | None) -> list[s
 
 
 def _scenario_of(files: Files, request: Request, config: Config) -> Scenario:
-    """What was driven: as the user says, else what the first recording holds."""
+    """Return the scenario that the user names, else the one of the first recording."""
     if request.scenario is not None:
         return find(request.scenario, config)
     name, path = next(iter(files.paths.items()))
@@ -188,18 +198,26 @@ def _driven(found: Read, material: Material, steps: Steps) -> Material:
     loops = {kind: config}
     if not found.request.simulate or scenario is None:
         return replace(material, loops=loops)
-    beside, left_out = _beside(build, kind)
-    loops |= {subject.name: subject.config for subject in beside}
-    generated = {kind: around_folder(build), **{subject.name: subject.around for subject in beside}}
     regions = _linear_regions(loops)
-    steps(3, PARTS)
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C of a region runs without the interpreter's lock
-        confirmed = {name: pool.submit(_confirm, linear, generated[name]) for name, linear in regions.items()}
+        confirmed = {name: pool.submit(_confirm, linear, around_folder(build)) for name, linear in regions.items()}
+        material = _compared(material)
+        steps(2, PARTS)
+        own_map = material.map.map if _is_built_from(found.request) else None
+        baselines, left_out = _baselines(build, kind, own_map)
+        loops |= {subject.name: subject.config for subject in baselines}
+        steps(3, PARTS)
+        linear_baselines = _linear_regions({subject.name: subject.config for subject in baselines})
+        confirmed |= {
+            subject.name: pool.submit(_confirm, linear_baselines[subject.name], subject.around)
+            for subject in baselines
+            if subject.name in linear_baselines
+        }
         software = load(build)
         runs = dict(material.runs or {})
         if not runs:
             runs[kind] = run(software, scenario)
-            for subject in beside:
+            for subject in baselines:
                 runs[subject.name] = run(subject.around(config), scenario)
         steps(4, PARTS)
         if not any(is_passive(name) for name in runs):
@@ -221,10 +239,16 @@ def _confirm(linear: Region, build: Build) -> Region:
     return confirm(linear, build.generated.files, build.generated.manifest)
 
 
-def _beside(build: Path, kind: str) -> tuple[list[Subject], list[str]]:
-    """Other controllers on the map of a build; none for a map of the user's own, which cannot be solved again."""
+def _baselines(build: Path, kind: str, reference_map: ReferenceMap | None) -> tuple[list[Subject], list[str]]:
+    """Other controllers on the map of a build; none for a map of the user's own, which cannot be solved again.
+
+    Args:
+        reference_map: the map of the build; None solves it again.
+    """
     try:
-        line_up = of_folder(build).line_up()
+        line_up = of_folder(build).line_up(reference_map=reference_map)
     except CodegenError as error:
         return [], [f"No other controller is shown beside: {error}"]
-    return [subject for subject in line_up.baselines if subject.name in BESIDE and subject.name != kind], list(line_up.notes)
+    return [subject for subject in line_up.baselines if subject.name in COMPARED_KINDS and subject.name != kind], list(
+        line_up.notes
+    )

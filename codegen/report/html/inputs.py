@@ -30,7 +30,7 @@ KINDS = "a run (.csv, .parquet, .mf4), a log of the bus (.blf, .asc, .log, .mf4)
 
 @dataclass(frozen=True)
 class Files:
-    """What the user's files hold.
+    """Content of the user's files.
 
     Attributes:
         runs: name to recording (samples, 12), columns RECORD_COLUMNS. paths: of those, by name.

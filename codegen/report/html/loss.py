@@ -1,4 +1,4 @@
-"""Where losing the rear steering is dangerous: cells that need it, and what the car does after it is lost."""
+"""Loss of the rear steering: cells that require it, and the motion of the car after the loss."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from codegen.report.html.maps import FRONT_ANGLE, SPEED, NamedMap
 from codegen.report.style import SKY, VERMILION
 
 AFTER = {"hold": "held", "ramp": "led back by the fail-safe's ramp", "zero": "set straight at once"}
-"""What the rear angle does after the loss, in words, by mode."""
+"""Description of the rear angle after the loss, by mode."""
 
 CELLS = ("feasible with straight rear wheels too", "feasible only with rear steering")
 

@@ -118,12 +118,12 @@ def _heat_map(one: NamedMap, quantity: Quantity, table: FloatArray) -> Chart:
 
 
 def colour_bar(unit: str) -> dict[str, Any]:
-    """Of a heat map."""
+    """Return the colour bar of a heat map."""
     return {"title": {"text": unit, "side": "top"}, "thickness": 14, "outlinewidth": 0, "len": 1.0}
 
 
 def map_layout(one: NamedMap, legend: bool = True) -> dict[str, Any]:
-    """Of a chart over speed and front angle; what shows through where nothing is drawn is infeasible."""
+    """Return the layout of a chart over speed and front angle. Its background shows infeasible cells."""
     speed, angle = one.speed_km_h, one.front_angle_deg
     return layout(
         xaxis=axis(SPEED, range=[float(speed[0]), float(speed[-1])], showgrid=False, zeroline=False),
@@ -184,7 +184,7 @@ def category_trace(
 
 
 def cuts(maps: Sequence[NamedMap]) -> Cuts:
-    """The first map, and others beside it, for the page to cut at any speed and any front angle."""
+    """Return the data from which the page cuts all maps at any speed and front angle."""
     data = {"maps": [_cut_data(one) for one in maps]}
     return Cuts(data, "The maps cut along both axes. Where a line ends, no steady turn inside the limits exists.")
 

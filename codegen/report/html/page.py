@@ -67,7 +67,7 @@ def charts_of(sections: Sequence[Section]) -> list[Chart]:
 
 
 def _data(sections: Sequence[Section]) -> str:
-    """What the scripts draw, as JSON that ends no script element."""
+    """Return the data of the charts as JSON that ends no script element."""
     cuts = next((asdict(block)["data"] for section in sections for block in section.blocks if isinstance(block, Cuts)), None)
     data: dict[str, Any] = {"charts": {chart.name: chart.figure for chart in charts_of(sections)}, "cuts": cuts}
     return json.dumps(data, allow_nan=False, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import Config
+from codegen.design.margins import Weakest
 from codegen.emit.evidence import margins_of, margins_text
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
@@ -46,7 +48,7 @@ WITHOUT_REAR_STEER = "fws"
 
 @dataclass(frozen=True)
 class Material:
-    """What a report is about.
+    """Data of a report.
 
     Attributes:
         map: with its name. others: maps to compare it with.
@@ -77,6 +79,11 @@ class Material:
     look_up: LookUp | None = None
     of_paper: bool = False
 
+    @cached_property
+    def margins(self) -> Weakest | None:
+        """The least margins of the configured controller; None without feedback."""
+        return margins_of(self.config)
+
 
 def to_compare(one: ReferenceMap) -> NamedMap | None:
     """The map of the same car without rear steering, where the configuration has that case and this map is not it.
@@ -89,7 +96,7 @@ def to_compare(one: ReferenceMap) -> NamedMap | None:
 
 
 def sections(material: Material) -> Iterator[Section]:
-    """All sections; those without content say how to get it."""
+    """Yield all sections. Sections without content contain a notice how to add it."""
     yield Section("verdict", "Verdict", list(verdict_blocks(material)), is_open=True)
     yield Section("map", "The map", list(_map(material)))
     if material.others:
@@ -164,7 +171,7 @@ def _compared(material: Material) -> Iterator[Block]:
 
 
 def _same_car(one: ReferenceMap, other: ReferenceMap) -> str:
-    """What is known of the cars of two maps."""
+    """Return a text on whether two maps are of the same car."""
     same = same_car(one, other)
     if same is None:
         return "; of what car, a bare map does not tell"
@@ -229,7 +236,7 @@ def _margins(material: Material) -> Iterator[Block]:
         return
     yield chart
     for name, config in (material.loops or {}).items():
-        least = margins_text(margins_of(config)).replace("**", "")
+        least = margins_text(material.margins if config is material.config else margins_of(config)).replace("**", "")
         top = config.controller.inputs.speed_max_km_h
         yield Text(f"{name}, least margins of the car itself up to {top:g} km/h: {least}.")
 

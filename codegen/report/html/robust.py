@@ -1,4 +1,4 @@
-"""Where each controller's loop is stable over speed, friction and mass: heat maps of its gain margin, and a table."""
+"""Stable region of each controller's loop over speed, friction and mass: heat maps of its gain margin, and tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WITHOUT = "without feedback"
 
 
 def region_blocks(regions: Mapping[str, Region]) -> Iterator[Block]:
-    """For each controller by its name: charts, a table, and what the drives said."""
+    """Yield charts and tables for each controller, and the outcome of the drives."""
     yield Text(
         "The two-track plant is linearised by CasADi at each speed, friction and mass, and the loop around it judged by its "
         "poles and margins: straight ahead, and in a turn at "

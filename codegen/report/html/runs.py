@@ -35,7 +35,7 @@ class Panel:
 
     @property
     def unit(self) -> str:
-        """As the title has it."""
+        """Unit in the title."""
         return self.title.partition("(")[2].rstrip(")")
 
 
@@ -94,7 +94,7 @@ def run_blocks(
 
 
 def run_chart(runs: Mapping[str, FloatArray], config: Config, title: str, panels: Sequence[Panel] = PANELS) -> Chart:
-    """Signals below each other, all of them by default; dashed what was asked for, dotted the limits.
+    """Return the chart of the signals below each other. Reference and command are dashed, limits dotted.
 
     Raises:
         PlotError: no run, or an array of another shape.
@@ -164,7 +164,7 @@ def _entry(name: str, colour: str, dash: str) -> dict[str, Any]:
 
 
 def _limits(config: Config) -> dict[str, float]:
-    """Of a signal as it is drawn: what the optimisation or the actuator keeps it within."""
+    """Return the limit of each signal from the optimisation or the actuator, in its displayed unit."""
     tyres = AxleTyres.from_config(config)
     return {
         **signal_limits(config),

@@ -10,7 +10,6 @@ import numpy as np
 
 from codegen.configuration import KM_H, Config
 from codegen.design.margins import Weakest
-from codegen.emit.evidence import margins_of
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
@@ -59,7 +58,7 @@ def _tiles(material: Material) -> Iterator[Tile]:
     if material.runs and material.scenario is not None and material.scenario.kind == "step":
         yield from _against_passive(material, material.scenario)
     if material.configured and not is_untuned(material.config):
-        yield _margins(margins_of(material.config), material.config)
+        yield _margins(material.margins, material.config)
     if material.build is not None:
         yield from _verification(material.build)
 

@@ -6,7 +6,7 @@ As with cppcheck, a unit with a fault goes first: where it is not found, this gc
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,11 +15,9 @@ from codegen.sil.toolchain import require_success, run
 from codegen.verify.analysis.findings import Finding, once, plain
 from codegen.verify.packages import MissingTool
 
-FLAGS = (
-    *("-std=c99", "-O2", "-ffp-contract=off", "-fanalyzer", "-Wanalyzer-too-complex", "-fdiagnostics-plain-output"),
-    # Far beyond gcc's own limits, so that every path of what goes into an ECU is followed to its end.
-    *("--param", "analyzer-bb-explosion-factor=100", "--param", "analyzer-max-enodes-per-program-point=400"),
-)
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fanalyzer", "-Wanalyzer-too-complex", "-fdiagnostics-plain-output")
+DEEP = ("--param", "analyzer-bb-explosion-factor=100", "--param", "analyzer-max-enodes-per-program-point=400")
+"""Far beyond gcc's own limits, so that every path is followed to its end."""
 LEFT = "-Wanalyzer-too-complex"
 """What gcc says where it leaves a path. Not a finding."""
 
@@ -54,12 +52,12 @@ class Analysis:
     left: tuple[str, ...]
 
 
-def analyse(program: str, units: Sequence[str], tree: Path) -> Analysis:
-    """Look at each of the units.
+def analyse(program: str, units: Mapping[str, Sequence[str]], tree: Path) -> Analysis:
+    """Analyse each of the units.
 
     Args:
         program: gcc.
-        units: paths below `tree`, which also gets the unit with a fault.
+        units: paths below `tree`, which also gets the unit with a fault, and the flags of each beyond FLAGS.
 
     Raises:
         MissingTool: this gcc does not analyse.
@@ -67,18 +65,18 @@ def analyse(program: str, units: Sequence[str], tree: Path) -> Analysis:
     """
     (tree / CANARY).write_text(CANARY_TEXT, encoding="ascii")
     try:
-        planted = _told(program, CANARY, tree)
+        planted = _told(program, CANARY, (), tree)
     except BuildError:  # too old to know the flags
         planted = []
     if CANARY_FAULT not in {finding.rule for finding in planted}:
         raise MissingTool("it does not find what was planted for it", where="gcc -fanalyzer", remedy="take a newer gcc")
-    told = {unit: _told(program, unit, tree) for unit in units}
+    told = {unit: _told(program, unit, flags, tree) for unit, flags in units.items()}
     left = tuple(unit for unit in units if any(finding.rule == LEFT for finding in told[unit]))
     return Analysis(once(finding for unit in units for finding in told[unit] if finding.rule != LEFT), left)
 
 
-def _told(program: str, unit: str, tree: Path) -> list[Finding]:
-    result = run([program, *FLAGS, "-Iinclude", "-c", unit, "-o", f"../{Path(unit).name}.o"], tree)
+def _told(program: str, unit: str, flags: Sequence[str], tree: Path) -> list[Finding]:
+    result = run([program, *FLAGS, *flags, "-Iinclude", "-c", unit, "-o", f"../{Path(unit).name}.o"], tree)
     require_success(result, unit)
     return [
         Finding(plain(match["file"]), int(match["line"]), match["rule"], match["text"])
