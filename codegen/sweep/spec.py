@@ -84,6 +84,20 @@ FACTORS: Mapping[str, Factor] = {
 NOISE = ("speed_noise_m_s", "front_angle_noise_deg", "yaw_rate_noise_deg_s")
 """Noise factors, in the order of the noise array of `codegen.sil.batch`."""
 
+
+def _check_whole(low: int, high: int) -> BeforeValidator:
+    """Return a validator of whole numbers from `low` to `high`."""
+
+    def check(value: object) -> object:
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise ValueError(
+                f"{shown(value)} is no whole number from {low} to {high}; give one, without a point or an exponent"
+            )
+        return value
+
+    return BeforeValidator(check)
+
+
 _Number = Annotated[float, BeforeValidator(check_number)]
 _Pair = Annotated[list[_Number], Field(min_length=2, max_length=2)]
 

@@ -14,7 +14,8 @@ from codegen.configuration import Config
 from codegen.sil.plant import Plant, PlantInput, PlantSample
 from codegen.vehicle.expressions import Model, clamp, magic_formula, make_model
 from codegen.vehicle.plant_car import PlantCar
-from codegen.vehicle.two_track import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, RELAXATION_STATES, WHEEL_SPEED_MIN
+from codegen.vehicle.two_track import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, RELAXATION_STATES
+from codegen.vehicle.tyre import WHEEL_SPEED_MIN
 from hil_sim.suite.plants import load_sensitivity, stiffness, together
 
 STATES = (*PLANT_STATES, "roll", "roll_rate", "motor_angle", "motor_rate", *RELAXATION_STATES)
