@@ -7,7 +7,6 @@ IT block does not hold counts too: the core takes it in, and spends a cycle on i
 
 from __future__ import annotations
 
-import ctypes
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.errors import BuildError
-from codegen.sil.compile import compile_library
 from codegen.verify.packages import module
 from codegen.verify.target.cross import CORTEX_M4F, CORTEX_M7, CORTEX_M33, POWERPC_BE, Core
 
@@ -33,36 +31,6 @@ SIZE_BITS = 16
 """A block is kept as its address and, in so many bits, its size in bytes."""
 
 CALL_SECONDS = 60.0
-
-_TRACE_H = """#include <stdint.h>
-typedef struct { int64_t *blocks; uint64_t count; uint64_t room; } trace_t;
-void trace_enter(void *core, uint64_t address, uint32_t size, void *trace);
-void trace_release(trace_t *trace);
-"""
-_TRACE_C = f"""#include "trace.h"
-#include <stdlib.h>
-void trace_enter(void *core, uint64_t address, uint32_t size, void *user_data)
-{{
-    trace_t *trace = user_data;
-    (void)core;
-    if (trace->count == trace->room) {{
-        uint64_t room = trace->room ? 2u * trace->room : 4096u;
-        int64_t *blocks = realloc(trace->blocks, room * sizeof *blocks);
-        if (blocks != NULL) {{
-            trace->blocks = blocks;
-            trace->room = room;
-        }}
-    }}
-    if (trace->count < trace->room) {{
-        trace->blocks[trace->count] = (int64_t)(address << {SIZE_BITS} | size);
-        trace->count += 1u;
-    }} else {{
-        trace->count = trace->room + 1u;
-    }}
-}}
-void trace_release(trace_t *trace) {{ free(trace->blocks); }}
-"""
-"""The hook of `Processor.traced`. Where memory ran out, `count` exceeds `room`."""
 
 
 @dataclass(frozen=True)
@@ -191,6 +159,7 @@ class Processor:
         self.functions = _functions(symbols)
         self.name, self.byte_order = core.name, machine.byte_order
         self._addresses = {symbol.name: int(symbol["st_value"]) for symbol in symbols if symbol.name}
+        self._trace: list[int] = []
         self._known: dict[int, int] = {}
 
     def _get(self, register: str) -> int:
@@ -235,28 +204,21 @@ class Processor:
         """Every basic block that runs during `work`. Raises ValueError: not a core with Thumb instructions."""
         if not self._machine.thumb:
             raise ValueError(f"the instructions of a {self.name} are not counted")
-        library = compile_library("trace", {"trace.h": _TRACE_H, "trace.c": _TRACE_C}, ["trace.h"], include_folders=(".",))
-        ffi, lib = library.ffi, library.lib
-        trace = ffi.gc(ffi.new("trace_t *"), lib.trace_release)
-        # Blocks that were translated before do not call the hook.
+        self._trace.clear()
+        # Blocks that were translated before do not tell.
         self._core.ctl_flush_tb()
-        unicorn = module("unicorn.unicorn_py3.unicorn", "unicorn").uclib
-        hook, engine = ctypes.c_size_t(), self._core._uch  # the binding's own hooks are Python functions: ten times slower
-        entered, target = (int(ffi.cast("uintptr_t", each)) for each in (ffi.addressof(lib, "trace_enter"), trace))
-        kind = self._unicorn.UC_HOOK_BLOCK
-        if unicorn.uc_hook_add(engine, ctypes.byref(hook), kind, entered, target, ctypes.c_uint64(1), ctypes.c_uint64(0)):
-            raise BuildError(f"the blocks of a {self.name} cannot be traced", where="unicorn")
+        append = self._trace.append
+
+        def entered(core: Any, address: int, size: int, data: Any) -> None:  # noqa: ARG001 - as the emulator calls it
+            append((address << SIZE_BITS) | size)
+
+        hook = self._core.hook_add(self._unicorn.UC_HOOK_BLOCK, entered)
         try:
             work()
         finally:
-            unicorn.uc_hook_del(engine, hook)
+            self._core.hook_del(hook)
             self._core.ctl_flush_tb()
-        if trace.count > trace.room:
-            raise MemoryError("the trace of basic blocks")
-        found = (
-            np.frombuffer(ffi.buffer(trace.blocks, 8 * trace.count), dtype=np.int64) if trace.count else np.zeros(0, np.int64)
-        )
-        return self._blocks(found)
+        return self._blocks(np.array(self._trace, dtype=np.int64))
 
     def _blocks(self, trace: IntArray) -> Blocks:
         different, inverse = np.unique(trace, return_inverse=True)
