@@ -1,6 +1,6 @@
-"""What must hold of the generated parameters: their defaults and their ranges.
+"""Checks of the generated parameters: their defaults and their ranges.
 
-Each check takes a build of any kind and raises AssertionError where it does not hold.
+Each check takes a build of any kind and raises AssertionError if the build fails it.
 """
 
 import functools
@@ -19,7 +19,7 @@ from tests.sil.checks_kinds import config_of
 
 
 def configured(built: Built) -> dict[str, Any]:
-    """Values of the parameters as their documentation says that they follow from the configuration; SI units."""
+    """Return the parameter values that follow from the configuration according to their documentation; SI units."""
     config = config_of(built)
     controller, actuator = config.controller, config.rear_actuator
     rate, period, lag = controller.rear_rate_max_deg_s, controller.sampling_time_s, actuator.lag_s
@@ -31,7 +31,7 @@ def configured(built: Built) -> dict[str, Any]:
         "disable_speed": controller.disable_speed_km_h / 3.6,
         "standby_rate": math.radians(controller.standby_rate_deg_s),
         "fail_safe_rate": math.radians(controller.fail_safe.rate_deg_s),
-        # A first-order lag over a sample; a tenth of the angle; from stop to stop at the largest rate, and ten lags.
+        # A first-order lag over a sample; a tenth of the angle; the time from stop to stop at the largest rate, and ten lags.
         "actuator_share": 1.0 - math.exp(-period / lag),
         "actuator_error_max": 0.1 * math.radians(actuator.angle_max_deg),
         "actuator_samples_max": round((2.0 * actuator.angle_max_deg / actuator.rate_max_deg_s + 10.0 * lag) / period),
@@ -67,7 +67,7 @@ def _configured_tracking(tracking: Any, period: float) -> dict[str, Any]:
 
 
 def check_defaults(built: Built) -> None:
-    """The default parameters are those of the configuration, but for one rounding, of inputs and limiter for two."""
+    """Check that the default parameters equal the configuration up to one rounding; two for inputs and limiter."""
     parameters = built.software.parameters()
     of_limiter, of_inputs = _configured_limiter(config_of(built)), _configured_inputs(config_of(built))
     assert of_limiter.keys() == set(dir(parameters.limiter))
@@ -123,7 +123,8 @@ def _configured_limiter(config: Config) -> dict[str, Any]:
 
 
 def opposite_phase_bounds(config: Config) -> list[float]:
-    """rad at each breakpoint: as listed, or with which the steady car, never taken to oversteer, reaches an acceleration."""
+    """Return the bound at each breakpoint, rad: as configured, or where a steady, never oversteering car reaches an
+    acceleration."""
     angles, speeds = config.limiter.opposite_phase_max_deg, [speed / 3.6 for speed in opposite_phase_speeds_km_h(config)]
     if angles == "off":
         return [math.inf] * len(speeds)
@@ -136,14 +137,17 @@ def opposite_phase_bounds(config: Config) -> list[float]:
 COMPANIONS: Mapping[str, Mapping[str, float]] = {
     "inputs.rear_angle_max": {"rear_angle_max": 1e-4},
 }
-"""What a parameter at the end of its range needs of another."""
+"""Values of other parameters that a parameter at the end of its range requires."""
 NO_ROOM = {("enable_speed", "low"), ("enable_speed", "high"), ("disable_speed", "high"), ("inputs.speed_max", "low")}
-"""The disabling speed must be below the enabling one, and both must leave the controller a part of the map."""
+"""Ends of ranges that cannot be valid: the disabling speed must be below the enabling one, and both below the map's last
+speed."""
 
 
 def is_valid(built: Built, **changes: Any) -> bool:
-    """Of the defaults with some changed. The limiter's angle goes down with the controller's, which it may not exceed; its
-    ranges of the inputs are the widest."""
+    """Return whether the defaults with some changes are valid.
+
+    The limiter's angle is reduced with the controller's, which it may not exceed; its input ranges are the widest.
+    """
     plain = {name: value for name, value in changes.items() if not name.startswith("inputs.")}
     parameters = built.software.parameters(**plain)
     for name in changes.keys() - plain.keys():
@@ -158,7 +162,7 @@ def is_valid(built: Built, **changes: Any) -> bool:
 
 
 def check_ranges(built: Built) -> None:
-    """Every parameter of every kind is taken to the ends of its range and refused beyond, array elements one by one."""
+    """Check that every parameter is accepted up to the ends of its range and rejected beyond, array elements one by one."""
     software, real = built.software, built.real
     view = controller_view(config_of(built), built.total, software.prefix, software.precision, "float")
     of_inputs = inputs_view(config_of(built), software.prefix, software.precision, "float").ranged
