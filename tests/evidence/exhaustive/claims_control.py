@@ -131,11 +131,11 @@ OVER_SPEED = """
 """
 
 RANGES = (("0.0f", "100.0f"), ("1.0e-4f", "1.0f"), ("-1.0f", "1.0f"))
-"""Kinds of ranges that parameters and initial states are checked against: from zero, from above zero, on both sides."""
+"""Ranges for checks of parameters and initial states: from zero, from above zero, on both sides."""
 
 
 def claims(source: Source) -> Iterator[Claim]:
-    """Claims about the units parameters, law, grip, controller and limiter."""
+    """Yield claims about the units parameters, law, grip, controller and limiter."""
     config, inputs = source.config, source.config.controller.inputs
     angle = number(config.rear_actuator.angle_max)
     limits = [number(inputs.speed_max_km_h * KM_H)]
@@ -178,7 +178,7 @@ def claims(source: Source) -> Iterator[Claim]:
     text = "starts within the actuator's range, NaN as zero"
     yield Claim("controller", "@_controller_init", text, CONTROLLER_INIT, edges(angle), values={"limit": angle})
     yield Claim("limiter", "@_limiter_init", "starts within a radian, all else as zero", LIMITER_INIT, edges("1.0f"))
-    # The bounds of a build may all be equal, which would test little: these fall with speed.
+    # The bounds of a build may all be equal; these decrease with speed and test more.
     speeds = [speed * KM_H for speed in opposite_phase_speeds_km_h(config)]
     bounds = [config.rear_actuator.angle_max * (1.0 - k / len(speeds)) for k in range(len(speeds))]
     outputs = {"opposite_phase_max": ("", bounds)}
@@ -197,7 +197,7 @@ def claims(source: Source) -> Iterator[Claim]:
 
 
 def _inputs(source: Source) -> Iterator[Claim]:
-    """Claims about the unit inputs that it does not share."""
+    """Yield claims about the helpers that only the unit inputs has."""
     values = {parameter.name: number(parameter.value) for parameter in inputs_parameters(source.config)}
     given = {"wheelbase": values["wheelbase"], "understeer": values["understeer_coefficient"], "top": values["speed_max"]}
     setup = "static const {{ p }}_inputs_parameters_t gain_parameters"
@@ -222,23 +222,23 @@ def _inputs(source: Source) -> Iterator[Claim]:
 
 
 def held(unit: str, function: str, ranges: Sequence[tuple[str, str]]) -> Claim:
-    """Claim of a function that limits a value to a range."""
+    """Return the claim of a function that limits a value to a range."""
     text = "the value within its bounds, NaN as the lower"
     return Claim(unit, function, text, HELD, edges(*chain(*ranges)), values={"ranges": ranges})
 
 
 def between(unit: str, function: str, ranges: Sequence[tuple[str, str]], given: str = "x") -> Claim:
-    """Claim of a function that reports whether a value lies in a range."""
+    """Return the claim of a function that reports whether a value is in a range."""
     text, values = "within both bounds, false for NaN", {"ranges": ranges, "given": given}
     return Claim(unit, function, text, IS_BETWEEN, edges(*chain(*ranges)), values=values)
 
 
 Outputs = Mapping[str, tuple[str, Sequence[float]]]
-"""Values of a table over speed, by member of the parameters; each with the suffix that takes the result from the call."""
+"""Values of a table over speed by parameter member, each with the suffix that selects the result of the call."""
 
 
 def _over_speed(unit: str, function: str, kind: str, result: str, speeds: Sequence[float], outputs: Outputs) -> Claim:
-    """Claim of a table over speed. Rounding is at most half a unit of the largest value for each of five operations."""
+    """Return the claim of a table over speed. The tolerance is half a unit of the largest value for each of five operations."""
     speed = "opposite_phase_speed" if unit == "limiter" else "schedule_speed"
     columns = {speed: speeds, **{member: numbers for member, (_, numbers) in outputs.items()}}
     values = {

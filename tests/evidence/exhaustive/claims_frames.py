@@ -87,7 +87,7 @@ NOT_AVAILABLE = 'SAME("a quiet NaN", bits_of({{ function }}()), 0x7FC00000u);'
 
 
 def claims(source: Source) -> Iterator[Claim]:
-    """Claims about the units can and e2e."""
+    """Yield claims about the units can and e2e."""
     yield Claim("can", "@_can_not_available", "NaN that no core changes", NOT_AVAILABLE, inputs=1)
     yield Claim("can", "leading_part", "splits a number into halves that multiply exactly", LEADING_PART, setup=HALVES)
     can = source.config.can

@@ -133,15 +133,18 @@ ARRANGE = """
 
 _STATED = re.compile(r"off by at most (\S+) in front and (\S+) at the rear")
 ROUNDING = 5e-7
-"""Rounding of a tyre curve in single precision, added to the error of its table: three roundings by 2^-24 of the place in the
-table, times the rise of the curve over the whole table, about two; and three of the value."""
+"""Rounding error of a tyre curve in single precision, added to the error of its table.
+
+It covers three roundings of the table position by 2^-24, multiplied by the rise of the curve over the table, about two, and
+three of the value.
+"""
 SLOPE_ALLOWANCE = 1.1
-"""A chord of width h is off by at most h^2 f''/8, and its slope by h f''/2: four times that over h. The rest
-is for the change of f'' within a cell."""
+"""Allowance for the change of f'' within a cell. A chord of width h deviates by at most h^2 f''/8 and its slope by h f''/2,
+which is 4/h times that."""
 
 
 def claims(source: Source) -> Iterator[Claim]:
-    """Claims about the units map, reference_model and dynamics."""
+    """Yield claims about the units map, reference_model and dynamics."""
     config = source.config
     speeds, angles = (list(map(float, axis)) for axis in breakpoints(config))
     stop = config.steering.front_angle_stop
@@ -171,8 +174,11 @@ def claims(source: Source) -> Iterator[Claim]:
 
 
 def _axis(function: str, given: Sequence[float], is_magnitude: bool = False) -> Claim:
-    """Claim of a search in breakpoints from zero to the last. A place is as exact as the largest number that it is computed
-    from, with half a unit each of breakpoint, difference, factor and product."""
+    """Return the claim of a search in breakpoints from zero to the last.
+
+    The position is as accurate as the largest number in its computation: half a unit each for breakpoint, difference, factor
+    and product.
+    """
     at = sorted({0.0, *given})
     largest = max(len(at) - 1.0, *(above / (above - below) for below, above in pairwise(at)))
     values = {"is_magnitude": is_magnitude, "at": [*map(repr, at)], "tolerance": repr(2.0 * largest * 2.0**-23)}
