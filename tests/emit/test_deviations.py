@@ -1,4 +1,4 @@
-"""`deviations.md` reads back, and has no idle entry; `tests/verify` compares it with the lines and with analysers."""
+"""Reading `deviations.md` back: no entry is idle. `tests/verify` compares it with the code and the analysers."""
 
 import functools
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from tests.emit.rendered import KINDS, rendered
 
 @functools.cache
 def made(kind: Kind) -> Mapping[str, bytes]:
-    """Files of a build. The map of kind "tracking" is uneven and for two frictions."""
+    """Return the files of a build. The map of kind "tracking" is uneven and for two frictions."""
     if kind != "tracking":
         return rendered(kind).files
     config = builds.CONFIGS[kind]

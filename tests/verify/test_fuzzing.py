@@ -1,4 +1,4 @@
-"""Check `fuzzing`: a build passes, and each harness finds faults. The properties one by one are in tests/evidence/verify."""
+"""Check `fuzzing`: a build passes, and each harness finds faults. tests/evidence/verify tests each property."""
 
 import re
 

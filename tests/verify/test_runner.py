@@ -1,4 +1,4 @@
-"""The runner of the checks, the table of the results, and the record beside the build."""
+"""The runner of the checks, the table of results, and the record in the build."""
 
 import json
 import shutil
@@ -22,7 +22,7 @@ def registered(name: str, module: str | None = None, quick: bool = True) -> Regi
     return Registered(name, f"the {name} one", f"tests.verify.made.{module or name}", f"What {name} would show", quick)
 
 
-ENDS = {
+EXPECTED = {
     "passing": (PASSED, ()),
     "failing": (FAILED, tuple(f"src/x.c:{line}: wrong" for line in range(12))),
     "slow": (NOT_RUN, (LEFT_OUT,)),
@@ -31,30 +31,30 @@ ENDS = {
     "broken": (FAILED, ("could not be completed: RuntimeError: a fault of the program",)),
     "crashing": (FAILED, (CRASHED,)),
 }
-"""Verdict and findings of each check; the slow one is left out of a quick run."""
+"""Verdict and findings of each check; a quick run skips the slow one."""
 
 
 @pytest.fixture
 def place(tmp_path: Path) -> Path:
-    """A copy of a build that was never verified."""
+    """Return a copy of a build without a verification record."""
     return shutil.copytree(BUILD, tmp_path / "build", ignore=shutil.ignore_patterns("verify.*"))
 
 
 @pytest.fixture(scope="module")
 def report() -> Report:
-    """A quick run in processes of which one is killed."""
-    checks = [registered("slow", "passing", quick=False) if name == "slow" else registered(name) for name in ENDS]
+    """Return the report of a quick run in several processes, one of which is killed."""
+    checks = [registered("slow", "passing", quick=False) if name == "slow" else registered(name) for name in EXPECTED]
     return runner.run(Subject.read(BUILD), Effort(quick=True), lambda *counts: None, checks)
 
 
 def passed(folder: Path, quick: bool = False) -> Report:
-    """Return the report of one check that passes, run in this process."""
+    """Return the report of one passing check, run in this process."""
     subject, effort = Subject.read(folder), Effort(quick)
     return Report(subject, effort, {"passing": runner.outcome_of(registered("passing"), subject, effort)})
 
 
-def test_each_check_has_its_end_in_the_order_of_the_list(report: Report) -> None:
-    assert [(name, (end.verdict, end.findings)) for name, end in report.outcomes.items()] == list(ENDS.items())
+def test_each_check_has_its_outcome_in_the_order_of_the_list(report: Report) -> None:
+    assert [(name, (end.verdict, end.findings)) for name, end in report.outcomes.items()] == list(EXPECTED.items())
     assert report.failed == ("failing", "refusing", "broken", "crashing")
     assert report.outcomes["passing"].figures == {"files": len(report.subject.files), "quick": True}
 
@@ -73,7 +73,7 @@ def test_the_record_holds_the_report_and_changes_nothing_else(report: Report, pl
 
 
 def test_a_quick_record_does_not_replace_a_whole_one_of_the_same_files(place: Path) -> None:
-    (place / record.JSON).write_text("{", encoding="ascii")  # what cannot be read is replaced
+    (place / record.JSON).write_text("{", encoding="ascii")  # an unreadable record is replaced
     assert record.write(passed(place, quick=True), place)
     assert json.loads((place / record.JSON).read_bytes())["effort"] == "quick"
     assert record.write(passed(place), place)
@@ -103,7 +103,7 @@ def test_the_manual_reports_failures_and_missing_checks(report: Report) -> None:
         "1 checks passed, 4 failed, 2 not run.",
         "- src/x.c:11: wrong",
         "It says nothing of the rest.",
-        "It shows \\| nothing",  # a bar inside a cell of a table
+        "It shows \\| nothing",  # a bar inside a table cell
         "A quick run",
     ):
         assert part in text

@@ -1,4 +1,4 @@
-"""Check `sanitizers`: a build runs clean on this machine and as a trap build, and each kind of fault is found by its line."""
+"""Check `sanitizers`: a build passes on this machine and as a trap build, and each kind of fault is located."""
 
 import itertools
 import re
@@ -50,7 +50,7 @@ UNDEFINED = {
 }
 
 
-def test_undefined_behaviour_and_wrong_addresses_are_found_by_their_lines() -> None:
+def test_undefined_behaviour_and_wrong_addresses_are_located() -> None:
     far = "    const int32_t far = (input->demand > 0.05f) ? 6 : 0;\n\n"
     subject = planted.limiter(TRACKING, far + "\n".join(f"    {statement}" for statement in UNDEFINED))
     lines = subject.files["src/ars_limiter.c"].decode().splitlines()
@@ -66,7 +66,7 @@ MENDED = (
     "    uint8_t mended[8];\n    uint32_t k;\n\n    for (k = 0u; k < 8u; k++) {\n        mended[k] = data[k];\n    }\n"
     "    mended[0] = ars_e2e_crc(data_id, mended);\n    return planted_ars_e2e_check(self, data_id, mended);"
 )
-"""The body of ars_e2e_check that accepts any CRC."""
+"""Body of ars_e2e_check that accepts any CRC."""
 
 
 def test_wrong_results_of_every_suite_are_found() -> None:

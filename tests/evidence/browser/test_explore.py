@@ -14,7 +14,7 @@ from codegen.explore.toml_file import Target, preset_bases
 from codegen.report.html.charts import scale_of
 from tests.explore.conftest import KINDS, explorer_of
 
-from .conftest import Watch
+from .conftest import PageMonitor
 
 CHARTS = ("map", "step", "cut", "margins")
 LAMBDA, ACCELERATION = "lambda", "limits.lateral_acceleration_max_g"
@@ -29,7 +29,7 @@ class Page:
         self.thread = threading.Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.01})
         self.thread.start()
         self.page = chromium.new_page(viewport={"width": width, "height": 1000}, color_scheme="light")
-        self.watch = Watch(self.page)
+        self.watch = PageMonitor(self.page)
         self.page.goto(self.server.address)
         self.page.wait_for_selector("#pictures[data-drawn]")
 

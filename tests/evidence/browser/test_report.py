@@ -17,7 +17,7 @@ from codegen.report.html.report import sections
 from hil_sim.frames import Frame
 from hil_sim.logs import BusLog
 
-from .conftest import Watch
+from .conftest import PageMonitor
 
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
 CUTS = ["cut-over-speed", "cut-over-angle"]
@@ -56,7 +56,7 @@ def opened(page: Any, path: Path) -> Any:
 def page(chromium: Any, report: tuple[Path, list[str]]) -> Any:
     """Open the report at the width of a laptop. Tests restore its state."""
     made = chromium.new_page(viewport={"width": 1440, "height": 900}, color_scheme="light")
-    made.watch = Watch(made)
+    made.watch = PageMonitor(made)
     yield opened(made, report[0])
     made.close()
 

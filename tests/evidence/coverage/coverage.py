@@ -17,7 +17,7 @@ from tests.sil.case import Case, committed
 from tests.sil.library import FLAGS, Compiler
 from tests.sil.suite import whole
 
-SHOWS = "the project's own tests run every line and every branch of the generated C"
+SHOWS = "the project's own tests execute every line and every branch of the generated C"
 MEASURING = ("--coverage", "-fprofile-abs-path")
 
 

@@ -17,7 +17,7 @@ from tests.evidence.progress import Progress
 from tests.sil.case import committed
 from tests.sil.library import FLAGS, Compiler
 
-SHOWS = "the project's own tests show for every condition of the generated C that it decides by itself"
+SHOWS = "the project's own tests show for every condition of the generated C that it alone can determine the result"
 TOOLS = ("clang", "llvm-profdata", "llvm-cov")
 VERSION = "19"
 """Version of clang and its tools; older ones lack MC/DC."""

@@ -16,7 +16,7 @@ from codegen.verify.runner import CHECKS
 from codegen.verify.runner import run as run_checks
 from tests.evidence.progress import Progress
 
-SHOWS = "a planted fault makes exactly those checks of codegen verify fail that are responsible for it"
+SHOWS = "each planted fault makes exactly the responsible checks of codegen verify fail"
 
 
 class Fault(NamedTuple):

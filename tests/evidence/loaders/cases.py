@@ -18,7 +18,7 @@ Block = tuple[str, int, int]
 """Loader, seed and number of its cases."""
 BLOCK_SIZE = 200
 """Cases per seed."""
-SHOWS = "damaged files are read, or answered in one line that names the place"
+SHOWS = "damaged files are read, or rejected in one line with the location"
 
 
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
