@@ -120,5 +120,5 @@ def test_suite_of_random_cars(run: Run, monkeypatch: pytest.MonkeyPatch, here: P
     monkeypatch.setattr(cars, "run_cars", lambda *_: mixed)
     answer = run("sil", "--suite", "cars", "--cars", "3")
     assert answer.code == 1 and "car 2: 2,000 kg" in answer.out
-    told = "error: 1 of 3 cars meet all limits: car 2: overshoot 5.50 % (at most 5 %); car 3: no gains; see the tables"
-    assert answer.err.splitlines()[-1] == told
+    expected = "error: 1 of 3 cars meet all limits: car 2: overshoot 5.50 % (at most 5 %); car 3: no gains; see the tables"
+    assert answer.err.splitlines()[-1] == expected

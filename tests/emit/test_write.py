@@ -48,8 +48,8 @@ def tree(folder: Path) -> Tree:
     return found
 
 
-def expected(folder: Folder, beside: dict[str, bytes] | None = None) -> Tree:
-    files: Tree = {**folder.content(), **(beside or {})}
+def expected(folder: Folder, siblings: dict[str, bytes] | None = None) -> Tree:
+    files: Tree = {**folder.content(), **(siblings or {})}
     return dict.fromkeys((str(parent) for path in folder.files for parent in Path(path).parents[:-1]), None) | files
 
 
@@ -74,7 +74,7 @@ def ended() -> int:
     return process.pid
 
 
-def beside(target: Path) -> list[str]:
+def siblings(target: Path) -> list[str]:
     return sorted(path.name for path in target.parent.iterdir() if path != target)
 
 
@@ -111,7 +111,7 @@ def test_new_folder_with_missing_parents(tmp_path: Path, swap: str) -> None:
     place = tmp_path / "a" / "b" / "4ws2"
     assert write_folder(OLD, place) is True
     assert tree(place) == expected(OLD)
-    assert beside(place) == []
+    assert siblings(place) == []
     plain = tmp_path / "plain"
     plain.mkdir(0o750)
     assert write_folder(OLD, plain) is True  # an empty folder is used and keeps its mode
@@ -126,7 +126,7 @@ def test_unchanged_build_touches_nothing_and_a_changed_one_replaces_all(target: 
     assert stamps(target.parent) == before
     assert write_folder(NEW, target) is True
     assert tree(target) == expected(NEW)  # without the stale verification
-    assert beside(target) == []
+    assert siblings(target) == []
     (target / "README.md").write_bytes(b"odd\n")  # same size as before
     assert write_folder(NEW, target) is True
     assert tree(target) == expected(NEW)
@@ -260,7 +260,7 @@ def test_content_that_appears_at_the_last_moment_is_restored(target: Path, monke
     with pytest.raises(BuildError, match=r"holds 'src/late\.c'"):
         write_folder(NEW, target)
     assert tree(target) == expected(OLD, {"src/late.c": b"dear to its owner\n"})
-    assert beside(target) == []
+    assert siblings(target) == []
 
 
 # Failing builds
@@ -340,14 +340,14 @@ def test_failure_at_any_step(tmp_path: Path, swap: str, error: BaseException) ->
             was_old += 1
             assert isinstance(raised, BuildError if isinstance(error, OSError) else type(error))
             assert type(error) is not OSError or str(raised) == f"{target}: {FULL}"
-            assert beside(target) == [], f"step {step} leaves something"
+            assert siblings(target) == [], f"step {step} leaves something"
         else:
             # The new folder is in its place: only the removal of the old one can have failed.
             was_new += 1
             assert found == expected(NEW), f"step {step} leaves a mixture"
             assert raised is None if isinstance(error, OSError) else raised is None or type(raised) is type(error)
             write_folder(NEW, target)
-            assert beside(target) == [], f"what step {step} left is not cleaned"
+            assert siblings(target) == [], f"what step {step} left is not cleaned"
     # Before the swap there is at least one step for the manifest, each of three files and their folders; after it, a removal
     # for each file.
     assert was_old >= 10 and was_new >= 5
@@ -380,13 +380,13 @@ def test_kill_at_any_step(tmp_path: Path, way: str, monkeypatch: pytest.MonkeyPa
             write_folder(NEW, target)
             os._exit(0)
         status = os.waitpid(child, 0)[1]
-        found, left = tree(target), beside(target)
+        found, left = tree(target), siblings(target)
         standing.append("old" if found == old else "new" if found == expected(NEW) else "a mixture" if found else "none")
         assert all(name.startswith(".4ws2.codegen-tmp-") for name in left)
         assert found or any(tree(target.parent / name) == old for name in left), "the old folder is lost"
         write_folder(NEW, target)
         assert tree(target) == expected(NEW)
-        assert beside(target) == []
+        assert siblings(target) == []
     assert status == 0
     # In order: the old folder up to the swap, the new one after it; between two renames, and only there, none.
     none = ["none"] if way == "renames" else []
@@ -400,7 +400,7 @@ def test_folder_moved_aside_by_a_killed_build_comes_back_even_if_the_next_build_
     _, raised = fail_at(6, NO_SPACE, target)
     assert isinstance(raised, BuildError)
     assert tree(target) == expected(OLD)
-    assert beside(target) == []
+    assert siblings(target) == []
 
 
 def test_leftovers_of_dead_builds_go_and_other_things_stay(target: Path, tmp_path: Path) -> None:
@@ -414,11 +414,11 @@ def test_leftovers_of_dead_builds_go_and_other_things_stay(target: Path, tmp_pat
             write_folder(NEW, out / name)
         for folder in (OLD, NEW):  # the first changes nothing
             write_folder(folder, target)
-            assert beside(target) == sorted(stay)
+            assert siblings(target) == sorted(stay)
             assert tree(target) == expected(folder)
         assert all(tree(out / name) == expected(NEW) for name in stay)
     write_folder(NEW, target)
-    assert beside(target) == sorted(stay[:-1])
+    assert siblings(target) == sorted(stay[:-1])
     leftover, link = (out / f".4ws2.codegen-tmp-{dead}{end}" for end in ("", "-old"))
     for place in (leftover, other):
         write_folder(OLD, place)
@@ -446,7 +446,7 @@ def test_concurrent_builds_leave_one_complete(tmp_path: Path, swap: str) -> None
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(build, range(4)))
     assert tree(target) in [expected(folder) for folder in folders]
-    assert beside(target) == []
+    assert siblings(target) == []
 
 
 # Checking

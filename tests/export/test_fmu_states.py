@@ -26,14 +26,14 @@ def refused(slave: Slave, call: Callable[..., object], *arguments: object) -> st
     return slave.messages[-1]
 
 
-def go_on(slave: Slave, beside: Slave | None = None) -> list[list[float]]:
+def go_on(slave: Slave, other: Slave | None = None) -> list[list[float]]:
     rows = []
     for k in range(400):
         if k == 100:
             slave.set({"steering_wheel_command_rad": -0.9, "friction": 0.7})
-        if beside:
-            beside.set({"steering_wheel_command_rad": math.sin(0.05 * k), "inhibit": k % 7 == 0})
-            beside.step(STEP)
+        if other:
+            other.set({"steering_wheel_command_rad": math.sin(0.05 * k), "inhibit": k % 7 == 0})
+            other.step(STEP)
         slave.step(STEP)
         rows.append(slave.row())
     return rows

@@ -250,13 +250,13 @@ def test_missed_stretch_goals_and_missing_measurements_do_not_fail() -> None:
     assert {(row.passed, row.note) for row in requirements(Measured({}, {}, None))} == {(None, "not measured in this run")}
 
 
-@pytest.mark.parametrize(("own", "beside", "limit"), [(5.1, 6.6, 5.0), (9.1, 12.0, 9.0), (9.1, None, 5.0)])
+@pytest.mark.parametrize(("own", "feedforward", "limit"), [(5.1, 6.6, 5.0), (9.1, 12.0, 9.0), (9.1, None, 5.0)])
 def test_with_another_lag_the_overshoot_is_compared_with_the_feedforward(
-    own: float, beside: float | None, limit: float
+    own: float, feedforward: float | None, limit: float
 ) -> None:
     """The cell is the one furthest beyond its limit; a feedforward that spins does not raise the limit."""
     rows = [result(0.5, overshoot_percent=5.0), result(1.0, overshoot_percent=own)]
-    others = [result(0.5), result(1.0, overshoot_percent=beside)]
+    others = [result(0.5), result(1.0, overshoot_percent=feedforward)]
     measured = replace(good(), results={**good().results, "lag-100": rows}, feedforward={"lag-100": others})
     (row,) = [row for row in requirements(measured) if row.passed is False]
     assert (row.subject_matter, row.note) == ("all cells, actuator lag 100 ms", rows[1].cell.title)

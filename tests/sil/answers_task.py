@@ -112,15 +112,15 @@ class _OtherNodes:
         count."""
         if cycle >= 14:
             return 0.04 * math.cos(0.05 * cycle)
-        told = ACTUATOR_ANGLES[self.life % len(ACTUATOR_ANGLES)]
-        return 0.3 if math.isnan(told) and cycle == 5 else told
+        reported = ACTUATOR_ANGLES[self.life % len(ACTUATOR_ANGLES)]
+        return 0.3 if math.isnan(reported) and cycle == 5 else reported
 
     def _of(self, event: str, place: int, angle: float) -> list[Frame]:
         rng = self.rng
         speed = 2.0 if event == "slow" else 12.0 + self.life % 20
         yaw_rate = {"unavailable": math.nan, "implausible": 2.0}.get(event, float(rng.normal(0.05, 0.02)))
-        told, friction = math.nan if event == "no angle" else angle, float(rng.choice([math.nan, 0.3]))
-        signals = (VehicleMotion(speed, 0.03, yaw_rate), VehicleConditions(told, friction, rng.random() < 0.2))
+        reported, friction = math.nan if event == "no angle" else angle, float(rng.choice([math.nan, 0.3]))
+        signals = (VehicleMotion(speed, 0.03, yaw_rate), VehicleConditions(reported, friction, rng.random() < 0.2))
         contents = [self.codec.encode(each) for each in signals]
         for _ in range({"skipped": 6, "jump": 2}.get(event, 0)):  # made and never sent
             self._frame(place, contents[place])

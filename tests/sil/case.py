@@ -126,7 +126,7 @@ of the FFI."""
 
 
 def committed(folder: Path, scratch: Path, compiler: Compiler, changed: Mapping[str, bytes] | None = None) -> Case:
-    """Return the uncompiled case of a build on disk, with some files changed and the map beside it (FOLDER.npz)."""
+    """Return the uncompiled case of a build on disk, with some files changed and with its map (FOLDER.npz)."""
     subject = Subject.read(folder)
     config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
     facts = {key: fact for key, fact in subject.manifest.items() if key not in ("files", "generator")}

@@ -25,8 +25,8 @@ SEARCH = ("-Iinclude", "-Ibench", "-Iprobe")
 
 @dataclass(frozen=True)
 class Tree:
-    """Files of a library in a folder, objects beside their sources: generated units, test sources, and the headers that Python
-    needs, in include order."""
+    """Files of a library in a folder, with objects next to their sources: generated units, test sources, and the headers that
+    Python needs, in include order."""
 
     root: Path
     units: tuple[str, ...]

@@ -235,7 +235,7 @@ def chosen(lanes: Lanes, index: Any) -> Lanes:
 
 
 def check_independence(software: BatchSoftware) -> None:
-    """Check that a run has the same bits beside any other runs, including those that spin or have no valid numbers."""
+    """Check that a run has the same bits in any batch, including one with runs that spin or have no valid numbers."""
     count = 3 * LANES + 3
     lanes, every = mixed(count)
     whole = software.run(PROFILES["sine with dwell"], lanes)

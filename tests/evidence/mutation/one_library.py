@@ -1,8 +1,8 @@
 """One C source with every mutant of a unit, and the function that selects one by its number.
 
-Each mutated function becomes a static function of its own beside the original, and a function of the original name calls the
-selected one. A mutated constant becomes a variable that the selection overwrites. Number 0 selects the unaltered unit, so a
-unit is compiled once for all of its mutants.
+Each mutated function becomes a separate static function next to the original, and a function of the original name calls the
+selected one. A mutated constant becomes a variable that the selection overwrites. Number 0 selects the original unit, so a unit
+is compiled once for all of its mutants.
 """
 
 import re
