@@ -88,7 +88,7 @@ def commands(block: Block) -> list[Command]:
     for line in block.text.splitlines():
         is_output = console and not going and not line.startswith("$ ")
         if is_output:
-            assert found, f"{block.place}: output stands before the first command"
+            assert found, f"{block.place}: output precedes the first command"
             found[-1][1].append(line)
         elif going:
             found[-1][0].append(line)

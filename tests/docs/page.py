@@ -153,7 +153,7 @@ def run_command(block: Block, command: Command, shell: Shell) -> None:
     fails = command.shown is not None and re.search(r"^error: ", command.shown, re.MULTILINE) is not None
     assert (code != 0) == fails, f"{block.place}: {text}: exit code {code}\n{printed}"
     if command.shown is not None and command.plain not in EXAMPLES:
-        assert matches(command.shown, printed), f"{block.place}: {text} prints\n{printed}\nand the page shows\n{command.shown}"
+        assert matches(command.shown, printed), f"{block.place}: {text} printed\n{printed}\nbut the page shows\n{command.shown}"
 
 
 def write(block: Block, folder: Path) -> None:

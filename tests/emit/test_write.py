@@ -79,7 +79,7 @@ def siblings(target: Path) -> list[str]:
 
 
 def no_exchange(one: Path, other: Path) -> None:
-    raise OSError(errno.ENOSYS, "no such call here")
+    raise OSError(errno.ENOSYS, "unsupported call")
 
 
 @pytest.fixture(params=["exchange", "renames"])
@@ -340,14 +340,14 @@ def test_failure_at_any_step(tmp_path: Path, swap: str, error: BaseException) ->
             was_old += 1
             assert isinstance(raised, BuildError if isinstance(error, OSError) else type(error))
             assert type(error) is not OSError or str(raised) == f"{target}: {FULL}"
-            assert siblings(target) == [], f"step {step} leaves something"
+            assert siblings(target) == [], f"step {step} leaves files"
         else:
             # The new folder is in its place: only the removal of the old one can have failed.
             was_new += 1
-            assert found == expected(NEW), f"step {step} leaves a mixture"
+            assert found == expected(NEW), f"step {step} leaves a mixed folder"
             assert raised is None if isinstance(error, OSError) else raised is None or type(raised) is type(error)
             write_folder(NEW, target)
-            assert siblings(target) == [], f"what step {step} left is not cleaned"
+            assert siblings(target) == [], f"the files left at step {step} are not removed"
     # Before the swap there is at least one step for the manifest, each of three files and their folders; after it, a removal
     # for each file.
     assert was_old >= 10 and was_new >= 5

@@ -63,7 +63,7 @@ def test_endless_loops_and_crashes_kill_but_faults_of_machine_or_original_c_do_n
     def refuse(number: int) -> None:
         raise AssertionError("always")
 
-    assert {one.by for one in judged_by(loop_or_crash, 3).judged} == {"a loop without end", "SIGABRT"}
+    assert {one.by for one in judged_by(loop_or_crash, 3).judged} == {"an endless loop", "SIGABRT"}
     with pytest.raises(RuntimeError, match="disk full"):
         judged_by(break_the_machine)
     outcome = outcome_of(judged_by(refuse), ())

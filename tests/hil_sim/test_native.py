@@ -74,7 +74,7 @@ def test_it_is_compiled_once_and_depends_on_no_folder(
     whole = program.read_bytes()
     program.write_bytes(whole[:1000])  # a damaged program is compiled again
     assert native.compile_ecu(build_folder).read_bytes() == whole
-    monkeypatch.setattr(native, "_compile", lambda *_: pytest.fail("compiled again"))
+    monkeypatch.setattr(native, "_compile", lambda *_: pytest.fail("recompiled"))
     assert native.compile_ecu(folder) == program
     command = native.command(folder, "vcan3", lock_step=True, parent=12, xcp=True)
     assert command == [str(program), "--lock-step", "--xcp", "--parent", "12", "vcan3"]

@@ -239,7 +239,7 @@ def answers_of_task(built: Built, lives: int = STARTS) -> list[Traffic]:
             command = codec.decode(*cycle.answer)
             assert isinstance(command, RearSteerCommand)
             diagnostics |= command.diagnostics
-    assert all(diagnostics >> bit & 1 for bit in DIAGNOSTICS), "every cause is met"
+    assert all(diagnostics >> bit & 1 for bit in DIAGNOSTICS), "every cause occurs"
     return known
 
 

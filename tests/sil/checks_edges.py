@@ -64,13 +64,13 @@ def check_init_sets_everything(built: Built) -> None:
         assert all(math.isnan(getattr(getattr(task, signals), field)) for field in fields)
     assert task.parameters == parameters
     controller = software.controller(0.0)
-    assert values_of(ffi, task.controller) == values_of(ffi, controller.state[0]), "from no angle, until one is known"
+    assert values_of(ffi, task.controller) == values_of(ffi, controller.state[0]), "starts without an angle until one is known"
 
 
 def check_state_after_init(built: Built) -> None:
     """Check the state that the header describes: the angle, standby, zero counts, no reference, no speed."""
     nowhere = built.software.controller(math.nan).state
-    assert nowhere.rear_angle == nowhere.limiter.rear_angle == 0.0, "no number counts as zero"
+    assert nowhere.rear_angle == nowhere.limiter.rear_angle == 0.0, "NaN becomes zero"
     most = float(built.real(config_of(built).rear_actuator.angle_max))
     for side in (1.0, -1.0):
         for beyond in (0.9, 3.0):
@@ -80,7 +80,7 @@ def check_state_after_init(built: Built) -> None:
     assert (state.yaw_rate_reference, state.status, state.enabled) == (0.0, Status.STANDBY, False)
     for name in ("speed", "front_angle", "yaw_rate"):
         signal = getattr(state.inputs, name)
-        assert (signal.value, signal.missing, signal.good, signal.source) == (0.0, 0, 10_000, 1), "the first one is believed"
+        assert (signal.value, signal.missing, signal.good, signal.source) == (0.0, 0, 10_000, 1), "the first sample is trusted"
     assert (state.inputs.expected_yaw_rate, state.inputs.least, state.inputs.friction) == (0.0, 0.0, 2.0)
     inputs = state.inputs
     assert {inputs.least_of_front, inputs.yaw_rate_offset, inputs.beyond_linear, state.sample.lateral_acceleration} == {0.0}
@@ -114,7 +114,7 @@ def check_unsound_memory(built: Built) -> None:
     ffi.memmove(sound.state, before, len(before))
     # In single precision the other squares are below its resolution, so the sum is the bound itself.
     sound.state.yaw_rate_error = 1e6 if built.eps > 1e-9 else 999_999.0
-    assert sound.step(good).status is not Status.FAIL_SAFE, "just small enough"
+    assert sound.step(good).status is not Status.FAIL_SAFE, "within the bound"
     for case in [*spoiled, 0x00, 0xFF]:
         ffi.memmove(sound.state, before if isinstance(case, tuple) else bytes([case]) * len(before), len(before))
         if isinstance(case, tuple):
@@ -201,4 +201,4 @@ def check_counts_stay_at_their_end(built: Built) -> None:
     controller.run([good] * p.inputs.recovery_samples)
     assert signals.speed.missing == signals.front_angle.missing == signals.yaw_rate.missing == 0
     controller.run([LOST, good, LOST, LOST, good])
-    assert signals.yaw_rate.missing == 1, "a good sample takes one off"
+    assert signals.yaw_rate.missing == 1, "a good sample subtracts one"

@@ -289,7 +289,7 @@ def check_lateral_acceleration_is_refuted(built: Built) -> None:
         slow = replace(turn, front_angle=share * turn.front_angle, yaw_rate=share * turn.yaw_rate)
         controller.step(replace(slow, lateral_acceleration=share * turn.lateral_acceleration))
         assert controller.state.inputs.yaw_rate.source == 0
-        assert controller.state.inputs.lateral_is_proven == (share == 0.5), "nearly straight ahead nothing is proven"
+        assert controller.state.inputs.lateral_is_proven == (share == 0.5), "no proof nearly straight ahead"
 
 
 def check_frozen_front_angle(built: Built) -> None:

@@ -88,7 +88,7 @@ def check_limiter_at_breakpoints(units: Units) -> None:
             for sign, side in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0)):
                 inputs = np.array([[sign * speed, side * 0.1, -side * 1.0]])
                 assert units.limiter(parameters, inputs)[0] == real(-side) * bounds[k], (k, sign, side)
-    assert exact > 3, "for some of them it matters"
+    assert exact > 3, "the difference matters for some"
 
 
 def check_limiter_parameters(units: Units) -> None:

@@ -138,4 +138,4 @@ def check_reference_rule(units: Units) -> None:
         assert np.abs(got[0] - yaw_rate).max() <= error_bound(units.total, units.real)
         assert (np.abs(got[1] - rear_angle) <= rounding(units, *wide, road)).all()
         acted += int((capped & (np.abs(rear_angle) < units.total.steering.rear_angle_max)).sum())
-    assert acted > 20, "the linear car's steering shows"
+    assert acted > 20, "the linear car's steering has an effect"

@@ -206,7 +206,7 @@ def _check_what_fits_together(built: Built) -> None:
     angle = float(software.parameters().rear_angle_max)
     assert is_valid(built, **{"inputs.rear_angle_max": angle})
     assert not is_valid(built, **{"inputs.rear_angle_max": built.next(angle, 0.0)})
-    assert not is_valid(built, rear_angle_max=built.next(angle, 2.0)), "more than the actuator can"
+    assert not is_valid(built, rear_angle_max=built.next(angle, 2.0)), "beyond the actuator's range"
     assert not is_valid(built, enable_speed=5.0, disable_speed=5.0)
     slowest = float(built.real(0.5 * KM_H))
     assert not is_valid(built, enable_speed=built.next(slowest, 0.0), disable_speed=lowest)
@@ -217,13 +217,13 @@ def _check_what_fits_together(built: Built) -> None:
     ranges |= {"actuator_samples_max": (1, 60_000)}
     for name, (least, most) in ranges.items():
         assert is_valid(built, **{name: least}) and is_valid(built, **{name: most})
-        assert not is_valid(built, **{name: most + 1}), "what never acts, or never ends"
-        assert least == 0 or not is_valid(built, **{name: least - 1}), "what ends at once"
+        assert not is_valid(built, **{name: most + 1}), "a count that never acts or never ends"
+        assert least == 0 or not is_valid(built, **{name: least - 1}), "a count that ends at once"
     fastest = float(built.real(built.total.speed[-1]))
     for enable, fits in ((0.5 * fastest, True), (built.next(0.5 * fastest, fastest), False)):
-        assert is_valid(built, enable_speed=enable, disable_speed=1.0) == fits, "control would hardly ever run"
+        assert is_valid(built, enable_speed=enable, disable_speed=1.0) == fits, "control would hardly ever be enabled"
     for speed, fits in ((fastest, True), (built.next(fastest, 0.0), False)):
-        assert is_valid(built, **{"inputs.speed_max": speed}) == fits, "what the map answers is believed"
+        assert is_valid(built, **{"inputs.speed_max": speed}) == fits, "the range of speeds must include the map"
     parameters = software.parameters()
     for angle, fits in ((float(parameters.rear_angle_max), True), (built.next(parameters.rear_angle_max, 1.0), False)):
         parameters.limiter.rear_angle_max = angle
@@ -233,8 +233,8 @@ def _check_what_fits_together(built: Built) -> None:
         for beyond, fits in ((most, True), (built.next(most, 0.0), False)):
             parameters = software.parameters()
             setattr(parameters.limiter, name, beyond)
-            assert software.function("parameters_valid")(parameters) == fits, "the limiter knows what the controller takes"
-    assert not is_valid(built, **{"inputs.wheelbase": math.nan}), "those of the inputs are judged with them"
+            assert software.function("parameters_valid")(parameters) == fits, "the limiter must accept the controller's inputs"
+    assert not is_valid(built, **{"inputs.wheelbase": math.nan}), "the input parameters are checked too"
     parameters = software.parameters()
     parameters.limiter.rear_rate_max = math.nan
-    assert not software.function("parameters_valid")(parameters), "the limiter's are judged with them"
+    assert not software.function("parameters_valid")(parameters), "the limiter's parameters are checked too"

@@ -104,11 +104,11 @@ def check_gaps(built: Built) -> None:
     assert Status.FAIL_SAFE not in {command.status for command in every_second}
     mostly = built.software.controller(0.0, parameters_of(built, STILL)).run([good] + [good, LOST, LOST, LOST] * len(gap))
     first = [command.status for command in mostly].index(Status.FAIL_SAFE)
-    assert 1 + 2 * len(gap) <= first + 1 <= 1 + 2 * len(gap) + 4, "of four samples three count one more, one counts one less"
+    assert 1 + 2 * len(gap) <= first + 1 <= 1 + 2 * len(gap) + 4, "three of four samples add one, one subtracts one"
     in_turn = [replace(good, yaw_rate=math.nan), replace(good, front_angle=math.nan)] * (2 * len(gap) + 2)
     controller = built.software.controller(0.0, parameters_of(built, STILL))
     controller.run([good, *in_turn[: 2 * len(gap) + 1]])
-    assert controller.state.inputs.yaw_rate.source == 1, "lost, though never for two samples"
+    assert controller.state.inputs.yaw_rate.source == 1, "lost, although never in two consecutive samples"
 
 
 def check_recovery(built: Built) -> None:

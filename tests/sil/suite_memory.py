@@ -47,7 +47,7 @@ static uint32_t number(uint32_t below)
     return (state >> 8) % below;
 }
 
-/* Mostly within what a car does; now and then an extreme, or a limit of the map. */
+/* Mostly plausible; sometimes an extreme or a limit of the map. */
 static REAL any(REAL most)
 {
     switch (number(12u)) {
@@ -70,10 +70,10 @@ static void maps(void)
     }
 }
 
-/* Each object is a block of its own: the sanitizer sees one byte beyond it. */
+/* Each object is a separate block, so the sanitizer detects an access one byte beyond it. */
 static void controllers(const ars_parameters_t *defaults)
 {
-    ars_parameters_t open = *defaults; /* whatever is in its range is believed: the law sees all of it */
+    ars_parameters_t open = *defaults; /* every value in range is trusted, so the law receives all of them */
     open.inputs.speed_step = 200;
     open.inputs.front_angle_step = 3;
     open.inputs.yaw_rate_step = 40;

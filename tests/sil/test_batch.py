@@ -122,7 +122,7 @@ ONE = rows(builds.CONFIG)
 
 def require_equal(found: FloatArray, wanted: FloatArray, bound: float = batch.DIFFERENCE_MAX) -> None:
     """Check that two recordings (12, samples) agree; status and time bit for bit."""
-    assert np.abs(wanted[SIDESLIP]).max() < SPIN, "a car that spins proves nothing"
+    assert np.abs(wanted[SIDESLIP]).max() < SPIN, "a spinning car makes the comparison meaningless"
     for name, column, expected in zip(RECORD_COLUMNS, found, wanted, strict=True):
         if name in ("time_s", "status"):
             assert np.array_equal(column, expected), name
@@ -240,7 +240,7 @@ def check_independence(software: BatchSoftware) -> None:
     lanes, every = mixed(count)
     whole = software.run(PROFILES["sine with dwell"], lanes)
     assert np.isnan(whole[3, -1, count // 3]), "the run without a mass has no yaw rate"
-    assert np.isfinite(np.delete(whole, count // 3, axis=2)).all(), "and harms no other"
+    assert np.isfinite(np.delete(whole, count // 3, axis=2)).all(), "and does not affect other runs"
     assert np.nanmax(np.abs(whole[SIDESLIP])) > 2.0 * SPIN, "some spin"
     shuffled = np.random.default_rng(6).permutation(every)
     for index in (every[::-1], shuffled, every[:1], every[5 : 5 + LANES], every[2 : 3 + LANES], every[-7:]):
@@ -315,9 +315,7 @@ if AVAILABLE_ISAS[0] != "none":  # without vectors there is no fallback from the
         folder = builds.paper().folder
         with pytest.raises(BuildError, match="made no vectors"):
             compile_batch(folder.files, folder.manifest, isa=AVAILABLE_ISAS[0])
-        assert compile_batch(folder.files, folder.manifest).isa != AVAILABLE_ISAS[0], (
-            "where the choice is left, the next one is taken"
-        )
+        assert compile_batch(folder.files, folder.manifest).isa != AVAILABLE_ISAS[0], "without a request, the next one is used"
 
 
 def test_a_machine_without_vectors_runs_scalar_code(monkeypatch: pytest.MonkeyPatch) -> None:

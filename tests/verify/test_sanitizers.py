@@ -59,7 +59,7 @@ def test_undefined_behaviour_and_wrong_addresses_are_located() -> None:
     for statement, what in UNDEFINED.items():
         start = f"src/ars_limiter.c:{1 + lines.index(f'    {statement}')}: {what}"
         assert any(finding.startswith(start) for finding in outcome.findings), (start, outcome.findings)
-    assert "trap_build" not in outcome.figures, "the same code would go astray there"
+    assert "trap_build" not in outcome.figures, "the same code is faulty there"
 
 
 MENDED = (

@@ -23,10 +23,10 @@ TIMEOUT_S = 120.0
 BUILD = Path(__file__).resolve().parents[2] / "generated/4ws2-paper"
 HARNESS = Path(__file__).with_name("slave.c")
 BROKEN = (
-    "it wrote beside the calibration",
+    "it wrote next to the calibration",
     "it wrote the reference page",
     "it wrote a measurement",
-    "the controller would run with what is not valid",
+    "the controller would run with invalid parameters",
     "the controller does not read the reference page",
 )
 

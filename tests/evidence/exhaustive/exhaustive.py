@@ -32,16 +32,16 @@ FINDINGS_MAX = 3
 """Wrong inputs reported per claim."""
 
 SEVERAL = "takes several numbers that vary: the proof and the tests cover it"
-CONTINUES = "continues a CRC: judged through the CRC of one number; tests compare that of the whole calibration"
+CONTINUES = "continues a CRC: covered by the CRC of one number; tests compare that of the whole calibration"
 OTHERS: Mapping[str, str] = {
     **{f"checksum: {name}": CONTINUES for name in ("crc_step", "@_checksum_whole")},
     "map: @_map_crc": CONTINUES,
     "parameters: @_parameters_crc": CONTINUES,
     "reference_model: @_reference_model_crc": CONTINUES,
     "selftest: with_the_rest": CONTINUES,
-    "can: error_of": "takes a product and its factors: judged through to_code, for every value of each coding",
-    "can: goes_outward": "takes a product and its factors: judged through to_code, for every value of each coding",
-    "reference_model: curve_at": "judged through both curves, for every argument",
+    "can: error_of": "takes a product and its factors: covered by to_code, for every value of each coding",
+    "can: goes_outward": "takes a product and its factors: covered by to_code, for every value of each coding",
+    "reference_model: curve_at": "covered by both curves, for every argument",
     "map: place_of": "pairs the results of locate_speed and locate_front_angle",
     "law: allowed": SEVERAL,
     "law: @_law_init": "keeps the number or starts the model from it: tests of the state after a start cover it",

@@ -58,7 +58,7 @@ def planted(subject: Subject, fault: Fault) -> Subject:
     text = subject.files[path].decode("ascii")
     count = text.count(fault.old)
     if count == 0 or (count > 1 and fault.unit != "can"):
-        raise CodegenError(f"the text of {fault.name!r} stands there {count} times", where=path, remedy="plant it elsewhere")
+        raise CodegenError(f"the text of {fault.name!r} occurs {count} times", where=path, remedy="update planted.txt")
     files = {**subject.files, path: text.replace(fault.old, fault.new).encode("ascii")}
     return dataclasses.replace(subject, files=files, edited=(path,))
 

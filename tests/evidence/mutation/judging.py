@@ -97,7 +97,7 @@ def _in_a_process(judge: Callable[[], str]) -> str:
         text = answer.read().decode(errors="replace")
     if os.WIFSIGNALED(status):
         number = os.WTERMSIG(status)
-        return "a loop without end" if number == signal.SIGVTALRM else signal.Signals(number).name
+        return "an endless loop" if number == signal.SIGVTALRM else signal.Signals(number).name
     if os.WEXITSTATUS(status) != 0:
         raise RuntimeError(f"a mutant could not be judged: {text}")
     return text
