@@ -114,7 +114,7 @@ def render(reference_map: ReferenceMap, config: Config, precision: Precision = "
 def make(reference_map: ReferenceMap, config: Config = CONFIG, precision: Precision = "single") -> Built:
     """Render and compile a build."""
     folder = render(reference_map, config, precision)
-    with shared.alone(f"compile {hashlib.sha256(render_manifest(folder)).hexdigest()}"):
+    with shared.locked(f"compile {hashlib.sha256(render_manifest(folder)).hexdigest()}"):
         software = compile_build(folder.files, folder.manifest)
     return Built(folder, extend(reference_map, config), software)
 

@@ -60,7 +60,7 @@ def folder() -> Path:
 
 
 @contextlib.contextmanager
-def alone(key: str) -> Iterator[Path]:
+def locked(key: str) -> Iterator[Path]:
     """Hold the lock of a key across all workers, and yield a path for its entry (a file or a folder)."""
     path = folder() / hashlib.sha256(key.encode()).hexdigest()
     with path.with_suffix(".lock").open("w") as lock:
@@ -70,7 +70,7 @@ def alone(key: str) -> Iterator[Path]:
 
 def once(key: str, make: Callable[[], Any]) -> Any:
     """Return the result of `make`, computed by the first worker that needs it. It must be picklable."""
-    with alone(key) as path:
+    with locked(key) as path:
         if not path.exists():
             path.write_bytes(pickle.dumps(make()))
         return pickle.loads(path.read_bytes())
@@ -82,7 +82,7 @@ def build_folder(kind: str = "pi", precision: Precision = "single") -> Path:
     from codegen.emit.write import write_folder
     from tests import builds
 
-    with alone(f"build folder {kind} {precision}") as path:
+    with locked(f"build folder {kind} {precision}") as path:
         place = path / "4ws2"
         if not place.exists():
             write_folder(builds.of_kind(kind, precision).folder, place)

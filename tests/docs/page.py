@@ -30,7 +30,7 @@ NOT_RUN: Mapping[str, str] = {  # command on the page: reason
 }
 """Commands that are not run. A command that is on no page is an error."""
 
-INSTEAD: Mapping[str, str] = {  # command: another one that is run in its place
+REPLACEMENTS: Mapping[str, str] = {  # command: another one that is run in its place
     "codegen explore --map 4ws2.npz": "test -e ars.toml || codegen init .",  # it runs until stopped; its button writes ars.toml
     "make sil": "codegen paper -o build",  # make's environment already exists; this is the command it then runs
 }
@@ -147,7 +147,7 @@ def run_command(block: Block, command: Command, shell: Shell) -> None:
     """Run one command and compare its output with the page."""
     if command.plain in NOT_RUN:
         return
-    text = INSTEAD.get(command.plain, command.text)
+    text = REPLACEMENTS.get(command.plain, command.text)
     code, printed = shell.run(text.replace(GROUP, OWN_GROUP))
     printed = PROGRESS.sub("", printed).replace(OWN_GROUP, GROUP)
     fails = command.shown is not None and re.search(r"^error: ", command.shown, re.MULTILINE) is not None

@@ -10,7 +10,7 @@ import pytest
 
 from codegen.cli import cli
 from tests.docs.blocks import PAGES, ROOT, blocks, commands
-from tests.docs.page import EXAMPLES, INSTEAD, NOT_RUN
+from tests.docs.page import EXAMPLES, NOT_RUN, REPLACEMENTS
 
 ALL = {page: blocks(page) for page in PAGES}
 COMMANDS = [
@@ -44,7 +44,7 @@ def test_every_block_is_run_written_or_checked() -> None:
     first_lines = [block.text.splitlines()[0] for block in idle if block.mark is None]
     assert first_lines == ["list(APPEND ZEPHYR_EXTRA_MODULES ${CMAKE_CURRENT_SOURCE_DIR}/4ws2)"]  # needs a Zephyr SDK
     every = {command.plain for _, command in COMMANDS}
-    assert [text for table in (NOT_RUN, INSTEAD, EXAMPLES) for text in table if text not in every] == []
+    assert [text for table in (NOT_RUN, REPLACEMENTS, EXAMPLES) for text in table if text not in every] == []
 
 
 def test_every_codegen_command_parses() -> None:

@@ -33,7 +33,7 @@ def placed(reference_map: ReferenceMap, config: Config, bound: float, tables: in
     return choose(reference_map, config, replace(Request(bound, None, "float", ""), **changes), tables, np.float32)
 
 
-def coarsely(config: Config) -> Config:
+def with_coarse_grid(config: Config) -> Config:
     """Return a configuration with few grid points; the optimum is solved anew at each point, and the grid only bounds it."""
     return changed(config, grid={"speed_points": 21, "front_angle_min_deg": 0.5, "front_angle_points": 20})
 

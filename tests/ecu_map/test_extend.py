@@ -135,7 +135,7 @@ CONFIG = with_safe_cases()
 
 
 @pytest.fixture(scope="module")
-def every(narrow: tuple[Config, ReferenceMap, TotalMap]) -> Mapping[str, TotalMap]:
+def maps(narrow: tuple[Config, ReferenceMap, TotalMap]) -> Mapping[str, TotalMap]:
     """Return several maps: sideslip-limited edges, feasible angles that end before the first breakpoint, passively safe, and a
     bare one with holes of all kinds over uneven axes."""
     speed = np.array([4.0, 8.0, 9.0, 12.0, 20.0, 30.0, 45.0])
@@ -160,22 +160,25 @@ WHOLE = (*CASES, "narrow", "late", "safe", "holes")
 SPECIAL = np.array([0.0, -0.0, 1e-45, -1e-45, 1e-38, 1.0, -1.0, 3.4e38, -3.4e38, np.inf, -np.inf, np.nan], dtype=np.float32)
 
 
-def dense(breakpoints: FloatArray, top: float, count: int) -> FloatArray:
+def dense_points(breakpoints: FloatArray, top: float, count: int) -> FloatArray:
     """Return evenly spaced points from 0 to `top`, and each breakpoint with its close neighbours on both sides."""
     near = [breakpoints * (1.0 + sign * width) for sign in (-1.0, 1.0) for width in (1e-15, 1e-9)]
     return np.unique(np.concatenate([np.linspace(0.0, top, count), breakpoints, *near]))
 
 
 @pytest.mark.parametrize("name", WHOLE)
-def test_the_total_map_is_finite_odd_rising_and_capped(every: Mapping[str, TotalMap], name: str) -> None:
+def test_the_total_map_is_finite_odd_rising_and_capped(maps: Mapping[str, TotalMap], name: str) -> None:
     """The map is finite, zero where it must be, rising with the front angle, odd and never above the cap, at dense and random
     points."""
-    total = every[name]
+    total = maps[name]
     assert np.all(np.isfinite(total.yaw_rate)) and total.yaw_rate.min() >= 0.0
     assert total.speed[0] == total.front_angle[0] == 0.0
     assert set(np.unique(total.rule)) <= {str(rule) for rule in RULE_TEXT} == {str(rule) for rule in Rule}
     cap = total.lateral_acceleration_cap
-    speed, angle = dense(total.speed, 3.0 * total.speed[-1], 400), dense(total.front_angle, 1.1 * total.front_angle[-1], 400)
+    speed, angle = (
+        dense_points(total.speed, 3.0 * total.speed[-1], 400),
+        dense_points(total.front_angle, 1.1 * total.front_angle[-1], 400),
+    )
     rate = Lookup.from_map(total, np.float64)(speed[:, np.newaxis], angle)
     assert np.diff(rate, axis=1).min() >= -ROUNDING
     assert np.all(rate * speed[:, np.newaxis] <= cap)

@@ -27,7 +27,7 @@ def bare(speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray) -> To
 
 
 @pytest.fixture(scope="module")
-def every() -> Mapping[str, TotalMap]:
+def maps() -> Mapping[str, TotalMap]:
     """Return the paper's map, a smooth table over uneven axes, and a table of random numbers."""
     rng = np.random.default_rng(20_240_617)
     speed = np.array([4.0, 7.0, 7.5, 12.0, 20.0, 33.0, 50.0])
@@ -74,9 +74,9 @@ def points(total: TotalMap, count: int, real: Real, seed: int) -> tuple[npt.NDAr
 
 @pytest.mark.parametrize("name", ["4ws-2", "uneven", "rough"])
 @pytest.mark.parametrize("real", REALS)
-def test_against_scipy_within_the_error_bound(every: Mapping[str, TotalMap], name: str, real: Real) -> None:
+def test_against_scipy_within_the_error_bound(maps: Mapping[str, TotalMap], name: str, real: Real) -> None:
     """The bound adds worst cases that do not coincide; it is at most 50 times the largest error in single precision."""
-    total = every[name]
+    total = maps[name]
     v, angle = points(total, 200_000, real, 2)
     found = Lookup.from_map(total, real)(v, angle)
     assert found.dtype == real

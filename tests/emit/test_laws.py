@@ -36,7 +36,7 @@ def selftest_passes(files: Folder, at: Path) -> bool:
     return subprocess.run([at / "program"], check=False).returncode == 0
 
 
-ENDS: dict[str, tuple[float, float]] = {
+LIMIT_VALUES: dict[str, tuple[float, float]] = {
     "lead_s": (-0.2, 0.2),
     "lead_max_deg": (0.0, 10.0),
     "response_ahead_s": (0.0, 1.0),
@@ -63,7 +63,7 @@ def test_the_limits_of_a_configuration_are_valid_parameters(
     """All limits are used together: neither unit conversion nor rounding to the target's precision may leave the range."""
     speeds = ([1.0, 1.1], [400.0, 500.0])[end]
     schedule = {"speed_km_h": speeds, "proportional_gain_s": [(0.0, 2.0)[end]] * 2, "integral_gain": [(0.01, 20.0)[end]] * 2}
-    data = tracking(schedule=schedule, **{name: ends[end] for name, ends in ENDS.items()}).model_dump()
+    data = tracking(schedule=schedule, **{name: ends[end] for name, ends in LIMIT_VALUES.items()}).model_dump()
     data["controller"] |= {"rear_angle_error_max_deg": (0.1, 20.0)[end], "friction_min": (0.02, 0.5)[end]}
     keys = ("opposite_phase_speed_km_h", "opposite_phase_max_deg", "rear_rate_max_deg_s", "in_phase_from_front_angle_deg")
     data["limiter"] = dict(zip(keys, limits, strict=True))

@@ -67,7 +67,7 @@ def target(tmp_path: Path) -> Path:
     return place
 
 
-def ended() -> int:
+def finished_process() -> int:
     """Return the number of a finished process."""
     process = subprocess.Popen(["true"])
     process.wait()
@@ -149,7 +149,7 @@ def plant_file(place: Path, name: str) -> None:
     (place / name).write_bytes(b"dear to its owner\n")
 
 
-THINGS: dict[str, Callable[[Path], object]] = {
+FOREIGN_CONTENT: dict[str, Callable[[Path], object]] = {
     "file": lambda path: path.write_bytes(b"dear to its owner\n"),
     "folder": Path.mkdir,
     "link to a file": lambda path: path.symlink_to("../README.md"),
@@ -159,10 +159,12 @@ THINGS: dict[str, Callable[[Path], object]] = {
 NAMES = ("a/b/c/mine.c", "src/verify.json", "src/manifest.json")
 
 
-@pytest.mark.parametrize(("name", "thing"), [*(("src/mine", thing) for thing in THINGS), *((name, "file") for name in NAMES)])
+@pytest.mark.parametrize(
+    ("name", "thing"), [*(("src/mine", thing) for thing in FOREIGN_CONTENT), *((name, "file") for name in NAMES)]
+)
 def test_foreign_content_is_named_and_kept(target: Path, name: str, thing: str) -> None:
     (target / name).parent.mkdir(parents=True, exist_ok=True)
-    THINGS[thing](target / name)
+    FOREIGN_CONTENT[thing](target / name)
     before = stamps(target.parent)
     for folder in (NEW, OLD):  # even if the build would change nothing
         with pytest.raises(BuildError) as caught:
@@ -180,7 +182,7 @@ def test_a_name_of_ours_does_not_make_other_content_ours(target: Path, tmp_path:
         (target / "src").symlink_to(tmp_path / "user")
     else:
         (target / "src").mkdir()
-        THINGS[thing](target / "src" / "ars_map.c")
+        FOREIGN_CONTENT[thing](target / "src" / "ars_map.c")
     before = stamps(tmp_path)
     with pytest.raises(BuildError, match="holds 'src"):
         write_folder(NEW, target)
@@ -191,7 +193,7 @@ def manifest_text(**changes: object) -> bytes:
     return json.dumps({**json.loads(render_manifest(OLD)), **changes}).encode()
 
 
-NOT_OURS = {
+FOREIGN_MANIFESTS = {
     "huge": render_manifest(OLD),
     "cut short": render_manifest(OLD)[:-30],
     "not text": b"\xff\xfe\x00\xd8",
@@ -204,9 +206,9 @@ NOT_OURS = {
 }
 
 
-@pytest.mark.parametrize("kind", NOT_OURS)
+@pytest.mark.parametrize("kind", FOREIGN_MANIFESTS)
 def test_a_manifest_that_is_not_ours_owns_nothing(target: Path, kind: str) -> None:
-    (target / MANIFEST).write_bytes(NOT_OURS[kind])
+    (target / MANIFEST).write_bytes(FOREIGN_MANIFESTS[kind])
     if kind == "huge":
         os.truncate(target / MANIFEST, MANIFEST_BYTES_MAX + 1)  # sparse: takes no space, and is not read completely
     before = stamps(target.parent)
@@ -236,7 +238,7 @@ def test_target_that_is_no_folder(tmp_path: Path, thing: str) -> None:
     place = tmp_path / "out" / "4ws2"
     place.parent.mkdir()
     (tmp_path / "README.md").write_bytes(b"dear to its owner\n")
-    THINGS[thing](place)
+    FOREIGN_CONTENT[thing](place)
     before = stamps(tmp_path)
     for target in (place, Path("/")):
         with pytest.raises(BuildError, match="not a folder"):
@@ -396,7 +398,7 @@ def test_kill_at_any_step(tmp_path: Path, way: str, monkeypatch: pytest.MonkeyPa
 
 
 def test_folder_moved_aside_by_a_killed_build_comes_back_even_if_the_next_build_fails(target: Path) -> None:
-    target.rename(target.with_name(f".4ws2.codegen-tmp-{ended()}-old"))
+    target.rename(target.with_name(f".4ws2.codegen-tmp-{finished_process()}-old"))
     _, raised = fail_at(6, NO_SPACE, target)
     assert isinstance(raised, BuildError)
     assert tree(target) == expected(OLD)
@@ -404,7 +406,7 @@ def test_folder_moved_aside_by_a_killed_build_comes_back_even_if_the_next_build_
 
 
 def test_leftovers_of_dead_builds_go_and_other_things_stay(target: Path, tmp_path: Path) -> None:
-    dead, other, out = ended(), tmp_path / "other build", target.parent
+    dead, other, out = finished_process(), tmp_path / "other build", target.parent
     for name in (f"{dead}", f"{dead}-old", f"{os.getpid()}"):  # the last: the same process number in a container
         write_folder(NEW, out / f".4ws2.codegen-tmp-{name}")
     stay = [f".other.codegen-tmp-{dead}", ".4ws2.codegen-tmp-x", f"4ws2.codegen-tmp-{dead}", ".4ws2.codegen-tmp-0"]

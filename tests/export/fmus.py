@@ -90,7 +90,7 @@ class Made:
 def made(what: What, version: Version, kind: str = "tracking") -> Made:
     """Return the FMU of a committed build, compiled once for all workers."""
     name = f"{kind}-{what}-{version}"
-    with shared.alone(f"unpacked fmu {name}") as folder:
+    with shared.locked(f"unpacked fmu {name}") as folder:
         return unpacked(folder, name, shared.once(f"fmu {name}", lambda: make_fmu(BUILDS[kind], what, version)))
 
 

@@ -26,7 +26,7 @@ def refused(slave: Slave, call: Callable[..., object], *arguments: object) -> st
     return slave.messages[-1]
 
 
-def go_on(slave: Slave, other: Slave | None = None) -> list[list[float]]:
+def continue_run(slave: Slave, other: Slave | None = None) -> list[list[float]]:
     rows = []
     for k in range(400):
         if k == 100:
@@ -87,15 +87,15 @@ def test_an_invalid_state_is_rejected(version: Version) -> None:
 @each_version
 def test_instances_are_independent_and_reset_completely(version: Version) -> None:
     alone, one, two = (Slave(made("loop", version), name) for name in ("alone", "one", "two"))
-    wanted = go_on(alone.start(TURN))
+    wanted = continue_run(alone.start(TURN))
     one.start(TURN)
     two.start({"speed_m_s": 33.0, "friction": 0.4, "parameters.lead_smoothing": 0.2})
-    assert go_on(one, two) == wanted
+    assert continue_run(one, two) == wanted
     one.set({"parameters.rear_angle_max": 0.03, "inhibit": True})
     one.fmu.terminate()
     one.fmu.reset()
     one.start(TURN, start=-3.7, stop=-3.3)
-    assert go_on(one) == wanted
+    assert continue_run(one) == wanted
     assert "after the stop time" in refused(one, one.step, STEP)
 
 

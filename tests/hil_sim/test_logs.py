@@ -120,7 +120,7 @@ def test_a_long_blf_has_every_frame_and_the_times_of_start_and_end(tmp_path: Pat
 
 
 @pytest.fixture
-def auckland(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def other_time_zone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Set a time zone other than UTC: 13 h ahead in November."""
     monkeypatch.setenv("TZ", "NZDT-13")
     time.tzset()
@@ -129,7 +129,7 @@ def auckland(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     time.tzset()
 
 
-@pytest.mark.usefixtures("auckland")
+@pytest.mark.usefixtures("other_time_zone")
 def test_lines_of_asc(tmp_path: Path) -> None:
     path = write(tmp_path / "run.asc", signal_frames(), start=START - 0.118, channel="my bus")  # .005: 5 ms are not .5 s
     lines = path.read_text().splitlines()
@@ -168,7 +168,7 @@ def test_mf4_gives_physical_signals_by_its_embedded_database(tmp_path: Path) -> 
         assert one.samples.tolist() == pytest.approx([0.5 * cycle for cycle in range(100)], abs=1e-12)
 
 
-@pytest.mark.usefixtures("auckland")
+@pytest.mark.usefixtures("other_time_zone")
 @formats
 def test_without_a_wall_clock_logs_repeat(tmp_path: Path, extension: str, monkeypatch: pytest.MonkeyPatch) -> None:
     first = write(tmp_path / f"first.{extension}", some_frames(), start=None, dbc=DBC.encode()).read_bytes()

@@ -133,7 +133,7 @@ def result(share: float, **figures: Any) -> CellResult:
 OTHERS = ("cell", "condition", "spun_at_s", "settled", "yaw_rate_steady_deg_s")
 FIGURES = tuple(field.name for field in fields(CellResult) if field.name not in OTHERS)
 SPIN = result(1.0, spun_at_s=2.0, settled=False, **dict.fromkeys(FIGURES))
-SWINGING = result(1.0, settled=False, settling_time_s=None)
+OSCILLATING = result(1.0, settled=False, settling_time_s=None)
 
 
 def test_summary_names_the_worst_cell_of_each_figure() -> None:
@@ -216,7 +216,7 @@ NOMINAL_CELLS, SLIPPERY_CELLS = "all cells, as configured", "friction 0.4, no es
         ("friction-60", [result(1.0, sideslip_max_deg=3.6)], {("friction 0.6, no estimate", "|sideslip|")}),
         ("friction-40-wrong", [result(1.0, sideslip_max_deg=5.6)], {("friction 0.4, estimated 0.6", "|sideslip|")}),
         ("relaxation-600", [result(1.0, overshoot_percent=99.0)], set()),  # reported, without a limit
-        ("nominal", [SWINGING], {(NOMINAL_CELLS, "settling time to 2 %")}),
+        ("nominal", [OSCILLATING], {(NOMINAL_CELLS, "settling time to 2 %")}),
         (
             "nominal",
             [SPIN],
@@ -244,7 +244,7 @@ def test_missed_stretch_goals_and_missing_measurements_do_not_fail() -> None:
         paths = {**good().path_errors, "slalom": (own, 0.2)}
         (row,) = [row for row in requirements(replace(good(), path_errors=paths)) if row.passed is False]
         assert (row.subject_matter, row.measured, row.note) == ("slalom, with a driver", own, note)
-    measured = replace(good(), c1={**good().c1, "lag-50": SWINGING})
+    measured = replace(good(), c1={**good().c1, "lag-50": OSCILLATING})
     (row,) = [row for row in requirements(measured) if row.passed is False]
     assert (row.subject_matter, row.measured, row.note) == ("C1, actuator lag 50 ms", None, "it does not settle")
     assert {(row.passed, row.note) for row in requirements(Measured({}, {}, None))} == {(None, "not measured in this run")}

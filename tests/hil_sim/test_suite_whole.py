@@ -150,10 +150,10 @@ def test_a_job_uses_its_own_car(monkeypatch: pytest.MonkeyPatch, kind: Kind) -> 
     assert seen == [(heavy, kind, True, True), (heavy, "pi", True, False)]  # a passive car needs no tuning
 
 
-class AtOnce(nullcontext):
+class SynchronousBackground(nullcontext):
     """Replacement for Background that runs calls in this process, at `get`."""
 
-    def __enter__(self) -> "AtOnce":
+    def __enter__(self) -> "SynchronousBackground":
         return self
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -170,7 +170,7 @@ def test_the_whole_collects_its_parts(monkeypatch: pytest.MonkeyPatch, installed
     tested = of_config("pi", builds.paper_map(), PAPER)
     bare = SuiteResult("pi", ("pi",), (), (), "", {"pi": {}}, {"pi": {}}, (), {}, {}, {})
     monkeypatch.setattr(Candidate, "line_up", lambda self, steps: LineUp(tested, (), PAPER.case("4ws-2"), ("a note",)))
-    monkeypatch.setattr(whole, "Background", AtOnce)
+    monkeypatch.setattr(whole, "Background", SynchronousBackground)
     monkeypatch.setattr(whole, "run_suite", lambda *given, progress: (progress("x", 0, 1), bare)[1])
     monkeypatch.setattr(third_party, "available", lambda: installed)
     monkeypatch.setattr(third_party, "jobs", lambda contenders, case: {"pi": refuse})

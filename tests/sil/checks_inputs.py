@@ -245,7 +245,7 @@ def check_oversteering_car(built: Built) -> None:
         assert abs(controller.state.inputs.expected_yaw_rate - speed * 0.03125 / length) <= 4.0 * built.eps
 
 
-def _witnessed(built: Built, **inputs: float) -> tuple[Controller, Measurement]:
+def _turning_with_lateral_acceleration(built: Built, **inputs: float) -> tuple[Controller, Measurement]:
     """Return a controller after a steady turn of the linear car with its lateral acceleration, and a sample of that turn."""
     controller, turn = _turning(built, **inputs)
     turn = replace(turn, lateral_acceleration=turn.yaw_rate * turn.speed)
@@ -262,7 +262,7 @@ def check_lateral_acceleration_stands_for_the_yaw_rate(built: Built) -> None:
     cases = [(16.0, 3.0, True), (16.0, -most, True), (16.0, built.next(most, 99.0), False), (16.0, math.nan, False)]
     for speed, lateral, is_taken in [*cases, (5.0, 0.5, True), (built.next(5.0, 0.0), 0.5, False)]:
         for is_proven in (True, False):
-            controller, turn = _witnessed(built, speed_step=200.0, yaw_rate_correction_share=0.125)
+            controller, turn = _turning_with_lateral_acceleration(built, speed_step=200.0, yaw_rate_correction_share=0.125)
             controller.state.inputs.lateral_is_proven = is_proven
             controller.run([replace(turn, speed=speed, yaw_rate=math.nan, lateral_acceleration=lateral)] * 600)
             wanted = lateral / speed if is_taken and is_proven else 0.03 * _gain(built, speed)
@@ -279,7 +279,7 @@ def check_lateral_acceleration_is_refuted(built: Built) -> None:
 
     It is trusted again in a turn where it agrees.
     """
-    controller, turn = _witnessed(built)
+    controller, turn = _turning_with_lateral_acceleration(built)
     agreement = float(controller.parameters.inputs.yaw_rate_agreement)
     for apart, is_proven in ((1.5, True), (1.99, True), (2.01, False), (1.5, False), (0.99, True), (-2.01, False)):
         controller.step(replace(turn, lateral_acceleration=(turn.yaw_rate + apart * agreement) * turn.speed))
@@ -299,7 +299,7 @@ def check_frozen_front_angle(built: Built) -> None:
     Without that agreement the driver holds the wheel and the car slides.
     """
     for case in ("frozen", "shaking", "no lateral acceleration", "unproven", "lateral acceleration of the old turn", "half"):
-        controller, turn = _witnessed(built, yaw_rate_frozen=0.01 if case == "half" else 0.1)
+        controller, turn = _turning_with_lateral_acceleration(built, yaw_rate_frozen=0.01 if case == "half" else 0.1)
         inputs, before, found = controller.state.inputs, turn.yaw_rate, False
         for sample in range(60):
             share = max(1.0 - 0.02 * sample, 0.503 if case == "half" else 0.0)
@@ -325,7 +325,9 @@ def check_frozen_front_angle(built: Built) -> None:
 
 def check_front_angle_while_the_yaw_rate_is_away(built: Built) -> None:
     """Check that agreement before a gap of the yaw rate does not count for the turn in which it returns."""
-    controller, turn = _witnessed(built, front_angle_step=3.0, yaw_rate_step=40.0, yaw_rate_max=20.0, yaw_rate_frozen=0.05)
+    controller, turn = _turning_with_lateral_acceleration(
+        built, front_angle_step=3.0, yaw_rate_step=40.0, yaw_rate_max=20.0, yaw_rate_frozen=0.05
+    )
     yaw_rate = 0.12 * _gain(built, 16.0)
     turn = replace(turn, front_angle=0.12, yaw_rate=yaw_rate, lateral_acceleration=16.0 * yaw_rate)
     controller.run([turn] * 300 + [replace(turn, yaw_rate=math.nan)] * 20)
@@ -336,7 +338,7 @@ def check_front_angle_while_the_yaw_rate_is_away(built: Built) -> None:
 def check_yaw_rate_to_the_other_side(built: Built) -> None:
     """Check that a yaw rate is wrong if front angle and lateral acceleration have the opposite sign for `recovery_samples`."""
     for case in ("against", "with", "none", "unproven", "no lateral acceleration", "no turn", "small", "small lateral"):
-        controller, turn = _witnessed(built, yaw_rate_step=40.0)
+        controller, turn = _turning_with_lateral_acceleration(built, yaw_rate_step=40.0)
         share = 0.2 if case == "no turn" else 1.0
         held = replace(turn, front_angle=share * turn.front_angle, lateral_acceleration=share * turn.lateral_acceleration)
         controller.run([replace(held, yaw_rate=share * turn.yaw_rate)] * 300)
@@ -370,7 +372,7 @@ def check_yaw_rate_of_a_car_whose_wheels_are_straight(built: Built) -> None:
 
 def check_count_against_the_yaw_rate_ends_with_a_jump(built: Built) -> None:
     """Check that a jump resets the count of samples that contradict the yaw rate."""
-    controller, turn = _witnessed(built, yaw_rate_step=0.5)
+    controller, turn = _turning_with_lateral_acceleration(built, yaw_rate_step=0.5)
     needed = controller.parameters.inputs.recovery_samples
     controller.run([replace(turn, yaw_rate=-0.07)] * (needed - 2) + [replace(turn, yaw_rate=-1.0)])
     signal = controller.state.inputs.yaw_rate

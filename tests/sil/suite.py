@@ -77,16 +77,16 @@ def _in(module: ModuleType) -> Iterable[Callable[..., Any]]:
             yield value
 
 
-def _known(case: Case, name: str, make: Callable[[], Any]) -> Any:
+def _cached(case: Case, name: str, make: Callable[[], Any]) -> Any:
     """Return a value computed once per build."""
     if name not in case.known:
         case.known[name] = make()
     return case.known[name]
 
 
-def _answered(name: str, make: Callable[[Case], Any], check: Callable[[Case, Any], None]) -> Judge:
+def _comparing(name: str, make: Callable[[Case], Any], check: Callable[[Case, Any], None]) -> Judge:
     """Return the judge that compares a build with expected results computed once."""
-    return Judge(name, lambda case: check(case, _known(case, name, lambda: make(case))))
+    return Judge(name, lambda case: check(case, _cached(case, name, lambda: make(case))))
 
 
 STRICT = {"inputs": {"missing_samples_max": 0, "recovery_samples": 1}}
@@ -121,11 +121,11 @@ def _drives(kind: Kind) -> list[Judge]:
         for one in known:
             answers.check_drive(case.built, one)
 
-    judges = [_answered(f"model: {name}", lambda case, a=changes, b=index: [drive(case, a, b)], check)  # type: ignore[misc]
+    judges = [_comparing(f"model: {name}", lambda case, a=changes, b=index: [drive(case, a, b)], check)  # type: ignore[misc]
               for index, (name, changes) in enumerate(DRIVES[kind].items())]  # fmt: skip
     if kind in ("pi", "tracking"):
         rough = answers.answers_of_rough
-        judges.append(_answered("model: rough drives", lambda case: list(rough(case.built, case.samples(3000))), check))
+        judges.append(_comparing("model: rough drives", lambda case: list(rough(case.built, case.samples(3000))), check))
     return judges
 
 
@@ -153,13 +153,13 @@ def _controller(kind: Kind) -> list[Judge]:
 
 
 def _limiter(kind: Kind) -> list[Judge]:
-    model = _answered("model of the limiter", lambda case: answers.answers_of_limiter(case.units, case.samples(4000)),
+    model = _comparing("model of the limiter", lambda case: answers.answers_of_limiter(case.units, case.samples(4000)),
                       lambda case, known: answers.check_limiter(case.units, known))  # fmt: skip
     return [model, *_inits(kind), *_of_units(*_in(checks_limiter))]
 
 
 def _map(kind: Kind) -> list[Judge]:
-    reference = _answered(
+    reference = _comparing(
         "reference of the map",
         lambda case: answers.answers_of_map(case.built, case.units, 30_000 // case.samples(30_000)),
         lambda case, known: answers.check_map(case.built, case.units, known),
@@ -171,7 +171,7 @@ def _map(kind: Kind) -> list[Judge]:
 
 
 def _reference_model(_: Kind) -> list[Judge]:
-    model = _answered("model of the car", lambda case: answers.answers_of_model(case.units, case.samples(30_000)),
+    model = _comparing("model of the car", lambda case: answers.answers_of_model(case.units, case.samples(30_000)),
                       lambda case, known: answers.check_model(case.units, known))  # fmt: skip
     return [model, *_of_units(*_in(checks_reference_model)), *_of_built(checks_lookup.check_map_functions)]
 
@@ -180,11 +180,11 @@ def _inits(_: Kind) -> list[Judge]:
     return _of_built(checks_edges.check_init_sets_everything, checks_edges.check_state_after_init)
 
 
-FRAMES = _answered("Python's frames", lambda case: answers_frames.answers_of_can(case.built),
+FRAMES = _comparing("Python's frames", lambda case: answers_frames.answers_of_can(case.built),
                    lambda case, known: answers_frames.check_can(case.built, known))  # fmt: skip
-RECEIVER = _answered("Python's receiver", lambda case: answers_frames.answers_of_e2e(case.built),
+RECEIVER = _comparing("Python's receiver", lambda case: answers_frames.answers_of_e2e(case.built),
                      lambda case, known: answers_frames.check_e2e(case.built, known))  # fmt: skip
-TASK = _answered(
+TASK = _comparing(
     "second task",
     lambda case: answers_task.answers_of_task(case.built, case.samples(answers_task.STARTS, least=12)),
     lambda case, known: answers_task.check_task(case.built, known),

@@ -117,7 +117,7 @@ def rows(*configs: Config) -> FloatArray:
     return np.array([plant_parameters(config) for config in configs])
 
 
-ONE = rows(builds.CONFIG)
+NOMINAL_LANES = rows(builds.CONFIG)
 
 
 def require_equal(found: FloatArray, wanted: FloatArray, bound: float = batch.DIFFERENCE_MAX) -> None:
@@ -206,7 +206,7 @@ def test_a_flipped_rounding_stays_within_its_bound(best: BatchSoftware) -> None:
         assert 0.0 < difference <= batch.DIFFERENCE_MAX_FLIPPED
 
 
-def mixed(count: int) -> tuple[Lanes, npt.NDArray[np.intp]]:
+def mixed_lanes(count: int) -> tuple[Lanes, npt.NDArray[np.intp]]:
     """Return runs that differ in everything; some spin, one has no valid numbers."""
     generator = np.random.default_rng(5)
     values = rows(*cars("pi"))[generator.integers(0, 3, count)] * generator.uniform(0.9, 1.1, (count, 1))
@@ -226,7 +226,7 @@ def mixed(count: int) -> tuple[Lanes, npt.NDArray[np.intp]]:
     return lanes, np.arange(count)
 
 
-def chosen(lanes: Lanes, index: Any) -> Lanes:
+def selected(lanes: Lanes, index: Any) -> Lanes:
     """Return some runs, reordered."""
     fields = [field.name for field in dataclasses.fields(lanes) if field.name != "noise"]
     picked: Mapping[str, Any] = {name: np.asarray(getattr(lanes, name))[index] for name in fields}
@@ -237,14 +237,14 @@ def chosen(lanes: Lanes, index: Any) -> Lanes:
 def check_independence(software: BatchSoftware) -> None:
     """Check that a run has the same bits in any batch, including one with runs that spin or have no valid numbers."""
     count = 3 * LANES + 3
-    lanes, every = mixed(count)
+    lanes, every = mixed_lanes(count)
     whole = software.run(PROFILES["sine with dwell"], lanes)
     assert np.isnan(whole[3, -1, count // 3]), "the run without a mass has no yaw rate"
     assert np.isfinite(np.delete(whole, count // 3, axis=2)).all(), "and does not affect other runs"
     assert np.nanmax(np.abs(whole[SIDESLIP])) > 2.0 * SPIN, "some spin"
     shuffled = np.random.default_rng(6).permutation(every)
     for index in (every[::-1], shuffled, every[:1], every[5 : 5 + LANES], every[2 : 3 + LANES], every[-7:]):
-        part = software.run(PROFILES["sine with dwell"], chosen(lanes, index))
+        part = software.run(PROFILES["sine with dwell"], selected(lanes, index))
         require_bits(part, whole[:, :, index])
     with ThreadPoolExecutor(2) as threads:
         for record in threads.map(lambda _: software.run(PROFILES["sine with dwell"], lanes), range(2)):
@@ -253,16 +253,18 @@ def check_independence(software: BatchSoftware) -> None:
 
 def check_columns(software: BatchSoftware) -> None:
     """Check that only the requested columns are returned, in order, also for zero runs and zero samples."""
-    lanes, _ = mixed(LANES + 2)
+    lanes, _ = mixed_lanes(LANES + 2)
     whole = software.run(PROFILES["step steer"], lanes)
     for columns in (["status", "slip_rear_rad", "time_s"], [*RECORD_COLUMNS][::-1], []):
         part = software.run(PROFILES["step steer"], lanes, columns=columns)
         assert part.shape == (len(columns), SAMPLES, LANES + 2)
         require_bits(part, whole[[RECORD_COLUMNS.index(name) for name in columns]])
-    assert software.run(PROFILES["step steer"], Lanes(ONE[:0])).shape == (len(RECORD_COLUMNS), SAMPLES, 0)
-    assert software.run(profile(samples=0), Lanes(ONE)).shape == (len(RECORD_COLUMNS), 0, 1)
+    assert software.run(PROFILES["step steer"], Lanes(NOMINAL_LANES[:0])).shape == (len(RECORD_COLUMNS), SAMPLES, 0)
+    assert software.run(profile(samples=0), Lanes(NOMINAL_LANES)).shape == (len(RECORD_COLUMNS), 0, 1)
     parameters = software.parameters(proportional_gain=0.0, integral_gain=0.0)
-    angle, yaw_rate = software.run(PROFILES["step steer"], Lanes(ONE), parameters, ["rear_angle_rad", "yaw_rate_rad_s"])
+    angle, yaw_rate = software.run(
+        PROFILES["step steer"], Lanes(NOMINAL_LANES), parameters, ["rear_angle_rad", "yaw_rate_rad_s"]
+    )
     assert not angle.any() and yaw_rate.any(), "without gains the rear wheels stay straight"
 
 
@@ -271,19 +273,19 @@ def test_noise_independence_and_columns(best: BatchSoftware, check: Callable[[Ba
     check(best)
 
 
-RELAXATION_LANES = Lanes(np.where(np.array(PLANT_PARAMETERS) == "relaxation_length", 0.5, ONE))
+RELAXATION_LANES = Lanes(np.where(np.array(PLANT_PARAMETERS) == "relaxation_length", 0.5, NOMINAL_LANES))
 
 
 @pytest.mark.parametrize(
     ("scenario", "lanes", "text"),
     [
-        (profile(speed=0.0), Lanes(ONE), "speed must be above zero"),
-        (profile()[:-1], Lanes(ONE), "shape"),
-        (profile(), Lanes(ONE[:, 1:]), "cars of shape"),
-        (profile(), Lanes(ONE, speed_factor=-1.0), "factors must be above zero"),
-        (profile(), Lanes(ONE, delay_samples=101), "0 to 100"),
-        (profile(), Lanes(ONE, wheel_factor=np.ones(3)), "broadcast"),
-        (profile(), Lanes(ONE, noise=np.zeros((SAMPLES, 3, 2))), "noise of shape"),
+        (profile(speed=0.0), Lanes(NOMINAL_LANES), "speed must be above zero"),
+        (profile()[:-1], Lanes(NOMINAL_LANES), "shape"),
+        (profile(), Lanes(NOMINAL_LANES[:, 1:]), "cars of shape"),
+        (profile(), Lanes(NOMINAL_LANES, speed_factor=-1.0), "factors must be above zero"),
+        (profile(), Lanes(NOMINAL_LANES, delay_samples=101), "0 to 100"),
+        (profile(), Lanes(NOMINAL_LANES, wheel_factor=np.ones(3)), "broadcast"),
+        (profile(), Lanes(NOMINAL_LANES, noise=np.zeros((SAMPLES, 3, 2))), "noise of shape"),
         (profile(), RELAXATION_LANES, "relaxation length"),
     ],
 )
@@ -291,7 +293,7 @@ def test_what_cannot_be_run_is_refused(best: BatchSoftware, scenario: FloatArray
     with pytest.raises(ValueError, match=text):
         best.run(scenario, lanes, columns=["status"])
     with pytest.raises(ValueError, match="no column"):
-        best.run(profile(), Lanes(ONE), columns=["yaw rate"])
+        best.run(profile(), Lanes(NOMINAL_LANES), columns=["yaw rate"])
 
 
 # Which vectors are used
@@ -334,6 +336,6 @@ def test_a_machine_without_vectors_runs_scalar_code(monkeypatch: pytest.MonkeyPa
 
 def test_subnormal_numbers_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fast-math flags at link time would make the processor flush subnormals in the whole process."""
-    load_batch(GENERATED / "4ws2-paper").run(PROFILES["step steer"], Lanes(ONE))
+    load_batch(GENERATED / "4ws2-paper").run(PROFILES["step steer"], Lanes(NOMINAL_LANES))
     assert np.float64(5e-324) * np.float64(1.0) > 0.0
     assert np.float64(2.3e-308) / np.float64(4.0) > 0.0

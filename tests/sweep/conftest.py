@@ -86,5 +86,5 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 @pytest.fixture(scope="package")
 def whole(plan: Plan) -> Path:
     """Return the file of the campaign. Tests must not change its folder."""
-    with shared.alone("sweep campaign") as folder:
+    with shared.locked("sweep campaign") as folder:
         return run_campaign(plan, folder, Threads(1))

@@ -16,12 +16,16 @@ from tests.verify import builds, planted
 PI = builds.made("pi", "uneven")
 QUICK = Effort(quick=True)
 LIMITS = ("lookup", "reference", "step", "limiter", "task")
-AMPLE = {**{f"{name}_instructions_max": 10_000 for name in LIMITS}, "task_stack_bytes_max": 10_000, "state_bytes_max": 10_000}
+AMPLE_BUDGETS = {
+    **{f"{name}_instructions_max": 10_000 for name in LIMITS},
+    "task_stack_bytes_max": 10_000,
+    "state_bytes_max": 10_000,
+}
 """Budgets that every build meets; each test lowers one of them."""
 
 
 @pytest.fixture(autouse=True)
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     """Count so few calls that only a fault in every call is found."""
     for name, value in {"QUICK_SAMPLES": 40, "QUICK_ROUNDS": 1, "USUAL_SAMPLES": 10, "SAMPLES": 100}.items():
         monkeypatch.setattr(f"codegen.verify.budgets.measure.{name}", value)
@@ -31,13 +35,13 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @functools.cache
-def sound() -> Outcome:
+def unmodified() -> Outcome:
     """Return the outcome of the unmodified build with its own budgets."""
     return budgets.check(planted.subject_of(PI), QUICK)
 
 
 def largest(function: str) -> int:
-    count = sound().figures["functions"][function]
+    count = unmodified().figures["functions"][function]
     return int(count.get("instructions_bound", count["instructions"]["max"]))
 
 
@@ -46,7 +50,7 @@ def run(subject: Subject, limits: Mapping[str, int] | None = None, search_loops:
 
     The search for unbounded loops takes half of the time and has its own tests.
     """
-    configuration = {**PI.manifest["configuration"], "budgets": {**AMPLE, **(limits or {})}}
+    configuration = {**PI.manifest["configuration"], "budgets": {**AMPLE_BUDGETS, **(limits or {})}}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CC", "no-such-compiler")
         if not search_loops:
@@ -55,7 +59,7 @@ def run(subject: Subject, limits: Mapping[str, int] | None = None, search_loops:
 
 
 def test_a_build_keeps_its_budgets() -> None:
-    found = sound()
+    found = unmodified()
     assert (found.findings, found.verdict) == ((), Verdict.PASSED)
     figures = json.loads(json.dumps(found.figures, allow_nan=False))
     functions, stacks, step = figures["functions"], figures["stack_bytes"], figures["functions"]["controller_step"]

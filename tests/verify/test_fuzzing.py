@@ -14,7 +14,7 @@ TRACKING = builds.made("tracking", "uneven")
 
 
 @pytest.fixture(autouse=True)
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fuzzing, "INPUTS_QUICK", 1_000)
 
 

@@ -13,7 +13,7 @@ PI = builds.made("pi", "uneven")
 
 
 @pytest.fixture
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_drives(monkeypatch: pytest.MonkeyPatch) -> None:
     """Simulate few drives, and skip the slow search for endless loops."""
     monkeypatch.setattr(law, "SIZE_QUICK", law.Size(drive=60, course=300, sets=3, cycles=200))
     monkeypatch.setattr("codegen.verify.on_host.complaints", lambda files, manifest: ())
@@ -23,14 +23,14 @@ def checked(subject: Subject) -> Outcome:
     return law.check(subject, Effort(quick=True))
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("few_drives")
 def test_a_build_equals_its_second_implementation() -> None:
     found = checked(planted.subject_of(builds.made("tracking", "uneven")))
     assert (found.findings, found.verdict) == ((), Verdict.PASSED)
     assert min(found.figures["statuses"].values()) > 0
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("few_drives")
 def test_a_wrong_command_default_and_frame_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only the first difference of each drive is reported. The frame is wrong although the controller alone is right."""
     path = "src/ars_calibration.c"

@@ -19,7 +19,7 @@ PI = builds.made("pi", "uneven")
 
 
 @pytest.fixture(autouse=True)
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Run few steps on the big-endian core only. One test covers the dynamics, which have separate images."""
     monkeypatch.setattr(pil, "QUICK_STEPS", STEPS)
     monkeypatch.setattr(pil, "CORES", {True: (POWERPC_BE,), False: (POWERPC_BE,)})

@@ -66,7 +66,7 @@ typedef _Bool bool;
 """
 
 
-def troubles(body: str) -> str:
+def proof_failures(body: str) -> str:
     """Judge one unit of C like a build, and return everything that prevents a proof."""
     try:
         program = Program({"x.c": Unit.parse("x.c", TYPES + body)})
@@ -153,7 +153,7 @@ PROBE uint32_t k = 9u; switch (x) { case 1u: ; uint32_t k = 0u; k = 1u; break; d
 
 @pytest.mark.parametrize(("body", "message"), REFUSED.values(), ids=REFUSED)
 def test_it_is_not_proved(body: str, message: str) -> None:
-    found = troubles(body)
+    found = proof_failures(body)
     assert found
     assert message in found
 
@@ -169,7 +169,7 @@ PROBE uint32_t k = 0u; uint32_t i; for (i = 1u; i < 4u; i++) { if (x < i) { brea
 
 @pytest.mark.parametrize("body", [body for body, _ in PROVED.values()], ids=PROVED)
 def test_it_is_proved(body: str) -> None:
-    assert troubles(body) == ""
+    assert proof_failures(body) == ""
 
 
 # A contract never proves the preconditions of its call.
@@ -203,9 +203,9 @@ PRECONDITIONS = {
 
 @pytest.mark.parametrize(("need", "call"), PRECONDITIONS.items(), ids=("parameters", "a state"))
 def test_the_contract_of_a_call_does_not_prove_its_preconditions(need: str, call: str) -> None:
-    assert need in troubles(LIMITER + PROBE % call)
-    assert need not in troubles(LIMITER + PROBE % RIGHT)
+    assert need in proof_failures(LIMITER + PROBE % call)
+    assert need not in proof_failures(LIMITER + PROBE % RIGHT)
 
 
 def test_a_missing_parameter_is_reported() -> None:
-    assert "limited: what it is about is not there: " in troubles(LIMITER)
+    assert "limited: what it is about is not there: " in proof_failures(LIMITER)

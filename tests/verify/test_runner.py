@@ -35,7 +35,7 @@ EXPECTED = {
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Path:
+def build_copy(tmp_path: Path) -> Path:
     """Return a copy of a build without a verification record."""
     return shutil.copytree(BUILD, tmp_path / "build", ignore=shutil.ignore_patterns("verify.*"))
 
@@ -59,12 +59,12 @@ def test_each_check_has_its_outcome_in_the_order_of_the_list(report: Report) -> 
     assert report.outcomes["passing"].figures == {"files": len(report.subject.files), "quick": True}
 
 
-def test_the_record_holds_the_report_and_changes_nothing_else(report: Report, place: Path) -> None:
-    before = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
-    assert record.write(report, place)
-    after = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
-    content = after.pop(place / record.JSON)
-    assert {path: text for path, text in after.items() if path != place / record.MANUAL} == before
+def test_the_record_holds_the_report_and_changes_nothing_else(report: Report, build_copy: Path) -> None:
+    before = {path: path.read_bytes() for path in build_copy.rglob("*") if path.is_file()}
+    assert record.write(report, build_copy)
+    after = {path: path.read_bytes() for path in build_copy.rglob("*") if path.is_file()}
+    content = after.pop(build_copy / record.JSON)
+    assert {path: text for path, text in after.items() if path != build_copy / record.MANUAL} == before
     data = json.loads(content)
     assert data["counts"] == {"passed": 1, "failed": 4, "not run": 2}
     assert len(data["checks"]["failing"]["findings"]) == 12
@@ -72,28 +72,28 @@ def test_the_record_holds_the_report_and_changes_nothing_else(report: Report, pl
     assert str(BUILD) not in content.decode()
 
 
-def test_a_quick_record_does_not_replace_a_whole_one_of_the_same_files(place: Path) -> None:
-    (place / record.JSON).write_text("{", encoding="ascii")  # an unreadable record is replaced
-    assert record.write(passed(place, quick=True), place)
-    assert json.loads((place / record.JSON).read_bytes())["effort"] == "quick"
-    assert record.write(passed(place), place)
-    kept = (place / record.JSON).read_bytes()
-    assert not record.write(passed(place, quick=True), place)
-    assert (place / record.JSON).read_bytes() == kept
-    edited = place / "src" / "ars_map.c"
+def test_a_quick_record_does_not_replace_a_whole_one_of_the_same_files(build_copy: Path) -> None:
+    (build_copy / record.JSON).write_text("{", encoding="ascii")  # an unreadable record is replaced
+    assert record.write(passed(build_copy, quick=True), build_copy)
+    assert json.loads((build_copy / record.JSON).read_bytes())["effort"] == "quick"
+    assert record.write(passed(build_copy), build_copy)
+    kept = (build_copy / record.JSON).read_bytes()
+    assert not record.write(passed(build_copy, quick=True), build_copy)
+    assert (build_copy / record.JSON).read_bytes() == kept
+    edited = build_copy / "src" / "ars_map.c"
     edited.write_bytes(edited.read_bytes() + b"\n")
-    assert record.write(passed(place, quick=True), place)
-    assert json.loads((place / record.JSON).read_bytes())["edited"] == ["src/ars_map.c"]
-    assert "**Not as it was built:** `src/ars_map.c`" in (place / record.MANUAL).read_text()
+    assert record.write(passed(build_copy, quick=True), build_copy)
+    assert json.loads((build_copy / record.JSON).read_bytes())["edited"] == ["src/ars_map.c"]
+    assert "**Not as it was built:** `src/ars_map.c`" in (build_copy / record.MANUAL).read_text()
 
 
-def test_a_record_that_cannot_be_written_is_reported_before_and_after_the_run(place: Path) -> None:
-    record.require_place(place)
-    (place / record.JSON).mkdir()
+def test_a_record_that_cannot_be_written_is_reported_before_and_after_the_run(build_copy: Path) -> None:
+    record.require_place(build_copy)
+    (build_copy / record.JSON).mkdir()
     with pytest.raises(CodegenError, match=rf"{record.JSON}: not a regular file"):
-        record.require_place(place)
+        record.require_place(build_copy)
     with pytest.raises(CodegenError, match="cannot be written"):
-        record.write(passed(place), place)
+        record.write(passed(build_copy), build_copy)
 
 
 def test_the_manual_reports_failures_and_missing_checks(report: Report) -> None:
@@ -117,10 +117,10 @@ def test_the_manual_reports_failures_and_missing_checks(report: Report) -> None:
         (lambda manifest: manifest["options"].update(prefix="../x"), "options.prefix: string should match"),
     ],
 )
-def test_a_damaged_manifest_is_rejected(place: Path, damage: Callable[[dict[str, Any]], object], message: str) -> None:
-    manifest = json.loads((place / "manifest.json").read_bytes())
+def test_a_damaged_manifest_is_rejected(build_copy: Path, damage: Callable[[dict[str, Any]], object], message: str) -> None:
+    manifest = json.loads((build_copy / "manifest.json").read_bytes())
     damage(manifest)
-    (place / "manifest.json").write_text(json.dumps(manifest))
+    (build_copy / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(CodegenError) as caught:
-        Subject.read(place)
-    assert str(caught.value).startswith(f"{place / 'manifest.json'}: {message}")
+        Subject.read(build_copy)
+    assert str(caught.value).startswith(f"{build_copy / 'manifest.json'}: {message}")

@@ -19,7 +19,7 @@ FAULTS = ("corrupt-3", "corrupt-50")
 
 
 @pytest.fixture(autouse=True)
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_cases(monkeypatch: pytest.MonkeyPatch) -> None:
     """Run two scenarios, two faults of the catalogue, and few samples."""
     scenarios, faults = suites.loops, fault_catalogue.catalogue
     monkeypatch.setattr(suites, "loops", lambda config: itertools.islice(scenarios(config), 2))
@@ -62,7 +62,7 @@ def test_undefined_behaviour_and_wrong_addresses_are_located() -> None:
     assert "trap_build" not in outcome.figures, "the same code is faulty there"
 
 
-MENDED = (
+ACCEPT_ANY_CRC = (
     "    uint8_t mended[8];\n    uint32_t k;\n\n    for (k = 0u; k < 8u; k++) {\n        mended[k] = data[k];\n    }\n"
     "    mended[0] = ars_e2e_crc(data_id, mended);\n    return planted_ars_e2e_check(self, data_id, mended);"
 )
@@ -74,7 +74,7 @@ def test_wrong_results_of_every_suite_are_found() -> None:
     for function, body in {
         "selftest": "    return false;",
         "limiter_step": "    return (input->demand > 0.0f) ? 0.07f : planted_ars_limiter_step(self, parameters, input);",
-        "e2e_check": MENDED,
+        "e2e_check": ACCEPT_ANY_CRC,
         "map_yaw_rate_on_road": (
             "    return planted_ars_map_yaw_rate_on_road(speed, front_angle, friction)"
             " * ((friction < 0.2f) ? 1.0000002f : 1.0f);"

@@ -97,14 +97,14 @@ def test_each_history_leads_to_another_state() -> None:
     assert runs[-1][-1].status in (Status.TRACKING, Status.LIMITED)  # one good sample ends that fail-safe
 
 
-def hidden(rows: Rows) -> Figures:
+def rare_combination(rows: Rows) -> Figures:
     """Return instruction counts that are high where each of four inputs is near its own value. No drawn row has all four."""
     goal = np.array([0.3, -0.7, 0.1, 0.9])
     return {"instructions": 100 + 10 * (np.abs(rows - goal) < 0.05).sum(axis=1)}
 
 
 def test_the_search_combines_separate_findings() -> None:
-    search = Search(hidden, "instructions")
+    search = Search(rare_combination, "instructions")
     search.run([np.random.default_rng(seed).uniform(-1.0, 1.0, (2_000, 4)).astype(np.float32) for seed in range(2)])
     assert search.spread("instructions", 1).largest < 140
     search.improve(12, np.random.default_rng(1))

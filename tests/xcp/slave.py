@@ -22,7 +22,7 @@ TIMEOUT_S = 120.0
 
 BUILD = Path(__file__).resolve().parents[2] / "generated/4ws2-paper"
 HARNESS = Path(__file__).with_name("slave.c")
-BROKEN = (
+INVARIANT_FAILURES = (
     "it wrote next to the calibration",
     "it wrote the reference page",
     "it wrote a measurement",
@@ -152,7 +152,7 @@ class Slave:
 
     def _check_invariants(self) -> None:
         broken = self._read(1)[0]
-        assert not broken, "; ".join(text for bit, text in enumerate(BROKEN) if broken >> bit & 1)
+        assert not broken, "; ".join(text for bit, text in enumerate(INVARIANT_FAILURES) if broken >> bit & 1)
 
     def _read(self, size: int) -> bytes:
         data = self._process.stdout.read(size)

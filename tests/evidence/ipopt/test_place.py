@@ -23,13 +23,13 @@ from tests.ecu_map.placements import (
     COARSE,
     FINE,
     ROUNDING,
-    coarsely,
     errors_against_optimum,
     largest_error,
     placed,
     random_points,
     rear_angle_error,
     truth_of,
+    with_coarse_grid,
 )
 from tests.ecu_map.test_placement import BARE_BOUND, bare
 from tests.optimum.cars import CASE, PAPER, changed, nonlinear, nonlinear_map, paper_map, random_config
@@ -89,7 +89,7 @@ def test_the_bound_holds_for_any_car(seed: int) -> None:
 
 
 NONLINEAR = {
-    **{f"{case} {storage}": (coarsely(nonlinear(with_safe_case(PAPER), case)), case, storage)
+    **{f"{case} {storage}": (with_coarse_grid(nonlinear(with_safe_case(PAPER), case)), case, storage)
        for case in ("4ws-2", "safe") for storage in ("float", "int16")},
     **{f"car {seed}": (nonlinear(random_config(np.random.default_rng(seed)), CASE), CASE, "float") for seed in (101, 105)},
 }  # fmt: skip

@@ -47,7 +47,7 @@ def check_contraction(at: Path) -> set[str]:
     return set(commands)
 
 
-def stretched(program: Path) -> Path:
+def with_scaled_speeds(program: Path) -> Path:
     """Copy a program with other speeds in its map, as a calibration tool would write them."""
     listed = text("src/ars_calibration.c").partition("ars_map_speed_breakpoints[")[2].partition("{")[2].partition("}")[0]
     speeds = np.array([number.strip().rstrip("f") for number in listed.split(",")], dtype=np.float32)
@@ -65,7 +65,7 @@ def test_link_time_optimisation_does_not_fold_calibrated_numbers(tmp_path: Path)
     files = {"main.c": MAP_MAIN, "CMakeLists.txt": CMAKE_HELLO + CMAKE_LINES}
     options = ("-DCMAKE_INTERPROCEDURAL_OPTIMIZATION=ON", "-DCMAKE_UNITY_BUILD=ON", "-DCMAKE_BUILD_TYPE=Release")
     program = cmake(project(tmp_path / "one", files, "ars"), *options) / "hello"
-    assert done(run([program], tmp_path)) != done(run([stretched(program)], tmp_path))
+    assert done(run([program], tmp_path)) != done(run([with_scaled_speeds(program)], tmp_path))
 
 
 def test_cmake_builds_and_tests_the_folder(tmp_path: Path) -> None:

@@ -65,7 +65,7 @@ def main(folder: Path) -> None:
             termios.tcdrain(output)
         _write(folder / "status", str(status))
     except Exception as error:
-        _tell(f"the guest cannot start: {error}")
+        _print_error(f"the guest cannot start: {error}")
     finally:
         os.sync()
         _LIBC.reboot(RB_POWER_OFF)
@@ -117,7 +117,7 @@ def _run(job: Job) -> int:
     try:
         child = subprocess.Popen(job.command, cwd=job.folder, env=job.environment, start_new_session=True)
     except OSError as error:
-        _tell(f"vcan_run: {error}")
+        _print_error(f"vcan_run: {error}")
         return CANNOT_RUN
     while True:  # process 1 is also the parent of all orphans
         ended, status = os.wait()
@@ -138,7 +138,7 @@ def _load_module(file: str) -> None:
     os.close(opened)
 
 
-def _tell(line: str) -> None:
+def _print_error(line: str) -> None:
     os.write(2, f"{line}\n".encode())  # sys.stderr may be None: the kernel starts process 1 without open files
 
 

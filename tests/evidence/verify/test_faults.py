@@ -76,9 +76,9 @@ def test_dynamics_beyond_their_bound_are_found(monkeypatch: pytest.MonkeyPatch) 
 
 # Budgets: a rare longest step, and the cost of a step.
 
-NOPS = 1_000
+NOP_COUNT = 1_000
 """More instructions than a step has, so that a step with them is the longest."""
-RARE = {
+RARE_STEPS = {
     "the law starts afresh": (
         "controller",
         "            self->status = self->law.is_limited ?",
@@ -92,12 +92,12 @@ RARE = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("unit", "place", "condition", "goes_on"), RARE.values(), ids=RARE)
+@pytest.mark.parametrize(("unit", "place", "condition", "goes_on"), RARE_STEPS.values(), ids=RARE_STEPS)
 def test_a_rare_long_step_is_found(unit: str, place: str, condition: str, goes_on: bool) -> None:
     """Where the law continues, the finding includes nearly the longest rest of the step."""
-    nops = f'    if ({condition}) {{ __asm__ volatile ("{"nop; " * NOPS}"); }}\n'
+    nops = f'    if ({condition}) {{ __asm__ volatile ("{"nop; " * NOP_COUNT}"); }}\n'
     usual = measure_step(planted.subject_of(PI), QUICK).worst
-    assert measure_step(changed(unit, place, nops + place), QUICK).worst >= NOPS + (0.9 * usual if goes_on else 0)
+    assert measure_step(changed(unit, place, nops + place), QUICK).worst >= NOP_COUNT + (0.9 * usual if goes_on else 0)
 
 
 def test_stack_use_unknown_to_the_compiler_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -180,7 +180,7 @@ CALL = {
     "controller_step": "ars_command_t result = planted_ars_controller_step(self, parameters, measurement);",
 }
 """Call of the original function at the start of a body. Bodies of other functions call it themselves."""
-MENDED = (
+ACCEPT_ANY_CRC = (
     "uint8_t mended[8]; for (int k = 0; k < 8; k++) { mended[k] = data[k]; }\n"
     "    mended[0] = ars_e2e_crc(data_id, mended);\n    return planted_ars_e2e_check(self, data_id, mended);"
 )
@@ -191,8 +191,8 @@ UNUSED = "a frame that must not be used makes no difference"
 REFERENCE, STATUS = "result.yaw_rate_reference", "result.status"
 FAULTS = {
     "can": [
-        ("e2e_check", MENDED, UNUSED),
-        ("e2e_check", MENDED.replace("mended[0] =", "if ((data[7] & 0xF0u) == 0x50u) mended[0] ="), UNUSED),
+        ("e2e_check", ACCEPT_ANY_CRC, UNUSED),
+        ("e2e_check", ACCEPT_ANY_CRC.replace("mended[0] =", "if ((data[7] & 0xF0u) == 0x50u) mended[0] ="), UNUSED),
         ("e2e_protect", "*counter += (*counter == 7u);", "counter of the command"),
         ("task_on_can_frame", "planted_ars_task_on_can_frame(self, id, data, (length < 8u) ? 8u : length);", "src/ars_e2e.c:"),
         ("task_10ms", "return planted_ars_task_10ms(self, data) + (data[6] == 0x09u);", "identifier of the command"),

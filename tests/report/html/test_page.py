@@ -26,7 +26,7 @@ from hil_sim.logs import BusLog
 from tests.report.html.test_charts import record
 
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
-EVIL = "</script><script>alert(1)</script><!-- & 'x' \"y\""
+INJECTION = "</script><script>alert(1)</script><!-- & 'x' \"y\""
 CAN = preset().can
 
 
@@ -48,9 +48,9 @@ def test_the_page_of_a_build_is_reproducible_self_contained_and_linked() -> None
 
 
 def test_text_is_escaped() -> None:
-    figure = {"data": [{"type": "scatter", "name": EVIL}], "layout": {}}
-    blocks = (Text(EVIL), Table(EVIL, (EVIL, "b"), [(EVIL, "c")]), Chart("x", figure, EVIL, EVIL))
-    text = page.render(EVIL, [Section("s", EVIL, blocks)]).decode("utf-8")
+    figure = {"data": [{"type": "scatter", "name": INJECTION}], "layout": {}}
+    blocks = (Text(INJECTION), Table(INJECTION, (INJECTION, "b"), [(INJECTION, "c")]), Chart("x", figure, INJECTION, INJECTION))
+    text = page.render(INJECTION, [Section("s", INJECTION, blocks)]).decode("utf-8")
     assert "<script>alert" not in text
     assert text.count("<script") == text.count("</script>") == 3
 
@@ -83,19 +83,19 @@ def test_a_bare_map_makes_a_report(tmp_path: Path) -> None:
     assert page.render("own", list(made.values()))
 
 
-Sent = tuple[int, float, bool]  # identifier, time in s, and whether the frame was received
+LoggedFrame = tuple[int, float, bool]  # identifier, time in s, and whether the frame was received
 
 
-def log(path: Path, frames: list[Sent]) -> Path:
+def log(path: Path, frames: list[LoggedFrame]) -> Path:
     with BusLog(path) as bus_log:
         for identifier, time, received in frames:
             bus_log.write(Frame(identifier, bytes(8), time), received=received)
     return path
 
 
-def cycles(periods: tuple[float, ...], delay: float = 0.004) -> list[Sent]:
+def cycles(periods: tuple[float, ...], delay: float = 0.004) -> list[LoggedFrame]:
     """Return the frames of cycles that begin after `periods` (s), each answered after `delay`."""
-    frames: list[Sent] = []
+    frames: list[LoggedFrame] = []
     for now in np.cumsum((0.0, *periods)):
         frames += [(0x101, now, False), (0x102, now, False), (CAN.rear_steer_command.id, now + delay, True)]
     return frames
@@ -108,7 +108,9 @@ def test_a_log_gives_periods_and_answer_times(tmp_path: Path) -> None:
     times.
     """
     late = enumerate((0.0, 0.002, 0.0))
-    echo: list[Sent] = [each for k, late in late for each in ((0x101, 0.01 * k, False), (0x101, 0.01 * k + 1e-3 + late, True))]
+    echo: list[LoggedFrame] = [
+        each for k, late in late for each in ((0x101, 0.01 * k, False), (0x101, 0.01 * k + 1e-3 + late, True))
+    ]
     for name, frames, periods, answers in (
         ("bus.blf", cycles((0.01, 0.012, 0.008)), [10.0, 12.0, 8.0], [4.0] * 4),
         ("echo.blf", echo, [10.0, 10.0], []),
