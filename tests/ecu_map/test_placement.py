@@ -41,7 +41,7 @@ def bare() -> ReferenceMap:
 
 @pytest.mark.parametrize("fault", ["none", "a number", "a speed moved"])
 def test_the_measured_error_is_that_at_random_points(fault: str) -> None:
-    """The table has a tenth of the paper's breakpoints, which has an error of its own, with and without a fault."""
+    """The table has a tenth of the paper's breakpoints and thus an error, with and without a planted fault."""
     total, kept = paper_total(), np.r_[0, 1:102:10]
     speed, front_angle = total.speed[kept], total.front_angle[kept]
     table = {name: getattr(total, name)[np.ix_(kept, kept)] for name in ("yaw_rate", "rear_angle", "rule")}

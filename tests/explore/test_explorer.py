@@ -166,7 +166,7 @@ def test_each_setting_changes_only_its_key(pi: Explorer, tracking: Explorer) -> 
     data["controller"]["integral_gain"] = 0.25
     found = pi.configured({"lambda": 100.0, "limits.rear_angle_max_deg": 2.0, "controller.integral_gain": 0.25})
     assert found.model_dump(mode="json") == data
-    assert pi.configured({"road.friction": 0.5}) == on_road(pi.start, 0.5)  # the tyres stay as they are
+    assert pi.configured({"road.friction": 0.5}) == on_road(pi.start, 0.5)  # the tyres are unchanged
     before = tracking.start.controller.tracking.schedule
     after = tracking.configured({"proportional_percent": 50.0}).controller.tracking.schedule
     assert before is not None and after is not None

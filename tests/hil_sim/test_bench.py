@@ -97,7 +97,7 @@ def test_every_cycle_is_counted_and_equals_lock_step(software: Software, channel
         result = run_in_real_time(PlantNode(software.config, short(0.5)), bus)
     assert len(result.record) == 50
     assert (result.received["lost"], result.send_errors) == (0, 0)
-    # Until the first cycle without exactly one command of its own.
+    # Until the first cycle without exactly one command.
     answered = np.isfinite(result.response) & (result.diagnostics == 0)
     same = len(answered) if answered.all() else int(np.argmin(answered))
     assert np.array_equal(result.record[:same], wanted[:same])

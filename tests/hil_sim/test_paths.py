@@ -17,7 +17,7 @@ from tests import builds
 CONFIG = builds.CONFIG
 HALF_WIDTH = 0.5 * (1.627 + 0.25)
 LANES = ((0.0, 12.0, -1.157, 1.157), (25.5, 36.5, 2.157, 5.034), (49.0, 61.0, -1.843, 1.157))
-"""Lanes for a car of 1.877 m, worked out by hand to 0.5 mm: begin and end, right and left edge, in m."""
+"""Lanes for a car of 1.877 m, calculated to 0.5 mm: begin and end, right and left edge, in m."""
 
 
 def test_the_car_on_its_path_stays_within_the_lanes_touches_their_ends_and_goes_round_cones() -> None:

@@ -61,7 +61,7 @@ def test_the_hook_changes_no_bit_without_rear_angle_and_nothing_outside_itself(c
         assert car.derivative(state, 0.1, -0.5, rear_angle=0.05) != straight
         assert car.derivative(state, 0.1, -0.5) == straight
         assert state == kept
-        state[25] = -1.0  # a wheel that the model holds stays held
+        state[25] = -1.0  # the model holds a wheel with a negative speed
         assert car.derivative(state, 0.0, 0.0, rear_angle=0.05)[25] == 0.0
     assert vars(module) == before
     assert vars(tyres) == functions

@@ -22,7 +22,7 @@ RANGES = {
 }
 """rad/s, rad, m/s, rad: ranges of the reference map, docs/interface.md."""
 ALL_MAX = 500
-"""Largest number of table elements of which every one is tested."""
+"""Number of elements up to which every element of a table is tested."""
 
 
 # Linkers place a section of this name in writable data although its objects are const.

@@ -139,8 +139,8 @@ COMPANIONS: Mapping[str, Mapping[str, float]] = {
 }
 """Values of other parameters that a parameter at the end of its range requires."""
 NO_ROOM = {("enable_speed", "low"), ("enable_speed", "high"), ("disable_speed", "high"), ("inputs.speed_max", "low")}
-"""Ends of ranges that cannot be valid: the disabling speed must be below the enabling one, and both below the map's last
-speed."""
+"""Ends of ranges that are invalid alone: the disabling speed must be below the enabling one, and both must leave the controller
+part of the map's speeds."""
 
 
 def is_valid(built: Built, **changes: Any) -> bool:

@@ -58,7 +58,7 @@ def profile(speed: float = 20.0, samples: int = SAMPLES, **columns: Any) -> Floa
 
 TIME = np.arange(SAMPLES * STEPS) * 1e-3
 DWELL = np.clip(TIME - 0.3 - 0.75 / 0.7, 0.0, 0.5)
-"""Time at the second peak of a 0.7 Hz sine, s, after FMVSS 126, S7.9."""
+"""Time since the beginning of the dwell at the second peak of a 0.7 Hz sine, s, after FMVSS 126, S7.9."""
 PROFILES = {
     "step steer": profile(steering_wheel_command=np.where(TIME < 0.5, 0.0, 1.0)),
     "sine with dwell": profile(

@@ -105,8 +105,8 @@ class Source:
 
     @cached_property
     def functions(self) -> dict[str, dict[str, bool]]:
-        """Functions by the path of their unit. The value is true for those that need a claim: they take one real number, or
-        only whole numbers."""
+        """Functions by the path of their unit. The value is true for those that need a claim: a parameter is a real number, or
+        all are integers."""
         texts = {path: content.decode("ascii") for path, content in self.subject.sources().items() if path.endswith(".c")}
         found = {path: _FUNCTION.findall(_COMMENT.sub("", text)) for path, text in texts.items()}
         return {path: {name: _takes_number(parameters) for name, parameters in each} for path, each in found.items()}

@@ -177,7 +177,7 @@ def _at(name: str, node: Any, shown: Any) -> Iterator[tuple[Any, str, Any]]:
 
 
 def _is_deletable(name: str, node: Any) -> bool:
-    """Return whether a node is a statement of its own: no declaration, and no return, which would leave a value undefined."""
+    """Return whether a node is a complete statement: no declaration, and no return, which would leave a value undefined."""
     kinds = c_ast.Assignment | c_ast.FuncCall | c_ast.If | c_ast.For | c_ast.UnaryOp | c_ast.Break | c_ast.Switch
     return name.startswith(("block_items", "stmts")) and isinstance(node, kinds)
 

@@ -94,7 +94,7 @@ RARE_STEPS = {
 @pytest.mark.long
 @pytest.mark.parametrize(("unit", "place", "condition", "goes_on"), RARE_STEPS.values(), ids=RARE_STEPS)
 def test_a_rare_long_step_is_found(unit: str, place: str, condition: str, goes_on: bool) -> None:
-    """Where the law continues, the finding includes nearly the longest rest of the step."""
+    """If the law runs after it, the finding includes at least 90 % of a usual longest step."""
     nops = f'    if ({condition}) {{ __asm__ volatile ("{"nop; " * NOP_COUNT}"); }}\n'
     usual = measure_step(planted.subject_of(PI), QUICK).worst
     assert measure_step(changed(unit, place, nops + place), QUICK).worst >= NOP_COUNT + (0.9 * usual if goes_on else 0)
