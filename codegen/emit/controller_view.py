@@ -58,21 +58,6 @@ SELFTEST_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True)
-class RoadGrip:
-    """Grip of the road of the map.
-
-    Attributes:
-        grip_max: m/s^2, the lateral acceleration that the map allows there.
-        friction_per_grip: s^2/m, friction for each m/s^2 of it.
-        reference_overshoot: REFERENCE_OVERSHOOT.
-    """
-
-    grip_max: float
-    friction_per_grip: float
-    reference_overshoot: float = REFERENCE_OVERSHOOT
-
-
-@dataclass(frozen=True)
 class ControllerView:
     """Everything that the controller's templates print."""
 
@@ -95,7 +80,7 @@ class ControllerView:
     period_text: str
     actuator_angle_max: str
     rest_min: str
-    grip: RoadGrip
+    reference_overshoot: float
     known: tuple[str, ...]
     known_tolerance: str
 
@@ -213,17 +198,10 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
         period_text=f"{period * 1e3:g} ms",
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
         rest_min=literal(REST_MIN, precision),
-        grip=_road_grip(total, precision),
+        reference_overshoot=REFERENCE_OVERSHOOT,
         known=_known_values(total, precision),
         known_tolerance=literal(SELFTEST_TOLERANCE, precision),
     )
-
-
-def _road_grip(total: TotalMap, precision: Precision) -> RoadGrip:
-    cap = total.lateral_acceleration_cap
-    # Rounded up, so that the full grip is not mistaken for a road more slippery than the map's.
-    per_grip = total.friction / cap * (1.0 + 4.0 * float(np.finfo(numpy_type(precision)).eps))
-    return RoadGrip(cap, per_grip)
 
 
 def _known_values(total: TotalMap, precision: Precision) -> tuple[str, ...]:

@@ -67,7 +67,6 @@ class ReferenceModelView:
     actuator_share: str
     actuator_step_max: str
     rear_arm: str
-    rear_slip: str
 
 
 @dataclass(frozen=True)
@@ -147,7 +146,6 @@ def reference_model_view(config: Config, precision: Precision) -> ReferenceModel
         actuator_share=text(1.0 - math.exp(-period / (actuator.lag_s + period))),
         actuator_step_max=text(math.radians(actuator.rate_max_deg_s) * period),
         rear_arm=text(car.rear_arm),
-        rear_slip=text(car.rear_slip_per_lateral_acceleration),
     )
 
 

@@ -40,11 +40,12 @@ def test_every_function_and_object_has_the_section_of_its_kind(tmp_path: Path) -
     # Static ones are numbered.
     table = {kind: {name.partition(".")[0] for name in names} for kind, names in found["map"].items()}
     assert {"ars_map_yaw_rate", "interpolate"} <= table[KINDS["CODE"]]
-    assert "lateral_acceleration_cap" in table[KINDS["CONST"]]
     assert KINDS["CALIBRATION"] not in table
+    assert "sampling_time" in {name.partition(".")[0] for name in found["controller"][KINDS["CONST"]]}
     map_names = {f"ars_map_{each}" for each in ("speed_breakpoints", "front_angle_breakpoints", "yaw_rate_table")}
     assert found["calibration"] == {
-        KINDS["CALIBRATION"]: {"ars_parameters_default", "ars_epk", "ars_calibration_expected_checksum", *map_names}
+        KINDS["CALIBRATION"]: {"ars_parameters_default", "ars_epk", "ars_calibration_expected_checksum", *map_names},
+        KINDS["CONST"]: {"ars_constants"},
     }
     example = placed(sources / "example/example_main.c", sources, "-O0", tmp_path / "example.o")
     assert example[KINDS["STATE"]] == {"controller"}

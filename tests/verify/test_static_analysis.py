@@ -15,6 +15,7 @@ from codegen.errors import CodegenError
 from codegen.verify import host_gcc
 from codegen.verify.analysis import check as static_analysis
 from codegen.verify.analysis import gcc_analyzer, misra
+from codegen.verify.analysis.number_tables import malformed
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.target.cross import source_tree
@@ -117,6 +118,17 @@ def test_violations_and_wrong_rows_are_located() -> None:
         assert any(each.startswith(f"{file}:{line}: ") and f"[{rule}], not in {FILE}" in each for each in found), (line, rule)
     others = [each for each in found - of_table if not each.startswith(f"{E2E}:{unlisted.line}: ")]
     assert all(int(re.match(rf"{LIMITER}:(\d+): ", each)[1]) >= first for each in others)  # type: ignore[index]
+
+
+def test_a_table_with_a_missing_number_or_other_than_plain_literals_is_found() -> None:
+    build = builds.made("tracking", "uneven")
+    path = "src/ars_calibration.c"
+    for old, new in (("0.0f, 0.0f, 0.0f, 0.0f,", "0.0f, 0.0f, 0.0f,"), ("0.0f, 0.0f,", "0.0f, 1.0f - 1.0f,")):
+        text = build.files[path].decode()
+        assert list(malformed(build.files, build.manifest)) == []
+        planted = {**build.files, path: text.replace(old, new, 1).encode()}
+        (finding,) = malformed(planted, build.manifest)
+        assert re.fullmatch(rf"{path}: ars_map_yaw_rate_table is not \d+ x \d+ plain numbers of type float", finding)
 
 
 def test_without_an_analysing_gcc_or_a_readable_table_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:

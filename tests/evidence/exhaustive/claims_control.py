@@ -46,7 +46,7 @@ KNOWN_FRICTION = """
 """
 GRIP_FRICTION = """
     const {{ p }}_grip_t grip = { .available = 2.0f };
-    const float seen = 2.0f * friction_per_grip; /* exact */
+    const float seen = 2.0f * ars_constants.friction_per_grip; /* exact */
 
     SAME("at least the smallest, at most that of the grip, which NaN counts as", {{ function }}(&grip, &known_parameters, x),
         is_nan(bits) ? seen : held(bits, {{ least }}, seen));

@@ -35,7 +35,7 @@ LOCATE = """
     }
 """
 ROAD_OF = """
-    const double cap = (double)lateral_acceleration_cap;
+    const double cap = (double)ars_constants.lateral_acceleration_cap;
     const road_t road = road_of(x);
     const double got = (double)road.lateral_acceleration_max;
 

@@ -74,7 +74,7 @@ FLAGS = ("-std=c99", "-O3", "-march=native", "-fno-trapping-math", "-ffp-contrac
 GCC_FLAGS = ("-fno-thread-jumps", "-fno-tree-dominator-opts", "-fno-tree-pre")
 # `codegen verify` checks addresses with its sanitizers; here they would take most of the time.
 UNDEFINED = "-fsanitize=float-cast-overflow,signed-integer-overflow,integer-divide-by-zero,shift,bounds"
-LINKED = ("parameters", "law", "controller", "map", "reference_model", "task")
+LINKED = ("parameters", "law", "controller", "map", "grip", "reference_model", "task")
 """Units whose helpers call other units or read the calibration."""
 
 _UNDEFINED = re.compile(r"^(?P<place>[^\s:]+:\d+)(?::\d+)?: runtime error: (?P<what>.+)$", re.MULTILINE)
