@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import re
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -14,7 +16,6 @@ from codegen import __version__, configuration
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.text import comment_text
-from codegen.export.fmu.archive import DESCRIPTION, pack
 from codegen.export.fmu.binary import FLAGS, compile_binary, library_path
 from codegen.export.fmu.description import Description, build_description, model_description
 from codegen.export.fmu.model_view import TITLES, step_size
@@ -23,6 +24,10 @@ from codegen.export.fmu.sources import build_sources, model_sources
 from codegen.export.fmu.standard import Version, headers, licence
 from codegen.export.fmu.variables import Variable, What, variables_of
 from codegen.sil.software import compile_build, require_can_side
+
+_DESCRIPTION = "modelDescription.xml"
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+"""Earliest time that a zip archive can represent."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +69,7 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
     path = library_path(version, maker.identifier)
     library = compile_binary({**sources, **standard}, PurePosixPath(path).name)
     content = {
-        DESCRIPTION: description,
+        _DESCRIPTION: description,
         path: library,
         "documentation/licenses/fmi-headers.txt": licence(standard),
         **{f"sources/{name}": text for name, text in {**sources, **standard}.items()},
@@ -72,7 +77,7 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
     if version == "3":
         content["sources/buildDescription.xml"] = build_description(maker.identifier, maker.units)
     return Fmu(
-        pack(content),
+        _pack(content),
         maker.identifier,
         token,
         PurePosixPath(path).parent.name,
@@ -135,3 +140,16 @@ class _Maker:
         content = {"flags": list(FLAGS), "description": hashlib.sha256(self.description("")).hexdigest()}
         hashes = {name: hashlib.sha256(text).hexdigest() for name, text in self.sources("").items()}
         return hashlib.sha256(json.dumps([content, hashes], sort_keys=True).encode()).hexdigest()
+
+
+def _pack(files: Mapping[str, bytes]) -> bytes:
+    """Return the archive of path -> content: the description first, the others sorted; equal files give equal bytes."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(files, key=lambda path: (path != _DESCRIPTION, path)):
+            entry = zipfile.ZipInfo(path, _EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system = 3  # Unix, wherever this runs
+            entry.external_attr = 0o100644 << 16
+            archive.writestr(entry, files[path])
+    return buffer.getvalue()
