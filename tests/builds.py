@@ -8,7 +8,7 @@ import functools
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -50,12 +50,7 @@ def _of_kind(kind: Kind) -> Config:
     return Config.model_validate(data)
 
 
-CONFIGS: dict[Kind, Config] = {
-    "pi": CONFIG,
-    "tracking": _of_kind("tracking"),
-    "feedforward": _of_kind("feedforward"),
-    "proportional": _of_kind("proportional"),
-}
+CONFIGS: dict[Kind, Config] = {kind: CONFIG if kind == "pi" else _of_kind(kind) for kind in get_args(Kind)}
 """By kind; the PI is the paper's, without rate limit and limiter."""
 TRACKING_CONFIG, FEEDFORWARD_CONFIG = CONFIGS["tracking"], CONFIGS["feedforward"]
 PRECISIONS: tuple[Precision, ...] = ("single", "double")

@@ -103,9 +103,9 @@ DRIVES: dict[Kind, dict[str, dict[str, Any]]] = {
     },
     "tracking": {**checks_tracking.MODEL_CHANGES, "strict supervision": STRICT},
     "feedforward": {"as built": {}, "slow": SLOW, "small angle": {**SMALL, "limiter": {**SMALL, "opposite_phase_max": [0.02]}}},
-    "proportional": {"as built": {}, "slow": SLOW},
 }
-"""Parameters that reach each limit of a law."""
+"""Parameters that reach each limit of a law, where those of SIMPLE_DRIVES do not."""
+SIMPLE_DRIVES: dict[str, dict[str, Any]] = {"as built": {}, "slow": SLOW}
 
 
 def _drives(kind: Kind) -> list[Judge]:
@@ -122,7 +122,7 @@ def _drives(kind: Kind) -> list[Judge]:
             answers.check_drive(case.built, one)
 
     judges = [_comparing(f"model: {name}", lambda case, a=changes, b=index: [drive(case, a, b)], check)  # type: ignore[misc]
-              for index, (name, changes) in enumerate(DRIVES[kind].items())]  # fmt: skip
+              for index, (name, changes) in enumerate(DRIVES.get(kind, SIMPLE_DRIVES).items())]  # fmt: skip
     if kind in ("pi", "tracking"):
         rough = answers.answers_of_rough
         judges.append(_comparing("model: rough drives", lambda case: list(rough(case.built, case.samples(3000))), check))
