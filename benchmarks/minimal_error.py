@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.tables import CountReport, Row
-from codegen.configuration import KM_H
 from codegen.errors import CheckFailed
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Software
+from codegen.units import KM_H
 from codegen.vehicle.dynamics import PLANT_OUTPUTS, PLANT_STATES, two_track
 from hil_sim.metrics.run import column
 from hil_sim.metrics.step import slip_bounds

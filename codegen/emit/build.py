@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from codegen import __version__
-from codegen.configuration import KM_H, Config, check_name
+from codegen.configuration import Config, check_name
 from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import error_bound
@@ -42,6 +42,7 @@ from codegen.emit.write import Folder
 from codegen.emit.xcp_timing import xcp_timing
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
 TOOLS = ("casadi", "jinja2", "numpy", "scipy")

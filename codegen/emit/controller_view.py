@@ -8,22 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.configuration.controller import REAR_RATE_MIN_DEG_S
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S, law_of
-from codegen.emit.parameters import (
-    DEGREE,
-    RATE_OFF,
-    Field,
-    Parameter,
-    ParameterView,
-    configured,
-    parameter_views,
-    search_strides,
-)
+from codegen.emit.parameters import RATE_OFF, Field, Parameter, ParameterView, configured, parameter_views, search_strides
 from codegen.emit.text import Precision, literal, numpy_type
+from codegen.units import DEGREE, KM_H
 
 INITIALISED = 0x41525331
 """Mark of a state that was initialised: not zero, and unlikely in memory that holds anything else."""

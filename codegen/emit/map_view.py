@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H
 from codegen.ecu_map.axis import Axis
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import AxisConstants, Lookup
@@ -19,6 +18,7 @@ from codegen.ecu_map.storage import raw_of
 from codegen.emit.text import Precision, c_type, lines_of, literal, numpy_type
 from codegen.errors import MapError
 from codegen.map_file.tables import PLAUSIBLE
+from codegen.units import KM_H
 
 MAGNITUDE = "front_angle_magnitude"
 """An argument that is never negative."""

@@ -10,18 +10,20 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from codegen import configuration
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.ecu_map.extend import TotalMap, extend
 from codegen.emit.laws import law_of
 from codegen.errors import MapError, within
 from codegen.explore import picture
 from codegen.explore.controls import Control, Step, apply, checked, controls_of
-from codegen.explore.picture import Data, FloatArray
+from codegen.explore.picture import Data
 from codegen.explore.recalibrated import Calibration, Recalibrated
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.car import car_warnings
+from codegen.units import KM_H
 
 __all__ = ["Explorer", "opened"]
 

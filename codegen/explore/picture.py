@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.design.family import members
 from codegen.design.margins import Margins, concatenate, family_margins, margin_speeds, nominal_margins
 from codegen.ecu_map.extend import TotalMap
@@ -27,13 +28,13 @@ from codegen.plausibility.build import family_warnings
 from codegen.report.html import charts
 from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
 from codegen.report.style import GREY, phase_lines
+from codegen.units import KM_H
 from hil_sim import manoeuvres
 from hil_sim.manoeuvres import Settings
 from hil_sim.metrics.run import column, spin_time
 from hil_sim.metrics.step import step_metrics
 from hil_sim.scenarios import SCENARIOS
 
-FloatArray = npt.NDArray[np.float64]
 Data = dict[str, Any]
 
 STEER_TIME, DURATION = 0.5, 4.5

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
@@ -30,8 +31,6 @@ from codegen.map_file.map import ReferenceMap
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.compile import DEFAULT_FLAGS, Library, compile_library
 from codegen.sil.software import Software, bench_sources
-
-FloatArray = npt.NDArray[np.float64]
 
 PREFIX = "ars"
 # Linkers put a section of this name among the data that may be written, though its objects are const.

@@ -22,7 +22,6 @@ from codegen.importing.cells import A_TITLE, NAMES_WANTED, NO_HEAD, Cells, Line,
 from codegen.importing.quantities import LOGICAL, QUANTITIES, Name
 from codegen.importing.source import ImportFault, Source, text_of
 
-FloatArray = npt.NDArray[np.float64]
 Axis = Literal["vx", "delta_f"]
 
 CORNER_SEPARATORS = re.compile(r"\s*[\\|:]\s*")

@@ -15,13 +15,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.errors import MapError
 from codegen.interrupts import deferred
 from codegen.map_file.bounds import TurnQuantities
 from codegen.optimum.exact import Solution, binding
 from codegen.optimum.ipopt_turns import turn_expressions
-from codegen.optimum.problem import FloatArray, SteadyTurnProblem
+from codegen.optimum.problem import SteadyTurnProblem
+from codegen.units import KM_H
 from codegen.vehicle.dynamics import TyreModel
 
 Progress = Callable[[int, int], None]

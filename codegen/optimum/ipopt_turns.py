@@ -12,9 +12,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.map_file.bounds import BOUNDS, TurnQuantities
-from codegen.optimum.problem import STABILITY_MARGIN, FloatArray, SteadyTurnProblem
+from codegen.optimum.problem import STABILITY_MARGIN, SteadyTurnProblem
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, WHEEL_SPEED_MIN, TyreModel, single_track, two_track
 
 STABILITY_SCALE = 100.0

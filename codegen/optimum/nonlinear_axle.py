@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.optimum.nonlinear_arrays import BoolArray, FloatArray, IndexArray
+from codegen.arrays import BoolArray, FloatArray, IndexArray
 from codegen.vehicle.tyre import MagicFormulaTyre
 
 INVERSE_POINTS = 400

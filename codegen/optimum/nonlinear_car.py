@@ -20,9 +20,10 @@ from typing import Self
 
 import numpy as np
 
+from codegen.arrays import FloatArray, IndexArray
 from codegen.configuration import Config
 from codegen.optimum.brackets import shrink
-from codegen.optimum.nonlinear_arrays import FloatArray, IndexArray, Slips, Turns, replace_turns
+from codegen.optimum.nonlinear_arrays import Slips, Turns, replace_turns
 from codegen.optimum.nonlinear_axle import Axle, Motion, axle_force, curve
 from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
 from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres, load_transfer_per_lateral_acceleration

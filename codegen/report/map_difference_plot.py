@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from codegen.configuration import KM_H
 from codegen.errors import one_line
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.slip_use import ABOVE, SlipUse
@@ -26,6 +25,7 @@ from codegen.report.style import (
     plain,
     style,
 )
+from codegen.units import KM_H
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

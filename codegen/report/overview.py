@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.map_file.map import ReferenceMap
 from codegen.report.run_plots import YAW_RATE_SIGNAL, column, draw_signal, looks_of, run_handles, run_window
@@ -16,7 +17,6 @@ from codegen.report.style import (
     VERMILION,
     WHITE,
     YAW_RATE,
-    FloatArray,
     PlotError,
     draw_quantity,
     map_legend,

@@ -6,17 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from codegen.arrays import FloatArray
 from codegen.report.run_marks import SPIN_MARKER, SPIN_NAME, until_spin
 from codegen.report.run_plots import column
-from codegen.report.style import (
-    GREY,
-    REAR_ANGLE,
-    SKY,
-    FloatArray,
-    new_figure,
-    plain,
-    style,
-)
+from codegen.report.style import GREY, REAR_ANGLE, SKY, new_figure, plain, style
 from codegen.report.suite_looks import REFERENCE, lines_of, name_handles
 from hil_sim.suite.cells import STEER_TIME
 

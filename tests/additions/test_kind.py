@@ -1,4 +1,4 @@
-"""A kind of controller that is added to the tables is built, driven in closed loop and compared with a second implementation."""
+"""A kind of controller that is added to the tables is built, driven and compared with a second implementation."""
 
 from __future__ import annotations
 

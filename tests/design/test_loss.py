@@ -5,19 +5,18 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.design import loss_simulation
 from codegen.design.loss import MODES, LossOfFunction, loss_of_function
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.sil.plant import Plant, PlantInput
+from codegen.units import KM_H
 from tests.optimum.cars import PAPER, changed, paper_map
 
-FloatArray = npt.NDArray[np.float64]
 HOLD, RAMP, ZERO = range(3)
 HUNDREDTH = math.radians(0.01)
 

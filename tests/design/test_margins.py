@@ -5,10 +5,9 @@ from typing import Any
 
 import control
 import numpy as np
-import numpy.typing as npt
 import pytest
 
-from codegen.configuration import KM_H
+from codegen.arrays import FloatArray
 from codegen.design.family import Member, members
 from codegen.design.margins import (
     family_margins,
@@ -17,12 +16,10 @@ from codegen.design.margins import (
     weakest,
 )
 from codegen.design.sampled import frequency_grid, sample
+from codegen.units import KM_H
 
 from .conftest import small_config
 from .oracle import loop
-
-FloatArray = npt.NDArray[np.float64]
-
 
 CARS = [Member(0.05), Member(0.1, 1.2, 1.15, 0.8, 0.6), Member(0.02, 0.8, 0.8, 1.15, 0.3), Member(0.05, relaxation_length=0.6)]
 LOOPS = [

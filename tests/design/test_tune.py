@@ -5,13 +5,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from codegen.configuration import KM_H, Config, Schedule
+from codegen.configuration import Config, Schedule
 from codegen.design.family import Member, members, nominal
 from codegen.design.margins import gains_of, loop_margins, nominal_margins
 from codegen.design.sampled import frequency_grid, sample
 from codegen.design.search import Cars, Demands, Shortfall, best_gains
 from codegen.design.tune import BETWEEN, STEP_BEYOND, breakpoints, design, tune
 from codegen.errors import ConfigError
+from codegen.units import KM_H
 
 from .conftest import small_config
 

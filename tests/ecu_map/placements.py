@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.placement import Placed, Request, choose
@@ -20,7 +20,6 @@ from codegen.optimum.solve import solve_case
 from codegen.optimum.turns import passively_feasible, turns_of
 from tests.optimum.cars import changed
 
-FloatArray = npt.NDArray[np.float64]
 Truth = Callable[[FloatArray, FloatArray], FloatArray]
 
 COARSE, FINE = math.radians(0.2), math.radians(0.05)

@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import Lookup
@@ -20,7 +20,6 @@ from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import solve_case
 from tests.optimum.cars import CASES, PAPER, SteadyModel, changed, paper_map, paper_total
 
-FloatArray = npt.NDArray[np.float64]
 STOP = math.radians(35.0)
 ROUNDING = 1e-12  # rad/s, of a few operations in double precision on values of order one
 

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
+from codegen.arrays import FloatArray
 from codegen.ecu_map.axis import Axis
 from codegen.ecu_map.extend import TotalMap, extend
 from codegen.ecu_map.lookup import AxisConstants, Lookup, Real, error_bound
 from codegen.map_file import map as npz
 from tests.optimum.cars import PAPER, paper_total
 
-FloatArray = npt.NDArray[np.float64]
 REALS: tuple[Real, ...] = (np.float32, np.float64)
 
 

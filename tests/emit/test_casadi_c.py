@@ -10,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from codegen.arrays import FloatArray
 from codegen.emit.casadi_c import function_body
 from codegen.sil.compile import Library, compile_library
-
-FloatArray = npt.NDArray[np.float64]
 
 X = ca.SX.sym("x", 3)
 """Arguments of every expression: two numbers of any sign and one nonnegative number."""

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from codegen.emit.reference_model_view import SIDESLIP_MAX, FloatArray, tabulate
+from codegen.arrays import FloatArray
+from codegen.emit.reference_model_view import SIDESLIP_MAX, tabulate
 from codegen.errors import BuildError
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre

@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from codegen.configuration import KM_H
 from codegen.design.margins import family_margins, nominal_margins
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.laws import law_of
@@ -17,6 +16,7 @@ from codegen.map_file.road import on_road
 from codegen.optimum.solve import solve_case
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import compile_build
+from codegen.units import KM_H
 from hil_sim.scenarios import SCENARIOS
 from tests.report.figures import unpacked
 

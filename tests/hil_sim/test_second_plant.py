@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Status
+from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.metrics import column, spin_time
 from hil_sim.second_plant import MultiBodyPlant, car_of, cells, package, published, run

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.errors import CodegenError, ConfigError
 from codegen.optimum import exact
 from codegen.optimum.problem import SteadyTurnProblem
+from codegen.units import KM_H
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres

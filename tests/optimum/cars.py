@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pytest
 from scipy.optimize import linprog
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config, parse, preset
 from codegen.ecu_map.extend import TotalMap, extend
 from codegen.map_file.map import Binding, ReferenceMap
@@ -23,8 +24,6 @@ from codegen.optimum.solve import solve_case
 from codegen.vehicle.dynamics import Model, single_track
 from codegen.vehicle.single_track import SingleTrack
 from tests import shared
-
-FloatArray = npt.NDArray[np.float64]
 
 CASE = "random"
 PAPER = preset()

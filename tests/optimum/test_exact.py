@@ -5,19 +5,16 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
-from codegen.configuration import KM_H
 from codegen.errors import ConfigError, MapError
 from codegen.map_file.map import Binding
 from codegen.optimum import exact, ipopt
 from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
 from codegen.optimum.solve import solve_case
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from tests.optimum.cars import CASE, PAPER, SteadyModel, changed, check_against_scan, random_config
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @pytest.mark.parametrize(("case", "printed"), [("fws", 15.35), ("4ws-1", 26.82), ("4ws-2", 21.35)])

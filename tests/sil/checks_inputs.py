@@ -6,8 +6,8 @@ Each check takes a build of any kind and raises AssertionError if the build fail
 import math
 from dataclasses import replace
 
-from codegen.configuration import KM_H
 from codegen.sil.software import Controller, Measurement, Status
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from tests.builds import Built
 from tests.sil.checks_kinds import OPEN, config_of, parameters_of

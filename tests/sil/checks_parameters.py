@@ -9,10 +9,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.emit.controller_view import controller_view
 from codegen.emit.inputs_view import inputs_view
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from tests.builds import Built
 from tests.sil.checks_kinds import config_of

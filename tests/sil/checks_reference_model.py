@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.tyre import AxleTyres
@@ -13,7 +13,6 @@ from codegen.verify.law.reference_model import SIDESLIP_MAX, SecondReferenceMode
 from tests.sil.checks_lookup import RealArray, any_numbers, special_values
 from tests.sil.units import Units
 
-FloatArray = npt.NDArray[np.float64]
 KM_H = 1.0 / 3.6
 
 

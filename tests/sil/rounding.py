@@ -8,9 +8,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from codegen.arrays import FloatArray
+
 Bounded = tuple[FloatArray, FloatArray]
 """Values and the bounds of their errors."""
 

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.sil.software import Software
 from codegen.vehicle.dynamics import TyreModel, single_track
 from tests.sil.case import Case
 from tests.sil.rounding import rounding_bounds
 
-FloatArray = npt.NDArray[np.float64]
 MODELS: tuple[TyreModel, ...] = ("linear", "magic-formula")
 POINTS = 250
 

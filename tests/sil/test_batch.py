@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config, Kind, parse
 from codegen.errors import BuildError
 from codegen.sil import batch, vector
@@ -25,7 +26,6 @@ from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, compile_
 from codegen.vehicle.dynamics import PLANT_PARAMETERS, plant_parameters
 from tests import builds
 
-FloatArray = npt.NDArray[np.float64]
 AVAILABLE_ISAS = [isa for isa in vector.ISAS if vector.machine_runs(isa) and vector.compiler_offers(isa)]
 VECTORS = [isa for isa in vector.ISAS if isa != "none"]
 GENERATED = Path(__file__).resolve().parents[2] / "generated"

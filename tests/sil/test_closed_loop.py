@@ -4,15 +4,14 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
+from codegen.arrays import FloatArray
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Status
 from tests import builds
 from tests.builds import Built
 
-FloatArray = npt.NDArray[np.float64]
 STEPS = 10  # plant steps in a sample
 KM_H = 1.0 / 3.6
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from codegen.configuration import KM_H
 from codegen.optimum.turns import turns_of
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Measurement
@@ -25,6 +24,7 @@ from codegen.tuning.fail_safe import (
 )
 from codegen.tuning.transient import compile_controller
 from codegen.tuning.tune import with_controller
+from codegen.units import KM_H
 from hil_sim.metrics.run import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from hil_sim.suite.subjects import of_config
 from tests import builds

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.total import RULE_TEXT, Rule
 from codegen.emit.manifest import read_build
@@ -16,6 +16,7 @@ from codegen.report.html.blocks import Chart, Table
 from codegen.report.html.charts import axis, cell_edges, layout, patches
 from codegen.report.html.maps import FRONT_ANGLE, SPEED, NamedMap, category_trace
 from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from codegen.units import KM_H
 
 YELLOW = "#F0E442"
 """Yellow of the palette in `codegen.report.style`."""

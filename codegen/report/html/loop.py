@@ -6,17 +6,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, family_margins, nominal_margins
 from codegen.emit.laws import law_of
 from codegen.report.html.blocks import INK, MUTED, Chart
 from codegen.report.html.charts import axis, layout, line
 from codegen.report.html.maps import SPEED
 from codegen.report.run_plots import RUN_COLOURS
-
-FloatArray = npt.NDArray[np.float64]
+from codegen.units import KM_H
 
 POINTS, FAMILY_POINTS = 80, 12
 

@@ -7,9 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.design.margins import Weakest
 from codegen.emit.evidence import margins_of, margins_text
@@ -39,8 +37,6 @@ from codegen.sweep.region import Region
 from hil_sim.metrics import StepMetrics, step_metrics
 from hil_sim.metrics.run import LookUp
 from hil_sim.scenarios import Scenario
-
-FloatArray = npt.NDArray[np.float64]
 
 WITHOUT_REAR_STEER = "fws"
 """The case that a map is compared with where the user names none."""

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from codegen import configuration
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.sil.plant import PlantInput, PlantSample
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.metrics import column, spin_time
 from hil_sim.second_plant import MultiBodyPlant, car_of, cells, published, run

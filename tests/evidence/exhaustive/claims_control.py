@@ -6,9 +6,9 @@ from itertools import chain
 
 import numpy as np
 
-from codegen.configuration import KM_H
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
+from codegen.units import KM_H
 from tests.evidence.exhaustive.claim import Claim, Source, edges, exact, number
 
 MAGNITUDE = 'SAME("the number without its sign", {{ function }}(x), number_of(size_of(bits)));'

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.map_file.map import Binding
 from codegen.optimum import exact, ipopt
@@ -17,8 +18,6 @@ from codegen.optimum.exact import Solution
 from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
 from codegen.optimum.stack import solve_stack
 from tests.optimum.cars import CASE, PAPER, SteadyModel, changed, check_against_scan, random_config
-
-FloatArray = npt.NDArray[np.float64]
 
 YAW_RATE_TOLERANCE = 1e-6  # rad/s
 MARGIN_MIN = 1e-6  # rad

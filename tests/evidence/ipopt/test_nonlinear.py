@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.plausibility.build import excess_warning
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, compile_build
+from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres
 from tests import builds
 from tests.optimum.cars import PAPER, nonlinear, nonlinear_map

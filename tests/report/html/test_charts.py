@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen.configuration import KM_H, preset
+from codegen.configuration import preset
 from codegen.design.loss import loss_of_function
 from codegen.design.loss_simulation import MODES
 from codegen.emit.folder import read_manifest
@@ -27,6 +27,7 @@ from codegen.report.html.report import to_compare
 from codegen.report.html.runs import PANELS, run_chart
 from codegen.report.published import PAPER_TABLE
 from codegen.sil.software import RECORD_COLUMNS
+from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres
 from tests.report.figures import unpacked
 
