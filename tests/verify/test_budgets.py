@@ -25,9 +25,9 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Count so few calls that a fault is found only if every call meets it."""
     for name, value in {"QUICK_SAMPLES": 40, "QUICK_ROUNDS": 1, "USUAL_SAMPLES": 10, "SAMPLES": 100}.items():
         monkeypatch.setattr(f"codegen.verify.budgets.measure.{name}", value)
-    monkeypatch.setattr("codegen.verify.budgets.states.long_ways", lambda ground: ())
-    monkeypatch.setattr("codegen.verify.budgets.states.long_ways_of_task", lambda ground: ())
-    monkeypatch.setattr("codegen.verify.budgets.states.PREFIX_MAX", 5)
+    monkeypatch.setattr("codegen.verify.budgets.workloads.long_ways", lambda ground: ())
+    monkeypatch.setattr("codegen.verify.budgets.workloads.long_ways_of_task", lambda ground: ())
+    monkeypatch.setattr("codegen.verify.budgets.workloads.PREFIX_MAX", 5)
 
 
 @functools.cache

@@ -7,10 +7,8 @@ import pytest
 
 from codegen.emit.can_view import task_view
 from codegen.sil.software import Status
-from codegen.verify.budgets import states
 from codegen.verify.budgets.counting import CONDITIONS, MOTION, TASK, Counter, Rows
-from codegen.verify.budgets.states import histories, long_ways, long_ways_of_task
-from codegen.verify.budgets.workloads import Fault, events_of
+from codegen.verify.budgets.workloads import Fault, events_of, flooded, histories, long_ways, long_ways_of_task
 from codegen.verify.budgets.worst import Figures, Search
 from codegen.verify.drives import Ground, measurements_of
 from hil_sim.e2e import E2eStatus, Receiver
@@ -82,7 +80,7 @@ def test_long_ways_are_as_long_as_their_limits() -> None:
     after = len(of_task[-1].then)
     assert seen[:-after].count([E2eStatus.NO_NEW_DATA]) > GROUND.config.can.e2e.max_no_new_or_repeated_data
     assert [E2eStatus.SYNC] in seen[-after:]
-    kinds = states.flooded()["kind"].tolist()  # more frames than the counter of a cycle holds
+    kinds = flooded()["kind"].tolist()  # more frames than the counter of a cycle holds
     assert kinds.count(MOTION) == kinds.count(CONDITIONS) > 2**8
 
 

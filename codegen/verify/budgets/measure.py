@@ -9,7 +9,7 @@ import numpy as np
 from codegen.emit.can_view import task_view
 from codegen.errors import BuildError
 from codegen.sil.software import compile_build
-from codegen.verify.budgets import states, workloads
+from codegen.verify.budgets import workloads
 from codegen.verify.budgets.counting import CONDITIONS, MEMORY, MOTION, TASK, Calls, Counter, Rows
 from codegen.verify.budgets.program import NoBound
 from codegen.verify.budgets.sizes import sizes_of
@@ -107,7 +107,7 @@ class _Measuring:
         return search
 
     def _moved(self, rows: Rows) -> Rows:
-        return states.behind(states.histories(self._ground), rows)
+        return workloads.behind(workloads.histories(self._ground), rows)
 
     def _found(self, search: Search, judged: str, columns: Sequence[str]) -> Count:
         instructions, cycles = search.spread(judged, len(self._usual)), search.spread("cycles", len(self._usual))
@@ -141,7 +141,7 @@ class _Measuring:
             *workloads.steps_of(self._anywhere, self._generator),
         ]
         search = self._search("step", "controller_step", drives, "own", "instructions")
-        for way in states.long_ways(self._ground):
+        for way in workloads.long_ways(self._ground):
             self._counter.run("step", way.before)
             search.run([way.then])
         with self._counter.tight():
@@ -184,12 +184,12 @@ class _Measuring:
         drives += [*workloads.cycles_of([longest], generator, [0.0]), *workloads.cycles_of(anything, generator)]
         search.run(drives)
         search.improve(self._rounds, generator, self._moved)
-        for way in states.long_ways_of_task(self._ground):
+        for way in workloads.long_ways_of_task(self._ground):
             counter.run("task", workloads.events_of(way.before, counter).events)
             search.run([way.then])
         with counter.tight():
             search.run(workloads.cycles_of(workloads.steps_of(self._anywhere, generator), generator))
-        counter.count("task", states.flooded())
+        counter.count("task", workloads.flooded())
         names = {MOTION: "on_can_frame, motion", CONDITIONS: "on_can_frame, conditions", TASK: counter.task_name}
         for kind, name in names.items():
             calls, typical = Calls.joined(parts[kind]), Calls.joined(parts[kind][: len(usual)])

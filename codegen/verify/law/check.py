@@ -24,10 +24,9 @@ from codegen.sil.toolchain import compiler_command, compiler_identity
 from codegen.verify import suites, traffic
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import GAPS, Ground, drawn, measurements_of, recorded
-from codegen.verify.law import bus
 from codegen.verify.law import parameters as sets
 from codegen.verify.law.controller import SecondController
-from codegen.verify.law.course import drive
+from codegen.verify.law.drive_cycle import cycles_of, drive, starts
 from codegen.verify.law.kinds import SECOND, second_controller
 from codegen.verify.law.task import SecondTask
 from codegen.verify.map_reference import lookup_of
@@ -267,9 +266,9 @@ class _Comparison:
         yield _Traffic("disturbed frames", defaults, disturbed, set(traffic.restarts_of(cycles)))
         for number, parameters in enumerate((defaults, *self._sets[:2])):
             course = self._course(number)
-            frames = bus.cycles_of(config, self._precision, course, seed=number)
+            frames = cycles_of(config, self._precision, course, seed=number)
             of = f" of parameter set {number - 1}" if number else ""
-            yield _Traffic(f"frames of course {number}{of}", parameters, frames, set(bus.starts(len(course))))
+            yield _Traffic(f"frames of course {number}{of}", parameters, frames, set(starts(len(course))))
 
     def _compare_task(self, run: _Traffic) -> Iterator[str]:
         """The first frame that differs."""
