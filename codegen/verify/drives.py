@@ -27,7 +27,7 @@ from hil_sim.scenarios import SCENARIOS
 
 FloatArray = npt.NDArray[np.float64]
 
-Drive = npt.NDArray[np.float32]
+Samples = npt.NDArray[np.float32]
 """Samples one after the other, (samples, 7) by COLUMNS: the fields of `Measurement`, `inhibit` as 0 or 1."""
 
 COLUMNS = tuple(each.role for each in MEASURED if each.is_used)
@@ -47,21 +47,21 @@ YAW_RATE_NOISE = 1e-3
 """rad/s between samples: a yaw rate that stays to the bit while the car turns counts as frozen."""
 
 
-def drive_of(measurements: Sequence[Measurement]) -> Drive:
+def drive_of(measurements: Sequence[Measurement]) -> Samples:
     """Measurements as an array."""
     rows = [[float(getattr(measurement, name)) for name in COLUMNS] for measurement in measurements]
     with np.errstate(over="ignore"):  # beyond float32: infinity, as in the C
         return np.array(rows, dtype=np.float32).reshape(-1, len(COLUMNS))
 
 
-def measurements_of(drive: Drive) -> list[Measurement]:
+def measurements_of(drive: Samples) -> list[Measurement]:
     """The same, back."""
     rows = (dict(zip(COLUMNS, row, strict=True)) for row in drive.tolist())
     return [Measurement(**{**row, "inhibit": bool(row["inhibit"])}) for row in rows]
 
 
 @dataclass(frozen=True)
-class Ground:
+class Thresholds:
     """Where the C branches: breakpoints and thresholds, SI units, none negative; and how far the inputs reach."""
 
     config: Config
@@ -70,7 +70,7 @@ class Ground:
     friction: FloatArray
 
     @classmethod
-    def of(cls, manifest: Mapping[str, Any]) -> Ground:
+    def of(cls, manifest: Mapping[str, Any]) -> Thresholds:
         """Of a build."""
         config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
         controller, table = config.controller, manifest["map"]
@@ -97,7 +97,7 @@ class Ground:
         )
 
 
-def recorded(software: Software) -> tuple[Drive, ...]:
+def recorded(software: Software) -> tuple[Samples, ...]:
     """What the controller measures in each of the built-in scenarios, around the plant of its own configuration.
 
     A scenario that this car cannot drive is left out.
@@ -114,7 +114,7 @@ def recorded(software: Software) -> tuple[Drive, ...]:
     return tuple(drives)
 
 
-def measured(record: FloatArray, inputs: FloatArray) -> Drive:
+def measured(record: FloatArray, inputs: FloatArray) -> Samples:
     """Return what the controller measures, from samples of a run by RECORD_COLUMNS and its inputs by INPUT_COLUMNS."""
     names = ("speed_m_s", "front_angle_rad", "yaw_rate_rad_s", "rear_angle_rad")
     columns = [record[:, RECORD_COLUMNS.index(name)] for name in names]
@@ -124,19 +124,21 @@ def measured(record: FloatArray, inputs: FloatArray) -> Drive:
     return np.column_stack(columns).astype(np.float32)
 
 
-def drawn(ground: Ground, samples: int, seed: int = 0, gaps: Sequence[tuple[float, float]] = GAPS) -> tuple[Drive, ...]:
+def drawn(
+    thresholds: Thresholds, samples: int, seed: int = 0, gaps: Sequence[tuple[float, float]] = GAPS
+) -> tuple[Samples, ...]:
     """Drives that go everywhere, each of so many samples: the whole range of every input, its breakpoints and thresholds and
     their neighbours, signals that are absent, and gaps of every length. At most as many drives as there are in HELD."""
     generator = np.random.default_rng(seed)
 
-    def drive(gap: tuple[float, float], held: int) -> Drive:
-        drawn = np.repeat(_draw(ground, -(-samples // held), generator), held, axis=0)[:samples]
-        return _with_gaps(drawn if held == 1 else moving(drawn, ground.config), gap, generator)
+    def drive(gap: tuple[float, float], held: int) -> Samples:
+        drawn = np.repeat(_draw(thresholds, -(-samples // held), generator), held, axis=0)[:samples]
+        return _with_gaps(drawn if held == 1 else moving(drawn, thresholds.config), gap, generator)
 
     return tuple(drive(gap, held) for gap, held in zip(gaps, HELD, strict=False))
 
 
-def moving(drive: Drive, config: Config) -> Drive:
+def moving(drive: Samples, config: Config) -> Samples:
     """Speed, front angle and yaw rate on their way to those of a drive, each sample by a little less than may be believed."""
     names = ("speed_step", "front_angle_step", "yaw_rate_step")
     largest = {parameter.name: parameter.value for parameter in inputs_parameters(config)}
@@ -148,13 +150,13 @@ def moving(drive: Drive, config: Config) -> Drive:
     return moving
 
 
-def _draw(ground: Ground, count: int, generator: np.random.Generator) -> Drive:
-    config = ground.config
+def _draw(thresholds: Thresholds, count: int, generator: np.random.Generator) -> Samples:
+    config = thresholds.config
     inputs = config.controller.inputs
     speed_max, front_angle_max = inputs.speed_max_km_h * KM_H, math.radians(inputs.front_angle_max_deg)
-    speed = _mixed(ground.speed, speed_max, count, generator)
+    speed = _mixed(thresholds.speed, speed_max, count, generator)
     speed *= np.where(generator.random(count) < 0.05, -1.0, 1.0)
-    front_angle = _mixed(ground.front_angle, front_angle_max, count, generator) * generator.choice([-1.0, 1.0], count)
+    front_angle = _mixed(thresholds.front_angle, front_angle_max, count, generator) * generator.choice([-1.0, 1.0], count)
     # Mostly a yaw rate that a road allows, half of them near the steady turn; see take_yaw_rate in the generated C.
     yaw_rate_max = math.radians(inputs.yaw_rate_max_deg_s)
     understeer = SingleTrack.from_config(config).understeer_coefficient
@@ -167,7 +169,9 @@ def _draw(ground: Ground, count: int, generator: np.random.Generator) -> Drive:
     yaw_rate = np.choose(np.searchsorted([0.5, 0.97], kind), [near, anything * allowed, anything * yaw_rate_max])
     steered = generator.uniform(-config.rear_actuator.angle_max, config.rear_actuator.angle_max, count)
     rear_angle = np.where(generator.random(count) < 0.4, np.nan, steered)
-    friction = np.where(generator.random(count) < 0.3, np.nan, _mixed(ground.friction, inputs.friction_max, count, generator))
+    friction = np.where(
+        generator.random(count) < 0.3, np.nan, _mixed(thresholds.friction, inputs.friction_max, count, generator)
+    )
     # Mostly that of the yaw rate, or of the steady turn, more or less.
     shown = np.where(generator.random(count) < 0.5, yaw_rate, turn)
     lateral = speed * (shown + generator.normal(0.0, math.radians(inputs.yaw_rate_agreement_deg_s), count))
@@ -205,7 +209,7 @@ def gaps_of(count: int, gap: tuple[float, float], generator: np.random.Generator
     return lost
 
 
-def _with_gaps(drive: Drive, gap: tuple[float, float], generator: np.random.Generator) -> Drive:
+def _with_gaps(drive: Samples, gap: tuple[float, float], generator: np.random.Generator) -> Samples:
     """The drive with one signal of the samples in a gap lost, or beyond its range."""
     where = np.flatnonzero(gaps_of(len(drive), gap, generator))
     result = drive.copy()

@@ -23,7 +23,7 @@ from codegen.sil.software import Command, Measurement, Status
 from codegen.sil.toolchain import compiler_command, compiler_identity
 from codegen.verify import suites, traffic
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.drives import GAPS, Ground, drawn, measurements_of, recorded
+from codegen.verify.drives import GAPS, Thresholds, drawn, measurements_of, recorded
 from codegen.verify.law import parameters as sets
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.drive_cycle import cycles_of, drive, starts
@@ -135,7 +135,7 @@ class _Comparison:
         self._lookup = lookup_of(subject)
         facts = subject.manifest["map"]
         self._road = _MapRoad(facts["friction"], facts["lateral_acceleration_cap_m_s2"])
-        self._ground = Ground.of(subject.manifest)
+        self._thresholds = Thresholds.of(subject.manifest)
         self._sets = [sets.drawn(self._software, np.random.default_rng((5, number))) for number in range(size.sets)]
         self._statuses: Counter[Status] = Counter()
 
@@ -184,19 +184,19 @@ class _Comparison:
     def _runs(self) -> Iterator[_Run]:
         software, size = self._software, self._size
         defaults, starts = software.parameters(), itertools.cycle(STARTS)
-        for number, samples in enumerate(suites.drives(self._ground, size.drive)):
+        for number, samples in enumerate(suites.drives(self._thresholds, size.drive)):
             yield _Run(f"drive {number}", next(starts), defaults, measurements_of(samples))
         for seed in range(2):
             yield _Run(f"course {seed}", next(starts), defaults, self._course(seed))
-        yield _Run("thresholds of the speed", next(starts), defaults, self._thresholds(defaults))
+        yield _Run("thresholds of the speed", next(starts), defaults, self._at_speed_thresholds(defaults))
         yield from self._from_the_stops(defaults)
         if self._with_recordings:
             for number, samples in enumerate(recorded(software)):
                 yield _Run(f"recording {number}", 0.0, defaults, measurements_of(samples))
         for number, parameters in enumerate(self._sets):
             # The course for the law, the drive for what stands before it: signals of any size.
-            (anything,) = drawn(self._ground, size.drive, seed=number, gaps=GAPS[number % len(GAPS) :][:1])
-            drives = (self._course(number + 2), self._thresholds(parameters), measurements_of(anything))
+            (anything,) = drawn(self._thresholds, size.drive, seed=number, gaps=GAPS[number % len(GAPS) :][:1])
+            drives = (self._course(number + 2), self._at_speed_thresholds(parameters), measurements_of(anything))
             yield _Run(f"parameter set {number}", next(starts), parameters, [*itertools.chain(*drives)])
 
     def _from_the_stops(self, parameters: Any) -> Iterator[_Run]:
@@ -220,7 +220,7 @@ class _Comparison:
             steering_samples=STEERING_SAMPLES[kind],
         )
 
-    def _thresholds(self, parameters: Any) -> list[Measurement]:
+    def _at_speed_thresholds(self, parameters: Any) -> list[Measurement]:
         """At each threshold of the speed and beside it, from both sides; then with the yaw rate lost, and with everything."""
         real, samples = self._software.real, []
         enable, disable = (real(getattr(parameters, name)) for name in ("enable_speed", "disable_speed"))

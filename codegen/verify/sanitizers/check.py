@@ -23,7 +23,7 @@ from codegen.sil.software import RECORD_COLUMNS, Software, Status
 from codegen.sil.toolchain import compiler_command
 from codegen.verify import suites
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.drives import Ground
+from codegen.verify.drives import Thresholds
 from codegen.verify.map_reference import lookup_of
 from codegen.verify.packages import MissingTool
 from codegen.verify.sanitizers.sanitized import find_compiler
@@ -123,13 +123,13 @@ class _Suites:
 
     def __init__(self, subject: Subject, effort: Effort, ecu: ServedEcu, half: _Half) -> None:
         self._subject, self._ecu, self._half = subject, ecu, half
-        self._ground = Ground.of(subject.manifest)
+        self._thresholds = Thresholds.of(subject.manifest)
         self._samples = SAMPLES_QUICK if effort.quick else SAMPLES
         self._precision = cast(Precision, subject.manifest["options"]["precision"])
 
     @property
     def _config(self) -> Config:
-        return self._ground.config
+        return self._thresholds.config
 
     @property
     def _largest(self) -> float:
@@ -149,7 +149,7 @@ class _Suites:
     def _drives(self) -> Iterator[str]:
         reached: set[int] = set()
         steps = 0
-        for number, drive in enumerate(suites.drives(self._ground, self._samples)):
+        for number, drive in enumerate(suites.drives(self._thresholds, self._samples)):
             # Starts where no actuator stands, too: every one is bounded.
             self._ecu.start((0.0, 0.02, -1e30, math.nan, math.inf)[number % 5])
             commands = self._ecu.drive(drive)
@@ -165,9 +165,9 @@ class _Suites:
 
     def _lookups(self) -> Iterator[str]:
         lookup = lookup_of(self._subject)
-        places = suites.places(self._ground, self._samples // 4, self._precision)
+        places = suites.places(self._thresholds, self._samples // 4, self._precision)
         first, wrong, count = "", 0, 0
-        for friction in suites.road_frictions(self._ground, self._precision):
+        for friction in suites.road_frictions(self._thresholds, self._precision):
             differ, told = self._different(lookup, places, friction)
             first, wrong, count = first or told, wrong + differ, count + len(places)
         if wrong:
