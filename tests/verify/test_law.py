@@ -15,7 +15,7 @@ PI = builds.made("pi", "uneven")
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drive little, and leave out the search for endless loops, which takes longest."""
-    monkeypatch.setattr(law, "SIZE_QUICK", law.Size(drive=60, course=300, sets=3, cycles=200))
+    monkeypatch.setattr(law, "SIZE_QUICK", law.Size(drive=60, drive_cycle=300, sets=3, cycles=200))
     monkeypatch.setattr("codegen.verify.on_host.complaints", lambda files, manifest: ())
 
 

@@ -43,14 +43,14 @@ _CXX_WARNINGS = tuple("-Wmissing-declarations" if flag == "-Wmissing-prototypes"
 
 @dataclass(frozen=True)
 class Compilation:
-    """Units for one compiler, target and standard.
+    """Units compiled by one compiler for one target and standard.
 
     Attributes:
         label: for findings.
-        call: takes units, the folder with the sources, and the file beside that folder to write objects to. Raises BuildError:
-            the compiler says no.
+        call: compiles units; arguments: the units, the source folder, and the name of the output next to that folder. Raises
+            BuildError if the compiler rejects them.
         units: paths of the sources.
-        core: what the object is for where somebody looks at it.
+        core: target of the object, if the object is inspected.
         library: the units may need the mathematical library.
     """
 
@@ -61,7 +61,7 @@ class Compilation:
     library: bool = False
 
     def complaints(self, tree: Path, output: str) -> tuple[str, ...]:
-        """What the compiler says against the units, the first word on each."""
+        """Return the first message of the compiler for each unit."""
         try:
             self.call(self.units, tree, output)
         except BuildError as whole:
@@ -83,7 +83,7 @@ def _told(error: BuildError) -> str:
 
 
 def alone(subject: Subject) -> dict[str, str]:
-    """Units of one header each, taken in twice, in C and in C++, by path."""
+    """Return units that include a single header twice, in C and in C++, by path."""
     units: dict[str, str] = {}
     for path in sorted(subject.sources("include")):
         name = PurePosixPath(path).name
@@ -94,7 +94,7 @@ def alone(subject: Subject) -> dict[str, str]:
 
 
 def sources(subject: Subject) -> dict[str, str | bytes]:
-    """Every file of C of a build, and what a bare target's own headers must hold for it."""
+    """Return all C files of a build and the headers of a bare target that they need."""
     both = (f"{name}{suffix}" for name in LIBRARY for suffix in ("", "f"))
     kinds = ((name, "float" if name.endswith("f") else "double") for name in both)
     declared = "".join(f"{kind} {name}({kind});\n" for name, kind in kinds)
@@ -102,7 +102,7 @@ def sources(subject: Subject) -> dict[str, str | bytes]:
 
 
 def by_clang(subject: Subject, cores: Sequence[Core], standards: Sequence[str]) -> Iterator[Compilation]:
-    """By the clang in `ziglang`, at -O2."""
+    """Yield compilations by the clang in `ziglang`, at -O2."""
     below = _units(subject)
     dynamics = f"src/{subject.prefix}_{DYNAMICS}.c"
     rest = (*(unit for unit in below["src"] if unit != dynamics), *below["alone"])
@@ -123,7 +123,8 @@ def by_clang(subject: Subject, cores: Sequence[Core], standards: Sequence[str]) 
 
 
 def by_gcc(subject: Subject, program: str, standards: Sequence[str], levels: Sequence[str]) -> Iterator[Compilation]:
-    """By the host's gcc, at several levels of optimisation: some warnings need it, some code is gone with it."""
+    """Yield compilations by the host's gcc at several optimisation levels. Some warnings require optimisation; some code is
+    removed by it."""
     below = _units(subject)
     programs = PROGRAMS if sys.platform == "linux" else PROGRAMS[:1]
     units = (*below["src"], *below["alone"], *(unit for folder in programs for unit in below[folder]))
@@ -162,7 +163,7 @@ def _has_cxx(program: str) -> bool:
 
 
 def _units(subject: Subject) -> dict[str, tuple[str, ...]]:
-    """Paths of the units by the first part of their path; those of the headers alone in C and in C++."""
+    """Return unit paths by the first part of their path; the units of single headers in C and in C++ separately."""
     paths = sorted(path for path in sources(subject) if path.endswith(".c"))
     headers = sorted(alone(subject))
     below = {folder: tuple(path for path in paths if path.startswith(f"{folder}/")) for folder in ("src", *PROGRAMS)}
@@ -206,13 +207,13 @@ def check(subject: Subject, effort: Effort) -> Outcome:
 
 
 def _compile(plan: Sequence[Compilation], tree: Path) -> list[tuple[str, ...]]:
-    """What each compiler complains about. The object of compilation k is `k.o` beside the tree."""
+    """Compile the plan and return the messages of each compiler. The object of compilation k is `k.o` next to the tree."""
     with ThreadPoolExecutor(THREADS) as pool:
         return list(pool.map(lambda k: plan[k].complaints(tree, str(k)), range(len(plan))))
 
 
 def _together(plan: Sequence[Compilation], complaints: Sequence[tuple[str, ...]]) -> Iterator[str]:
-    """Each complaint once, with those who have it."""
+    """Yield each message once, with the compilers that report it."""
     labels: dict[str, list[str]] = {}
     for compilation, told in zip(plan, complaints, strict=True):
         for complaint in told:
@@ -223,7 +224,7 @@ def _together(plan: Sequence[Compilation], complaints: Sequence[tuple[str, ...]]
 
 
 def _objects(plan: Sequence[Compilation], tree: Path) -> Iterator[tuple[Compilation, Core, bytes]]:
-    """Every object that is for a core: what did not compile has none."""
+    """Yield every compiled object for a core."""
     for k, compilation in enumerate(plan):
         path = tree.parent / f"{k}.o"
         if compilation.core is not None and path.exists():
@@ -231,7 +232,7 @@ def _objects(plan: Sequence[Compilation], tree: Path) -> Iterator[tuple[Compilat
 
 
 def _needs(plan: Sequence[Compilation], tree: Path) -> dict[str, list[str]]:
-    """What the objects need of others, by core."""
+    """Return the undefined symbols of the objects, by core."""
     needs: dict[str, set[str]] = {}
     for _, core, content in _objects(plan, tree):
         needs.setdefault(core.name, set()).update(needed(content))
@@ -239,7 +240,7 @@ def _needs(plan: Sequence[Compilation], tree: Path) -> dict[str, list[str]]:
 
 
 def _foreign(subject: Subject, plan: Sequence[Compilation], tree: Path) -> Iterator[str]:
-    """What the objects need and must not, with the source that needs it and the cores where it does."""
+    """Yield forbidden undefined symbols, with the source and the cores."""
     cores: dict[str, list[str]] = {}
     for compilation, core, content in _objects(plan, tree):
         wrong = {
@@ -257,7 +258,7 @@ def _foreign(subject: Subject, plan: Sequence[Compilation], tree: Path) -> Itera
 
 
 def _cxx_linkage(subject: Subject, plan: Sequence[Compilation], tree: Path) -> Iterator[str]:
-    """What C defines for others and C++ does not find by the headers."""
+    """Yield functions that C defines and the headers do not declare for C++."""
     objects = [content for _, core, content in _objects(plan, tree) if core is X86_64]
     defined = sorted({name for content in objects for name in exported(content)})
     headers = [PurePosixPath(path).name for path in sorted(subject.sources("include"))]

@@ -33,14 +33,14 @@ Name = Literal["can", "step"]
 HARNESSES: tuple[Name, ...] = ("can", "step")
 
 SEED_SAMPLES = 24
-"""Of each recording: short enough to be changed all over, long enough for every status."""
+"""Samples of each recording: short enough to be mutated everywhere, long enough for every status."""
 
 CRC_AND_COUNTER = range(12)
 """Bits of a protected frame."""
 
 
 def source(subject: Subject, name: Name) -> bytes:
-    """The C of a harness."""
+    """Return the C of a harness."""
     manifest = subject.manifest
     config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
     law, facts, real = LAWS[subject.kind], manifest["map"], numpy_type(manifest["options"]["precision"])
@@ -72,13 +72,15 @@ def source(subject: Subject, name: Name) -> bytes:
 
 
 def driver() -> bytes:
-    """The C that runs a harness with a fixed number of inputs."""
+    """Return the C that runs a harness with a fixed number of inputs."""
     return verbatim("verify/fuzz_main.c")
 
 
 def seeds(subject: Subject) -> dict[Name, tuple[bytes, ...]]:
-    """Inputs for both harnesses from what a car without rear steering puts on the bus in the built-in scenarios, as it is, and
-    with trouble in between: damaged frames and gaps, numbers that no sensor should send, parameters changed.
+    """Return seed inputs for both harnesses: the bus traffic of a car without rear steering in the built-in scenarios,
+    unchanged and with faults.
+
+    Faults are damaged frames, gaps, values no sensor sends, and changed parameters.
 
     Raises:
         BuildError: the C of the simulated car does not compile here.
@@ -94,13 +96,13 @@ def seeds(subject: Subject) -> dict[Name, tuple[bytes, ...]]:
 
 
 def _used_bits(message: Message) -> int:
-    """The bits of a frame that hold something, from the lowest of byte 0."""
+    """Return a mask of the used bits of a frame, from the lowest of byte 0."""
     used = {*CRC_AND_COUNTER, *(bit for signal in message.signals().values() for bit in signal.bits(message.byte_order))}
     return sum(1 << bit for bit in used)
 
 
 def _reals(config: Config) -> Iterator[tuple[str, str, RealSignal]]:
-    """Struct in the harness, field and layout of each scaled signal."""
+    """Yield struct in the harness, field and layout of each scaled signal."""
     names = {"vehicle_motion": "motion", "vehicle_conditions": "conditions", "rear_steer_command": "command"}
     for role, message in config.can.messages().items():
         for name, signal in message.signals().items():
@@ -109,7 +111,7 @@ def _reals(config: Config) -> Iterator[tuple[str, str, RealSignal]]:
 
 
 def _can_seeds(config: Config, recording: Recording) -> Iterator[Iterable[int]]:
-    """The samples as they are; and with a jump, a damaged frame, foreign ones and a gap in between."""
+    """Yield the samples unchanged, and with a jump, a damaged frame, foreign frames and a gap."""
     ids = [config.can.vehicle_motion.id, config.can.vehicle_conditions.id]
     samples = [[*(byte for frame in frames if frame.id in ids for byte in frame.data[1:])] for frames in recording.frames]
     yield [byte for sample in samples for byte in (0, *sample)]
@@ -125,7 +127,7 @@ def _can_seeds(config: Config, recording: Recording) -> Iterator[Iterable[int]]:
 
 
 def _step_seeds(recording: Recording, real: type[np.float32] | type[np.float64]) -> Iterator[bytes]:
-    """The samples, all numbers of each; and with wrong numbers, other parameters and starts, and everything else called."""
+    """Yield the samples unchanged, and with wrong numbers, changed parameters, restarts and calls of the other functions."""
     rows = [row.astype(real) for row in recording.measurements]
     start = real(0.0).tobytes()
     yield start + b"".join(bytes((0, 0x1F | int(row[5]) << 5)) + row[:5].tobytes() for row in rows)
@@ -159,7 +161,7 @@ _AT_INPUT = re.compile(r"^at input (\d+)$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class _Run:
-    """What came of a harness."""
+    """Result of a harness."""
 
     inputs: int
     corpus: int
@@ -168,7 +170,7 @@ class _Run:
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Both harnesses.
+    """Run both harnesses.
 
     Raises:
         MissingTool: there is no C compiler with sanitizers.

@@ -1,4 +1,4 @@
-"""A drive through every regime of a controller, its yaw rate mostly near the reference."""
+"""Drive cycle through every regime of a controller, as samples and as frames on the bus."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def drive(
     speed_amplitude: float = 16.0,
     steering_samples: float = 330.0,
 ) -> list[Measurement]:
-    """A drive of `count` samples through every regime: fast, slow, reverse; faults, gaps and implausible spells of any length.
+    """Return `count` samples through every regime: fast, slow, reverse; faults, gaps and implausible periods of any length.
 
     The yaw rate mostly lies near the reference, so that the integrator is not always at a limit. The speed (m/s) swings by
     `speed_amplitude` around 14, the steering once in `steering_samples`.
@@ -67,16 +67,16 @@ GAP = (0.02, 0.05)
 """Probability that a gap of one message begins with a cycle, and that it ends with one: long enough for the fail-safe."""
 
 
-def starts(count: int) -> list[int]:
-    """Cycles before which the task starts anew."""
+def restart_cycles(count: int) -> list[int]:
+    """Return the cycles before which the task restarts."""
     return list(range(0, count, LIFE))
 
 
 def cycles_of(config: Config, precision: Precision, samples: Sequence[Measurement], seed: int) -> list[Cycle]:
-    """The frames of each sample, protected.
+    """Return the protected frames of each sample.
 
-    After a start the rear angle is told at once, or not at all for longer than the task waits, or is one that cannot be. Then
-    it moves slowly, and is not told where the sample has one: courses seldom do.
+    After a restart the rear angle is valid at once, missing for longer than the task waits, or impossible. Then it moves
+    slowly, and is missing where the sample has one.
     """
     can, codec = config.can, Codec(config.can, precision)
     generator = np.random.default_rng(seed)
@@ -95,7 +95,9 @@ def cycles_of(config: Config, precision: Precision, samples: Sequence[Measuremen
         motion = VehicleMotion(sample.speed, sample.front_angle, sample.yaw_rate)
         conditions = VehicleConditions(angle, sample.friction, sample.lateral_acceleration, sample.inhibit)
         sent = ((can.vehicle_motion, motion), (can.vehicle_conditions, conditions))
-        frames = (Frame(message.id, protect(message.e2e_data_id, counter, codec.encode(told))) for message, told in sent)
+        frames = (
+            Frame(message.id, protect(message.e2e_data_id, counter, codec.encode(contents))) for message, contents in sent
+        )
         found.append(tuple(frame for frame, gap in zip(frames, gaps, strict=True) if not gap[number] or age <= waits))
         counter = next_counter(counter)
     return found

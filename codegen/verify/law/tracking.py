@@ -1,4 +1,4 @@
-"""The law of kind "tracking" as its header and the configuration's comments describe it, in Python, to the bit."""
+"""Law of kind "tracking", written from its header and the comments of the configuration, bit for bit."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from codegen.verify.law.limiter import clip
 FloatArray = npt.NDArray[np.float64]
 SIDESLIP_MAX = math.radians(20.0)
 SPEED_MIN = 1.0
-"""m/s. Lower speeds count as this."""
+"""Smallest speed of the model, in m/s."""
 
 _OPERATIONS: dict[int, Callable[..., Any]] = {
     ca.OP_ADD: lambda a, b: a + b,
@@ -42,7 +42,7 @@ _OPERATIONS: dict[int, Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class Instruction:
-    """One of a CasADi function: what it does, with which places of work or of an input or output, and a constant's value."""
+    """Instruction of a CasADi function: operation, work places or element indices, and the value of a constant."""
 
     operation: int
     arguments: tuple[int, ...]
@@ -51,7 +51,7 @@ class Instruction:
 
     @classmethod
     def all_of(cls, function: Any, real: Any) -> tuple[Instruction, ...]:
-        """Those of a function, with its constants in a number type."""
+        """Return the instructions of a function, with constants in a number type."""
         return tuple(
             cls(
                 function.instruction_id(k),
@@ -64,7 +64,7 @@ class Instruction:
 
 
 def walk(instructions: Iterable[Instruction], inputs: Sequence[Sequence[Any]]) -> list[Any]:
-    """The elements of the only output, each operation done in the number type of constants and inputs (argument, element)."""
+    """Evaluate the only output, every operation in the number type of the inputs. Inputs by (argument, element)."""
     work: dict[int, Any] = {}
     output: dict[int, Any] = {}
     for each in instructions:
@@ -81,12 +81,12 @@ def walk(instructions: Iterable[Instruction], inputs: Sequence[Sequence[Any]]) -
 
 
 def within(value: Any, limit: Any) -> Any:
-    """The value within +-limit; the bound for what is no number."""
+    """Limit a value to +-limit; NaN becomes the bound."""
     return np.where(np.isnan(value), limit, np.clip(value, -limit, limit))
 
 
 def at_least(value: Any, low: Any) -> Any:
-    """The value, not below a bound; what is no number stays so."""
+    """Limit a value from below; NaN stays NaN."""
     return np.where(value < low, low, value)
 
 
@@ -99,12 +99,12 @@ class TableCurve:
 
     @classmethod
     def of(cls, tyre: MagicFormulaTyre, real: Any, loss: float = 0.0) -> TableCurve:
-        """The table that a build has."""
+        """Return the table of a build."""
         curve = tabulate(tyre, loss)
         return cls(curve.values.astype(real), real(curve.compression))
 
     def __call__(self, x: Any) -> tuple[Any, Any]:
-        """Value and slope; where the curve falls, its slope counts as zero."""
+        """Return value and slope; a negative slope counts as zero."""
         real = self.values.dtype.type
         cells, one = self.values.size - 1, real(1.0)
         inverse = one / (np.abs(x) + self.compression)
@@ -137,14 +137,14 @@ class SecondReferenceModel:
         self.rear_slip = real(vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase * stiffness))
 
     def start(self, speed: Any, yaw_rate: Any, rear_angle: Any) -> tuple[Any, Any, Any]:
-        """The state of the linear car's steady turn."""
+        """Return the steady state of the linear car."""
         forward = at_least(speed, self.speed_min)
         yaw_rate, rear_angle = within(yaw_rate, self.yaw_rate_max), within(rear_angle, self.rear_angle_max)
         sideslip = rear_angle + yaw_rate * (self.rear_arm / forward - self.rear_slip * forward)
         return within(sideslip, self.real(SIDESLIP_MAX)), yaw_rate, rear_angle
 
     def step(self, state: Iterable[Any], inputs: Iterable[Any]) -> tuple[Any, Any, Any]:
-        """One sampling time later; the rear wheels stand in the middle of their way."""
+        """Advance by one sampling time with the rear wheels at the mean of their angles."""
         sideslip, yaw_rate, rear_angle = state
         speed, front, commanded, friction = inputs
         half, one = self.real(0.5), self.real(1.0)
@@ -162,7 +162,7 @@ class SecondReferenceModel:
 
 
 class Road(Protocol):
-    """What the map was made for; a TotalMap is one."""
+    """Road for which the map was made, such as a TotalMap."""
 
     @property
     def friction(self) -> float:
@@ -175,7 +175,7 @@ class Road(Protocol):
 
 @dataclass(frozen=True)
 class Sample:
-    """What the map says of a sample, a little ahead of the front wheels."""
+    """Reference of the map slightly ahead of the front wheels."""
 
     yaw_rate: Any
     rear_angle: Any
@@ -184,7 +184,7 @@ class Sample:
 
 
 class SecondTracking(SecondController):
-    """Feedforward, reference model, scheduled feedback of bounded authority. `happened` tells what a drive has made it do."""
+    """Feedforward, reference model, and scheduled feedback of bounded authority. `happened` records the branches taken."""
 
     def __init__(self, parameters: Any, lookup: Lookup, road: Road, config: Config, angle: float) -> None:
         real: Any = lookup.real
@@ -218,7 +218,7 @@ class SecondTracking(SecondController):
         self.grip = min(self.grip + self.parameter("grip_recovery_idle") * self.period, self.full_grip)
 
     def look(self, m: Measurement) -> Sample:
-        """The map where the front wheels will be after the lead time, on the road that is known or seen."""
+        """Return the map's value for the front angle after the lead time, for the known or estimated friction."""
         p = self.parameter
         most = p("lead_angle_max")
         if self.quality is not Quality.MISSING:
@@ -284,7 +284,7 @@ class SecondTracking(SecondController):
         return clip(own + self.trim, -limit, limit)
 
     def scheduled(self, name: str, speed: Any) -> Any:
-        """A parameter over speed: linear between the breakpoints, held beyond them."""
+        """Interpolate a parameter over speed linearly, constant beyond the breakpoints."""
         speeds, values = ([self.real(value) for value in getattr(self.p, field)] for field in ("schedule_speed", name))
         self.note("below the schedule", speed < speeds[0])
         self.note("beyond the schedule", speed > speeds[-1])
@@ -297,7 +297,7 @@ class SecondTracking(SecondController):
         return values[k] + share * (values[k + 1] - values[k])
 
     def feedback_range(self, m: Measurement, feedforward: Any) -> tuple[Any, Any]:
-        """What feedback may add: free against the turn, a little where it makes the car turn more."""
+        """Return the range of the feedback: free against the turn, small in its direction."""
         low, high = self.actuator_range(m)
         more = self.parameter("yaw_increasing_max")
         two = (m.yaw_rate, self.last_yaw_rate)
