@@ -21,7 +21,7 @@ from codegen.emit.folder import Folder
 from codegen.optimum.solve import solve_case
 from codegen.optimum.stack import solve_stack
 from codegen.verify.budgets.measure import measure_step
-from codegen.verify.budgets.taken import LongestStep
+from codegen.verify.budgets.usage import LongestStep
 from codegen.verify.check import Effort, Subject
 from codegen.verify.packages import module
 from codegen.verify.target.cross import compile_image

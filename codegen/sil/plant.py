@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
+from codegen import configuration
 from codegen.configuration import Config
 from codegen.configuration.signals import RECORDED
 from codegen.emit.dynamics_view import function_view
@@ -57,7 +59,7 @@ class Plant:
     """
 
     def __init__(self, config: Config, model: Model | None = None) -> None:
-        library = _two_track_library(_Key(config.to_json(), config)) if model is None else _library(config, model)
+        library = _two_track_library(config.to_json()) if model is None else _library(config, model)
         self._lib = library.lib
         self._step = config.plant.sampling_time_s
         self._state: Any = library.ffi.new("plant_state_t *")
@@ -100,18 +102,10 @@ class Plant:
         target.yaw_moment = acting.yaw_moment
 
 
-@dataclass(frozen=True)
-class _Key:
-    """A configuration that can be hashed, by its text."""
-
-    text: str
-    config: Config = field(compare=False)
-
-
 @lru_cache(maxsize=8)
-def _two_track_library(key: _Key) -> Library:
-    """Keep what is loaded: many runs of one car would derive its equations anew."""
-    return _library(key.config, None)
+def _two_track_library(configuration_json: str) -> Library:
+    """Return the library of the two-track car. Cached, because deriving its equations takes longer than most runs."""
+    return _library(configuration.parse(json.loads(configuration_json), "plant"), None)
 
 
 def _library(config: Config, model: Model | None) -> Library:

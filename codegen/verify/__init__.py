@@ -1,4 +1,8 @@
-"""What makes the generated C trustworthy: checks of a finished build, on the user's machine.
+"""Checks of a finished build on the user's machine.
+
+Each check is a package with a function `check.check`: `compilation`, `analysis`, `pil`, `budgets`, `law`, `proof`,
+`sanitizers`, `fuzzing`. `runner` runs them; `record` and `manual` write the results. `target` emulates the ECU core; `drives`
+and `suites` provide inputs that several checks share.
 
 One package for each check, with its function in `check`: `compilation`, `analysis`, `pil`, `budgets`, `law`, `proof`,
 `sanitizers`, `fuzzing`. `runner` runs them, `record` and `manual` write down what came of it; `target` is the ECU core that

@@ -104,26 +104,26 @@ class Subject:
 
     @property
     def is_of_this_version(self) -> bool:
-        """Whether this codegen made it: what it computes, and in what order, is known to the last bit."""
+        """Whether this version of codegen made the build, so that its arithmetic is known to the last bit."""
         return bool(self.manifest["version"] == __version__)
 
     @property
     def kind(self) -> str:
-        """Of the controller."""
+        """Kind of controller."""
         return str(self.manifest["options"]["kind"])
 
     @cached_property
     def config(self) -> Config:
-        """That it was built with. Raises ConfigError: the manifest's is none."""
+        """Configuration of the build. Raises ConfigError if the manifest's is invalid."""
         return configuration.parse(self.manifest["configuration"], "manifest.json: configuration")
 
     def sources(self, *folders: str) -> dict[str, bytes]:
-        """The .c and .h files below some folders, by default include/ and src/: what goes into an ECU."""
+        """Return the .c and .h files below some folders; default: include/ and src/, the files for an ECU."""
         below = tuple(f"{folder}/" for folder in (folders or ("include", "src")))
         return {path: content for path, content in self.files.items() if path.startswith(below) and path.endswith((".c", ".h"))}
 
     def sha256(self, path: str) -> str:
-        """Of a file."""
+        """Return the SHA-256 of a file."""
         return hashlib.sha256(self.files[path]).hexdigest()
 
 

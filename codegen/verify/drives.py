@@ -1,4 +1,4 @@
-"""What a controller is driven with: recordings of the closed loop, and samples drawn from everywhere.
+"""Inputs of a controller: recordings of closed loops, and samples drawn over the whole input range.
 
 The same configuration and seed give the same drives.
 """
@@ -27,42 +27,41 @@ from hil_sim.scenarios import SCENARIOS
 
 FloatArray = npt.NDArray[np.float64]
 
-Drive = npt.NDArray[np.float32]
-"""Samples one after the other, (samples, 7) by COLUMNS: the fields of `Measurement`, `inhibit` as 0 or 1."""
+Samples = npt.NDArray[np.float32]
+"""Consecutive samples, (samples, 7) by COLUMNS: the fields of `Measurement`, `inhibit` as 0 or 1."""
 
 COLUMNS = tuple(each.role for each in MEASURED if each.is_used)
 
 DELAY_SAMPLES = 1
-"""Of computation in the recordings: an ECU sends its command one period after it has sampled."""
+"""Computing delay in the recordings: an ECU sends its command one period after sampling."""
 
 GAPS = ((0.0, 1.0), (0.05, 0.5), (0.5, 1.0), (0.3, 0.2), (0.05, 0.04))
-"""For each of the drawn drives the probability that a gap begins with a sample, and that it ends with one: none, short, a
-restart of the law with every other sample, long enough for the fail-safe, and pauses long enough to come back from it."""
+"""Probabilities that a gap begins and that it ends with a sample, for each drawn drive: no gaps, short ones, a restart of
+the law every other sample, gaps long enough for the fail-safe, and pauses long enough to recover."""
 
 HELD = (1, 25, 25, 4, 25)
-"""For how many samples each draw of them stays. Where it does, the signals move to it no faster than a car, and
-are believed."""
+"""Samples for which each draw is held, by drive. While held, signals move no faster than those of a car and are accepted."""
 
 YAW_RATE_NOISE = 1e-3
-"""rad/s between samples: a yaw rate that stays to the bit while the car turns counts as frozen."""
+"""Change of the yaw rate between samples, in rad/s. A constant yaw rate in a turn counts as frozen."""
 
 
-def drive_of(measurements: Sequence[Measurement]) -> Drive:
-    """Measurements as an array."""
+def drive_of(measurements: Sequence[Measurement]) -> Samples:
+    """Convert measurements to an array."""
     rows = [[float(getattr(measurement, name)) for name in COLUMNS] for measurement in measurements]
     with np.errstate(over="ignore"):  # beyond float32: infinity, as in the C
         return np.array(rows, dtype=np.float32).reshape(-1, len(COLUMNS))
 
 
-def measurements_of(drive: Drive) -> list[Measurement]:
-    """The same, back."""
+def measurements_of(drive: Samples) -> list[Measurement]:
+    """Convert an array to measurements."""
     rows = (dict(zip(COLUMNS, row, strict=True)) for row in drive.tolist())
     return [Measurement(**{**row, "inhibit": bool(row["inhibit"])}) for row in rows]
 
 
 @dataclass(frozen=True)
-class Ground:
-    """Where the C branches: breakpoints and thresholds, SI units, none negative; and how far the inputs reach."""
+class Thresholds:
+    """Values at which the C branches (breakpoints and thresholds, SI units, none negative), and the input ranges."""
 
     config: Config
     speed: FloatArray
@@ -70,8 +69,8 @@ class Ground:
     friction: FloatArray
 
     @classmethod
-    def of(cls, manifest: Mapping[str, Any]) -> Ground:
-        """Of a build."""
+    def of(cls, manifest: Mapping[str, Any]) -> Thresholds:
+        """Return the thresholds of a build."""
         config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
         controller, table = config.controller, manifest["map"]
         schedule = controller.tracking.schedule
@@ -97,10 +96,10 @@ class Ground:
         )
 
 
-def recorded(software: Software) -> tuple[Drive, ...]:
-    """What the controller measures in each of the built-in scenarios, around the plant of its own configuration.
+def recorded(software: Software) -> tuple[Samples, ...]:
+    """Run the built-in scenarios in closed loop and return the measurements of the controller.
 
-    A scenario that this car cannot drive is left out.
+    Scenarios that this car cannot drive are omitted.
     """
     drives = []
     for scenario in SCENARIOS.values():
@@ -114,7 +113,7 @@ def recorded(software: Software) -> tuple[Drive, ...]:
     return tuple(drives)
 
 
-def measured(record: FloatArray, inputs: FloatArray) -> Drive:
+def measured(record: FloatArray, inputs: FloatArray) -> Samples:
     """Return what the controller measures, from samples of a run by RECORD_COLUMNS and its inputs by INPUT_COLUMNS."""
     names = ("speed_m_s", "front_angle_rad", "yaw_rate_rad_s", "rear_angle_rad")
     columns = [record[:, RECORD_COLUMNS.index(name)] for name in names]
@@ -124,20 +123,24 @@ def measured(record: FloatArray, inputs: FloatArray) -> Drive:
     return np.column_stack(columns).astype(np.float32)
 
 
-def drawn(ground: Ground, samples: int, seed: int = 0, gaps: Sequence[tuple[float, float]] = GAPS) -> tuple[Drive, ...]:
-    """Drives that go everywhere, each of so many samples: the whole range of every input, its breakpoints and thresholds and
-    their neighbours, signals that are absent, and gaps of every length. At most as many drives as there are in HELD."""
+def drawn(
+    thresholds: Thresholds, samples: int, seed: int = 0, gaps: Sequence[tuple[float, float]] = GAPS
+) -> tuple[Samples, ...]:
+    """Draw drives over the whole range of every input: thresholds and their neighbours, missing signals, and gaps of all
+    lengths.
+
+    At most as many drives as HELD has entries."""
     generator = np.random.default_rng(seed)
 
-    def drive(gap: tuple[float, float], held: int) -> Drive:
-        drawn = np.repeat(_draw(ground, -(-samples // held), generator), held, axis=0)[:samples]
-        return _with_gaps(drawn if held == 1 else moving(drawn, ground.config), gap, generator)
+    def drive(gap: tuple[float, float], held: int) -> Samples:
+        drawn = np.repeat(_draw(thresholds, -(-samples // held), generator), held, axis=0)[:samples]
+        return _with_gaps(drawn if held == 1 else moving(drawn, thresholds.config), gap, generator)
 
     return tuple(drive(gap, held) for gap, held in zip(gaps, HELD, strict=False))
 
 
-def moving(drive: Drive, config: Config) -> Drive:
-    """Speed, front angle and yaw rate on their way to those of a drive, each sample by a little less than may be believed."""
+def moving(drive: Samples, config: Config) -> Samples:
+    """Limit the steps of speed, front angle and yaw rate to a little less than the plausibility check accepts."""
     names = ("speed_step", "front_angle_step", "yaw_rate_step")
     largest = {parameter.name: parameter.value for parameter in inputs_parameters(config)}
     steps = 0.9 * np.array([largest[name] for name in names], dtype=np.float32)
@@ -148,14 +151,14 @@ def moving(drive: Drive, config: Config) -> Drive:
     return moving
 
 
-def _draw(ground: Ground, count: int, generator: np.random.Generator) -> Drive:
-    config = ground.config
+def _draw(thresholds: Thresholds, count: int, generator: np.random.Generator) -> Samples:
+    config = thresholds.config
     inputs = config.controller.inputs
     speed_max, front_angle_max = inputs.speed_max_km_h * KM_H, math.radians(inputs.front_angle_max_deg)
-    speed = _mixed(ground.speed, speed_max, count, generator)
+    speed = _mixed(thresholds.speed, speed_max, count, generator)
     speed *= np.where(generator.random(count) < 0.05, -1.0, 1.0)
-    front_angle = _mixed(ground.front_angle, front_angle_max, count, generator) * generator.choice([-1.0, 1.0], count)
-    # Mostly a yaw rate that a road allows, half of them near the steady turn; see take_yaw_rate in the generated C.
+    front_angle = _mixed(thresholds.front_angle, front_angle_max, count, generator) * generator.choice([-1.0, 1.0], count)
+    # Mostly plausible yaw rates, half of them near the steady turn; see take_yaw_rate in the generated C.
     yaw_rate_max = math.radians(inputs.yaw_rate_max_deg_s)
     understeer = SingleTrack.from_config(config).understeer_coefficient
     turn = speed * front_angle / np.maximum(config.vehicle.wheelbase + understeer * speed**2, 0.25 * config.vehicle.wheelbase)
@@ -167,8 +170,10 @@ def _draw(ground: Ground, count: int, generator: np.random.Generator) -> Drive:
     yaw_rate = np.choose(np.searchsorted([0.5, 0.97], kind), [near, anything * allowed, anything * yaw_rate_max])
     steered = generator.uniform(-config.rear_actuator.angle_max, config.rear_actuator.angle_max, count)
     rear_angle = np.where(generator.random(count) < 0.4, np.nan, steered)
-    friction = np.where(generator.random(count) < 0.3, np.nan, _mixed(ground.friction, inputs.friction_max, count, generator))
-    # Mostly that of the yaw rate, or of the steady turn, more or less.
+    friction = np.where(
+        generator.random(count) < 0.3, np.nan, _mixed(thresholds.friction, inputs.friction_max, count, generator)
+    )
+    # Mostly consistent with the yaw rate or the steady turn, with noise.
     shown = np.where(generator.random(count) < 0.5, yaw_rate, turn)
     lateral = speed * (shown + generator.normal(0.0, math.radians(inputs.yaw_rate_agreement_deg_s), count))
     lateral = np.where(generator.random(count) < 0.3, np.nan, lateral)
@@ -176,18 +181,18 @@ def _draw(ground: Ground, count: int, generator: np.random.Generator) -> Drive:
     return np.column_stack([speed, front_angle, yaw_rate, rear_angle, friction, lateral, inhibit]).astype(np.float32)
 
 
-def _mixed(corners: FloatArray, largest: float, count: int, generator: np.random.Generator) -> FloatArray:
-    """Anything from zero to the largest, small values, corners, and the neighbours of those."""
-    corner = generator.choice(corners, count).astype(np.float32)
-    beside = np.nextafter(corner, generator.choice(np.array([0.0, corners.max()], dtype=np.float32), count))
+def _mixed(thresholds: FloatArray, largest: float, count: int, generator: np.random.Generator) -> FloatArray:
+    """Draw values from zero to the largest, small values, thresholds, and neighbours of thresholds."""
+    threshold = generator.choice(thresholds, count).astype(np.float32)
+    neighbour = np.nextafter(threshold, generator.choice(np.array([0.0, thresholds.max()], dtype=np.float32), count))
     found = np.choose(
         generator.integers(5, size=count),
         [
             generator.uniform(0.0, largest, count),
             generator.uniform(0.0, largest, count),
             largest * 10.0 ** generator.uniform(-4.0, 0.0, count),
-            corner.astype(np.float64),
-            beside.astype(np.float64),
+            threshold.astype(np.float64),
+            neighbour.astype(np.float64),
         ],
     )
     # The largest itself is accepted by the C in its own precision.
@@ -196,7 +201,8 @@ def _mixed(corners: FloatArray, largest: float, count: int, generator: np.random
 
 
 def gaps_of(count: int, gap: tuple[float, float], generator: np.random.Generator) -> npt.NDArray[np.bool_]:
-    """Which of so many samples are lost, never the first: the probability that a gap begins with a sample, and that it ends."""
+    """Return which samples are lost, never the first. `gap`: probabilities that a gap begins and that it ends with a
+    sample."""
     begins, ends = gap
     lost = np.zeros(count, dtype=bool)
     random = generator.random(count)
@@ -205,8 +211,8 @@ def gaps_of(count: int, gap: tuple[float, float], generator: np.random.Generator
     return lost
 
 
-def _with_gaps(drive: Drive, gap: tuple[float, float], generator: np.random.Generator) -> Drive:
-    """The drive with one signal of the samples in a gap lost, or beyond its range."""
+def _with_gaps(drive: Samples, gap: tuple[float, float], generator: np.random.Generator) -> Samples:
+    """Return the drive with one signal lost or out of range during gaps."""
     where = np.flatnonzero(gaps_of(len(drive), gap, generator))
     result = drive.copy()
     result[where, generator.integers(3, size=len(where))] = generator.choice(

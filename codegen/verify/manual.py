@@ -22,7 +22,7 @@ from codegen.verify.check import Outcome, Verdict
 from codegen.verify.runner import CHECKS, Report
 
 Figures = Mapping[str, Any]
-Told = TypeVar("Told")
+Formatted = TypeVar("Formatted")
 
 OFF = "off"
 TOOL_NAMES = {"z3": "Z3", "cppcheck": "Cppcheck", "unicorn": "Unicorn", "ziglang": "ziglang (zig's clang)"}
@@ -35,9 +35,9 @@ BUDGETS = {
     "controller_step": "step_instructions_max",
     "cycle": "task_instructions_max",
 }
-"""Of the instructions of a function."""
+"""Budget key of each function's instructions."""
 CALLED = {"controller_step": "controller_step, its limiter apart", "cycle": "cycle: both frames received, and the task"}
-"""What a figure is of, where the name of the function does not say it."""
+"""Description of a function where its name is not enough."""
 SUITES = {
     "scenarios": "scenarios in closed loop, by calls and through CAN frames",
     "faults": "faults of the catalogue",
@@ -45,14 +45,14 @@ SUITES = {
     "look_ups": "look-ups against the reference",
     "trap_build": "trap build, run on",
 }
-"""Under the sanitizers."""
-BESIDE_THE_LAW = {
+"""Figures of the sanitizers."""
+LAW_FIGURES = {
     "drives": "drives",
     "parameter_sets": "of these, with parameters that were drawn",
     "samples": "samples",
     "task_cycles": "cycles of the task, frames in and frame out",
 }
-"""Of the second implementation."""
+"""Figures of the comparison with the second implementation."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Table:
 
 @dataclass(frozen=True)
 class CheckView:
-    """A check as the manual tells it."""
+    """A check as shown in the manual."""
 
     name: str
     title: str
@@ -80,13 +80,13 @@ class CheckView:
 
 @dataclass(frozen=True)
 class MapView:
-    """Where the map comes from and how far it goes.
+    """Origin and range of the map.
 
     Attributes:
-        solved: by the optimisation; else it is a table of the user's.
-        source: of the configuration: "map", "preset" or a file's name.
-        covered: between which speeds and angles the map's own cells lie; None where the manifest does not say it.
-        cells: from which rule how many cells come.
+        solved: whether the optimisation made it; otherwise it is a user's table.
+        source: source of the configuration: "map", "preset" or a file name.
+        covered: speed and angle ranges of the map's own cells; None if the manifest lacks them.
+        cells: number of cells by rule.
     """
 
     solved: bool
@@ -102,7 +102,7 @@ class MapView:
 
 
 def manual(report: Report) -> str:
-    """The text of `verify.md`, in Markdown."""
+    """Return the text of `verify.md`, in Markdown."""
     subject = report.subject
     config = subject.config
     context = {
@@ -133,24 +133,26 @@ def _check(name: str, outcome: Outcome) -> CheckView:
         findings=tuple(map(_ascii, outcome.findings)),
         limits=tuple(map(_ascii, outcome.limits)),
         tools=_ascii(", ".join(_tool(*each) for each in outcome.tools.items())),
-        tables=tuple(table for told in TABLES.get(name, ()) if (table := _tolerant(told, outcome.figures)) and table.rows),
+        tables=tuple(
+            table for formatter in TABLES.get(name, ()) if (table := _tolerant(formatter, outcome.figures)) and table.rows
+        ),
     )
 
 
 def _tool(name: str, version: str) -> str:
-    """A number needs the tool's name before it; what a program says of itself has one."""
+    """Format a tool and its version. A bare number gets the tool's name; a program's own version line has it."""
     if version.lower().startswith(name.lower()):
         return version
     return f"{TOOL_NAMES.get(name, name)} {version}" if version[:1] in "0123456789?" else f"{version} as {name}"
 
 
 def _ascii(text: str) -> str:
-    """On one line, for a table of Markdown; a tool may say anything."""
+    """Return text on one line, for a Markdown table."""
     return one_line(text, limit=1000).encode("ascii", "replace").decode("ascii")
 
 
 def _text(value: int | str) -> str:
-    """Raises ValueError for anything else."""
+    """Format a value. Raises ValueError for other types."""
     return _ascii(value) if isinstance(value, str) else f"{value:,d}"
 
 
@@ -171,7 +173,7 @@ def _map(manifest: Figures) -> MapView:
 
 
 def _covered(table: Figures) -> str:
-    """The range of the map itself, which chosen breakpoints do not show."""
+    """Return the range of the map itself, which placed breakpoints do not show."""
     if "placement" in table:
         speeds = [speed / KM_H for speed in table["placement"]["own_speed_range_m_s"]]
         angles = [degrees(angle) for angle in table["placement"]["own_front_angle_range_rad"]]
@@ -183,7 +185,7 @@ def _covered(table: Figures) -> str:
 
 
 def _cells(table: Figures) -> Table:
-    """The map's own first, then what rules made of them."""
+    """Return the number of cells of the map itself, then of those by rules."""
     own = "solved by the optimisation" if table["solved"] else "given by the table"
     rules = sorted(table["rules"].items(), key=lambda rule: rule[0] != Rule.SOLVED)
     rows = ((_text(found["cells"]), own if name == Rule.SOLVED else _text(found["text"])) for name, found in rules)
@@ -191,22 +193,22 @@ def _cells(table: Figures) -> Table:
 
 
 def _rates(config: Config) -> dict[str, str]:
-    """deg/s or "off": of the limiter, and of the control law, which goes by the lower one."""
+    """Return the rate limits in deg/s, or "off", of the limiter and of the control law, which uses the lower one."""
     behind = config.limiter.rear_rate_max_deg_s
     own = [rate for rate in (config.controller.rear_rate_max_deg_s, behind) if rate != OFF]
     return {"limiter": OFF if behind == OFF else f"{behind:g}", "law": f"{min(own):g}" if own else OFF}
 
 
-def _tolerant(told: Callable[[Figures], Told], figures: Figures) -> Told | None:
-    """What is told of some figures; None where they are not there: a check may end before it has them, or have others."""
+def _tolerant(formatter: Callable[[Figures], Formatted], figures: Figures) -> Formatted | None:
+    """Format figures; None if they are missing, as a check may end early."""
     try:
-        return told(figures)
+        return formatter(figures)
     except (LookupError, TypeError, ValueError, AttributeError):
         return None
 
 
 def _pairs(heading: tuple[str, str], name: str) -> Callable[[Figures], Table]:
-    """Tells a figure that is a table itself."""
+    """Return a formatter for a figure that is itself a table."""
     return lambda figures: Table(heading, tuple((_text(key), _text(value)) for key, value in figures[name].items()))
 
 
@@ -244,7 +246,7 @@ def _dynamics(figures: Figures) -> Table:
 
 
 def _instructions(figures: Figures) -> Table:
-    """The cycles are of the whole call, limiter included."""
+    """Format the instructions. Cycles are those of the whole call, limiter included."""
     rows, more = [], ("estimated cycles, worst", "budget of instructions")
     for name, found in figures["functions"].items():
         counted, whole = found["instructions"], found.get("instructions_with_limiter")
@@ -270,8 +272,8 @@ def _memory(figures: Figures) -> Table:
     of, keys = {"parameters": "a set of parameters, in flash as shipped"}, {"controller": "state_bytes_max"}
     rows = [(of.get(name, f"RAM of one {name}"), size, keys.get(name, "")) for name, size in structs.items()]
     rows.append(("flash of all objects, tables and default parameters included", figures["flash_bytes"], "flash_bytes_max"))
-    told = ((text, f"{size:,} B", f"{budgets[key]:,} B" if key in budgets else "-") for text, size, key in rows)
-    return Table(("memory", "size", "budget"), tuple(told))
+    formatted = ((text, f"{size:,} B", f"{budgets[key]:,} B" if key in budgets else "-") for text, size, key in rows)
+    return Table(("memory", "size", "budget"), tuple(formatted))
 
 
 def _obligations(figures: Figures) -> Table:
@@ -286,7 +288,7 @@ def _invariants(figures: Figures) -> Table:
 
 
 def _ran(heading: tuple[str, str], texts: Mapping[str, str]) -> Callable[[Figures], Table]:
-    """Tells those figures that there are."""
+    """Return a formatter for the available figures."""
     return lambda figures: Table(
         heading, tuple((text, _text(figures[name])) for name, text in texts.items() if name in figures)
     )
@@ -302,9 +304,9 @@ TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {
     "static-analysis": (_pairs(("found by", "findings"), "findings"), _pairs(("rule", "deviations"), "deviations")),
     "processor-in-the-loop": (_streams, _pairs(("random steps that ended in", "steps"), "statuses"), _dynamics),
     "budgets": (_instructions, _stack, _memory),
-    "law": (_ran(("compared", "number"), BESIDE_THE_LAW), _pairs(("samples that ended in", "samples"), "statuses")),
+    "law": (_ran(("compared", "number"), LAW_FIGURES), _pairs(("samples that ended in", "samples"), "statuses")),
     "proof": (_obligations, _invariants),
     "sanitizers": (_ran(("what ran", "result"), SUITES),),
     "fuzzing": (_fuzzed,),
 }
-"""By the name of the check."""
+"""Tables by name of the check."""

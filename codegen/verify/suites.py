@@ -16,7 +16,7 @@ from codegen.configuration import Config
 from codegen.configuration.can import E2e
 from codegen.emit.text import Precision, numpy_type
 from codegen.errors import CodegenError
-from codegen.verify.drives import COLUMNS, Drive, Ground, drawn, measured
+from codegen.verify.drives import COLUMNS, Samples, Thresholds, drawn, measured
 from hil_sim.fault_catalogue import catalogue, scenario
 from hil_sim.frames import Frame
 from hil_sim.plant_node import PlantNode
@@ -56,7 +56,7 @@ def are_faults_defined_for(config: Config) -> bool:
     )
 
 
-def drives(ground: Ground, samples: int) -> tuple[Drive, ...]:
+def drives(thresholds: Thresholds, samples: int) -> tuple[Samples, ...]:
     """Drives from everywhere, each of so many samples: plausible ones with gaps of each length, then any bit patterns."""
     generator = np.random.default_rng(1)
     patterns = generator.integers(0, 2**32, size=(samples, len(COLUMNS)), dtype=np.uint32).view(np.float32)
@@ -64,20 +64,20 @@ def drives(ground: Ground, samples: int) -> tuple[Drive, ...]:
     special = generator.choice(np.array(SPECIAL, dtype=np.float32), size=(samples, len(COLUMNS)))
     special[:, -1] = generator.integers(0, 2, size=samples)
     # One wrong field at a time, in a drive whose signals are believed: each is replaced by the others, and comes back.
-    mixed = drawn(ground, samples, seed=2)[-1].copy()
+    mixed = drawn(thresholds, samples, seed=2)[-1].copy()
     wrong = generator.integers(0, len(COLUMNS) - 1, size=samples)
     few = generator.random(samples) < 0.02
     mixed[few, wrong[few]] = special[few, wrong[few]]
-    return (*drawn(ground, samples), patterns, special, mixed)
+    return (*drawn(thresholds, samples), patterns, special, mixed)
 
 
-def places(ground: Ground, samples: int, precision: Precision) -> npt.NDArray[np.float32] | npt.NDArray[np.float64]:
+def places(thresholds: Thresholds, samples: int, precision: Precision) -> npt.NDArray[np.float32] | npt.NDArray[np.float64]:
     """Where to look the map up, (about samples, 2): speed and front angle. Breakpoints, their neighbours, between and beyond
     them, both signs, and any bit pattern."""
     real = numpy_type(precision)
     generator = np.random.default_rng(3)
     columns = []
-    for corners in (ground.speed, ground.front_angle):
+    for corners in (thresholds.speed, thresholds.front_angle):
         corner = generator.choice(corners, samples).astype(real)
         beside = np.nextafter(corner, generator.choice(np.array([-np.inf, np.inf], dtype=real), samples))
         uniform = generator.uniform(0.0, 1.3 * corners.max(), samples).astype(real)
@@ -89,10 +89,10 @@ def places(ground: Ground, samples: int, precision: Precision) -> npt.NDArray[np
     return np.column_stack([columns[0], np.copysign(columns[1], sign)])
 
 
-def road_frictions(ground: Ground, precision: Precision) -> tuple[float, ...]:
+def road_frictions(thresholds: Thresholds, precision: Precision) -> tuple[float, ...]:
     """Estimates of friction to look the map up with: none, that of each layer and beside it, and what is none."""
     real = numpy_type(precision)
-    own = [real(value) for value in np.unique(ground.friction)]
+    own = [real(value) for value in np.unique(thresholds.friction)]
     beside = [np.nextafter(value, real(2.0)) for value in own] + [np.nextafter(value, real(-1.0)) for value in own]
     between = [real(0.5) * (low + high) for low, high in pairwise(own)]
     return tuple(dict.fromkeys(float(value) for value in (*SPECIAL, *own, *beside, *between)))
@@ -110,7 +110,7 @@ class Recording:
 
     name: str
     frames: tuple[tuple[Frame, ...], ...]
-    measurements: Drive
+    measurements: Samples
 
 
 def recordings(config: Config, precision: Precision, samples: int) -> tuple[Recording, ...]:

@@ -5,8 +5,7 @@ The model is the multi-body car (29 states) of PyPI's `commonroad-vehicle-models
 that car, `plant` has the interface of `codegen.sil.plant.Plant`, `run` closes the loop around it. See docs/second-plant.md.
 """
 
-from hil_sim.second_plant.car import car_of
-from hil_sim.second_plant.package import published
+from hil_sim.second_plant.package import car_of, published
 from hil_sim.second_plant.plant import MultiBodyPlant
 from hil_sim.second_plant.run import Cell, cells, run
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
+from codegen import configuration
+from codegen.configuration import Config
 from codegen.errors import CodegenError
 
 PUBLISHED = {1: "Ford Escort", 2: "BMW 320i", 3: "VW Vanagon"}
@@ -39,3 +41,68 @@ def published(number: int = DEFAULT_CAR) -> Any:
         known = ", ".join(f"{key} ({name})" for key, name in PUBLISHED.items())
         raise CodegenError(f"there is no multi-body car {number}", where="commonroad-vehicle-models", remedy=f"known: {known}")
     return module("vehicle_parameters").setup_vehicle_parameters(vehicle_id=number)
+
+
+GRAVITY = 9.81
+"""m/s^2, as the multi-body model has it."""
+
+SLIP_STEP = 1e-4
+"""rad: half of the step over which the tyre's slope at zero slip is taken. Its error goes with the square, (B step)^2 / 3."""
+
+
+def static_loads(parameters: Any) -> tuple[float, float]:
+    """Load of one front and of one rear wheel at rest, N: its share of the body, and its share of the axle's own mass."""
+    wheelbase = parameters.a + parameters.b
+    body = parameters.m_s * GRAVITY / wheelbase
+    return (
+        0.5 * (body * parameters.b + parameters.m_uf * GRAVITY),
+        0.5 * (body * parameters.a + parameters.m_ur * GRAVITY),
+    )
+
+
+def cornering_stiffness(parameters: Any, load: float) -> float:
+    """Slope of the car's own tyre function at zero slip, upright, N/rad for one wheel at a load (N)."""
+    lateral = module("utils.tire_model").formula_lateral
+    left, right = (lateral(slip, 0.0, load, parameters.tire)[0] for slip in (-SLIP_STEP, SLIP_STEP))
+    return float(left - right) / (2.0 * SLIP_STEP)
+
+
+def front_roll_share(parameters: Any) -> float:
+    """Share of the front axle in the roll stiffness: springs, K T^2 / 2 an axle, and the auxiliary stiffness of the data."""
+    front = 0.5 * parameters.K_sf * parameters.T_f**2 - parameters.K_tsf
+    rear = 0.5 * parameters.K_sr * parameters.T_r**2 - parameters.K_tsr
+    return float(front / (front + rear))
+
+
+def car_of(parameters: Any, base: Config | None = None) -> Config:
+    """The configuration of a multi-body car: its vehicle, tyres and road; everything else as in `base` (the defaults).
+
+    Mass, inertia, heights and arms are the data's, the track is the mean of both axles. The tyre formula has the form of
+    ours, so C, E and the peak friction are its own; the stiffness is its slope at the static load of each axle.
+
+    Raises:
+        CodegenError: the package is missing.
+        ConfigError: the data are of no car that our tool chain takes.
+    """
+    tyre = parameters.tire
+    front, rear = (
+        {
+            "cornering_stiffness_n_per_rad": cornering_stiffness(parameters, load),
+            "shape_factor_c": tyre.p_cy1,
+            "curvature_factor_e": tyre.p_ey1,
+        }
+        for load in static_loads(parameters)
+    )
+    data = (Config() if base is None else base).model_dump(mode="json")
+    data["vehicle"] = {
+        "mass_kg": parameters.m,
+        "yaw_inertia_kg_m2": parameters.I_z,
+        "cg_height_m": parameters.h_cg,
+        "track_m": 0.5 * (parameters.T_f + parameters.T_r),
+        "cg_to_front_axle_m": parameters.a,
+        "cg_to_rear_axle_m": parameters.b,
+        "front_roll_share": front_roll_share(parameters),
+    }
+    data["tyre"] = {"front": front, "rear": rear}
+    data["road"] = {"friction": tyre.p_dy1, "gravity_m_s2": GRAVITY}
+    return configuration.parse(data, "commonroad-vehicle-models")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import types
 from collections.abc import Iterable
 from typing import Any
 
@@ -10,7 +11,167 @@ from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.sil.plant import PlantInput, PlantSample
 from hil_sim.second_plant import package
-from hil_sim.second_plant.rear_steer import FORWARD_SPEED, ROLL, SIDE_SPEED, YAW_RATE, RearSteeredCar
+
+FUNCTIONS, WHEELS = 4, 4
+FIRST_REAR = 2
+
+FORWARD_SPEED, YAW_RATE, ROLL, PITCH, SIDE_SPEED, HEIGHT = 3, 5, 6, 8, 10, 11
+FRONT_HEIGHT, REAR_HEIGHT = 16, 21
+REAR_SPIN = (25, 26)
+"""Places in the state vector, numbered from 0."""
+
+
+class SteeredTyres:
+    """The tyre functions as the right-hand side calls them, with the rear wheels turned and the friction of the road scaled.
+
+    The names are the third party's. Friction scales the forces of every wheel and leaves the slip at which they peak, as our
+    own plant has it.
+    """
+
+    def __init__(self, tyres: Any) -> None:
+        self._tyres = tyres
+        self.prepare(0.0, (1.0, 1.0), 0.0, 1.0)
+
+    def prepare(self, rear_angle: float, rear_speeds: tuple[float, float], rear_side_speed: float, friction: float) -> None:
+        """Set up one call of the right-hand side.
+
+        Args:
+            rear_angle: rad.
+            rear_speeds: m/s forward at the left and the right rear wheel.
+            rear_side_speed: m/s sideways at the rear axle.
+            friction: of the road over that of the tyre data.
+        """
+        self._angle, self._friction = rear_angle, friction
+        self._cos, self._sin = math.cos(rear_angle), math.sin(rear_angle)
+        # 1 - slip is R omega over the speed along the wheel. The change is zero, exactly, for wheels straight ahead.
+        self._slip_change = tuple(
+            1.0 - speed / (speed * self._cos + rear_side_speed * self._sin) if rear_angle else 0.0 for speed in rear_speeds
+        )
+        self._pure_lateral: list[tuple[float, float, float, float]] = []
+        self._across: list[float] = []
+        self.spin_excess: list[float] = []
+        """N, for each rear wheel: force along the wheel less force along the car."""
+        self.calls = [0] * FUNCTIONS
+
+    def _wheel(self, function: int) -> int:
+        wheel = self.calls[function]
+        self.calls[function] = wheel + 1
+        return wheel
+
+    def _turned(self, slip: float, wheel: int) -> float:
+        return slip + (1.0 - slip) * self._slip_change[wheel - FIRST_REAR]
+
+    def formula_longitudinal(self, slip: float, camber: float, load: float, tyre: Any) -> float:
+        """Pure longitudinal slip, N in the wheel's axes: it goes into `formula_longitudinal_comb` only."""
+        wheel = self._wheel(0)
+        if wheel >= FIRST_REAR:
+            slip = self._turned(slip, wheel)
+        force: float = self._tyres.formula_longitudinal(slip, camber, load, tyre)
+        return force
+
+    def formula_lateral(self, slip_angle: float, camber: float, load: float, tyre: Any) -> tuple[float, float]:
+        """Pure lateral slip, N in the wheel's axes, and its friction: both go into `formula_lateral_comb` only."""
+        wheel = self._wheel(1)
+        if wheel >= FIRST_REAR:
+            slip_angle -= self._angle
+        force, friction = self._tyres.formula_lateral(slip_angle, camber, load, tyre)
+        if wheel >= FIRST_REAR:
+            self._pure_lateral.append((camber, friction, load, force))
+        return force, friction
+
+    def formula_longitudinal_comb(self, slip: float, slip_angle: float, pure: float, tyre: Any) -> float:
+        """Force along the car, N; for a rear wheel its force across the car is worked out as well and kept."""
+        wheel = self._wheel(2)
+        if wheel < FIRST_REAR:
+            return self._friction * float(self._tyres.formula_longitudinal_comb(slip, slip_angle, pure, tyre))
+        slip, slip_angle = self._turned(slip, wheel), slip_angle - self._angle
+        lateral = self._pure_lateral[wheel - FIRST_REAR]
+        along = self._friction * self._tyres.formula_longitudinal_comb(slip, slip_angle, pure, tyre)
+        across = self._friction * self._tyres.formula_lateral_comb(slip, slip_angle, *lateral, tyre)
+        along_car: float = along * self._cos - across * self._sin
+        self._across.append(across * self._cos + along * self._sin)
+        self.spin_excess.append(along - along_car)
+        return along_car
+
+    def formula_lateral_comb(
+        self, slip: float, slip_angle: float, camber: float, friction: float, load: float, pure: float, tyre: Any
+    ) -> float:
+        """Force across the car, N."""
+        wheel = self._wheel(3)
+        if wheel >= FIRST_REAR:
+            return self._across[wheel - FIRST_REAR]
+        return self._friction * float(self._tyres.formula_lateral_comb(slip, slip_angle, camber, friction, load, pure, tyre))
+
+
+class RearSteeredCar:
+    """The right-hand side of the multi-body car with two more inputs: the rear angle and the friction of the road.
+
+    Args:
+        parameters: a parameter set of the package; see `package.published`.
+
+    Raises:
+        CodegenError: the package is missing, or is not the one that this was written for.
+    """
+
+    def __init__(self, parameters: Any) -> None:
+        original = package.module("vehicle_dynamics_mb").vehicle_dynamics_mb
+        self.parameters = parameters
+        self._tyres = SteeredTyres(package.module("utils.tire_model"))
+        namespace = {**original.__globals__, "tireModel": self._tyres}
+        self._right_hand_side = types.FunctionType(original.__code__, namespace, original.__name__)
+        self.derivative(self.straight_ahead(10.0), 0.0, 0.0)  # refuses an unknown release here, not in the middle of a run
+
+    def straight_ahead(self, speed: float) -> list[float]:
+        """The state (29) of the car rolling straight ahead at a speed (m/s), at rest on its springs.
+
+        It is the package's own initial state but for height and pitch of the body, which stands off its springs there by the
+        static deflection of the tyres and would bounce for the first second.
+        """
+        car = self.parameters
+        start = package.module("init_mb").init_mb([0.0, 0.0, 0.0, speed, 0.0, 0.0, 0.0], car)
+        state = [float(value) for value in start]
+        front, rear = state[FRONT_HEIGHT], state[REAR_HEIGHT]
+        state[PITCH] = (rear - front) / (car.a + car.b)
+        state[HEIGHT] = front + car.a * state[PITCH]
+        return state
+
+    def derivative(
+        self,
+        state: list[float],
+        steering_rate: float,
+        acceleration: float,
+        rear_angle: float = 0.0,
+        friction: float = 1.0,
+        yaw_moment: float = 0.0,
+    ) -> list[float]:
+        """Time derivative (29) of a state (29).
+
+        Args:
+            state: the package's; not changed.
+            steering_rate: rad/s at the front wheels. acceleration: m/s^2, wanted of engine and brakes.
+            rear_angle: rad. friction: of the road over that of the tyre data. yaw_moment: N m, from outside.
+
+        Raises:
+            ArithmeticError, ValueError: the model has no value there, as with a wheel that rolls backwards.
+            CodegenError: the package is not the one that this was written for.
+        """
+        car, spin = self.parameters, 0.5 * self.parameters.T_r * state[YAW_RATE]
+        forward = state[FORWARD_SPEED]
+        side_speed = state[SIDE_SPEED] - car.b * state[YAW_RATE]
+        self._tyres.prepare(rear_angle, (forward + spin, forward - spin), side_speed, friction)
+        rates: list[float] = self._right_hand_side(list(state), (steering_rate, acceleration), car)
+        if self._tyres.calls != [WHEELS] * FUNCTIONS:
+            raise CodegenError(
+                "the multi-body car does not call its tyre functions once a wheel; this release is not known",
+                where="commonroad-vehicle-models",
+                remedy='pip install "ars-codegen[crosscheck]"',
+            )
+        for place, excess in zip(REAR_SPIN, self._tyres.spin_excess, strict=True):
+            if state[place] >= 0.0:  # the package holds a wheel that would turn backwards
+                rates[place] -= car.R_w / car.I_y_w * excess
+        rates[YAW_RATE] += yaw_moment / car.I_z
+        return rates
+
 
 SPEED_GAIN = 10.0
 """1/s: acceleration wanted of engine and brakes for each m/s that the car is too slow."""

@@ -1,7 +1,7 @@
 """A third car to check against: the configured one with what the two-track plant and the controller's design leave out.
 
 `car` adds roll, tyres that differ between the axles, with relaxation lengths, and a rear actuator of second order with
-backlash; `measuring` sensors with noise, bias and jitter; `run` closes the loop. See docs/second-plant.md.
+backlash; `run` adds sensors with noise, bias and jitter and closes the loop. See docs/second-plant.md.
 """
 
 from hil_sim.third_plant.car import DEFAULT, NONE, Differences, RollPlant

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
 import numpy as np
 import numpy.typing as npt
 
@@ -11,8 +15,51 @@ from codegen.sil.software import Software
 from hil_sim.runs import refuse_bus
 from hil_sim.scenarios import Scenario
 from hil_sim.second_plant.run import drive
+from hil_sim.sensors import SensorModel
 from hil_sim.third_plant.car import DEFAULT, Differences, RollPlant
-from hil_sim.third_plant.measuring import Errors, Sensors
+
+BIASES: Mapping[str, float] = {
+    "front_angle": math.radians(0.05),
+    "yaw_rate": math.radians(0.25),
+    "rear_angle": math.radians(0.05),
+}
+"""rad and rad/s, added to every sample."""
+SPEED_FACTOR = 1.005
+"""Measured over true speed: a tyre worn by 2 mm."""
+JITTER_STEPS = 2
+"""Plant steps by which a sample may be older than the controller takes it for; all ages are as frequent."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of the sensors beside noise, resolution and delay, which are the configuration's."""
+
+    biases: Mapping[str, float] = field(default_factory=lambda: dict(BIASES))
+    speed_factor: float = SPEED_FACTOR
+    jitter_steps: int = JITTER_STEPS
+
+
+class Sensors:
+    """The sensors of one run; the same seed gives the same run."""
+
+    def __init__(self, config: Config, errors: Errors, seed: int) -> None:
+        self._errors, self._model = errors, SensorModel(config.sensors, seed)
+        self._random = np.random.default_rng((seed, 1))
+        self._gravity = config.road.gravity_m_s2
+
+    def measure(self, plant: RollPlant, lateral_acceleration: float) -> dict[str, float]:
+        """Return the fields of a measurement without the friction, as measured; once a sample.
+
+        The rear angle is that of the actuator's motor: no sensor sees the play behind it. The accelerometer rolls
+        with the body.
+        """
+        age = min(int(self._random.integers(self._errors.jitter_steps + 1)), len(plant.seen) - 1)
+        true = dict(zip(("front_angle", "yaw_rate", "rear_angle"), plant.seen[-1 - age], strict=True))
+        biased = {name: value + self._errors.biases.get(name, 0.0) for name, value in true.items()}
+        biased["speed"] = self._errors.speed_factor * plant.speed
+        biased["lateral_acceleration"] = lateral_acceleration + self._gravity * math.sin(plant.roll)
+        return {name: self._model.measure(name, value) for name, value in biased.items()}
+
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from codegen.emit.reference_model_view import SIDESLIP_MAX, tabulate
 from codegen.errors import BuildError
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
-from codegen.verify.law.reference_model import SecondReferenceModel, TableCurve
+from codegen.verify.law.tracking import SecondReferenceModel, TableCurve
 from hil_sim.suite.random_cars import DEVELOPMENT_SEED, random_cars
 from tests import builds
 

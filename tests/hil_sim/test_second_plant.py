@@ -23,7 +23,7 @@ from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.metrics import column, spin_time
 from hil_sim.second_plant import MultiBodyPlant, car_of, cells, package, published, run
-from hil_sim.second_plant.rear_steer import ROLL, RearSteeredCar
+from hil_sim.second_plant.plant import ROLL, RearSteeredCar
 from tests import builds
 
 

@@ -17,7 +17,7 @@ from hil_sim.metrics import column
 from hil_sim.scenarios import find
 from hil_sim.suite.plants import changed
 from hil_sim.third_plant import DEFAULT, NONE, RollPlant
-from hil_sim.third_plant.measuring import BIASES, SPEED_FACTOR, Errors, Sensors
+from hil_sim.third_plant.run import BIASES, SPEED_FACTOR, Errors, Sensors
 from tests import builds
 
 CONFIG = builds.CONFIG

@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.sil.software import Measurement, Status
-from codegen.verify.law.course import drive
+from codegen.verify.law.drive_cycle import drive
 from codegen.verify.law.limiter import SecondLimiter
-from codegen.verify.law.reference_model import SecondReferenceModel
+from codegen.verify.law.tracking import SecondReferenceModel
 from tests.builds import Built
 from tests.sil import checks_limiter
 from tests.sil.checks_kinds import OPEN, config_of, model_of, open_limiter, parameters_of

@@ -9,7 +9,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.tyre import AxleTyres
-from codegen.verify.law.reference_model import SIDESLIP_MAX, SecondReferenceModel, TableCurve
+from codegen.verify.law.tracking import SIDESLIP_MAX, SecondReferenceModel, TableCurve
 from tests.sil.checks_lookup import RealArray, any_numbers, special_values
 from tests.sil.units import Units
 

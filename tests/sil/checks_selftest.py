@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.sil.cdef import derive_cdef, parsed_ffi
+from codegen.sil.compile import derive_cdef, parsed_ffi
 from tests.sil.case import Case
 from tests.sil.library import Compiler
 

@@ -10,8 +10,7 @@ from codegen.configuration import Config
 from codegen.emit.folder import Folder
 from codegen.emit.text import c_type
 from codegen.errors import BuildError
-from codegen.sil.cdef import derive_cdef, parsed_ffi
-from codegen.sil.compile import Library
+from codegen.sil.compile import Library, derive_cdef, parsed_ffi
 from codegen.sil.software import bench_sources
 from tests.sil.checks_calibration import WRITABLE
 from tests.sil.probe import DECLARATIONS, DEFINITIONS

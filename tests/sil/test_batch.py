@@ -18,8 +18,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config, Kind, parse
 from codegen.errors import BuildError
 from codegen.sil import batch, vector
-from codegen.sil.batch import BatchSoftware, Isa, Lanes, compile_batch, load_batch
-from codegen.sil.batch_sources import LANES
+from codegen.sil.batch import LANES, BatchSoftware, Isa, Lanes, compile_batch, load_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, compile_build

@@ -9,7 +9,7 @@ from codegen.emit.can_view import DIAGNOSTICS
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Status
 from codegen.verify import traffic
-from codegen.verify.drives import DELAY_SAMPLES, Ground, drawn, measurements_of, recorded
+from codegen.verify.drives import DELAY_SAMPLES, Thresholds, drawn, measurements_of, recorded
 from codegen.verify.pil.batches import Program, Rows, program_of, rows_of_cycles
 from codegen.verify.pil.runners import OnHost
 from codegen.verify.pil.stimuli import Source
@@ -37,7 +37,7 @@ def column(batch: str, rows: Rows, name: str) -> Rows:
 def test_random_steps_reach_every_status_and_every_kind_of_number() -> None:
     """The tour at their start alone reaches every status, and recovers from both ways into the fail-safe."""
     batch = program().batches["controller"]
-    rows = Source(Ground.of(TRACKING.manifest), np.uint32, np.random.default_rng(0)).steps(batch, 4_000)
+    rows = Source(Thresholds.of(TRACKING.manifest), np.uint32, np.random.default_rng(0)).steps(batch, 4_000)
     for place in range(1, 8):
         numbers = rows[:, place].view(np.float32)
         assert np.isinf(numbers).any()
@@ -89,9 +89,9 @@ def test_a_recording_holds_the_controller_s_measurements() -> None:
 
 
 def test_drawn_samples_cover_the_map() -> None:
-    ground = Ground.of(TRACKING.manifest)
-    inputs = ground.config.controller.inputs
-    without_gaps = drawn(ground, 4_000)[0]
+    thresholds = Thresholds.of(TRACKING.manifest)
+    inputs = thresholds.config.controller.inputs
+    without_gaps = drawn(thresholds, 4_000)[0]
     speed, front_angle, _, rear_angle, friction, lateral_acceleration, inhibit = without_gaps.T
     speed_max = inputs.speed_max_km_h / 3.6
     assert np.histogram(speed, bins=10, range=(0.0, speed_max))[0].min() > 0
@@ -99,14 +99,14 @@ def test_drawn_samples_cover_the_map() -> None:
     assert np.abs(front_angle).max() <= np.float32(math.radians(inputs.front_angle_max_deg))
     assert all(0.1 < np.isnan(optional).mean() < 0.9 for optional in (rear_angle, friction, lateral_acceleration))
     assert set(inhibit.tolist()) == {0.0, 1.0}
-    for values, corners in ((speed, ground.speed), (np.abs(front_angle), ground.front_angle)):
+    for values, corners in ((speed, thresholds.speed), (np.abs(front_angle), thresholds.front_angle)):
         inside = corners[corners < 0.99 * corners.max()].astype(np.float32)  # in the precision of the C
         assert np.isin(inside, values).mean() > 0.9
 
 
 def test_drawn_drives_reach_every_cell_of_the_schedule() -> None:
     """`test_law` covers the statuses that they reach."""
-    speeds = np.concatenate([drive[:, 0] for drive in drawn(Ground.of(TRACKING.manifest), 1_500)])
+    speeds = np.concatenate([drive[:, 0] for drive in drawn(Thresholds.of(TRACKING.manifest), 1_500)])
     breakpoints = np.array(builds.SCHEDULE["speed_km_h"], dtype=np.float32) / np.float32(3.6)
     cells = np.searchsorted(breakpoints, speeds[np.isfinite(speeds)])
     assert set(range(len(breakpoints))) <= set(cells.tolist())

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from codegen.verify.budgets import check as budgets
-from codegen.verify.budgets.taken import CYCLE
+from codegen.verify.budgets.usage import CYCLE
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from tests.verify import builds, planted
 
@@ -29,9 +29,9 @@ def few_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     """Count so few calls that only a fault in every call is found."""
     for name, value in {"QUICK_SAMPLES": 40, "QUICK_ROUNDS": 1, "USUAL_SAMPLES": 10, "SAMPLES": 100}.items():
         monkeypatch.setattr(f"codegen.verify.budgets.measure.{name}", value)
-    monkeypatch.setattr("codegen.verify.budgets.states.long_ways", lambda ground: ())
-    monkeypatch.setattr("codegen.verify.budgets.states.long_ways_of_task", lambda ground: ())
-    monkeypatch.setattr("codegen.verify.budgets.states.PREFIX_MAX", 5)
+    monkeypatch.setattr("codegen.verify.budgets.workloads.long_histories", lambda thresholds: ())
+    monkeypatch.setattr("codegen.verify.budgets.workloads.long_task_histories", lambda thresholds: ())
+    monkeypatch.setattr("codegen.verify.budgets.workloads.PREFIX_MAX", 5)
 
 
 @functools.cache

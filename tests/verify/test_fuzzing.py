@@ -6,7 +6,7 @@ import pytest
 
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.fuzzing import check as fuzzing
-from codegen.verify.fuzzing import harness as fuzz_harness
+from codegen.verify.fuzzing.check import Name
 from codegen.verify.packages import MissingTool
 from tests.verify import builds, planted
 
@@ -47,9 +47,7 @@ FAR = (
     ],
     ids=["a property", "an address"],
 )
-def test_a_fault_is_found(
-    monkeypatch: pytest.MonkeyPatch, name: fuzz_harness.Name, function: str, body: str, finding: str
-) -> None:
+def test_a_fault_is_found(monkeypatch: pytest.MonkeyPatch, name: Name, function: str, body: str, finding: str) -> None:
     monkeypatch.setattr(fuzzing, "HARNESSES", (name,))
     outcome = checked(planted.wrapped(TRACKING, f"ars_{function}", body))
     assert outcome.verdict is Verdict.FAILED

@@ -15,7 +15,7 @@ PI = builds.made("pi", "uneven")
 @pytest.fixture
 def few_drives(monkeypatch: pytest.MonkeyPatch) -> None:
     """Simulate few drives, and skip the slow search for endless loops."""
-    monkeypatch.setattr(law, "SIZE_QUICK", law.Size(drive=60, course=300, sets=3, cycles=200))
+    monkeypatch.setattr(law, "SIZE_QUICK", law.Size(drive=60, drive_cycle=300, sets=3, cycles=200))
     monkeypatch.setattr("codegen.verify.on_host.complaints", lambda files, manifest: ())
 
 
@@ -44,7 +44,7 @@ def test_a_wrong_command_default_and_frame_are_found(monkeypatch: pytest.MonkeyP
     names = [each.partition(", sample")[0] for each in others if ", sample " in each]
     assert len(set(names)) == len(names)
     assert any(name.startswith("parameter set ") for name in names)
-    monkeypatch.setattr(law.suites, "drives", lambda ground, samples: ())
+    monkeypatch.setattr(law.suites, "drives", lambda thresholds, samples: ())
     old, new = ".inhibit = self->conditions.inhibit", ".inhibit = false"
     found = checked(Subject("planted", builds.with_text(PI, "src/ars_task.c", old, new), PI.manifest))
     assert found.verdict is Verdict.FAILED

@@ -7,18 +7,16 @@ import pytest
 
 from codegen.emit.can_view import task_view
 from codegen.sil.software import Status
-from codegen.verify.budgets import states
 from codegen.verify.budgets.counting import CONDITIONS, MOTION, TASK, Counter, Rows
-from codegen.verify.budgets.states import histories, long_ways, long_ways_of_task
-from codegen.verify.budgets.workloads import Fault, events_of
+from codegen.verify.budgets.workloads import Fault, events_of, flooded, histories, long_histories, long_task_histories
 from codegen.verify.budgets.worst import Figures, Search
-from codegen.verify.drives import Ground, measurements_of
+from codegen.verify.drives import Thresholds, measurements_of
 from hil_sim.e2e import E2eStatus, Receiver
 from tests.verify import builds, planted
 
 MOTION_ID = 0x101
 PI = builds.made("pi", "uneven")
-GROUND = Ground.of(PI.manifest)
+THRESHOLDS = Thresholds.of(PI.manifest)
 
 
 @functools.cache
@@ -33,7 +31,7 @@ def cycles(*faults: Fault) -> Rows:
 
 def statuses(rows: Rows) -> list[list[E2eStatus]]:
     """Return an independent receiver's status of the motion frames, cycle by cycle."""
-    found, receiver = events_of(rows, counter()), Receiver(GROUND.config.can.e2e)
+    found, receiver = events_of(rows, counter()), Receiver(THRESHOLDS.config.can.e2e)
     seen: list[list[E2eStatus]] = [[] for _ in rows]
     for event, row in zip(found.events, found.row, strict=True):
         if event["kind"] == MOTION and event["length"] == 8:
@@ -74,15 +72,15 @@ def test_calls_that_are_not_counted_leave_their_state() -> None:
 
 
 def test_long_histories_reach_their_limits() -> None:
-    fail_safe = GROUND.config.controller.fail_safe
-    ways = long_ways(GROUND)
+    fail_safe = THRESHOLDS.config.controller.fail_safe
+    ways = long_histories(THRESHOLDS)
     assert any(len(way.before) == 1 + fail_safe.degraded_samples_max + 2 + fail_safe.recovery_samples - 1 for way in ways)
-    of_task = long_ways_of_task(GROUND)
+    of_task = long_task_histories(THRESHOLDS)
     seen = statuses(np.concatenate([of_task[-1].before, of_task[-1].then]))  # a silence, then frames
     after = len(of_task[-1].then)
-    assert seen[:-after].count([E2eStatus.NO_NEW_DATA]) > GROUND.config.can.e2e.max_no_new_or_repeated_data
+    assert seen[:-after].count([E2eStatus.NO_NEW_DATA]) > THRESHOLDS.config.can.e2e.max_no_new_or_repeated_data
     assert [E2eStatus.SYNC] in seen[-after:]
-    kinds = states.flooded()["kind"].tolist()  # more frames than the counter of a cycle holds
+    kinds = flooded()["kind"].tolist()  # more frames than the counter of a cycle holds
     assert kinds.count(MOTION) == kinds.count(CONDITIONS) > 2**8
 
 
@@ -90,7 +88,7 @@ def test_each_history_leads_to_another_state() -> None:
     good = np.array([[15.0, 0.02, 0.1, np.nan, np.nan, np.nan, 0.0, 0.0]], dtype=np.float32)
     runs = [
         builds.compiled("pi").controller().run(measurements_of(np.concatenate([history, good])[:, :7]))
-        for history in histories(GROUND)
+        for history in histories(THRESHOLDS)
     ]
     expected = [Status.STANDBY, Status.TRACKING, *3 * [Status.DEGRADED], Status.FAIL_SAFE]
     assert [commands[-2].status for commands in runs] == expected

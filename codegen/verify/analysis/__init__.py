@@ -1,1 +1,1 @@
-"""Check 2: what static analysers find, held against the build's deviations."""
+"""Check 2: compare the findings of static analysers with the deviations of a build."""

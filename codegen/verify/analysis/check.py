@@ -1,4 +1,4 @@
-"""What static analysers find in the C, held against the build's own `deviations.md`: no line more, no line less."""
+"""Compare the findings of static analysers with the `deviations.md` of a build: every finding is listed, and nothing else."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ LIMITS = (
 )
 
 GCC_PREFIX = "-W"
-"""Of gcc's names for what it finds."""
+"""Prefix of gcc's rule names."""
 
 SIGNIFICANT = 31
-"""Characters of an external name that a C99 linker must tell apart (ISO/IEC 9899:1999, 5.2.4.1)."""
+"""Significant characters of an external name in C99 (ISO/IEC 9899:1999, 5.2.4.1)."""
 
 
 Rows = list[tuple[int, Deviation]]
@@ -46,7 +46,7 @@ Rows = list[tuple[int, Deviation]]
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Check 2.
+    """Run check 2 on a build.
 
     Raises:
         MissingTool: cppcheck is not installed, or does not work.
@@ -107,7 +107,7 @@ def _not_compiled(error: BuildError) -> Finding:
 
 
 def _row_faults(rows: Rows) -> Iterator[str]:
-    """Rows that no finding could justify."""
+    """Yield the faults of rows that no finding could justify."""
     known: dict[tuple[str, int, str], int] = {}
     for number, row in rows:
         place = f"{FILE}:{number}: rule {row.rule}"
@@ -123,9 +123,9 @@ def _row_faults(rows: Rows) -> Iterator[str]:
 
 
 def _differences(subject: Subject, rows: Rows, found: Sequence[Finding], with_gcc: bool) -> Iterator[str]:
-    """Findings without a row, and rows without a finding.
+    """Yield findings without a row, and rows without a finding.
 
-    A row stands for a line by its text: where lines were added to a file, those below have moved and are still the same.
+    A row matches a line by its text, so lines that only moved still match.
     """
     texts = {
         path: content.decode("ascii", "replace").split("\n")
@@ -153,7 +153,7 @@ def _code(texts: dict[str, list[str]], finding: Finding) -> str:
 
 
 def _more_limits(subject: Subject, left: Sequence[str]) -> Iterator[str]:
-    """What else this build leaves open."""
+    """Yield the limits that are specific to this build."""
     if left:
         yield f"gcc did not follow every path of {', '.join(left)} to its end."
     names = {each.name for unit in units(subject.files) for each in unit.functions if not each.static}
@@ -161,7 +161,7 @@ def _more_limits(subject: Subject, left: Sequence[str]) -> Iterator[str]:
     if alike:
         yield (
             f"With the prefix {subject.prefix}, only some external names differ in their first {SIGNIFICANT} characters, which "
-            "rule 5.1 asks for and the addon does not see: look whether the linker keeps more of them."
+            "rule 5.1 requires and the addon does not check: check that the linker keeps more of them."
         )
 
 

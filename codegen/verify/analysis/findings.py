@@ -1,4 +1,4 @@
-"""What static analysers find, in one shape."""
+"""Findings of static analysers in a common form."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ class Finding:
     """One finding of a tool.
 
     Attributes:
-        file, line: where; line 0 stands for the whole file.
+        file, line: location; line 0 is the whole file.
         rule: number of a MISRA rule, or the tool's own name for what it finds.
-        text: what the tool says.
+        text: message of the tool.
     """
 
     file: str
@@ -23,12 +23,12 @@ class Finding:
     text: str
 
     def __str__(self) -> str:
-        """In one line."""
+        """Format as one line."""
         return f"{self.file}:{self.line}: {self.text} [{self.rule}]"
 
 
 def once(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """The first of each file, line and rule, sorted."""
+    """Return the first finding of each file, line and rule, sorted."""
     first: dict[tuple[str, int, str], Finding] = {}
     for finding in sorted(findings):
         first.setdefault((finding.file, finding.line, finding.rule), finding)
@@ -36,5 +36,5 @@ def once(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def plain(path: str) -> str:
-    """A path as the tools write it, as the build names it."""
+    """Convert a path from a tool's notation to the build's."""
     return re.sub(r"^(?:\./)+", "", path.replace("\\", "/"))

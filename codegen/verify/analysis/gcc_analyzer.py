@@ -1,6 +1,8 @@
-"""gcc's -fanalyzer over single units, at the optimisation that is shipped.
+"""Run gcc -fanalyzer on single units at the optimisation level of a release.
 
-As with cppcheck, a unit with a fault goes first: where it is not found, this gcc does not analyse.
+A unit with a planted fault is analysed first. If gcc misses it, this gcc does not support the analysis.
+
+As with cppcheck, a unit with a fault goes first: where it is not found, this gcc does not support -fanalyzer.
 """
 
 from __future__ import annotations
@@ -17,9 +19,9 @@ from codegen.verify.packages import MissingTool
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fanalyzer", "-Wanalyzer-too-complex", "-fdiagnostics-plain-output")
 DEEP = ("--param", "analyzer-bb-explosion-factor=100", "--param", "analyzer-max-enodes-per-program-point=400")
-"""Far beyond gcc's own limits, so that every path is followed to its end."""
+"""Limits far above gcc's defaults, so that every path is followed to its end."""
 LEFT = "-Wanalyzer-too-complex"
-"""What gcc says where it leaves a path. Not a finding."""
+"""Warning for a path that gcc gave up; not a finding."""
 
 CANARY = "analyzer_canary.c"
 CANARY_TEXT = """int analyzer_canary(int count);
@@ -41,11 +43,11 @@ _WARNING = re.compile(
 
 @dataclass(frozen=True)
 class Analysis:
-    """What gcc found.
+    """Result of an analysis.
 
     Attributes:
-        findings: once each.
-        left: sources in which it did not follow every path to its end.
+        findings: without duplicates.
+        left: sources in which gcc did not follow every path to its end.
     """
 
     findings: tuple[Finding, ...]
@@ -53,29 +55,29 @@ class Analysis:
 
 
 def analyse(program: str, units: Mapping[str, Sequence[str]], tree: Path) -> Analysis:
-    """Analyse each of the units.
+    """Analyse units one by one.
 
     Args:
         program: gcc.
-        units: paths below `tree`, which also gets the unit with a fault, and the flags of each beyond FLAGS.
+        units: path below `tree` -> flags in addition to FLAGS. The unit with the planted fault is written to `tree` too.
 
     Raises:
-        MissingTool: this gcc does not analyse.
+        MissingTool: this gcc does not support -fanalyzer.
         BuildError: a unit does not compile.
     """
     (tree / CANARY).write_text(CANARY_TEXT, encoding="ascii")
     try:
-        planted = _told(program, CANARY, (), tree)
+        planted = _run_gcc(program, CANARY, (), tree)
     except BuildError:  # too old to know the flags
         planted = []
     if CANARY_FAULT not in {finding.rule for finding in planted}:
         raise MissingTool("it does not find what was planted for it", where="gcc -fanalyzer", remedy="take a newer gcc")
-    told = {unit: _told(program, unit, flags, tree) for unit, flags in units.items()}
-    left = tuple(unit for unit in units if any(finding.rule == LEFT for finding in told[unit]))
-    return Analysis(once(finding for unit in units for finding in told[unit] if finding.rule != LEFT), left)
+    reported = {unit: _run_gcc(program, unit, flags, tree) for unit, flags in units.items()}
+    left = tuple(unit for unit in units if any(finding.rule == LEFT for finding in reported[unit]))
+    return Analysis(once(finding for unit in units for finding in reported[unit] if finding.rule != LEFT), left)
 
 
-def _told(program: str, unit: str, flags: Sequence[str], tree: Path) -> list[Finding]:
+def _run_gcc(program: str, unit: str, flags: Sequence[str], tree: Path) -> list[Finding]:
     result = run([program, *FLAGS, *flags, "-Iinclude", "-c", unit, "-o", f"../{Path(unit).name}.o"], tree)
     require_success(result, unit)
     return [

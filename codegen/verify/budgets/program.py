@@ -1,4 +1,7 @@
-"""What a linked image holds: its functions, their instructions and basic blocks, whom they call, and the stack that each takes.
+"""Functions of a linked image: instructions, basic blocks, callees and stack.
+
+All of it is read from the image, so it describes the code that runs, after inlining. The mapping symbols `$t` and `$d` (ELF
+for the Arm Architecture, IHI 0044, section 5.5.5) separate code from the constants between it.
 
 Read from the image itself, so that it is the code that runs, after every inlining. Code and the constants between it are told
 apart by the mapping symbols `$t` and `$d` (ELF for the Arm Architecture, IHI 0044, section 5.5.5).
@@ -18,16 +21,16 @@ from codegen.verify.budgets.cycles import Flow, Instruction, decode
 from codegen.verify.packages import module
 
 STACK_FLAG = "-fstack-size-section"
-"""Makes clang write what each function takes of the stack, which is what -fstack-usage tells, into the object."""
+"""Flag that makes clang write the stack use of each function (as of -fstack-usage) into the object."""
 
 STACK_SECTION = ".stack_sizes"
 
 Mark = tuple[int, bool, str]
-"""From which address on there is code, or constants, and of which source file."""
+"""Start of a range of code or constants, and its source file."""
 
 
 class NoBound(BuildError):
-    """The stack of a function has no bound that can be told."""
+    """The stack of a function has no known bound."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +39,10 @@ class Routine:
 
     Attributes:
         name: as in C.
-        unit: the source file that it comes from, without its folder.
-        start, end: its addresses, constants among its code included.
-        instructions: in the order of their addresses.
-        stack: bytes of its own, or None where the compiler did not tell.
+        unit: source file without its folder.
+        start, end: addresses, including constants between its code.
+        instructions: in address order.
+        stack: own bytes; None if unknown.
     """
 
     name: str
@@ -58,10 +61,10 @@ class Routine:
         return frozenset(target for target in called | outside if target is not None)
 
     def blocks(self, entered: Iterable[int] = ()) -> tuple[tuple[Instruction, ...], ...]:
-        """Its basic blocks; a call does not end one. Padding, which nothing reaches, is left out.
+        """Return the basic blocks. A call does not end one; unreachable padding is omitted.
 
         Args:
-            entered: addresses that were jumped to: a block begins there too, which no instruction names where a table does.
+            entered: addresses that were jumped to. They start a block too; targets of a jump table are named by no instruction.
         """
         leaders = {address for address in entered if self.start <= address < self.end}
         for each in self.instructions:
@@ -79,7 +82,7 @@ class Routine:
 
 @dataclass(frozen=True)
 class Depth:
-    """The most stack that a call can take.
+    """Return the largest stack depth of a call.
 
     Attributes:
         bytes: of the function and of the deepest chain of those that it calls.
@@ -91,7 +94,7 @@ class Depth:
 
 
 class Program:
-    """The functions of an image for a Cortex-M.
+    """Return functions by name and all that they call, by address.
 
     Attributes:
         routines: by address.
@@ -129,14 +132,14 @@ class Program:
         raise BuildError(f"there is no code at {start:#x}", where="the image")
 
     def named(self, name: str) -> Routine:
-        """The function of that name. Raises BuildError: the image holds none."""
+        """Return the function of a name. Raises BuildError if the image has none."""
         for routine in self.routines:
             if routine.name == name:
                 return routine
         raise BuildError("there is no such function", where=name, remedy="build again")
 
     def at(self, address: int) -> Routine | None:
-        """The function that an address lies in."""
+        """Return the function that contains an address."""
         index = bisect.bisect_right(self._starts, address) - 1
         return self.routines[index] if index >= 0 and address < self.routines[index].end else None
 
@@ -154,10 +157,10 @@ class Program:
     def depth(self, entry: str) -> Depth:
         """The most stack that a call of a function can take.
 
-        A function that jumps to another one as its last act counts as if it called it: too much rather than too little.
+        A tail call counts as a call, which overestimates the depth.
 
         Raises:
-            NoBound: recursion, a call through a pointer, or a function of which the compiler did not tell.
+            NoBound: recursion, a call through a pointer, or a function of unknown stack use.
         """
         done: dict[int, Depth] = {}
 
@@ -178,7 +181,7 @@ class Program:
         return visit(self.named(entry), ())
 
     def line_of(self, address: int) -> str:
-        """File and line that an instruction comes from, such as "src/ars_map.c:12"; "" where that is not known."""
+        """Return file and line of an instruction, such as "src/ars_map.c:12"; "" if unknown."""
         index = bisect.bisect_right(self._lines[0], address) - 1
         return self._lines[1][index] if index >= 0 and self.at(address) is not None else ""
 
@@ -200,7 +203,7 @@ class Program:
 
 
 def _relative(unit: str, files: Sequence[Any], index: int) -> str:
-    """The file of a line: the last two parts of its path, as in the folder of a build."""
+    """Return the file of a line: the last two parts of its path, as in a build folder."""
     own = files[index - 1].name.decode() if 0 < index <= len(files) else ""
     path = unit if not own or unit.endswith(f"/{own}") or unit == own else own
     return "/".join(path.split("/")[-2:])
@@ -217,7 +220,7 @@ def _marks(symbols: Sequence[Any]) -> list[Mark]:
 
 
 def _pieces(marks: Sequence[Mark], start: int, end: int) -> list[tuple[int, int, bool, str]]:
-    """First and last address of each piece of a function, whether it is code, and the file."""
+    """Yield first and last address of each piece of a function, whether it is code, and the file."""
     first = bisect.bisect_right([address for address, _, _ in marks], start) - 1
     inside = [(max(address, start), is_code, unit) for address, is_code, unit in marks[max(first, 0) :] if address < end]
     ends = [*(address for address, _, _ in inside[1:]), end]
@@ -225,7 +228,7 @@ def _pieces(marks: Sequence[Mark], start: int, end: int) -> list[tuple[int, int,
 
 
 def _stack_sizes(elf: Any) -> Iterator[tuple[int, int]]:
-    """Address and bytes of each function: in the section a word, and a number in LEB128."""
+    """Yield address and stack bytes of each function; the section holds a word and a LEB128 number for each."""
     for section in elf.iter_sections():
         data, place = (section.data() if section.name == STACK_SECTION else b""), 0
         while place < len(data):

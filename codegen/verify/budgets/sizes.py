@@ -38,12 +38,12 @@ class Sizes:
         return self.text + self.rodata + self.data
 
     def to_dict(self) -> dict[str, int]:
-        """For JSON."""
+        """Return JSON values."""
         return {section: getattr(self, section) for section in SECTIONS}
 
 
 def compile_objects(sources: Mapping[str, bytes], flags: Sequence[str]) -> dict[str, bytes]:
-    """Every .c file of `sources` as an object, by its path.
+    """Compile every .c file of `sources` and return the objects by path.
 
     Raises:
         CodegenError: `ziglang` is not installed.
@@ -58,7 +58,7 @@ def compile_objects(sources: Mapping[str, bytes], flags: Sequence[str]) -> dict[
 
 
 def sizes_of(content: bytes) -> Sizes:
-    """Of an object. Raises CodegenError: `pyelftools` is not installed."""
+    """Return the sizes of an object. Raises CodegenError if `pyelftools` is not installed."""
     elf = module("elftools.elf.elffile", "pyelftools").ELFFile(io.BytesIO(content))
     totals = dict.fromkeys(SECTIONS, 0)
     kinds: dict[Any, str] = {"SHN_COMMON": "bss"}
@@ -77,6 +77,6 @@ def sizes_of(content: bytes) -> Sizes:
 
 
 def defines(content: bytes, function: str) -> bool:
-    """Whether an object holds a function of that name."""
+    """Return whether an object defines a function of this name."""
     elf = module("elftools.elf.elffile", "pyelftools").ELFFile(io.BytesIO(content))
     return any(symbol.name == function and symbol["st_size"] for symbol in elf.get_section_by_name(".symtab").iter_symbols())

@@ -1,4 +1,4 @@
-"""The longest call of a function that can be found: drives first, then descendants of the longest calls among them.
+"""Return the longest calls with those before them, (PARENTS, WINDOW, fields).
 
 What is found is a measured maximum, no proof.
 """
@@ -15,7 +15,7 @@ from codegen.verify.budgets.counting import Rows
 from codegen.verify.target.emulator import IntArray
 
 PARENTS, COPIES, WINDOW = 12, 24, 3
-"""From how many of the longest calls descendants are made, how many of each, and of how many calls: it and the ones before."""
+"""Longest calls that are varied, variants of each, and calls in a window (the call and those before it)."""
 
 EXCHANGED = np.array([0.03, 0.1, 0.25])
 """Share of the inputs that a descendant has from elsewhere."""
@@ -26,33 +26,33 @@ Figures = Mapping[str, IntArray]
 
 @dataclass(frozen=True)
 class Spread:
-    """Of one figure over calls."""
+    """Smallest, mean and largest value of a figure."""
 
     smallest: int
     mean: float
     largest: int
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         return {"min": self.smallest, "mean": round(self.mean, 1), "max": self.largest}
 
 
 def spread_of(values: IntArray, usual: IntArray | None = None) -> Spread:
-    """Of all values, the mean over those of usual calls; those below zero are not counted."""
+    """Return the spread of all values and the mean of usual calls; negative values are not counted."""
     counted, typical = values[values >= 0], values if usual is None else usual
     return Spread(int(counted.min()), float(typical[typical >= 0].mean()), int(counted.max()))
 
 
 class Search:
-    """Calls of one function, and the longest of them.
+    """Search for the longest call of a function.
 
     Args:
-        count: makes the calls for some rows of inputs and tells their figures.
-        judged: the figures whose largest values are sought, the first of them above all.
+        count: calls the function for rows of inputs and returns the figures.
+        names: figures to maximise, the most important first.
     """
 
-    def __init__(self, count: Callable[[Rows], Figures], *judged: str) -> None:
-        self._count, self._judged = count, judged
+    def __init__(self, count: Callable[[Rows], Figures], *names: str) -> None:
+        self._count, self._names = count, names
         self._rows: list[Rows] = []
         self._figures: list[Figures] = []
 
@@ -62,10 +62,10 @@ class Search:
             self._add(rows)
 
     def improve(self, rounds: int, generator: np.random.Generator, moved: Callable[[Rows], Rows] | None = None) -> None:
-        """So many times, make more calls from the longest ones, crossed with those of the drives that were run.
+        """Repeat calls near the longest ones, crossed with those of the drives.
 
         Args:
-            moved: puts inputs (n, fields) into other states of what is called.
+            moved: applies inputs (n, fields) in other states of the function.
         """
         pool = np.concatenate(self._rows)
         for _ in range(rounds):
@@ -79,26 +79,26 @@ class Search:
 
     @property
     def calls(self) -> int:
-        """How many were made."""
+        """Number of calls."""
         return int(sum(map(len, self._rows)))
 
     def longest(self) -> Rows:
         """The longest calls with the ones before them, (PARENTS, WINDOW, fields)."""
-        rows, each = np.concatenate(self._rows), PARENTS // len(self._judged)
-        ends = np.concatenate([np.argsort(-self._all(name), kind="stable")[:each] for name in self._judged])
+        rows, each = np.concatenate(self._rows), PARENTS // len(self._names)
+        ends = np.concatenate([np.argsort(-self._all(name), kind="stable")[:each] for name in self._names])
         return np.stack([rows[end - WINDOW + 1 : end + 1] for end in ends.clip(WINDOW - 1)])
 
     def largest(self, name: str) -> tuple[Rows, dict[str, int]]:
-        """Inputs, (fields,), and all figures of the call with the largest one of a name."""
+        """Return inputs (fields,) and all figures of the call with the largest value of a figure."""
         call = int(self._all(name).argmax())
         return np.concatenate(self._rows)[call], {each: int(self._all(each)[call]) for each in self._figures[0]}
 
     def worst_input(self) -> Rows:
-        """Of the longest call, (fields,)."""
-        return self.largest(self._judged[0])[0]
+        """Return the inputs of the longest call, (fields,)."""
+        return self.largest(self._names[0])[0]
 
     def spread(self, name: str, typical: int) -> Spread:
-        """Of a figure over all calls, the mean over the first so many drives."""
+        """Return the spread of a figure over all calls, with the mean over the first drives."""
         return spread_of(self._all(name), np.concatenate([figures[name] for figures in self._figures[:typical]]))
 
     def _all(self, name: str) -> IntArray:
@@ -106,7 +106,7 @@ class Search:
 
 
 def _descendants(parents: Rows, pool: Rows, generator: np.random.Generator) -> Rows:
-    """Of short windows (n, length, fields), one after the other: some inputs are those of other calls."""
+    """Cross windows (n, length, fields): some inputs are those of other calls."""
     children = np.repeat(parents, COPIES, axis=0)
     others = pool[generator.integers(len(pool), size=children.shape[:2])]
     share = generator.choice(EXCHANGED, (len(children), 1, 1))
@@ -115,5 +115,5 @@ def _descendants(parents: Rows, pool: Rows, generator: np.random.Generator) -> R
 
 
 def described(row: Rows, columns: Sequence[str]) -> str:
-    """A row of inputs in words, such as "speed 14.4, front_angle nan"."""
+    """Format a row of inputs, such as "speed 14.4, front_angle nan"."""
     return ", ".join(f"{name} {float(value):.6g}" for name, value in zip(columns, row, strict=True))

@@ -7,29 +7,170 @@ from __future__ import annotations
 
 import importlib.metadata
 import re
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 from codegen.errors import BuildError
+from codegen.sil.toolchain import require_success, run
 from codegen.verify import host_gcc
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.compilation.compilations import (
-    C_STANDARDS,
-    CXX_STANDARDS,
-    WARNINGS,
-    Compilation,
-    alone,
-    by_clang,
-    by_gcc,
-    clang_cxx,
-    sources,
-)
-from codegen.verify.compilation.mixtures import mixtures, not_refused, takes_fast_math, units_with_reals
-from codegen.verify.compilation.object_symbols import exported, fault, is_allowed, needed
+from codegen.verify.compilation.mixtures import HOSTED, mixtures, not_refused, takes_fast_math, units_with_reals
+from codegen.verify.compilation.object_symbols import LIBRARY, exported, fault, is_allowed, needed
 from codegen.verify.packages import module, require
-from codegen.verify.target.cross import CORES, CORTEX_M4F, X86_64, Core, source_tree
+from codegen.verify.target.cross import CORES, CORTEX_M4F, FLAGS, INCLUDES, X86_64, Core, source_tree, zig
+
+WARNINGS = (
+    *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wfloat-equal", "-Wshadow", "-Wundef"),
+    *("-Wmissing-prototypes", "-Werror"),
+)
+C_STANDARDS = ("c99", "c11")
+CXX_STANDARDS = ("c++11", "c++17")
+
+DYNAMICS = "dynamics"
+"""The unit whose object may need the mathematical library."""
+
+PROGRAMS = ("example", "linux")
+"""Folders of programs for a host."""
+
+_COMMON = tuple(flag for flag in FLAGS if not flag.startswith("-std") and flag != "-g")
+# gcc's name in C++ for what -Wmissing-prototypes means.
+_CXX_WARNINGS = tuple("-Wmissing-declarations" if flag == "-Wmissing-prototypes" else flag for flag in WARNINGS)
+
+
+@dataclass(frozen=True)
+class Compilation:
+    """Units compiled by one compiler for one target and standard.
+
+    Attributes:
+        label: for findings.
+        call: compiles units; arguments: the units, the source folder, and the name of the output next to that folder. Raises
+            BuildError if the compiler rejects them.
+        units: paths of the sources.
+        core: target of the object, if the object is inspected.
+        library: the units may need the mathematical library.
+    """
+
+    label: str
+    call: Callable[[Sequence[str], Path, str], None]
+    units: tuple[str, ...]
+    core: Core | None = None
+    library: bool = False
+
+    def complaints(self, tree: Path, output: str) -> tuple[str, ...]:
+        """Return the first message of the compiler for each unit."""
+        try:
+            self.call(self.units, tree, output)
+        except BuildError as whole:
+            # It may stop at the first unit that it dislikes.
+            told = tuple(complaint for unit in self.units for complaint in self._alone(unit, tree, output))
+            (tree.parent / f"{output}.o").unlink(missing_ok=True)  # of one unit at most
+            return told or (_told(whole),)
+        return ()
+
+    def _alone(self, unit: str, tree: Path, output: str) -> Iterator[str]:
+        try:
+            self.call((unit,), tree, output)
+        except BuildError as error:
+            yield _told(error)
+
+
+def _told(error: BuildError) -> str:
+    return f"{error.where}: {error.what.removeprefix('the C does not compile: ')}"
+
+
+def alone(subject: Subject) -> dict[str, str]:
+    """Return units that include a single header twice, in C and in C++, by path."""
+    units: dict[str, str] = {}
+    for path in sorted(subject.sources("include")):
+        name = PurePosixPath(path).name
+        # The last line is for a header without a declaration: a unit must have one.
+        text = f'#include "{name}"\n#include "{name}"\nextern int declared_by_{PurePosixPath(name).stem};\n'
+        units |= {f"alone/{name}.c": text, f"alone/{name}.cc": text}
+    return units
+
+
+def sources(subject: Subject) -> dict[str, str | bytes]:
+    """Return all C files of a build and the headers of a bare target that they need."""
+    both = (f"{name}{suffix}" for name in LIBRARY for suffix in ("", "f"))
+    kinds = ((name, "float" if name.endswith("f") else "double") for name in both)
+    declared = "".join(f"{kind} {name}({kind});\n" for name, kind in kinds)
+    return {**subject.sources("include", "src", *PROGRAMS), "bare/math.h": declared}
+
+
+def by_clang(subject: Subject, cores: Sequence[Core], standards: Sequence[str]) -> Iterator[Compilation]:
+    """Yield compilations by the clang in `ziglang`, at -O2."""
+    below = _units(subject)
+    dynamics = f"src/{subject.prefix}_{DYNAMICS}.c"
+    rest = (*(unit for unit in below["src"] if unit != dynamics), *below["alone"])
+    for core in cores:
+        for standard in standards:
+            call = partial(_clang, (*core.flags, *INCLUDES, f"-std={standard}"))
+            label = f"clang, {core.name}, {standard}"
+            yield Compilation(label, call, rest, core)
+            if dynamics in below["src"]:
+                yield Compilation(f"{label}, {DYNAMICS}", call, (dynamics,), core, library=True)
+    for standard in standards:
+        call = partial(_clang, (*HOSTED, "-Iinclude", f"-std={standard}"))
+        for folder in PROGRAMS:
+            if below[folder]:
+                yield Compilation(f"clang, {folder}/ for Linux, {standard}", call, below[folder])
+    for standard in CXX_STANDARDS:
+        yield Compilation(f"clang, {standard}", partial(clang_cxx, (f"-std={standard}",)), below["alone C++"])
+
+
+def by_gcc(subject: Subject, program: str, standards: Sequence[str], levels: Sequence[str]) -> Iterator[Compilation]:
+    """Yield compilations by the host's gcc at several optimisation levels. Some warnings require optimisation; some code is
+    removed by it."""
+    below = _units(subject)
+    programs = PROGRAMS if sys.platform == "linux" else PROGRAMS[:1]
+    units = (*below["src"], *below["alone"], *(unit for folder in programs for unit in below[folder]))
+    for standard in standards:
+        for level in levels:
+            flags = (f"-std={standard}", level, *WARNINGS)
+            yield Compilation(f"gcc, {standard}, {level}", partial(_gcc, program, flags), units)
+    if _has_cxx(program):
+        for standard in CXX_STANDARDS:
+            cxx = ("-xc++", f"-std={standard}", *_CXX_WARNINGS)
+            yield Compilation(f"gcc, {standard}", partial(_gcc, program, cxx), below["alone C++"])
+
+
+def clang_cxx(flags: Sequence[str], units: Sequence[str], tree: Path, output: str) -> None:
+    """Compile C++ for a target without a library."""
+    _clang(("-target", "x86_64-freestanding", "-xc++", *INCLUDES, *flags), units, tree, output)
+
+
+def _clang(flags: Sequence[str], units: Sequence[str], tree: Path, output: str) -> None:
+    zig(["cc", *_COMMON, "-O2", *WARNINGS, *flags, "-c", *units, "-o", f"../{output}.o"], tree)
+
+
+def _gcc(program: str, flags: Sequence[str], units: Sequence[str], tree: Path, output: str) -> None:
+    folder = tree.parent / output  # gcc writes an object for each unit where it is called
+    folder.mkdir(exist_ok=True)
+    up = f"../{tree.name}/"
+    result = run([program, *flags, f"-I{up}include", "-c", *(f"{up}{unit}" for unit in units)], folder)
+    try:
+        require_success(result, units[0])
+    except BuildError as error:
+        raise BuildError(error.what, where=error.where.removeprefix(up), remedy=error.remedy) from None
+
+
+def _has_cxx(program: str) -> bool:
+    return Path(run([program, "-print-prog-name=cc1plus"]).stdout.strip()).is_absolute()
+
+
+def _units(subject: Subject) -> dict[str, tuple[str, ...]]:
+    """Return unit paths by the first part of their path; the units of single headers in C and in C++ separately."""
+    paths = sorted(path for path in sources(subject) if path.endswith(".c"))
+    headers = sorted(alone(subject))
+    below = {folder: tuple(path for path in paths if path.startswith(f"{folder}/")) for folder in ("src", *PROGRAMS)}
+    for name, suffix in (("alone", ".c"), ("alone C++", ".cc")):
+        below[name] = tuple(path for path in headers if path.endswith(suffix))
+    return below
+
 
 SHOWS = (
     "The C compiles without a warning by gcc and clang, as {standards}, each header alone and as C++, for {cores}; its objects "
@@ -66,13 +207,13 @@ def check(subject: Subject, effort: Effort) -> Outcome:
 
 
 def _compile(plan: Sequence[Compilation], tree: Path) -> list[tuple[str, ...]]:
-    """What each compiler complains about. The object of compilation k is `k.o` beside the tree."""
+    """Compile the plan and return the messages of each compiler. The object of compilation k is `k.o` next to the tree."""
     with ThreadPoolExecutor(THREADS) as pool:
         return list(pool.map(lambda k: plan[k].complaints(tree, str(k)), range(len(plan))))
 
 
 def _together(plan: Sequence[Compilation], complaints: Sequence[tuple[str, ...]]) -> Iterator[str]:
-    """Each complaint once, with those who have it."""
+    """Yield each message once, with the compilers that report it."""
     labels: dict[str, list[str]] = {}
     for compilation, told in zip(plan, complaints, strict=True):
         for complaint in told:
@@ -83,7 +224,7 @@ def _together(plan: Sequence[Compilation], complaints: Sequence[tuple[str, ...]]
 
 
 def _objects(plan: Sequence[Compilation], tree: Path) -> Iterator[tuple[Compilation, Core, bytes]]:
-    """Every object that is for a core: what did not compile has none."""
+    """Yield every compiled object for a core."""
     for k, compilation in enumerate(plan):
         path = tree.parent / f"{k}.o"
         if compilation.core is not None and path.exists():
@@ -91,7 +232,7 @@ def _objects(plan: Sequence[Compilation], tree: Path) -> Iterator[tuple[Compilat
 
 
 def _needs(plan: Sequence[Compilation], tree: Path) -> dict[str, list[str]]:
-    """What the objects need of others, by core."""
+    """Return the undefined symbols of the objects, by core."""
     needs: dict[str, set[str]] = {}
     for _, core, content in _objects(plan, tree):
         needs.setdefault(core.name, set()).update(needed(content))
@@ -99,7 +240,7 @@ def _needs(plan: Sequence[Compilation], tree: Path) -> dict[str, list[str]]:
 
 
 def _foreign(subject: Subject, plan: Sequence[Compilation], tree: Path) -> Iterator[str]:
-    """What the objects need and must not, with the source that needs it and the cores where it does."""
+    """Yield forbidden undefined symbols, with the source and the cores."""
     cores: dict[str, list[str]] = {}
     for compilation, core, content in _objects(plan, tree):
         wrong = {
@@ -117,7 +258,7 @@ def _foreign(subject: Subject, plan: Sequence[Compilation], tree: Path) -> Itera
 
 
 def _cxx_linkage(subject: Subject, plan: Sequence[Compilation], tree: Path) -> Iterator[str]:
-    """What C defines for others and C++ does not find by the headers."""
+    """Yield functions that C defines and the headers do not declare for C++."""
     objects = [content for _, core, content in _objects(plan, tree) if core is X86_64]
     defined = sorted({name for content in objects for name in exported(content)})
     headers = [PurePosixPath(path).name for path in sorted(subject.sources("include"))]

@@ -12,7 +12,7 @@ from codegen.verify.check import Subject
 from codegen.verify.target.cross import FLAGS, source_tree, zig
 
 REFUSES = "different builds"
-"""Of the message of a source or header that meets one of another build."""
+"""Phrase of the error of a source or header that meets one of another build."""
 
 FAST_FLAGS = ("-ffast-math", "-ffinite-math-only")
 REFUSES_FAST = "fast-math"
@@ -22,7 +22,7 @@ WITHOUT_IDENTITY = ("include/{prefix}_sections.h", "linux/ars_xcp.h")
 """Headers that are the same in every build."""
 
 HOSTED = ("-target", "x86_64-linux-musl")
-"""For clang: a target whose system headers come with it, so that the Linux program compiles everywhere."""
+"""Target whose system headers come with clang, so that the Linux program compiles everywhere."""
 
 _INCLUDE = re.compile(r'^#include "([^"\n]+)"', re.MULTILINE)
 _IDENTITY = re.compile(r"^#define +(\w+_BUILD) +0x([0-9A-F]+)u$", re.MULTILINE)
@@ -38,12 +38,12 @@ class Mixture:
 
 
 def text_of(subject: Subject, path: str) -> str:
-    """A file of C."""
+    """Return the text of a C file."""
     return subject.files[path].decode("ascii", "replace")
 
 
 def mixtures(subject: Subject) -> tuple[Mixture, ...]:
-    """Every source that goes into an ECU or the Linux program with every header of the build that it sees."""
+    """Return every source for an ECU or for the Linux program with each header of the build that it includes."""
     exempt = [path.format(prefix=subject.prefix) for path in WITHOUT_IDENTITY]
     sources = sorted(path for path in subject.sources("src", "linux") if path.endswith(".c"))
     return tuple(
@@ -52,7 +52,7 @@ def mixtures(subject: Subject) -> tuple[Mixture, ...]:
 
 
 def _headers_of(subject: Subject, path: str) -> set[str]:
-    """The build's own headers that a file takes in."""
+    """Return the build's own headers that a file includes."""
     seen: set[str] = set()
     waiting = [path]
     while waiting:
@@ -65,7 +65,8 @@ def _headers_of(subject: Subject, path: str) -> set[str]:
 
 
 def not_refused(subject: Subject) -> Iterator[str]:
-    """Headers without an identity, and mixtures that a compiler takes. Raises CodegenError: no compiler."""
+    """Yield headers without an identity, and mixtures that the compiler accepts. Raises CodegenError if there is no
+    compiler."""
     pairs = mixtures(subject)
     for header in sorted({pair.header for pair in pairs}):
         text = text_of(subject, header)
@@ -83,7 +84,7 @@ def not_refused(subject: Subject) -> Iterator[str]:
 
 
 def takes_fast_math(subject: Subject) -> Iterator[str]:
-    """Sources that compute with reals and may be compiled as if there were no NaN. Raises CodegenError: no compiler."""
+    """Yield sources that compute with reals and accept -ffast-math. Raises CodegenError if there is no compiler."""
     with source_tree(subject.sources("include", "src", "linux")) as tree:
         for source in units_with_reals(subject):
             for flag in FAST_FLAGS:
@@ -92,14 +93,14 @@ def takes_fast_math(subject: Subject) -> Iterator[str]:
 
 
 def units_with_reals(subject: Subject) -> tuple[str, ...]:
-    """Sources for an ECU that compute with reals; one without a function only holds them."""
+    """Return sources for an ECU that compute with reals; a source without a function only stores them."""
     real = re.compile(rf"\b{'float' if subject.is_single else 'double'}\b")
     texts = {path: _COMMENT.sub(" ", text_of(subject, path)) for path in subject.sources("src") if path.endswith(".c")}
     return tuple(sorted(path for path, text in texts.items() if real.search(text) and FUNCTION.search(text)))
 
 
 def _refuses(source: str, flags: tuple[str, ...], phrase: str, tree: Path) -> bool:
-    """Whether preprocessing a source ends with an error of its own that holds the phrase."""
+    """Return whether preprocessing a source fails with an #error that contains the phrase."""
     try:
         zig(["cc", *HOSTED, *FLAGS, *flags, "-Iinclude", "-E", source], tree)
     except BuildError as error:

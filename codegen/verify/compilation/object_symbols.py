@@ -1,4 +1,4 @@
-"""What object files define, and what they need of others."""
+"""Symbols that object files define and require."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ LIBRARY = ("sin", "cos", "atan", "sqrt")
 
 
 def exported(content: bytes) -> tuple[str, ...]:
-    """Names that an object defines for others, sorted. Raises MissingTool."""
+    """Return the sorted names that an object exports. Raises MissingTool."""
     return tuple(sorted(symbol.name for symbol in _symbols(content) if _is_global(symbol) and not _is_undefined(symbol)))
 
 
 def needed(content: bytes) -> tuple[str, ...]:
-    """Names that an object needs of others, sorted. Raises MissingTool."""
+    """Return the sorted undefined names of an object. Raises MissingTool."""
     return tuple(sorted(symbol.name for symbol in _symbols(content) if _is_undefined(symbol)))
 
 
 def is_allowed(name: str, *, library: bool, single: bool, has_double: bool) -> bool:
-    """Whether generated C may need a function.
+    """Return whether generated C may require a function.
 
     Args:
         library: the object may call the mathematical library.
@@ -45,7 +45,7 @@ def is_allowed(name: str, *, library: bool, single: bool, has_double: bool) -> b
 
 
 def fault(name: str) -> str:
-    """What is wrong with needing a function that is not allowed."""
+    """Describe the fault of a required function that is not allowed."""
     kind = "double precision" if _SOFT_DOUBLE.fullmatch(name) else "which a bare target need not have"
     return f"needs {name}, {kind}"
 

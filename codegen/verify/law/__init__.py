@@ -1,4 +1,5 @@
-"""The law a second time: controller, limiter, reference model and task in Python, from what headers and README of a build say.
+"""Second implementation of the control law in Python: controller, limiter, reference model and task, written from the headers
+and the README of a build.
 
 `check` drives the C and this side by side. Each class keeps one number type throughout and does its operations in the order in
 which the C does them, so that the bits of a sample can be compared and not only its size. Shared with the generator are the

@@ -1,8 +1,8 @@
-"""The law: each sample of the C is that of a second implementation, bit for bit.
+"""Compare every sample of the C with a second implementation, bit for bit.
 
-Both are driven side by side: from everywhere, through every regime with a plausible yaw rate, on both sides of each threshold
-of the speed, as the closed loop was recorded, and with sets of parameters that the C accepts. The cyclic task is given the
-frames of a car and those of a bus that may do anything; the frame that it sends has to have the same bytes.
+Inputs: drives over the whole input range, drive cycles through every regime with a plausible yaw rate, both sides of each
+speed threshold, recorded closed loops, and valid parameter sets. The cyclic task receives the frames of a car and those of a
+faulty bus; the frames it sends must be equal too.
 """
 
 from __future__ import annotations
@@ -23,11 +23,10 @@ from codegen.sil.software import Command, Measurement, Status
 from codegen.sil.toolchain import compiler_command, compiler_identity
 from codegen.verify import suites, traffic
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.drives import GAPS, Ground, drawn, measurements_of, recorded
-from codegen.verify.law import bus
+from codegen.verify.drives import GAPS, Thresholds, drawn, measurements_of, recorded
 from codegen.verify.law import parameters as sets
 from codegen.verify.law.controller import SecondController
-from codegen.verify.law.course import drive
+from codegen.verify.law.drive_cycle import cycles_of, drive, restart_cycles
 from codegen.verify.law.kinds import SECOND, second_controller
 from codegen.verify.law.task import SecondTask
 from codegen.verify.map_reference import lookup_of
@@ -52,21 +51,21 @@ NOT_THIS_VERSION = "made by codegen {made}: the law that is known here is that o
 NEVER_OTHER = "In every accepted set these parameters have their default: {names}."
 
 STARTS = (0.0, 0.02, -0.05, -1e30, math.nan, math.inf)
-"""rad; no actuator stands at some of them."""
+"""Initial rear angles in rad; some are impossible."""
 AMPLITUDES, STEERING_SAMPLES = (16.0, 24.0), (330.0, 90.0)
-"""Of the courses: m/s, and samples of one turn of the steering wheel there and back."""
+"""Speed amplitudes in m/s and steering periods in samples of the drive cycles."""
 STOPS = 40
-"""Starts from where the actuator ends."""
+"""Number of starts from an end stop of the actuator."""
 FRONT_ANGLE = 0.03
-"""rad, in which the thresholds of the speed are passed."""
+"""Front angle in rad at the speed thresholds."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """Samples of each drive and course, sets of parameters, and cycles of disturbed traffic."""
+    """Samples of each drive and drive cycle, number of parameter sets, and cycles of disturbed traffic."""
 
     drive: int
-    course: int
+    drive_cycle: int
     sets: int
     cycles: int
 
@@ -84,7 +83,7 @@ class _MapRoad:
 
 @dataclass(frozen=True)
 class _Run:
-    """One drive of a controller: from a rear angle in rad, with a parameter struct."""
+    """A run of a controller from a rear angle in rad, with a parameter struct."""
 
     name: str
     start: float
@@ -94,7 +93,7 @@ class _Run:
 
 @dataclass(frozen=True)
 class _Traffic:
-    """Frames for the task, cycle by cycle, with a parameter struct; it starts anew before some cycles."""
+    """Frames for the task, cycle by cycle, with a parameter struct; the task restarts before some cycles."""
 
     name: str
     parameters: Any
@@ -103,7 +102,7 @@ class _Traffic:
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Hold the C of a build against the second implementation.
+    """Compare the C of a build with the second implementation.
 
     Raises:
         MissingTool: a C compiler of this machine, or a package of the extra, is missing.
@@ -121,7 +120,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
 
 
 def _why_not(subject: Subject) -> str:
-    """Why there is no law to hold a build against, in one line; empty where there is one."""
+    """Return why the build cannot be compared, or ""."""
     if not subject.is_of_this_version:
         return NOT_THIS_VERSION.format(made=subject.manifest["version"])
     return "" if subject.kind in SECOND else NO_SECOND.format(kind=subject.kind)
@@ -136,12 +135,12 @@ class _Comparison:
         self._lookup = lookup_of(subject, self._software)
         facts = subject.manifest["map"]
         self._road = _MapRoad(facts["friction"], facts["lateral_acceleration_cap_m_s2"])
-        self._ground = Ground.of(subject.manifest)
+        self._thresholds = Thresholds.of(subject.manifest)
         self._sets = [sets.drawn(self._software, np.random.default_rng((5, number))) for number in range(size.sets)]
         self._statuses: Counter[Status] = Counter()
 
     def outcome(self) -> Outcome:
-        """What came of all runs."""
+        """Run all comparisons."""
         where = f"src/{self._subject.prefix}_calibration.c"
         findings = [f"{where}: {line}" for line in sets.differences(self._software)]
         runs, samples = 0, 0
@@ -152,10 +151,10 @@ class _Comparison:
         for bus_run in self._traffic():
             cycles += len(bus_run.cycles)
             findings += [f"{bus_run.name}, {line}" for line in self._compare_task(bus_run)]
-        told = "1 finding" if len(findings) == 1 else f"{len(findings)} findings"
+        count = "1 finding" if len(findings) == 1 else f"{len(findings)} findings"
         return Outcome(
             SHOWS,
-            f"{told} in {samples:,} samples of {runs} drives, {self._size.sets} of them with other parameters, and "
+            f"{count} in {samples:,} samples of {runs} drives, {self._size.sets} of them with other parameters, and "
             f"{cycles:,} cycles of the task",
             Verdict.FAILED if findings else Verdict.PASSED,
             tuple(findings),
@@ -174,9 +173,9 @@ class _Comparison:
         for status in Status:
             if not self._statuses[status]:
                 yield f"The samples do not reach the status {status.name}."
-        never = sets.names(self._software).difference(*(sets.changed(self._software, each) for each in self._sets))
-        if never:
-            yield NEVER_OTHER.format(names=", ".join(sorted(never)))
+        unchanged = sets.names(self._software).difference(*(sets.changed(self._software, each) for each in self._sets))
+        if unchanged:
+            yield NEVER_OTHER.format(names=", ".join(sorted(unchanged)))
 
     @property
     def _precision(self) -> Precision:
@@ -185,23 +184,23 @@ class _Comparison:
     def _runs(self) -> Iterator[_Run]:
         software, size = self._software, self._size
         defaults, starts = software.parameters(), itertools.cycle(STARTS)
-        for number, samples in enumerate(suites.drives(self._ground, size.drive)):
+        for number, samples in enumerate(suites.drives(self._thresholds, size.drive)):
             yield _Run(f"drive {number}", next(starts), defaults, measurements_of(samples))
         for seed in range(2):
-            yield _Run(f"course {seed}", next(starts), defaults, self._course(seed))
-        yield _Run("thresholds of the speed", next(starts), defaults, self._thresholds(defaults))
+            yield _Run(f"drive cycle {seed}", next(starts), defaults, self._drive_cycle(seed))
+        yield _Run("thresholds of the speed", next(starts), defaults, self._at_speed_thresholds(defaults))
         yield from self._from_the_stops(defaults)
         if self._with_recordings:
             for number, samples in enumerate(recorded(software)):
                 yield _Run(f"recording {number}", 0.0, defaults, measurements_of(samples))
         for number, parameters in enumerate(self._sets):
-            # The course for the law, the drive for what stands before it: signals of any size.
-            (anything,) = drawn(self._ground, size.drive, seed=number, gaps=GAPS[number % len(GAPS) :][:1])
-            drives = (self._course(number + 2), self._thresholds(parameters), measurements_of(anything))
+            # The drive cycle exercises the law, the drawn drive the input monitoring.
+            (anything,) = drawn(self._thresholds, size.drive, seed=number, gaps=GAPS[number % len(GAPS) :][:1])
+            drives = (self._drive_cycle(number + 2), self._at_speed_thresholds(parameters), measurements_of(anything))
             yield _Run(f"parameter set {number}", next(starts), parameters, [*itertools.chain(*drives)])
 
     def _from_the_stops(self, parameters: Any) -> Iterator[_Run]:
-        """Without an error from where the actuator ends: rounding decides whether a limit acts."""
+        """Yield runs without control error from an end stop, where rounding decides whether a limit acts."""
         generator = np.random.default_rng(6)
         for number in range(STOPS):
             speed, front_angle = generator.uniform(5.0, 40.0), generator.uniform(-0.1, 0.1)
@@ -209,20 +208,21 @@ class _Comparison:
             start = float(parameters.rear_angle_max) * (1.0 if number % 2 else -1.0)
             yield _Run(f"stop {number}", start, parameters, [turn] * 2)
 
-    def _course(self, seed: int) -> list[Measurement]:
+    def _drive_cycle(self, seed: int) -> list[Measurement]:
         wheelbase, kind = self._software.config.vehicle.wheelbase, seed % 2
         generator = np.random.default_rng(seed)
         return drive(
             generator,
-            self._size.course,
+            self._size.drive_cycle,
             self._lookup,
             wheelbase,
             speed_amplitude=AMPLITUDES[kind],
             steering_samples=STEERING_SAMPLES[kind],
         )
 
-    def _thresholds(self, parameters: Any) -> list[Measurement]:
-        """At each threshold of the speed and beside it, from both sides; then with the yaw rate lost, and with everything."""
+    def _at_speed_thresholds(self, parameters: Any) -> list[Measurement]:
+        """Return samples at each speed threshold and its neighbours, from both sides; then without the yaw rate, and
+        without any signal."""
         real, samples = self._software.real, []
         enable, disable = (real(getattr(parameters, name)) for name in ("enable_speed", "disable_speed"))
         silence, patience = parameters.inputs.missing_samples_max + 3, parameters.inputs.recovery_samples + 3
@@ -235,14 +235,14 @@ class _Comparison:
         return samples
 
     def _turn(self, speed: float) -> Measurement:
-        """A little less than the map asks for."""
+        """Return a turn with slightly less yaw rate than the map requires."""
         return Measurement(speed, FRONT_ANGLE, 0.9 * float(self._lookup(speed, FRONT_ANGLE)))
 
     def _second(self, parameters: Any, start: float) -> SecondController:
         return second_controller(self._software.config, parameters, self._lookup, self._road, start)
 
     def _compare(self, run: _Run) -> Iterator[str]:
-        """The first sample that differs; what follows it goes on doing so."""
+        """Yield the first sample that differs; the following ones depend on it."""
         second = self._second(run.parameters, run.start)
         try:
             commands = self._software.controller(run.start, run.parameters).run(run.samples)
@@ -266,13 +266,13 @@ class _Comparison:
         disturbed = traffic.disturbed(config, scenario, cycles)
         yield _Traffic("disturbed frames", defaults, disturbed, set(traffic.restarts_of(cycles)))
         for number, parameters in enumerate((defaults, *self._sets[:2])):
-            course = self._course(number)
-            frames = bus.cycles_of(config, self._precision, course, seed=number)
+            samples = self._drive_cycle(number)
+            frames = cycles_of(config, self._precision, samples, seed=number)
             of = f" of parameter set {number - 1}" if number else ""
-            yield _Traffic(f"frames of course {number}{of}", parameters, frames, set(bus.starts(len(course))))
+            yield _Traffic(f"frames of drive cycle {number}{of}", parameters, frames, set(restart_cycles(len(samples))))
 
     def _compare_task(self, run: _Traffic) -> Iterator[str]:
-        """The first frame that differs."""
+        """Yield the first frame that differs."""
         software, parameters = self._software, run.parameters
         codec = Codec(software.config.can, self._precision)
         for cycle, frames in enumerate(run.cycles):

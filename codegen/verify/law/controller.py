@@ -45,13 +45,13 @@ class SecondController:
         self.error = real(0.0)
 
     def start(self, m: Measurement) -> None:
-        """The law begins: without a jump from the angle that is commanded."""
+        """Start the law without a jump from the commanded angle."""
 
     def stand_by(self) -> None:
-        """A sample in standby."""
+        """Compute a sample in standby."""
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
-        """One sample of the law, to `angle`. Returns the reference yaw rate and whether a limit acted."""
+        """Compute one sample of the law, down to `angle`. Return the reference yaw rate and whether a limit acted."""
         raise NotImplementedError
 
     def parameter(self, name: str) -> Any:
@@ -110,21 +110,21 @@ class SecondController:
         return reference
 
     def friction(self, m: Measurement) -> Any:
-        """The estimate, not below the smallest that is believed."""
+        """Return the friction estimate, limited to the smallest accepted value."""
         return max(m.friction, self.parameter("friction_min"))
 
     def map_yaw_rate(self, m: Measurement) -> Any:
-        """rad/s, of the sample's speed, front angle and friction."""
+        """Return the reference yaw rate in rad/s for speed, front angle and friction of a sample."""
         return self.lookup(m.speed, m.front_angle, self.friction(m))
 
     def actuator_range(self, m: Measurement) -> tuple[Any, Any]:
-        """rad in which the demand may be: the actuator's, and no farther than so much from where it is measured."""
+        """Return the range of the demand in rad: the actuator's, limited to a distance from the measured angle."""
         p = self.parameter
         bound, ahead = p("rear_angle_max"), p("rear_angle_error_max")
         low, high = (clip(m.rear_angle + offset, -bound, bound) for offset in (-ahead, ahead))
         return low, high
 
     def reachable(self, demand: Any) -> Any:
-        """The demand, as far as the rate limit lets the command go in a sample."""
+        """Return the demand limited by the rate limit."""
         travel = min(self.parameter("rear_rate_max"), self.real(self.p.limiter.rear_rate_max)) * self.period
         return clip(demand, self.angle - travel, self.angle + travel)

@@ -1,4 +1,4 @@
-"""The monitoring of the inputs as its header describes it, in Python, to the bit."""
+"""Input monitoring, written from its header, bit for bit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from codegen.sil.software import Measurement
 
 
 class Quality(Enum):
-    """What a sample is worth."""
+    """Quality of a sample."""
 
     GOOD = auto()
     REPLACED = auto()
@@ -21,7 +21,7 @@ class Quality(Enum):
 
 
 class Source(Enum):
-    """Where the value of a signal comes from."""
+    """Source of a signal's value."""
 
     MEASURED = auto()
     LOST = auto()
@@ -30,7 +30,7 @@ class Source(Enum):
 
 @dataclass
 class Signal:
-    """One signal: the value that is used, and its counts; `good` None: trusted at once."""
+    """A signal: its current value and its counters. `good` None: trusted at once."""
 
     value: Any
     source: Source = Source.LOST
@@ -44,7 +44,7 @@ class Signal:
 
 
 class SecondInputs:
-    """The monitoring that all kinds share. `happened` tells what a drive has made it do."""
+    """Input monitoring of all kinds. `happened` records the branches taken."""
 
     def __init__(self, parameters: Any, real: Any, is_trusted: bool = True) -> None:
         self.p = parameters
@@ -62,7 +62,7 @@ class SecondInputs:
         return self.real(getattr(self.p, name))
 
     def step(self, m: Measurement, command: Any) -> tuple[Quality, Measurement]:
-        """What a sample is worth, and what is believed of it. `command`: rad, the last one."""
+        """Return the quality of a sample and the accepted values. `command`: last command in rad."""
         p, signals = self.parameter, (self.speed, self.front_angle, self.yaw_rate)
         rear = m.rear_angle if abs(m.rear_angle) <= p("rear_angle_max") else command
         taken = [self._take_speed(m.speed)]
@@ -102,13 +102,13 @@ class SecondInputs:
         return quality, Measurement(*numbers, inhibit=m.inhibit)
 
     def _gain(self, speed: Any) -> Any:
-        """rad/s of the linear car for each rad."""
+        """Return the yaw rate gain of the linear car in (rad/s)/rad."""
         wheelbase = self.parameter("wheelbase")
         length = wheelbase + self.parameter("understeer_coefficient") * speed * speed
         return speed / max(length, self.real(0.25) * wheelbase)
 
     def _check_speed(self, angle: Any) -> None:
-        """Against lateral acceleration over yaw rate, in a turn that the front angle makes at that speed."""
+        """Check the speed against lateral acceleration over yaw rate, if the front angle explains the turn at that speed."""
         p, signal, yaw_rate = self.parameter, self.speed, self.yaw_rate.value
         shown = self.lateral * signal.value / yaw_rate
         if abs(self._gain(shown) * angle - yaw_rate) > p("yaw_rate_agreement"):
@@ -151,7 +151,7 @@ class SecondInputs:
         return self._take("front_angle", measured, abs(measured) <= p("front_angle_max"), confirmed, step)
 
     def _witness(self) -> Any:
-        """The turn of a lateral acceleration that was right before, or None."""
+        """Return the yaw rate from a lateral acceleration that agreed before, or None."""
         return self.lateral if self.lateral_is_proven else None
 
     def _compare_with_lateral(self, angle: Any, witness: Any) -> None:
@@ -206,12 +206,12 @@ class SecondInputs:
         return taken
 
     def _agrees(self, apart: Any, turn: Any) -> bool:
-        """In a turn: that zero agrees with zero proves nothing."""
+        """Return whether two yaw rates agree in a turn; agreement near zero is no evidence."""
         agreement = self.parameter("yaw_rate_agreement")
         return bool(abs(apart) <= agreement and abs(turn) > agreement + agreement)
 
     def _take(self, name: str, measured: Any, is_there: bool, is_confirmed: bool, step: Any) -> bool:
-        """False where a signal is missing for a short time."""
+        """Return False if a signal is missing for a short time."""
         signal = getattr(self, name)
         before = signal.source
         if not signal.is_measured:

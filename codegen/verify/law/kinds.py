@@ -86,10 +86,10 @@ SECOND: Mapping[str, Make] = {
     "feedforward": _around_look_up(SecondFeedforward),
     "proportional": _around_look_up(SecondProportional),
 }
-"""By kind: from configuration, anything with the fields of the C parameter struct, the look-up of the map, the road that it was
-made for, and the rear angle to start from (rad), a controller in the numbers of the look-up."""
+"""Second implementation by kind, from the configuration, the C parameters, the lookup of the map, the road of the map, and
+the initial rear angle in rad."""
 
 
 def second_controller(config: Config, parameters: Any, lookup: Lookup, road: Road, rear_angle: float) -> SecondController:
-    """A controller of the configured kind; see `SECOND`. Raises KeyError: nobody has written that kind a second time."""
+    """Return a controller of the configured kind; see `SECOND`. Raises KeyError if that kind has no second implementation."""
     return SECOND[config.controller.kind](config, parameters, lookup, road, rear_angle)

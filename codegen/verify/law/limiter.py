@@ -10,7 +10,7 @@ from typing import Any
 
 
 def clip(value: Any, low: Any, high: Any) -> Any:
-    """The value between two bounds; the upper one wins where they cross, the lower one for what is no number."""
+    """Limit a value. The upper bound wins if the bounds cross; NaN becomes the lower bound."""
     return min(max(value, low), high)
 
 
@@ -45,7 +45,7 @@ class SecondLimiter:
         return self.angle
 
     def range(self) -> tuple[Any, Any]:
-        """rad that the rear wheels may take on either side, at the known speed and front angle."""
+        """Return the range of the rear angle in rad at the speed and front angle."""
         opposite = self.opposite_phase_bound()
         share = min(abs(self.front_angle) / self.parameter("in_phase_from_front_angle"), self.real(1.0))
         in_phase = opposite + share * (self.parameter("rear_angle_max") - opposite)

@@ -1,4 +1,4 @@
-"""Sets of parameters: the default one against the configuration, and others that the C accepts."""
+"""Parameter sets: the default one compared with the configuration, and drawn ones that the C accepts."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from codegen.emit.parameters import RATE_OFF, Parameter
 from codegen.sil.software import Software
 
 CHANGED = 0.7
-"""Probability that another value of a parameter is tried in a set that is drawn; some are refused."""
+"""Probability that a parameter of a drawn set is varied; the C rejects some values."""
 TRIES = 3
-"""Until a value is accepted."""
+"""Attempts to find an accepted value."""
 DECADES = 0.7
-"""How far it goes, up or down: by a factor of five."""
+"""Largest variation in decades, a factor of five."""
 NOTHING = 0.01
-"""Of the largest value: what a parameter that is zero is drawn from."""
+"""Value drawn for a parameter that is zero, as a fraction of its maximum."""
 RATES = (0.01, 2.0)
-"""rad/s, of rates that are drawn: those that act on a rear axle, be the configured one off or not."""
+"""Range of drawn rates in rad/s, even if the configured rate is off."""
 COUNT_MAX = 12
-"""Of samples, where a count is drawn: short against a drive, so that all of it is seen."""
+"""Maximum of drawn sample counts, short compared with a drive."""
 
 Number = float | list[float]
 
 
 def _fields(config: Config, parameters: Any) -> Iterator[tuple[Any, Parameter, str]]:
-    """The struct that holds a parameter, the parameter, and its name with its struct's."""
+    """Yield the struct of each parameter, the parameter, and its qualified name."""
     for parameter in controller_parameters(config):
         yield parameters, parameter, parameter.name
     for parameter in inputs_parameters(config):
@@ -41,7 +41,7 @@ def _fields(config: Config, parameters: Any) -> Iterator[tuple[Any, Parameter, s
 
 
 def differences(software: Software) -> Iterator[str]:
-    """Where the default parameters of the C are not those of the configuration, a line each."""
+    """Yield a line for each default parameter of the C that differs from the configuration."""
     parameters = software.parameters()
     if not software.function("parameters_valid")(parameters):
         yield "the C refuses its own default parameters"
@@ -52,7 +52,7 @@ def differences(software: Software) -> Iterator[str]:
 
 
 def drawn(software: Software, generator: np.random.Generator) -> Any:
-    """A parameter struct with many fields changed, one after the other, as far as `<prefix>_parameters_valid` accepts it."""
+    """Return a parameter struct with many fields varied one by one, as far as `<prefix>_parameters_valid` accepts them."""
     parameters = software.parameters()
     is_valid = software.function("parameters_valid")
     if generator.random() < CHANGED:
@@ -70,7 +70,7 @@ def drawn(software: Software, generator: np.random.Generator) -> Any:
 
 
 def changed(software: Software, parameters: Any) -> set[str]:
-    """Names of those that are not the default's, with their struct's."""
+    """Return the qualified names of parameters that differ from the default."""
     fields = zip(_fields(software.config, parameters), _fields(software.config, software.parameters()), strict=True)
     return {
         name
@@ -80,12 +80,12 @@ def changed(software: Software, parameters: Any) -> set[str]:
 
 
 def names(software: Software) -> set[str]:
-    """Of all parameters, with their struct's."""
+    """Return the qualified names of all parameters."""
     return {name for _, _, name in _fields(software.config, software.parameters())}
 
 
 def _narrow(parameters: Any, generator: np.random.Generator) -> None:
-    """Less rear angle: of the controller, no more of the limiter, and nowhere more against the front wheels."""
+    """Reduce the rear angle ranges of controller and limiter, and the opposite-phase range at some speeds."""
     limiter = parameters.limiter
     parameters.rear_angle_max *= 10.0 ** generator.uniform(-DECADES, 0.0)
     limiter.rear_angle_max = parameters.rear_angle_max * generator.uniform(0.5, 1.0)

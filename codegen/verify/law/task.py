@@ -42,7 +42,7 @@ class _Input:
     contents: Any = None
 
     def receive(self, data: bytes) -> bool:
-        """Whether the frame is good. One of a wrong length is damaged, and no frame as far as its counter goes."""
+        """Return whether the frame is good. A frame of wrong length is damaged and does not advance the counter."""
         if len(data) != FRAME_BYTES:
             self.causes.add("WRONG_CRC")
             return False
@@ -55,11 +55,11 @@ class _Input:
         return status in _ADVANCE
 
     def has_returned(self) -> bool:
-        """Whether a good frame came, and something was wrong before it or in the same cycle."""
+        """Return whether a good frame came after a fault, or with one in the same cycle."""
         return self.advance > 0 and (self.is_disturbed or bool(self.causes))
 
     def close(self) -> int:
-        """The end of a cycle: its diagnostics."""
+        """End the cycle and return its diagnostics."""
         is_good = self.advance > 0
         self.is_disturbed = not is_good and (self.is_disturbed or bool(self.causes))
         is_valid = self.supervision.step(is_good, "WRONG_CRC" in self.causes) is E2eState.VALID
@@ -108,7 +108,7 @@ class SecondTask:
         self._controller = self.make(0.0)
 
     def run(self, frames: tuple[Frame, ...]) -> tuple[int, bytes]:
-        """One cycle: the frames that came since the last one, and identifier and data of the frame to send."""
+        """Run one cycle on the frames since the last one. Return id and data of the frame to send."""
         for frame in frames:
             self._receive(frame)
         motion, conditions = self._inputs.values()
@@ -120,9 +120,9 @@ class SecondTask:
         sample = self._sample(motion, conditions)  # which may start the controller anew
         command = self._controller.step(sample)
         diagnostics |= self._of_controller(is_good)
-        told = (command.rear_angle, command.yaw_rate_reference) if self._started else (math.nan, math.nan)
+        sent = (command.rear_angle, command.yaw_rate_reference) if self._started else (math.nan, math.nan)
         message = self.can.rear_steer_command
-        contents = self.codec.encode(RearSteerCommand(*told, command.status, diagnostics))
+        contents = self.codec.encode(RearSteerCommand(*sent, command.status, diagnostics))
         data = protect(message.e2e_data_id, self._counter, contents)
         self._counter = next_counter(self._counter)
         return message.id, data
@@ -132,7 +132,7 @@ class SecondTask:
             self._inputs[frame.id].contents = self.codec.decode(frame.id, frame.data)
 
     def _rhythm(self, advance: int) -> int:
-        """A late task: the sender's counter runs away from the calls."""
+        """Detect a late task: the sender's counter advances faster than the calls."""
         self._cycles += 1
         behind = max(self._backlog + advance - 1, 0)
         behind = max(behind - (self._cycles % FORGIVEN_EVERY == 0), 0)
@@ -145,19 +145,19 @@ class SecondTask:
         return _BITS["INTERMITTENT"] if self._disturbance > DISTURBANCE_MAX else 0
 
     def _of_actuator(self, measured: float | None) -> int:
-        """The measured angle (None: a lost sample) against a first-order lag behind the commands before it."""
+        """Compare the measured angle (None: lost sample) with a first-order lag behind the previous commands."""
         real, most = self._controller.real, self.parameters.actuator_samples_max
         command, expected = real(self._controller.angle), real(self._expected)
         moved = expected + real(self.parameters.actuator_share) * (command - expected)
         self._expected = moved if abs(moved) <= real(self.parameters.inputs.rear_angle_max) else command
         if measured is not None:
-            way = abs(command - self._expected)
-            is_off = abs(real(measured) - self._expected) > real(self.parameters.actuator_error_max) + (way + way)
+            distance = abs(command - self._expected)
+            is_off = abs(real(measured) - self._expected) > real(self.parameters.actuator_error_max) + (distance + distance)
             self._samples_off = min(self._samples_off, most) + 1 if is_off else max(self._samples_off - 1, 0)
         return _BITS["ACTUATOR_STUCK"] if self._samples_off > most else 0
 
     def _sample(self, motion: _Input, conditions: _Input) -> Measurement:
-        """What the controller is told: what did not come is not available."""
+        """Return the measurement for the controller; missing values are not available."""
         car = motion.contents if motion.is_usable else VehicleMotion(math.nan, math.nan, math.nan)
         last: VehicleConditions = conditions.contents or VehicleConditions()
         inhibit = last.inhibit and conditions.supervision.state is E2eState.VALID
@@ -168,7 +168,7 @@ class SecondTask:
         return Measurement(car.speed, car.front_angle, car.yaw_rate, state.rear_angle, *road, state.inhibit)
 
     def _start(self, rear_angle: float) -> None:
-        """Control starts from where the rear wheels are; not from where they cannot be, and from zero where nobody measures."""
+        """Start control from the measured rear angle, not from an impossible one, and from zero if it is not measured."""
         if abs(rear_angle) <= self.parameters.inputs.rear_angle_max:
             self._started = True
         elif math.isnan(rear_angle):

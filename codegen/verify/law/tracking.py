@@ -1,24 +1,168 @@
-"""The law of kind "tracking" as its header and the configuration's comments describe it, in Python, to the bit."""
+"""Law of kind "tracking", written from its header and the comments of the configuration, bit for bit."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import casadi as ca
 import numpy as np
+import numpy.typing as npt
 
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
+from codegen.emit.reference_model_view import tabulate
 from codegen.sil.software import Measurement
+from codegen.vehicle.dynamics import single_track_step
+from codegen.vehicle.plant_car import load_transfer_losses
+from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.inputs import Quality
 from codegen.verify.law.limiter import clip
-from codegen.verify.law.reference_model import SecondReferenceModel
+
+FloatArray = npt.NDArray[np.float64]
+SIDESLIP_MAX = math.radians(20.0)
+SPEED_MIN = 1.0
+"""Smallest speed of the model, in m/s."""
+
+_OPERATIONS: dict[int, Callable[..., Any]] = {
+    ca.OP_ADD: lambda a, b: a + b,
+    ca.OP_SUB: lambda a, b: a - b,
+    ca.OP_MUL: lambda a, b: a * b,
+    ca.OP_DIV: lambda a, b: a / b,
+    ca.OP_NEG: lambda a, _: -a,
+    ca.OP_SQ: lambda a, _: a * a,
+    ca.OP_TWICE: lambda a, _: a + a,
+    ca.OP_FMAX: lambda a, b: np.where(a > b, a, b),  # the second for NaN, as in the C
+}
+
+
+@dataclass(frozen=True)
+class Instruction:
+    """Instruction of a CasADi function: operation, work places or element indices, and the value of a constant."""
+
+    operation: int
+    arguments: tuple[int, ...]
+    results: tuple[int, ...]
+    constant: Any
+
+    @classmethod
+    def all_of(cls, function: Any, real: Any) -> tuple[Instruction, ...]:
+        """Return the instructions of a function, with constants in a number type."""
+        return tuple(
+            cls(
+                function.instruction_id(k),
+                tuple(function.instruction_input(k)),
+                tuple(function.instruction_output(k)),
+                real(function.instruction_constant(k)) if function.instruction_id(k) == ca.OP_CONST else None,
+            )
+            for k in range(function.n_instructions())
+        )
+
+
+def walk(instructions: Iterable[Instruction], inputs: Sequence[Sequence[Any]]) -> list[Any]:
+    """Evaluate the only output, every operation in the number type of the inputs. Inputs by (argument, element)."""
+    work: dict[int, Any] = {}
+    output: dict[int, Any] = {}
+    for each in instructions:
+        arguments = each.arguments
+        if each.operation == ca.OP_CONST:
+            work[each.results[0]] = each.constant
+        elif each.operation == ca.OP_INPUT:
+            work[each.results[0]] = inputs[arguments[0]][arguments[1]]
+        elif each.operation == ca.OP_OUTPUT:
+            output[each.results[1]] = work[arguments[0]]
+        else:
+            work[each.results[0]] = _OPERATIONS[each.operation](work[arguments[0]], work[arguments[-1]])
+    return [output[index] for index in sorted(output)]
+
+
+def within(value: Any, limit: Any) -> Any:
+    """Limit a value to +-limit; NaN becomes the bound."""
+    return np.where(np.isnan(value), limit, np.clip(value, -limit, limit))
+
+
+def at_least(value: Any, low: Any) -> Any:
+    """Limit a value from below; NaN stays NaN."""
+    return np.where(value < low, low, value)
+
+
+@dataclass(frozen=True)
+class TableCurve:
+    """A tyre's curve from its table, in one number type."""
+
+    values: Any
+    compression: Any
+
+    @classmethod
+    def of(cls, tyre: MagicFormulaTyre, real: Any, loss: float = 0.0) -> TableCurve:
+        """Return the table of a build."""
+        curve = tabulate(tyre, loss)
+        return cls(curve.values.astype(real), real(curve.compression))
+
+    def __call__(self, x: Any) -> tuple[Any, Any]:
+        """Return value and slope; a negative slope counts as zero."""
+        real = self.values.dtype.type
+        cells, one = self.values.size - 1, real(1.0)
+        inverse = one / (np.abs(x) + self.compression)
+        position = np.abs(x) * inverse * real(cells)
+        cell = np.where(position < cells, position, cells - 1).astype(np.int64)
+        rise = self.values[cell + 1] - self.values[cell]
+        value = self.values[cell] + (position - cell.astype(real)) * rise
+        steep = rise * (self.compression * real(cells) * (inverse * inverse))
+        return np.where(x < 0.0, -value, value), np.where(rise > 0.0, steep, real(0.0))
+
+
+class SecondReferenceModel:
+    """States (sideslip, yaw rate, rear angle) and inputs (speed, front angle, rear angle, friction) as arrays of one shape."""
+
+    def __init__(self, config: Config, real: Any) -> None:
+        actuator, period = config.rear_actuator, config.controller.sampling_time_s
+        vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
+        stiffness = 2.0 * tyres.rear.cornering_stiffness
+        self.real = real
+        functions = single_track_step(config, period)
+        self.arguments, self.change = (Instruction.all_of(each, real) for each in (functions.arguments, functions.change))
+        both = zip((tyres.front, tyres.rear), load_transfer_losses(config), strict=True)
+        self.curves = [TableCurve.of(tyre, real, loss) for tyre, loss in both]
+        self.speed_min = real(SPEED_MIN)
+        self.rear_angle_max = real(math.radians(actuator.angle_max_deg))
+        self.yaw_rate_max = real(math.radians(config.controller.inputs.yaw_rate_max_deg_s))
+        self.share = real(1.0 - math.exp(-period / (actuator.lag_s + period)))
+        self.travel = real(math.radians(actuator.rate_max_deg_s) * period)
+        self.rear_arm = real(vehicle.cg_to_rear_axle_m)
+        self.rear_slip = real(vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase * stiffness))
+
+    def start(self, speed: Any, yaw_rate: Any, rear_angle: Any) -> tuple[Any, Any, Any]:
+        """Return the steady state of the linear car."""
+        forward = at_least(speed, self.speed_min)
+        yaw_rate, rear_angle = within(yaw_rate, self.yaw_rate_max), within(rear_angle, self.rear_angle_max)
+        sideslip = rear_angle + yaw_rate * (self.rear_arm / forward - self.rear_slip * forward)
+        return within(sideslip, self.real(SIDESLIP_MAX)), yaw_rate, rear_angle
+
+    def step(self, state: Iterable[Any], inputs: Iterable[Any]) -> tuple[Any, Any, Any]:
+        """Advance by one sampling time with the rear wheels at the mean of their angles."""
+        sideslip, yaw_rate, rear_angle = state
+        speed, front, commanded, friction = inputs
+        half, one = self.real(0.5), self.real(1.0)
+        moved = within(self.share * (commanded - rear_angle), self.travel)
+        u = [one / at_least(speed, self.speed_min), front, rear_angle + half * moved, friction]
+        x = [sideslip, yaw_rate]
+        arguments = walk(self.arguments, [x, u])
+        values, slopes = zip(*(curve(argument) for curve, argument in zip(self.curves, arguments, strict=True)), strict=True)
+        change = walk(self.change, [x, u, values, slopes])
+        return (
+            within(sideslip + change[0], self.real(SIDESLIP_MAX)),
+            within(yaw_rate + change[1], self.yaw_rate_max),
+            within(rear_angle + moved, self.rear_angle_max),
+        )
 
 
 class Road(Protocol):
-    """What the map was made for; a TotalMap is one."""
+    """Road for which the map was made, such as a TotalMap."""
 
     @property
     def friction(self) -> float:
@@ -31,7 +175,7 @@ class Road(Protocol):
 
 @dataclass(frozen=True)
 class Sample:
-    """What the map says of a sample, a little ahead of the front wheels."""
+    """Reference of the map slightly ahead of the front wheels."""
 
     yaw_rate: Any
     rear_angle: Any
@@ -40,7 +184,7 @@ class Sample:
 
 
 class SecondTracking(SecondController):
-    """Feedforward, reference model, scheduled feedback of bounded authority. `happened` tells what a drive has made it do."""
+    """Feedforward, reference model, and scheduled feedback of bounded authority. `happened` records the branches taken."""
 
     def __init__(self, parameters: Any, lookup: Lookup, road: Road, config: Config, angle: float) -> None:
         real: Any = lookup.real
@@ -74,7 +218,7 @@ class SecondTracking(SecondController):
         self.grip = min(self.grip + self.parameter("grip_recovery_idle") * self.period, self.full_grip)
 
     def look(self, m: Measurement) -> Sample:
-        """The map where the front wheels will be after the lead time, on the road that is known or seen."""
+        """Return the map's value for the front angle after the lead time, for the known or estimated friction."""
         p = self.parameter
         most = p("lead_angle_max")
         if self.quality is not Quality.MISSING:
@@ -140,7 +284,7 @@ class SecondTracking(SecondController):
         return clip(own + self.trim, -limit, limit)
 
     def scheduled(self, name: str, speed: Any) -> Any:
-        """A parameter over speed: linear between the breakpoints, held beyond them."""
+        """Interpolate a parameter over speed linearly, constant beyond the breakpoints."""
         speeds, values = ([self.real(value) for value in getattr(self.p, field)] for field in ("schedule_speed", name))
         self.note("below the schedule", speed < speeds[0])
         self.note("beyond the schedule", speed > speeds[-1])
@@ -153,7 +297,7 @@ class SecondTracking(SecondController):
         return values[k] + share * (values[k + 1] - values[k])
 
     def feedback_range(self, m: Measurement, feedforward: Any) -> tuple[Any, Any]:
-        """What feedback may add: free against the turn, a little where it makes the car turn more."""
+        """Return the range of the feedback: free against the turn, small in its direction."""
         low, high = self.actuator_range(m)
         more = self.parameter("yaw_increasing_max")
         two = (m.yaw_rate, self.last_yaw_rate)

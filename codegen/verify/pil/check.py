@@ -16,7 +16,7 @@ from codegen.sil.software import Software, Status
 from codegen.sil.toolchain import compiler_command, compiler_identity
 from codegen.verify import traffic
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.drives import Ground, recorded
+from codegen.verify.drives import Thresholds, recorded
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
 from codegen.verify.packages import module, require
 from codegen.verify.pil import dynamics_bound
@@ -81,7 +81,7 @@ def _require_tools() -> None:
 
 def streams(subject: Subject, software: Software, program: Program, steps: int, seed: int = 0) -> Iterator[Stream]:
     """What every core is driven with; the random steps of the controller come first."""
-    source = Source(Ground.of(subject.manifest), program.word, np.random.default_rng(seed))
+    source = Source(Thresholds.of(subject.manifest), program.word, np.random.default_rng(seed))
     others, batches = round(OTHERS_SHARE * steps), program.batches
     yield Stream("random steps", "step", batches["controller"], source.steps(batches["controller"], steps))
     for name, row in (("lookup", "call"), ("limiter", "step"), ("model", "step"), ("can", "message")):

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from codegen.configuration import KM_H, Config
 from codegen.configuration.signals import CARRIED, SignalDefinition
-from codegen.verify.drives import COLUMNS, GAPS, HELD, Drive, Ground, drawn, moving
+from codegen.verify.drives import COLUMNS, GAPS, HELD, Samples, Thresholds, drawn, moving
 from codegen.verify.pil.batches import WHOLE, Batch, Rows, Word
 
 WILDNESS = (0.0, 0.01, 0.0, 0.3, 0.0, 1.0)
@@ -40,12 +40,12 @@ class Source:
     """Where rows are drawn from.
 
     Attributes:
-        ground: of the build.
+        thresholds: of the build.
         word: NumPy type of a word.
         generator: of random numbers.
     """
 
-    ground: Ground
+    thresholds: Thresholds
     word: Word
     generator: np.random.Generator
 
@@ -60,7 +60,7 @@ class Source:
 
     def steps(self, batch: Batch, count: int) -> Rows:
         """Rows for the controller: a tour through every status, drawn drives, and the same with numbers that are none."""
-        tour = _tour(self.ground.config)[:count]
+        tour = _tour(self.thresholds.config)[:count]
         left = count - len(tour)
         tame = self._drawn(left // 2)
         wild = self._drawn(left - len(tame), WHOLE_DRIVES)
@@ -121,7 +121,7 @@ class Source:
         sized = self.words(self.generator.choice([-1.0, 1.0], count) * 10.0 ** self.generator.uniform(-40.0, 40.0, count))
         rows[taken] = np.choose(self.generator.integers(3, size=count), [special, raw, sized])
 
-    def recordings(self, batch: Batch, drives: Sequence[Drive]) -> Rows:
+    def recordings(self, batch: Batch, drives: Sequence[Samples]) -> Rows:
         """Rows for the controller: drives, one after the other, each from a start."""
         rows = np.concatenate([np.zeros((len(drive), len(batch.inputs)), dtype=self.word) for drive in drives])
         samples = np.concatenate(drives)
@@ -129,8 +129,8 @@ class Source:
         rows[np.cumsum([0, *(len(drive) for drive in drives[:-1])]), 0] = 1
         return rows
 
-    def _drawn(self, count: int, gaps: Sequence[tuple[float, float]] = GAPS) -> Drive:
-        drives = drawn(self.ground, -(-count // len(HELD)), int(self.generator.integers(2**32)), gaps)
+    def _drawn(self, count: int, gaps: Sequence[tuple[float, float]] = GAPS) -> Samples:
+        drives = drawn(self.thresholds, -(-count // len(HELD)), int(self.generator.integers(2**32)), gaps)
         return np.concatenate(drives)[:count]
 
 
@@ -146,7 +146,7 @@ def specials(word: Word) -> Rows:
     return np.array(found + [bits | 1 << (width - 1) for bits in found], dtype=word)
 
 
-def _tour(config: Config) -> Drive:
+def _tour(config: Config) -> Samples:
     """Samples that take the controller through every status, for as long as each takes in this configuration."""
     controller, inputs = config.controller, config.controller.inputs
     speed = min(2.0 * controller.enable_speed_km_h, inputs.speed_max_km_h) * KM_H
@@ -169,5 +169,5 @@ def _tour(config: Config) -> Drive:
     )
 
 
-def _legs(legs: Sequence[tuple[Any, int]]) -> Drive:
+def _legs(legs: Sequence[tuple[Any, int]]) -> Samples:
     return np.concatenate([np.tile(np.array(sample, dtype=np.float32), (min(length, TOUR_MAX), 1)) for sample, length in legs])

@@ -23,7 +23,7 @@ from codegen.sil.software import RECORD_COLUMNS, Software, Status, compile_build
 from codegen.sil.toolchain import compiler_command
 from codegen.verify import suites
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.drives import Ground
+from codegen.verify.drives import Thresholds
 from codegen.verify.map_reference import lookup_of
 from codegen.verify.on_host import HOST_FLAGS
 from codegen.verify.packages import MissingTool
@@ -124,13 +124,13 @@ class _Suites:
 
     def __init__(self, subject: Subject, effort: Effort, ecu: ServedEcu, half: _Half) -> None:
         self._subject, self._ecu, self._half = subject, ecu, half
-        self._ground = Ground.of(subject.manifest)
+        self._thresholds = Thresholds.of(subject.manifest)
         self._samples = SAMPLES_QUICK if effort.quick else SAMPLES
         self._precision = cast(Precision, subject.manifest["options"]["precision"])
 
     @property
     def _config(self) -> Config:
-        return self._ground.config
+        return self._thresholds.config
 
     @property
     def _largest(self) -> float:
@@ -150,7 +150,7 @@ class _Suites:
     def _drives(self) -> Iterator[str]:
         reached: set[int] = set()
         steps = 0
-        for number, drive in enumerate(suites.drives(self._ground, self._samples)):
+        for number, drive in enumerate(suites.drives(self._thresholds, self._samples)):
             # Starts where no actuator stands, too: every one is bounded.
             self._ecu.start((0.0, 0.02, -1e30, math.nan, math.inf)[number % 5])
             commands = self._ecu.drive(drive)
@@ -167,9 +167,9 @@ class _Suites:
     def _lookups(self) -> Iterator[str]:
         subject = self._subject
         lookup = lookup_of(subject, compile_build(subject.files, subject.manifest, flags=HOST_FLAGS))
-        places = suites.places(self._ground, self._samples // 4, self._precision)
+        places = suites.places(self._thresholds, self._samples // 4, self._precision)
         first, wrong, count = "", 0, 0
-        for friction in suites.road_frictions(self._ground, self._precision):
+        for friction in suites.road_frictions(self._thresholds, self._precision):
             differ, told = self._different(lookup, places, friction)
             first, wrong, count = first or told, wrong + differ, count + len(places)
         if wrong:

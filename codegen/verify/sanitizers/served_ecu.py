@@ -26,7 +26,7 @@ from codegen.errors import BuildError, CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.software import RECORD_COLUMNS, bench_sources
 from codegen.verify.check import Subject
-from codegen.verify.drives import Drive
+from codegen.verify.drives import Samples
 from codegen.verify.sanitizers.sanitized import Compiler, Program, compiled, environment, findings_of, launcher
 
 FloatArray = npt.NDArray[np.float64]
@@ -69,7 +69,7 @@ class ServedEcu:
         """The controller anew, at a rear angle in rad."""
         self._send(b"i" + self.real(rear_angle).tobytes())
 
-    def drive(self, drive: Drive) -> Numbers:
+    def drive(self, drive: Samples) -> Numbers:
         """Commands of the controller, (samples,) with the fields rear_angle, yaw_rate_reference, status."""
         samples = np.empty(len(drive), dtype=np.dtype([("values", self.real, 6), ("inhibit", np.uint8)]))
         with np.errstate(invalid="ignore"):  # a signalling NaN, where the build is in double precision

@@ -1,4 +1,4 @@
-"""Part "libfuzzer": the harnesses of `codegen.verify.fuzzing.harness` under coverage-guided libFuzzer.
+"""Part "libfuzzer": the harnesses of `codegen.verify.fuzzing.check` under coverage-guided libFuzzer.
 
 The properties are those of `codegen verify`. An input that breaks one is stored in build/fuzzing/, where the harness runs it
 again.
@@ -16,8 +16,7 @@ from typing import Any
 
 from codegen.sil.toolchain import compiler_identity
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.fuzzing.check import SHOWS
-from codegen.verify.fuzzing.harness import Name, seeds, source
+from codegen.verify.fuzzing.check import SHOWS, Name, seeds, source
 from codegen.verify.sanitizers.sanitized import Compiler, compiled, environment, findings_of
 from tests.evidence.coverage.coverage import find_tool
 from tests.evidence.coverage.mcdc import VERSION

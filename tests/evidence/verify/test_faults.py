@@ -9,7 +9,7 @@ import pytest
 from codegen.verify import packages
 from codegen.verify.budgets import check as budgets
 from codegen.verify.budgets.measure import measure_step
-from codegen.verify.budgets.taken import CYCLE
+from codegen.verify.budgets.usage import CYCLE
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.compilation import check as compiles
 from codegen.verify.fuzzing import check as fuzzing

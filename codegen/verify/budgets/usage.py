@@ -1,4 +1,4 @@
-"""What a build takes on a Cortex-M4F, in figures."""
+"""Resource usage of a build on a Cortex-M4F."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from codegen.verify.budgets.sizes import Sizes
 from codegen.verify.budgets.worst import Spread
 
 CYCLE = "cycle"
-"""Name of what a period takes: both frames received, and the task's function."""
+"""Name of a whole control period: both frames received, and the task's function."""
 
 NOT_COUNTED = -1
 
 
 @dataclass(frozen=True)
 class Count:
-    """Of one function.
+    """Instruction counts of one function.
 
     Attributes:
-        instructions: of its calls, all that it calls included; of a step without the limiter.
-        cycles: estimated, of the whole call.
-        calls: how many were made.
-        worst_input: of the longest call, in words.
-        with_limiter: of a step: instructions with the limiter's.
-        bound: of a cycle: the longest one if the packing of its frame had taken the longest too, for which both values have to
-            lie exactly between two codes; no search finds such a cycle.
+        instructions: per call, callees included; a step counts without the limiter.
+        cycles: estimated cycles of the whole call.
+        calls: number of calls.
+        worst_input: inputs of the longest call, as text.
+        with_limiter: instructions of a step including the limiter.
+        bound: longest cycle without packing plus longest packing. Packing takes longest if both values lie exactly between
+            two codes, which no search reaches within a cycle.
     """
 
     instructions: Spread
@@ -38,12 +38,12 @@ class Count:
     bound: int | None = None
 
     @property
-    def judged(self) -> int:
-        """What is compared with a budget."""
+    def compared(self) -> int:
+        """Instructions that are compared with the budget."""
         return self.instructions.largest if self.bound is None else self.bound
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         found: dict[str, Any] = {
             "instructions": self.instructions.to_dict(),
             "estimated_cycles": self.cycles.to_dict(),
@@ -57,31 +57,35 @@ class Count:
 
 @dataclass(frozen=True)
 class Stack:
-    """Of one function, and of what starts its state: the deepest that was seen, and the most that they can take; None where
-    that has no bound, and why."""
+    """Stack of a function and of the function that initialises its state.
+
+    Attributes:
+        watermark: deepest observed, in bytes.
+        bound: largest possible depth; None if there is no bound.
+        why: reason for a missing bound."""
 
     watermark: int
     bound: Depth | None
     why: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         bound = self.bound or Depth(NOT_COUNTED, ())
         return {"watermark": self.watermark, "bound": bound.bytes, "deepest": list(bound.chain)}
 
 
 @dataclass(frozen=True)
-class Taken:
-    """What a build takes.
+class ResourceUsage:
+    """Resource usage of a build.
 
     Attributes:
-        counts: by function, without the prefix; CYCLE among them.
-        stacks: the same way.
+        counts: by function without prefix, and CYCLE.
+        stacks: likewise.
         sizes: by source file.
         structs: bytes, by name without prefix and suffix.
-        blocks: basic blocks of the counted functions.
-        missed: those that no call entered: file and line, by function.
-        in_closed_loop: whether the means are over scenarios; else, where this machine cannot compile the C, over drawn inputs.
+        blocks: number of basic blocks of the counted functions.
+        missed: file and line of the blocks that no call entered, by function.
+        in_closed_loop: whether means are over scenarios. They are over drawn inputs if this machine cannot compile the C.
     """
 
     counts: Mapping[str, Count]
@@ -95,14 +99,14 @@ class Taken:
 
 @dataclass(frozen=True)
 class LongestStep:
-    """A step of the controller with its limiter: what a caller of it waits for.
+    """Longest step of the controller, limiter included.
 
     Attributes:
         worst: instructions of the longest step.
-        limiter: those of them that are the limiter's.
+        limiter: share of the limiter in them.
         mean: instructions of a usual step.
-        calls: how many steps were counted.
-        worst_input: of the longest one, in words.
+        calls: number of counted steps.
+        worst_input: inputs of the longest step, as text.
     """
 
     worst: int
