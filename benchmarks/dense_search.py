@@ -16,13 +16,12 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.optimum.ipopt_turns import without_shifts
 from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
 from codegen.vehicle.dynamics import WHEEL_SPEED_MIN, Model, two_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
-
-FloatArray = npt.NDArray[np.float64]
 
 BEYOND = 1.25
 """Slip angles are laid out up to this share of their bound, so that turns just beyond it are seen too."""

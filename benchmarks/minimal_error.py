@@ -13,9 +13,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.tables import CountReport, Row
+from codegen.arrays import FloatArray
 from codegen.errors import CheckFailed
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Software
@@ -26,8 +26,6 @@ from hil_sim.metrics.step import slip_bounds
 from hil_sim.suite.candidate import recommended
 from hil_sim.suite.cells import STEER_TIME, Cell, cells
 from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
-
-FloatArray = npt.NDArray[np.float64]
 
 SPEEDS_KM_H, QUICK_SHARES = (80.0, 100.0, 120.0), (0.75,)
 AFTER_S = 2.0

@@ -10,14 +10,12 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.design.sampled import matrix_exponential
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.paths import RoadPath
-
-FloatArray = npt.NDArray[np.float64]
 
 PREVIEW_TIME_S, DELAY_S = 1.0, 0.2
 """The reaction time of a driver who knows what is coming, and the shortest preview, in steps of 0.2 s, with which he then keeps

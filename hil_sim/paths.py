@@ -7,11 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
-
-FloatArray = npt.NDArray[np.float64]
 
 BODY_BEYOND_TRACK_M = 0.25
 """m of the body beyond the track: one tyre's width. The configuration has no width of the body."""

@@ -195,8 +195,8 @@ def _to_dict(config: Config, made: Design, least: Weakest) -> dict[str, Any]:
 
 
 def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
-    from codegen.units import KM_H
     from codegen.report.summary import table
+    from codegen.units import KM_H
 
     tuning = config.tuning
     console.say(
