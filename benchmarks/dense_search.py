@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
-from codegen.optimum.ipopt_turns import without_shifts
+from codegen.optimum.ipopt import without_shifts
 from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
 from codegen.vehicle.dynamics import WHEEL_SPEED_MIN, Model, two_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre

@@ -9,7 +9,7 @@ from unittest.mock import Mock, call
 
 import pytest
 
-from codegen.doctor import buses, clock, compiled, packages
+from codegen.doctor import buses, examination
 from codegen.doctor.finding import Finding, State
 from codegen.doctor.requirements import Requirement, extras_of, parse, requirements
 
@@ -24,14 +24,14 @@ def test_requirements_match_the_project() -> None:
     always = [parse(line).name for line in PROJECT["dependencies"]]
     assert (source, [each.name for each in asked if not each.extra]) == ("pyproject.toml", always)
     assert extras_of(asked) == [name for name in PROJECT["optional-dependencies"] if name != "all"]
-    assert set(packages.SERVES) == set(always)
-    assert set(packages.EXTRAS) >= PROJECT["optional-dependencies"].keys() - {"all"}
+    assert set(examination.SERVES) == set(always)
+    assert set(examination.EXTRAS) >= PROJECT["optional-dependencies"].keys() - {"all"}
 
 
 def versions(monkeypatch: pytest.MonkeyPatch, **changed: str | None) -> None:
     """Make packages report another version; None: not installed."""
-    real = packages._version
-    monkeypatch.setattr(packages, "_version", lambda name: changed[name] if name in changed else real(name))
+    real = examination._version
+    monkeypatch.setattr(examination, "_version", lambda name: changed[name] if name in changed else real(name))
 
 
 @pytest.mark.parametrize(
@@ -44,8 +44,8 @@ def versions(monkeypatch: pytest.MonkeyPatch, **changed: str | None) -> None:
 )
 def test_a_needed_package(monkeypatch: pytest.MonkeyPatch, version: str | None, module: str, state: State, words: str) -> None:
     versions(monkeypatch, numpy=version)
-    monkeypatch.setitem(packages.MODULES, "numpy", module)
-    (found,) = packages.needed([Requirement("numpy", ">=2.4,<3"), Requirement("other", "", "dev")])
+    monkeypatch.setitem(examination.MODULES, "numpy", module)
+    (found,) = examination.needed([Requirement("numpy", ">=2.4,<3"), Requirement("other", "", "dev")])
     assert (found.state, found.stops) == (state, True)
     assert found.what.startswith(words)
     assert found.remedy.startswith("pip install ") and found.remedy.endswith(' "numpy>=2.4,<3"')
@@ -54,7 +54,7 @@ def test_a_needed_package(monkeypatch: pytest.MonkeyPatch, version: str | None, 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Skip compiling, sending and waiting."""
-    for module, name in ((compiled, "module"), (buses, "socketcan"), (buses, "multicast"), (clock, "punctuality")):
+    for module, name in ((examination, "module"), (buses, "socketcan"), (buses, "multicast"), (examination, "punctuality")):
         monkeypatch.setattr(module, name, lambda name=name: Finding(name, State.GOOD, "as expected"))
 
 

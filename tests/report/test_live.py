@@ -17,8 +17,7 @@ from rich.console import Console
 
 from codegen.emit.can_view import DIAGNOSTICS as IN_THE_C
 from codegen.report.live import LiveSample, LiveView
-from codegen.report.live_chart import BINS, Line, Trace, Window, chart
-from codegen.report.live_rows import TRACES, History, Look, draw
+from codegen.report.live_rows import BINS, TRACES, History, Line, Look, Trace, Window, chart, draw
 from codegen.sil.software import Status
 from hil_sim.diagnostics import DIAGNOSTICS, causes
 
