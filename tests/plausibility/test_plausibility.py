@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.cli.check_command import check
+from codegen.cli.check_commands import check
 from codegen.configuration import Config, preset
 from codegen.emit.from_files import prepare
 from codegen.errors import CheckFailed, CodegenError

@@ -17,13 +17,11 @@ from codegen.optimum.problem import SteadyTurnProblem
 from codegen.report.html import maps
 from codegen.report.html.blocks import Chart
 from codegen.report.html.charts import cell_edges
-from codegen.report.html.compare import comparison
 from codegen.report.html.curves import front_angle_chart
-from codegen.report.html.ecu_table import extended
-from codegen.report.html.loop import margins_chart
 from codegen.report.html.loss import loss_blocks
 from codegen.report.html.maps import NamedMap
-from codegen.report.html.report import to_compare
+from codegen.report.html.report import comparison, extended, to_compare
+from codegen.report.html.robust import margins_chart
 from codegen.report.html.runs import PANELS, run_chart
 from codegen.report.published import PAPER_TABLE
 from codegen.sil.software import RECORD_COLUMNS
