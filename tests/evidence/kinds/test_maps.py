@@ -104,9 +104,8 @@ def test_the_self_test_covers_each_number_of_a_stack() -> None:
         assert number is not None
         wrong = float(np.nextafter(np.float32(float(number[0].rstrip("f"))), np.float32(10.0)))
         changed.append(("src/ars_calibration.c", text[: number.start()] + f"{wrong!r}f" + text[number.end() :]))
-    code = folder.files["src/ars_map.c"].decode("ascii")
-    assert code.count("0.2f, 0.21f, 0.6f, 0.9f") == 1
-    changed.append(("src/ars_map.c", code.replace("0.2f, 0.21f, 0.6f, 0.9f", "0.2f, 0.21000002f, 0.6f, 0.9f")))
+    assert text.count("0.2f, 0.21f, 0.6f, 0.9f") == 1
+    changed.append(("src/ars_calibration.c", text.replace("0.2f, 0.21f, 0.6f, 0.9f", "0.2f, 0.21000002f, 0.6f, 0.9f")))
     for path, wrong_text in changed:
         faulty = replace(folder, files={**folder.files, path: wrong_text.encode("ascii")})
         assert not compile_build(faulty.files, faulty.manifest).selftest()
