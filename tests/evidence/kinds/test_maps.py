@@ -71,12 +71,12 @@ def test_placed(which: tuple[Kind, Precision, Storage, Which]) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("share", ["1.5f", "(0.0f / 0.0f)", "-1.0f"])
 def test_a_damaged_grip_entry_fails_the_self_test_and_raises_no_cap(share: str) -> None:
-    built = placed(*PLACED[5])[0].built
-    text = built.folder.files["src/ars_map.c"].decode("ascii")
+    built, path = placed(*PLACED[5])[0].built, "src/ars_calibration.c"
+    text = built.folder.files[path].decode("ascii")
     begin = text.index("grip_share_table[")
     numbers = list(re.compile(r"\d\.\d+f").finditer(text, begin, text.index("};", begin)))
     lost = numbers[len(numbers) // 2]
-    files = {**built.folder.files, "src/ars_map.c": (text[: lost.start()] + share + text[lost.end() :]).encode("ascii")}
+    files = {**built.folder.files, path: (text[: lost.start()] + share + text[lost.end() :]).encode("ascii")}
     software = compile_build(files, built.folder.manifest)
     assert not software.function("selftest")()
     speed, front_angle = np.meshgrid(np.linspace(1.0, 40.0, 120), np.linspace(0.0, 0.7, 120))
