@@ -71,12 +71,12 @@ def test_placed(which: tuple[Kind, Precision, Storage, Which]) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("share", ["1.5f", "(0.0f / 0.0f)", "-1.0f"])
 def test_a_damaged_grip_entry_fails_the_self_test_and_raises_no_cap(share: str) -> None:
-    built = placed(*PLACED[5])[0].built
-    text = built.folder.files["src/ars_map.c"].decode("ascii")
+    built, path = placed(*PLACED[5])[0].built, "src/ars_calibration.c"
+    text = built.folder.files[path].decode("ascii")
     begin = text.index("grip_share_table[")
     numbers = list(re.compile(r"\d\.\d+f").finditer(text, begin, text.index("};", begin)))
     lost = numbers[len(numbers) // 2]
-    files = {**built.folder.files, "src/ars_map.c": (text[: lost.start()] + share + text[lost.end() :]).encode("ascii")}
+    files = {**built.folder.files, path: (text[: lost.start()] + share + text[lost.end() :]).encode("ascii")}
     software = compile_build(files, built.folder.manifest)
     assert not software.function("selftest")()
     speed, front_angle = np.meshgrid(np.linspace(1.0, 40.0, 120), np.linspace(0.0, 0.7, 120))
@@ -104,9 +104,8 @@ def test_the_self_test_covers_each_number_of_a_stack() -> None:
         assert number is not None
         wrong = float(np.nextafter(np.float32(float(number[0].rstrip("f"))), np.float32(10.0)))
         changed.append(("src/ars_calibration.c", text[: number.start()] + f"{wrong!r}f" + text[number.end() :]))
-    code = folder.files["src/ars_map.c"].decode("ascii")
-    assert code.count("0.2f, 0.21f, 0.6f, 0.9f") == 1
-    changed.append(("src/ars_map.c", code.replace("0.2f, 0.21f, 0.6f, 0.9f", "0.2f, 0.21000002f, 0.6f, 0.9f")))
+    assert text.count("0.2f, 0.21f, 0.6f, 0.9f") == 1
+    changed.append(("src/ars_calibration.c", text.replace("0.2f, 0.21f, 0.6f, 0.9f", "0.2f, 0.21000002f, 0.6f, 0.9f")))
     for path, wrong_text in changed:
         faulty = replace(folder, files={**folder.files, path: wrong_text.encode("ascii")})
         assert not compile_build(faulty.files, faulty.manifest).selftest()
