@@ -1,4 +1,4 @@
-"""What the batches are driven with, in words: samples from everywhere, numbers that are none, and CAN frames good and bad.
+"""Inputs of the batches as words: samples over the whole input range, special numbers, and valid and damaged CAN frames.
 
 The same configuration and seed give the same rows.
 """
@@ -18,31 +18,31 @@ from codegen.configuration.signals import CARRIED, SignalDefinition
 from codegen.verify.drives import COLUMNS, GAPS, HELD, Samples, Thresholds, drawn, moving
 from codegen.verify.pil.batches import WHOLE, Batch, Rows, Word
 
-WILDNESS = (0.0, 0.01, 0.0, 0.3, 0.0, 1.0)
-"""Share of the numbers that are replaced by anything, in stretches one after the other: each kind of damage, and time enough
-to come back from it."""
+REPLACED_FRACTIONS = (0.0, 0.01, 0.0, 0.3, 0.0, 1.0)
+"""Fraction of the numbers that are replaced by arbitrary ones, in consecutive stretches: each kind of damage, and time to
+recover."""
 
 STRETCH = 60
-"""Samples of each; more than most recoveries take."""
+"""Samples of a stretch, more than most recoveries take."""
 
 RESTART = 0.005
-"""Probability that a sample starts afresh."""
+"""Probability that a sample restarts the controller."""
 
 WHOLE_DRIVES = ((0.0, 1.0),) * len(HELD)
-"""Drives without gaps, into which others are made."""
+"""Gap probabilities of drives without gaps."""
 
 TOUR_MAX = 2_500
-"""Samples of one leg of the tour."""
+"""Maximum samples of one leg of the tour."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where rows are drawn from.
+    """Generator of rows.
 
     Attributes:
-        thresholds: of the build.
+        thresholds: thresholds of the build.
         word: NumPy type of a word.
-        generator: of random numbers.
+        generator: generator of random numbers.
     """
 
     thresholds: Thresholds
@@ -54,12 +54,12 @@ class Source:
         return np.float32 if self.word is np.uint32 else np.float64
 
     def words(self, numbers: npt.ArrayLike) -> Rows:
-        """Their bits."""
+        """Return the bits of numbers."""
         with np.errstate(over="ignore"):
             return np.ascontiguousarray(numbers, dtype=self._real).view(self.word)
 
     def steps(self, batch: Batch, count: int) -> Rows:
-        """Rows for the controller: a tour through every status, drawn drives, and the same with numbers that are none."""
+        """Draw rows for the controller: a tour through every status, drawn drives, and drives with special numbers."""
         tour = _tour(self.thresholds.config)[:count]
         left = count - len(tour)
         tame = self._drawn(left // 2)
@@ -75,7 +75,7 @@ class Source:
         return rows
 
     def numbers(self, batch: Batch, count: int) -> Rows:
-        """Rows for a batch of other functions: each column from where its signal lies, a third of the rows with anything."""
+        """Draw rows for another batch, each column from its signal's range; a third of the rows has arbitrary numbers."""
         drive = self._drawn(count)
         columns: dict[str, npt.NDArray[Any]] = {name: drive[:, COLUMNS.index(name)] for name in COLUMNS}
         steered = np.where(np.isnan(drive[:, 3]), 0.05, drive[:, 3])
@@ -102,27 +102,27 @@ class Source:
         return rows
 
     def _carried(self, signal: SignalDefinition, count: int) -> Rows:
-        """Words for a signal that the controller only hands on."""
+        """Draw words for a signal that the controller only forwards."""
         if signal.is_flag:
             return self.generator.integers(2, size=count, dtype=self.word)
         return self.words(10.0 * self.generator.standard_normal(count))
 
     def overlay(self, rows: Rows) -> None:
-        """Replace numbers by anything, in stretches of different wildness."""
-        level = np.resize(np.repeat(WILDNESS, STRETCH), len(rows))[:, None]
+        """Replace numbers by arbitrary ones, in stretches of different density."""
+        level = np.resize(np.repeat(REPLACED_FRACTIONS, STRETCH), len(rows))[:, None]
         self.replace(rows, self.generator.random(rows.shape) < level)
 
     def replace(self, rows: Rows, taken: npt.NDArray[np.bool_]) -> None:
-        """Replace some words by anything that a word can hold."""
+        """Replace selected words by arbitrary ones."""
         count = int(taken.sum())
         special = self.generator.choice(specials(self.word), count)
         raw = self.generator.integers(np.iinfo(self.word).max, size=count, dtype=self.word, endpoint=True)
-        # Of every magnitude: what saturates, and what vanishes.
+        # All magnitudes, so that some saturate and some vanish.
         sized = self.words(self.generator.choice([-1.0, 1.0], count) * 10.0 ** self.generator.uniform(-40.0, 40.0, count))
         rows[taken] = np.choose(self.generator.integers(3, size=count), [special, raw, sized])
 
     def recordings(self, batch: Batch, drives: Sequence[Samples]) -> Rows:
-        """Rows for the controller: drives, one after the other, each from a start."""
+        """Convert drives to rows for the controller, each from a restart."""
         rows = np.concatenate([np.zeros((len(drive), len(batch.inputs)), dtype=self.word) for drive in drives])
         samples = np.concatenate(drives)
         rows[:, 2:8], rows[:, 8] = self.words(samples[:, :6]), samples[:, 6] != 0.0
@@ -135,8 +135,8 @@ class Source:
 
 
 def specials(word: Word) -> Rows:
-    """Words of numbers that are easily taken wrong: zeros, subnormal numbers, the smallest and the largest, infinity, one, and
-    NaN quiet and signalling, with several payloads; all of either sign."""
+    """Return the words of numbers that are easily mishandled, of both signs: zero, subnormal, smallest and largest numbers,
+    infinity, one, and quiet and signalling NaN with several payloads."""
     digits, width = (23, 32) if word is np.uint32 else (52, 64)
     exponent = ((1 << (width - 1 - digits)) - 1) << digits
     quiet = 1 << (digits - 1)
@@ -147,13 +147,13 @@ def specials(word: Word) -> Rows:
 
 
 def _tour(config: Config) -> Samples:
-    """Samples that take the controller through every status, for as long as each takes in this configuration."""
+    """Return samples that take the controller through every status, for the times configured."""
     controller, inputs = config.controller, config.controller.inputs
     speed = min(2.0 * controller.enable_speed_km_h, inputs.speed_max_km_h) * KM_H
     lost = controller.fail_safe.degraded_samples_max
     wait = controller.fail_safe.recovery_samples
     straight = (speed, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
-    # As good as the input range allows, and no yaw rate to speak of: the demand goes to its limit.
+    # A large front angle without yaw rate, so that the demand reaches its limit.
     steered = (speed, 0.5 * config.steering.front_angle_stop, 0.0, math.nan, math.nan, math.nan, 0.0)
     slow = (0.5 * controller.disable_speed_km_h * KM_H, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
     gone = (math.nan, math.nan, math.nan, 0.0, math.nan, math.nan, 0.0)

@@ -1,4 +1,4 @@
-"""Rows for a batch, and what is told of the first row that comes out otherwise on another machine."""
+"""Rows for a batch, and the comparison of their results on two machines."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class Stream:
     """Rows for one batch.
 
     Attributes:
-        name: what they are, for people.
-        row: what one of them is.
-        batch: to run.
+        name: name in messages.
+        row: word for one row in messages.
+        batch: batch to run.
         rows: words, (rows, inputs of the batch).
     """
 
@@ -27,19 +27,19 @@ class Stream:
     batch: Batch
     rows: Rows
 
-    def told(self, row: int) -> str:
-        """The inputs of a row."""
+    def format_row(self, row: int) -> str:
+        """Format the inputs of a row."""
         words = self.rows[row]
         if self.batch.name == "task":
-            return _frames_told([int(word) for word in words])
+            return _format_frames([int(word) for word in words])
         return ", ".join(
-            f"{name} = {int(word) if name in WHOLE else number_told(word)}"
+            f"{name} = {int(word) if name in WHOLE else format_word(word)}"
             for name, word in zip(self.batch.inputs, words, strict=True)
         )
 
 
 def differences(stream: Stream, here: Runner, there: Runner, expected: Rows) -> tuple[int, tuple[str, ...]]:
-    """How many rows of a stream come out otherwise there than was expected from here, and the first of them in a line."""
+    """Run a stream on another machine and return the number of rows that differ, with the first as text."""
     found = there.run(stream.batch, stream.rows)
     wrong = (found != expected).any(axis=1)
     if not wrong.any():
@@ -47,21 +47,21 @@ def differences(stream: Stream, here: Runner, there: Runner, expected: Rows) -> 
     row = int(wrong.argmax())
     column = int((found[row] != expected[row]).argmax())
     output = stream.batch.outputs[column]
-    values = [number_told(words[row, column]) if output.is_number else hex(words[row, column]) for words in (found, expected)]
+    values = [format_word(words[row, column]) if output.is_number else hex(words[row, column]) for words in (found, expected)]
     return int(wrong.sum()), (
         f"{there.name}: {stream.name}, {stream.row} {row}: {output.name} is {values[0]}, and {values[1]} on {here.name}; "
-        f"{stream.told(row)}",
+        f"{stream.format_row(row)}",
     )
 
 
-def number_told(word: Any) -> str:
-    """The number whose bits a word holds, and these bits."""
+def format_word(word: Any) -> str:
+    """Format the number whose bits a word holds, and the bits."""
     bits = 8 * word.itemsize
     number = word.view(np.float32 if bits == 32 else np.float64)
     return f"{number:.{9 if bits == 32 else 17}g} (0x{int(word):0{bits // 4}x})"
 
 
-def _frames_told(words: list[int]) -> str:
+def _format_frames(words: list[int]) -> str:
     frames = []
     for frame in range(words[1]):
         identifier, length, low, high = words[2 + 4 * frame : 6 + 4 * frame]
