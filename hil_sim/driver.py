@@ -54,7 +54,7 @@ class PreviewDriver:
         self._hands: deque[float] = deque([0.0] * round(DELAY_S / period))
 
     def steer(self, position: tuple[float, float, float], sideslip_angle: float, yaw_rate: float) -> float:
-        """The angle (rad) of the steering wheel now.
+        """Return the current angle of the steering wheel in rad.
 
         Args:
             position: m along the road, m to the left, heading in rad.
@@ -70,7 +70,7 @@ class PreviewDriver:
 
 
 def _model(config: Config, speed: float) -> FloatArray:
-    """Rates of (y, psi, v_y, r, front angle); the front angle is held (Rajamani, section 2.3)."""
+    """Return the rates of (y, psi, v_y, r, front angle); the front angle is held (Rajamani, section 2.3)."""
     car = SingleTrack.from_config(config)
     axles = ((car.front_arm, car.front_stiffness), (-car.rear_arm, car.rear_stiffness))
     rates = np.zeros((5, 5))

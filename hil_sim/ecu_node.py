@@ -17,14 +17,14 @@ from hil_sim.bus import Bus
 from hil_sim.frames import Frame
 
 SILENCE_PERIODS = 4
-"""So many periods without a frame of the car, and the timer takes its phase anew from the next complete set."""
+"""Periods without a frame of the car after which the timer synchronises with the next complete set."""
 
 SLIP_WEIGHT, SLIPPING_MAX = 10, 25
 """A run that finds two sets of frames or none weighs so much against one that is well in phase; beyond the sum the phase is
 taken anew, for the car's frames then come just when the timer does."""
 
 POLL = 0.05
-"""s between two looks at whether to stop, where there is no timer."""
+"""Interval in s at which the node checks whether to stop, if there is no timer."""
 
 
 @dataclass
@@ -90,7 +90,7 @@ class EcuNode:
                 in_phase, slipping = False, 0
 
     def _discard(self, frame: Frame | None) -> None:
-        """Forget a frame and all that wait behind it."""
+        """Discard a frame and all that wait after it."""
         while frame is not None:
             self.counters.discarded += 1
             frame = self._bus.receive(0.0)

@@ -36,7 +36,7 @@ MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", 
 
 @dataclass(frozen=True)
 class Head:
-    """What a log says of its run: arguments of BusLog."""
+    """Metadata of a log: arguments of BusLog."""
 
     channel: str
     start: float | None
@@ -49,7 +49,7 @@ class Head:
 
     @property
     def date(self) -> str:
-        """As ASC has it: local time, in English whatever the locale; UTC where there is no wall clock, alike everywhere."""
+        """Date in the form of ASC: local time in English in any locale; UTC without a wall clock."""
         moment = datetime.fromtimestamp(round(self.unix, 3), UTC if self.start is None else None)
         day = f"{DAYS[moment.weekday()]} {MONTHS[moment.month - 1]} {moment.day:02d}"
         return f"{day} {moment:%H:%M:%S}.{moment.microsecond // 1000:03d} {moment.year}"
@@ -113,7 +113,7 @@ class AscWriter:
 
 
 class CandumpWriter:
-    """What `candump -L -x` of can-utils prints, with R and T for the direction."""
+    """Log format of `candump -L -x` (can-utils), with R and T for the direction."""
 
     def __init__(self, path: Path, head: Head) -> None:
         self._file = path.open("w", encoding="ascii", errors="replace", newline="\n")
@@ -232,5 +232,5 @@ def _microseconds(seconds: float) -> int:
 
 
 def _word(channel: str) -> str:
-    """A channel's name without the blanks that would cut a line of candump or ASC."""
+    """Return a channel's name without blanks, which would break a line of candump or ASC."""
     return "_".join(channel.split()) or "can"

@@ -41,7 +41,7 @@ class BusLog:
     """
 
     def __init__(self, path: Path, *, channel: str = "vcan0", start: float | None = None, dbc: bytes | None = None) -> None:
-        """Nothing is written yet.
+        """Prepare a log; nothing is written yet.
 
         Args:
             path: `.blf`, `.asc`, `.log` or `.mf4`.
@@ -81,7 +81,7 @@ class BusLog:
         self._frames.put((frame, received))
 
     def __enter__(self) -> Self:
-        """Raises CodegenError: the folder is missing, the path is no file, and the like."""
+        """Open the log. Raises CodegenError, for example if the folder is missing or the path is not a file."""
         try:
             target = self._path.resolve()  # through a link, to what it names
             if target.exists() and not target.is_file():
@@ -100,7 +100,7 @@ class BusLog:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Raises CodegenError: the log could not be written; not in place of another CodegenError."""
+        """Close the log. Raises CodegenError if it could not be written, unless another CodegenError is pending."""
         with deferred():  # a second Ctrl-C waits until the file is whole
             self._frames.put(None)
             self._thread.join()
@@ -114,7 +114,7 @@ class BusLog:
             raise _told(self._path, self._failure) from None
 
     def _drain(self) -> None:
-        """The thread: what fails is kept for the next `write` or the end of the block."""
+        """Write frames in the thread. An error is kept for the next `write` or the end of the block."""
         try:
             while (item := self._frames.get()) is not None:
                 frame, received = item

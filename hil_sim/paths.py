@@ -18,16 +18,17 @@ BODY_BEYOND_TRACK_M = 0.25
 
 CONES_PER_LANE = 5
 CONES, CONE_SPACING_M, CONE_CLEARANCE_M = 6, 36.0, 0.3
-"""Of the slalom: how many, m from cone to cone, and m from a cone to the side of the car. No standard fixes them."""
+"""Slalom: number of cones, distance between cones in m, and clearance from a cone to the car's side in m. No standard
+defines them."""
 
 
 @dataclass(frozen=True)
 class RoadPath:
-    """What is to be driven.
+    """Path of a driver.
 
     Attributes:
-        lateral: positions along the road (m, any shape) to lateral positions (m).
-        start, length: m. Before and after it is straight.
+        lateral: function from positions along the road (m, any shape) to lateral positions (m).
+        start, length: in m; the path is straight before and after.
         cones: (k, 3) m: position along the road, and the smallest and the largest lateral position of the centre of gravity at
             which the sides of the car clear the cones there; infinite where there is no cone on that side.
     """
@@ -39,22 +40,22 @@ class RoadPath:
 
 
 PathOf = Callable[[Config, float], RoadPath]
-"""From the car and the position (m) at which it starts to the path."""
+"""Function from a configuration and the start position (m) to a path."""
 
 
 def _rise(x: FloatArray, start: float, length: float) -> FloatArray:
-    """Half a cosine from 0 to 1."""
+    """Return half a cosine from 0 to 1."""
     result: FloatArray = 0.5 - 0.5 * np.cos(np.pi * np.clip((x - start) / length, 0.0, 1.0))
     return result
 
 
 def body_width(config: Config) -> float:
-    """m."""
+    """Return the width of the body in m."""
     return config.vehicle.track_m + BODY_BEYOND_TRACK_M
 
 
 def double_lane_change(config: Config, start: float) -> RoadPath:
-    """The obstacle avoidance track of ISO 3888-2:2011, table 1, that begins at `start` (m).
+    """Return the obstacle avoidance track of ISO 3888-2:2011, table 1, beginning at `start` (m).
 
     Lanes of 12 m, 11 m and 12 m, of width 1.1 b + 0.25 m, b + 1 m, and 1.3 b + 0.25 m or 3 m where that is more, with b the
     width of the car. Gaps of 13.5 m and 12.5 m. The second lane is 1 m to the left of the others, whose left edges are in line.
@@ -86,7 +87,8 @@ def double_lane_change(config: Config, start: float) -> RoadPath:
 
 
 def slalom(config: Config, start: float) -> RoadPath:
-    """A sine around cones in line; from `start` (m) it grows to its amplitude, and back, within one spacing of the cones."""
+    """Return a sine around cones in line. From `start` (m) it grows to its amplitude within one cone spacing; it fades
+    likewise."""
     side = 0.5 * body_width(config)
     amplitude = side + CONE_CLEARANCE_M
     length = (CONES + 1) * CONE_SPACING_M

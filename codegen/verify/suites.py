@@ -75,7 +75,8 @@ def drives(thresholds: Thresholds, samples: int) -> tuple[Samples, ...]:
 def places(thresholds: Thresholds, samples: int, precision: Precision) -> npt.NDArray[np.float32] | npt.NDArray[np.float64]:
     """Return places of the map lookup, (about samples, 2): speed and front angle.
 
-    They include breakpoints, their neighbours, values between and beyond them, both signs, and arbitrary bit patterns."""
+    They include breakpoints, their neighbours, values between and beyond them, both signs, and arbitrary bit patterns.
+    """
     real = numpy_type(precision)
     generator = np.random.default_rng(3)
     columns = []

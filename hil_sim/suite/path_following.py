@@ -1,4 +1,4 @@
-"""A driver in the loop: how far each subject is from the path that he follows."""
+"""Path errors of each subject with a driver in the loop."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.subjects import Subject
 
 FEEDFORWARD = "feedforward"
-"""What a controller with feedback is compared with."""
+"""Baseline of controllers with feedback."""
 
 
 def path_errors(subject: Subject) -> dict[str, float | None]:
-    """Name of the scenario to the rms path error in m of a subject; None for a car that spins. Raises BuildError."""
+    """Return scenario name -> rms path error in m; None for a car that spins. Raises BuildError."""
     software, config = subject.around(subject.config), subject.config
     errors = {}
     for name, scenario in PATH_SCENARIOS.items():

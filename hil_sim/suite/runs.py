@@ -1,4 +1,4 @@
-"""One step steer, and what is told of it."""
+"""Run a step steer and evaluate its figures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
 
 @dataclass(frozen=True)
 class CellResult:
-    """Figures of one run. A car that spins has none of them but the time of the spin.
+    """Return the figures of a recording (samples, 12) of any plant.
 
     Attributes:
         cell, condition: what was driven, and the name of the condition.
@@ -62,18 +62,19 @@ class CellResult:
         return self.spun_at_s is not None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         return asdict(self)
 
 
 @functools.lru_cache(maxsize=256)
 def software_of(subject: Subject, condition: Condition) -> Software:
-    """The subject's controller around the plant of a condition; its `config` is the plant's. Raises BuildError, ConfigError."""
+    """Return the subject's controller around the plant of a condition; its `config` is the plant's. Raises BuildError,
+    ConfigError."""
     return subject.around(condition.plant(subject.config))
 
 
 def drive(subject: Subject, condition: Condition, cell: Cell, delay_samples: int = DELAY_SAMPLES) -> FloatArray:
-    """The recording (samples, 12), columns RECORD_COLUMNS, of a subject in a cell. Raises BuildError, ConfigError."""
+    """Return the recording (samples, 12), columns RECORD_COLUMNS, of a subject in a cell. Raises BuildError, ConfigError."""
     software = software_of(subject, condition)
     scenario = cell.scenario(software.config, condition.friction, condition.estimate)
     return subject.loop(software, delay_samples).run(scenario.inputs(software.config))
@@ -90,9 +91,9 @@ def judge(
     """Figures of a recording (samples, 12), of whatever plant.
 
     Args:
-        reference: rad/s, the map's yaw rate; None where there is none.
-        steer_time: s, when the driver begins.
-        car: with the bounds on slip and sideslip; None leaves those figures out.
+        reference: the map's yaw rate in rad/s; None if there is none.
+        steer_time: time in s at which the driver begins.
+        car: car with the bounds on slip and sideslip; None omits those figures.
     """
     spun_at = spin_time(record)
     if spun_at is not None:
@@ -158,6 +159,6 @@ def run_table(subject: Subject, under: Sequence[Condition], points: Sequence[Cel
 
 
 def map_yaw_rate(subject: Subject, condition: Condition, cell: Cell) -> float:
-    """rad/s that the subject's map asks for in a cell, with the estimate of the friction that the controller is given."""
+    """Return the yaw rate in rad/s of the subject's map in a cell, with the controller's friction estimate."""
     software = software_of(subject, condition)
     return float(software.map_yaw_rate(cell.speed_km_h * KM_H, front_angle(cell), condition.estimate_or_nan))

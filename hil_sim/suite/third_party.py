@@ -20,7 +20,7 @@ CONDITION = "third-party"
 
 
 def available() -> bool:
-    """Whether the package of the third party's plant is installed."""
+    """Return whether the package of the third party's plant is installed."""
     return importlib.util.find_spec("vehiclemodels") is not None
 
 
@@ -32,12 +32,12 @@ def third_party_cells(
     controlled: bool = True,
     delay_samples: int = DELAY_SAMPLES,
 ) -> tuple[CellResult, ...]:
-    """Drive and judge them.
+    """Run and evaluate the cells.
 
     Args:
-        reference_map, config: of that car (`hil_sim.second_plant.car_of`), solved and tuned for it.
-        software: the build of both.
-        controlled: False is the passive car.
+        reference_map, config: map and configuration of that car (`hil_sim.second_plant.car_of`), solved and tuned for it.
+        software: build of both.
+        controlled: False for the passive car.
 
     Raises:
         CodegenError: the third party's package is missing.
@@ -81,6 +81,6 @@ class Job:
 
 
 def jobs(contenders: Mapping[str, Config], case: str) -> dict[str, Job]:
-    """One for each of the contenders (name to configuration), and the passive car."""
+    """Return the cells of each contender (name -> configuration) and of the passive car."""
     driven = {name: Job(config, case) for name, config in contenders.items()}
     return {**driven, PASSIVE: Job(next(iter(contenders.values())), case, controlled=False)}

@@ -85,7 +85,8 @@ def with_extremes(drives: Sequence[Samples], thresholds: Thresholds, generator: 
 def calm(thresholds: Thresholds, samples: int, generator: np.random.Generator) -> Samples:
     """Draw samples, (samples, 7), held for a while, in which the yaw rate is near the reference.
 
-    Code that runs only when no limit acts, or only the last one, requires small errors."""
+    Code that runs only when no limit acts, or only the last one, requires small errors.
+    """
     config = thresholds.config
     count = -(-samples // CALM_HELD)
     speed = generator.uniform(config.controller.enable_speed_km_h, config.controller.inputs.speed_max_km_h, count) * KM_H
@@ -225,7 +226,8 @@ class LongHistory:
 
     Attributes:
         before: rows that lead to it and are not counted.
-        then: rows that are counted."""
+        then: rows that are counted.
+    """
 
     before: Rows
     then: Rows
