@@ -77,7 +77,7 @@ class BusLog:
             CodegenError: what was given before could not be written; the log is lost.
         """
         if self._failure is not None:
-            raise _told(self._path, self._failure)
+            raise _log_error(self._path, self._failure)
         self._frames.put((frame, received))
 
     def __enter__(self) -> Self:
@@ -95,7 +95,7 @@ class BusLog:
                 self._temporary.unlink(missing_ok=True)
                 raise
         except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-            raise _told(self._path, error) from None
+            raise _log_error(self._path, error) from None
         self._thread.start()
         return self
 
@@ -111,7 +111,7 @@ class BusLog:
                     self._failure = failure
             self._temporary.unlink(missing_ok=True)
         if self._failure is not None and not isinstance(error, CodegenError):
-            raise _told(self._path, self._failure) from None
+            raise _log_error(self._path, self._failure) from None
 
     def _drain(self) -> None:
         """Write frames in the thread. An error is kept for the next `write` or the end of the block."""
@@ -135,7 +135,7 @@ class BusLog:
         self._temporary.replace(self._target)
 
 
-def _told(path: Path, error: Exception) -> CodegenError:
+def _log_error(path: Path, error: Exception) -> CodegenError:
     return CodegenError(
         f"the log cannot be written ({reason_of(error)})",
         where=path,

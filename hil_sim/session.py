@@ -109,14 +109,14 @@ def run_plant(setup: Setup, ecu: EcuProcess | EcuThread | None = None, observe: 
 
 @dataclass(frozen=True)
 class HilRun:
-    """Run with the ECU of a build, started and stopped here, or with one that is already there."""
+    """Run with an ECU: the recording, and the counters of the ECU ("" for an external ECU or one that was killed)."""
 
     result: BenchResult
     ecu_counters: str
 
 
 def run_hil(setup: Setup, build: Path, kind: EcuKind, observe: Observer | None = None, *, xcp: bool = False) -> HilRun:
-    """A run with the ECU of a build, which is started and stopped here, or with one that is there already.
+    """Run with the ECU of a build, started and stopped here, or with one that is already there.
 
     Args:
         xcp: whether a master can measure and calibrate the ECU while it runs.

@@ -1,4 +1,4 @@
-"""Return the margins of the configured car and the worst of the family of `config.tuning`; None without feedback."""
+"""Margins of a subject's feedback over speed, for the configured car and the whole family of cars."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def finite_or_none(value: float | None) -> float | None:
 
 
 def margins_of(config: Config, speeds_km_h: tuple[float, ...] = SPEEDS_KM_H) -> FamilyMargins | None:
-    """Margins of the configured car and the worst of the family of `config.tuning`; None where its kind has no feedback.
+    """Return the margins of the configured car and the worst of the family of `config.tuning`; None without feedback.
 
     Raises:
         BuildError: the kind lacks a required function. ConfigError: an empty family.

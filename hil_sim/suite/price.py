@@ -124,7 +124,7 @@ def _at_one_speed(subject: Subject, cell: Cell, condition: Condition, delay_samp
     plant = software.config
     scenario = sine_scenario(cell, plant.steering.ratio)
     record = subject.loop(software, delay_samples).run(scenario.inputs(plant))
-    asked = _asked_of(software, record)
+    asked = _with_map_yaw_rate(software, record)
     found, of_map = (frequency_response(Run(made, scenario, plant)) for made in (record, asked))
     if spin_time(record) is not None or found is None or of_map is None:
         return [SineTracking(subject.name, cell.speed_km_h, f, None, None, None) for f in SINE_FREQUENCIES_HZ]
@@ -136,12 +136,12 @@ def _at_one_speed(subject: Subject, cell: Cell, condition: Condition, delay_samp
     return rows
 
 
-def _asked_of(software: Software, record: FloatArray) -> FloatArray:
+def _with_map_yaw_rate(software: Software, record: FloatArray) -> FloatArray:
     """Return the recording with the map's yaw rate in place of the car's."""
-    asked = record.copy()
+    ideal = record.copy()
     values = software.map_yaw_rate(column(record, "speed_m_s"), column(record, "front_angle_rad"))
-    asked[:, RECORD_COLUMNS.index("yaw_rate_rad_s")] = values
-    return asked
+    ideal[:, RECORD_COLUMNS.index("yaw_rate_rad_s")] = values
+    return ideal
 
 
 def _at(found: FrequencyResponse, frequency: float) -> tuple[float, float]:

@@ -24,7 +24,7 @@ from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
 
 @dataclass(frozen=True)
 class CellResult:
-    """Return the figures of a recording (samples, 12) of any plant.
+    """Figures of one run. A car that spins has only the time of the spin.
 
     Attributes:
         cell, condition: what was driven, and the name of the condition.
@@ -88,7 +88,7 @@ def judge(
     steer_time: float = STEER_TIME,
     car: Config | None = None,
 ) -> CellResult:
-    """Figures of a recording (samples, 12), of whatever plant.
+    """Return the figures of a recording (samples, 12) of any plant.
 
     Args:
         reference: the map's yaw rate in rad/s; None if there is none.

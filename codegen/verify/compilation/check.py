@@ -66,19 +66,19 @@ class Compilation:
             self.call(self.units, tree, output)
         except BuildError as whole:
             # It may stop at the first unit that it dislikes.
-            told = tuple(complaint for unit in self.units for complaint in self._alone(unit, tree, output))
+            messages = tuple(complaint for unit in self.units for complaint in self._alone(unit, tree, output))
             (tree.parent / f"{output}.o").unlink(missing_ok=True)  # of one unit at most
-            return told or (_told(whole),)
+            return messages or (_message(whole),)
         return ()
 
     def _alone(self, unit: str, tree: Path, output: str) -> Iterator[str]:
         try:
             self.call((unit,), tree, output)
         except BuildError as error:
-            yield _told(error)
+            yield _message(error)
 
 
-def _told(error: BuildError) -> str:
+def _message(error: BuildError) -> str:
     return f"{error.where}: {error.what.removeprefix('the C does not compile: ')}"
 
 
@@ -215,8 +215,8 @@ def _compile(plan: Sequence[Compilation], tree: Path) -> list[tuple[str, ...]]:
 def _together(plan: Sequence[Compilation], complaints: Sequence[tuple[str, ...]]) -> Iterator[str]:
     """Yield each message once, with the compilers that report it."""
     labels: dict[str, list[str]] = {}
-    for compilation, told in zip(plan, complaints, strict=True):
-        for complaint in told:
+    for compilation, messages in zip(plan, complaints, strict=True):
+        for complaint in messages:
             labels.setdefault(complaint, []).append(compilation.label)
     for complaint, who in labels.items():
         more = f"; and {len(who) - LABELS_MAX} more" if len(who) > LABELS_MAX else ""

@@ -144,8 +144,8 @@ class SecondInputs:
             self.least_of_front = apart if changed else min(self.least_of_front, apart)
             witness = self._witness()
             is_less = bool(yaw_rate * self.expected < self.real(0.5) * (self.expected * self.expected))
-            is_told = witness is not None and is_less and bool(abs(witness - yaw_rate) <= p("yaw_rate_agreement"))
-            if is_told and apart - self.least_of_front > p("yaw_rate_frozen"):
+            is_contradicted = witness is not None and is_less and bool(abs(witness - yaw_rate) <= p("yaw_rate_agreement"))
+            if is_contradicted and apart - self.least_of_front > p("yaw_rate_frozen"):
                 step = self.real(-1.0)
                 self.happened.add("front angle frozen")
         return self._take("front_angle", measured, abs(measured) <= p("front_angle_max"), confirmed, step)

@@ -136,10 +136,10 @@ def compare(program: Program, here: Runner, there: Runner, count: int, generator
     share = np.where(np.isnan(share), np.inf, share)
     for row, column in np.argwhere(share > 1.0)[:1]:
         point = _numbers(rows[row, 2:], real)
-        told = ", ".join(f"{name} = {value:.9g}" for name, value in zip(batch.inputs[2:], point, strict=True))
+        inputs = ", ".join(f"{name} = {value:.9g}" for name, value in zip(batch.inputs[2:], point, strict=True))
         findings.append(
             f"{there.name}: dynamics, {batch.outputs[column].name} is {other[row, column]:.9g} and {own[row, column]:.9g} on "
-            f"{here.name}, further apart than {bound[row, column]:.3g}; {told}"
+            f"{here.name}, further apart than {bound[row, column]:.3g}; {inputs}"
         )
     return Difference(len(rows), int(apart.max(initial=0)), float(share.max()), tuple(findings))
 
