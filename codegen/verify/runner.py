@@ -53,7 +53,7 @@ CHECKS = (
         "compiles",
         "compiles",
         "codegen.verify.compilation.check",
-        "The C compiles without a warning for every core, as C99, C11 and C++, and calls nothing that it should not",
+        "The C compiles without a warning for every core, as C99, C11 and C++, and calls no forbidden function",
         quick=True,
     ),
     Registered(
@@ -67,7 +67,7 @@ CHECKS = (
         "processor-in-the-loop",
         "processor in the loop",
         "codegen.verify.pil.check",
-        "The code of other processors computes what the host computes, bit for bit",
+        "Code for other processors gives the same results as on the host, bit for bit",
         quick=True,
     ),
     Registered(
@@ -81,7 +81,7 @@ CHECKS = (
         "law",
         "control law",
         "codegen.verify.law.check",
-        "Every command is, bit for bit, that of a second implementation of the law",
+        "Every command equals that of a second implementation of the law, bit for bit",
         quick=True,
     ),
     Registered(
@@ -94,9 +94,9 @@ CHECKS = (
         "sanitizers",
         "sanitizers",
         "codegen.verify.sanitizers.check",
-        "Drives and faults on the bus go as defined, with no undefined behaviour",
+        "Drives and bus faults have the specified outcome, without undefined behaviour",
     ),
-    Registered("fuzzing", "fuzzing", "codegen.verify.fuzzing.check", "No stream of bytes makes it crash, or breaks a bound"),
+    Registered("fuzzing", "fuzzing", "codegen.verify.fuzzing.check", "No byte stream makes it crash or exceed a bound"),
 )
 SLOWEST_FIRST = ("proof", "sanitizers", "law", "compiles", "processor-in-the-loop", "static-analysis", "fuzzing", "budgets")
 
@@ -156,7 +156,7 @@ def run(
             for future in as_completed(running):
                 try:
                     outcomes[running[future].name] = future.result()
-                except BrokenProcessPool:  # one process ended, and the others with it
+                except BrokenProcessPool:  # one process crashed, which ends the pool
                     crashed.append(running[future])
                 else:
                     report_progress()
@@ -223,7 +223,7 @@ def _begin(scratch: str) -> None:
 def _leave(number: int, frame: FrameType | None) -> None:
     del frame
     signal.signal(number, signal.SIG_IGN)
-    sys.unraisablehook = lambda _: None  # objects of a solver that are half made
+    sys.unraisablehook = lambda _: None  # errors of half-initialised solver objects
     raise SystemExit(128 + number)
 
 
@@ -232,7 +232,7 @@ def _end(workers: Sequence[BaseProcess]) -> None:
         worker.terminate()
     for worker in workers:
         worker.join(CLEANUP_TIME_S)
-        worker.kill()  # inside of a solver, say
+        worker.kill()  # for example inside a solver
 
 
 def _left_out(check: Registered) -> Outcome:

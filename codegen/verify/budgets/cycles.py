@@ -31,7 +31,7 @@ class Flow(Enum):
     BRANCH = auto()  # to `target`
     CONDITIONAL = auto()  # to `target`, or next
     RETURN = auto()
-    TABLE = auto()  # to one of the places that a table beside the code names
+    TABLE = auto()  # to a place in a table next to the code
     POINTER = auto()  # a call of, or a jump to, what a register holds
 
 

@@ -65,7 +65,7 @@ class Compilation:
         try:
             self.call(self.units, tree, output)
         except BuildError as whole:
-            # It may stop at the first unit that it dislikes.
+            # It may stop at the first unit with an error.
             messages = tuple(complaint for unit in self.units for complaint in self._alone(unit, tree, output))
             (tree.parent / f"{output}.o").unlink(missing_ok=True)  # of one unit at most
             return messages or (_message(whole),)
@@ -248,7 +248,7 @@ def _foreign(subject: Subject, plan: Sequence[Compilation], tree: Path) -> Itera
             for name in needed(content)
             if not is_allowed(name, library=compilation.library, single=subject.is_single, has_double=core.has_double)
         }
-        # An object holds several units, whose needs of each other are met: which of them needs it is seen from each alone.
+        # An object holds several units; compiling each alone shows which one requires the symbol.
         for unit in compilation.units if wrong else ():
             compilation.call((unit,), tree, "alone")
             for name in sorted(wrong.intersection(needed((tree.parent / "alone.o").read_bytes()))):

@@ -42,18 +42,22 @@ POINTS, QUICK_POINTS = 500, 100
 FINDINGS_MAX = 3
 """Maximum findings of a core; a difference usually persists."""
 
-SHOWS = "The same bits on emulated ECU cores as on this machine, byte order included: command, state and frames of every cycle"
+SHOWS = (
+    "Command, state and frames of every cycle are bit-identical on emulated ECU cores and on this machine, byte order included"
+)
 
 LIMITS = (
-    "The cores are emulated (Unicorn, which is made of QEMU), with rounding to nearest and subnormal numbers as after reset. "
-    "A core that flushes subnormal numbers to zero was not run, nor was silicon.",
-    "The C was compiled by clang with -O2 -ffp-contract=off. Another compiler makes other instructions of it: keep it from "
-    "fusing multiplications with additions, and run the self-test on the ECU.",
+    "The cores are emulated (Unicorn, based on QEMU), with rounding to nearest and subnormal numbers as after reset. Cores "
+    "that flush subnormal numbers to zero, and real hardware, were not tested.",
+    "The C was compiled by clang with -O2 -ffp-contract=off. Another compiler generates other instructions: disable fused "
+    "multiply-add there, and run the self-test on the ECU.",
 )
-DOUBLE_LIMIT = "In double precision the build ran on big-endian PowerPC alone: the FPUs of the emulated Cortex-M are single."
+DOUBLE_LIMIT = (
+    "The double-precision build ran only on big-endian PowerPC: the FPUs of the emulated Cortex-M are single-precision."
+)
 DYNAMICS_LIMIT = (
-    "The vehicle dynamics call {functions} of a C library, and libraries differ: where two of them are at most {ulps} units in "
-    "the last place apart, the dynamics are shown to be no further apart than that makes them, to first order."
+    "The vehicle dynamics call {functions} of a C library, and libraries differ. If their results differ by at most {ulps} "
+    "units in the last place, the dynamics differ by no more than that causes, to first order."
 )
 
 

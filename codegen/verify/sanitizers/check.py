@@ -33,20 +33,20 @@ from hil_sim.fault_catalogue import run_all
 from hil_sim.plant_node import PlantNode
 
 SHOWS = (
-    "suites and fault catalogue run without an address out of bounds or undefined behaviour, the faults end as defined, "
-    "and the lookup has the bits of its reference"
+    "The suites and the fault catalogue run without invalid addresses and undefined behaviour, faults end as specified, and "
+    "the lookup equals its reference bit for bit"
 )
 
 SAMPLES, SAMPLES_QUICK = 20_000, 2_000
 """Samples of each drive; a quarter of it is the number of lookups at each friction."""
 
 LIMITS = (
-    "Sanitizers see what the runs reach, in the code that one compiler made of it; they are no proof.",
-    "The target's own compiler and memory protection are not part of it.",
+    "Sanitizers check only the code that the runs reach, as compiled by one compiler. They are not a proof.",
+    "The target's own compiler and memory protection are not tested.",
 )
 FAULTS_NOT_JUDGED = (
-    "The fault catalogue was run but not judged: its defined ends are those of the preset's E2E settings, sampling time and "
-    "limits for lost samples, and this build has others."
+    "The fault catalogue was run without checking the outcomes: they are specified for the preset's E2E settings, sampling "
+    "time and limits for lost samples, and this build has others."
 )
 NO_TRAP_BUILD = "The trap build is for single precision; this build has double precision."
 
@@ -107,7 +107,7 @@ def _on_target(subject: Subject, effort: Effort) -> _Half:
     from codegen.verify.sanitizers.trap_build import trapped
 
     try:
-        compiler_command()  # its streams are made by the code as this machine runs it
+        compiler_command()  # its inputs are made by the code compiled for this machine
     except BuildError as error:
         return _Half(missing=f"trap build: {error}")
     try:
@@ -181,7 +181,7 @@ class _Suites:
         expected = lookup.reference(speed, angle, friction)
         looks_up_rear_angle = LAWS[self._subject.kind].uses_rear_angle
         wrong = _bits(found[0]) != _bits(expected[0])
-        if not self._subject.is_of_this_version:  # the order of operations may have been another
+        if not self._subject.is_of_this_version:  # the order of operations may differ
             bound = 2.0 * self._subject.manifest["map"]["lookup_error_bound_rad_s"]
             wrong = ~(np.abs(found[0] - expected[0]) <= bound)
         elif looks_up_rear_angle:
