@@ -138,7 +138,7 @@ def run_in_process(
         now = cycle * node.sampling_time
         off = node.injector.ecu_off(cycle)
         if not off and not running:
-            task = software.task()  # switched on again: it knows nothing of before
+            task = software.task()  # after a restart it has no state
         running = not off
         for frame in node.outgoing(cycle):
             _note(log, frame, now, received=False)
@@ -215,7 +215,7 @@ def run_in_real_time(
             deadline = origin + after_first[cycle]
             _wait(deadline)
             lateness = time.monotonic() - deadline
-            if lateness >= period:  # never a burst to catch up: on with the next deadline, in the same phase
+            if lateness >= period:  # continue with the next deadline in the same phase, without a burst to catch up
                 recorder.late += 1
                 origin += math.ceil(lateness / period) * period
                 _wait(origin + after_first[cycle])

@@ -69,7 +69,7 @@ class Bus:
         settings: dict[str, Any] = {}
         if bitrate is not None and address.interface not in LOCAL_INTERFACES:
             settings["bitrate"] = round(bitrate)
-        # What the backends have to say goes into the one line of the error.
+        # Messages of the backends become part of the error.
         logging.getLogger("can").setLevel(logging.CRITICAL + 1)
         try:
             self._bus = can.Bus(interface=address.interface, channel=address.channel, receive_own_messages=False, **settings)

@@ -20,8 +20,8 @@ SILENCE_PERIODS = 4
 """Periods without a frame of the car after which the timer synchronises with the next complete set."""
 
 SLIP_WEIGHT, SLIPPING_MAX = 10, 25
-"""A run that finds two sets of frames or none weighs so much against one that is well in phase; beyond the sum the phase is
-taken anew, for the car's frames then come just when the timer does."""
+"""Weight of a run with no or two sets of frames, against one in phase; and the sum above which the phase is synchronised again.
+The car's frames then arrive together with the timer."""
 
 POLL = 0.05
 """Interval in s at which the node checks whether to stop, if there is no timer."""
@@ -71,7 +71,7 @@ class EcuNode:
             frame = self._bus.receive(deadline - time.monotonic())
             now = time.monotonic()
             if now - deadline > self._tolerated * self._period:
-                self._discard(frame)  # what waits is of the past: consecutive, and yet not to be steered by
+                self._discard(frame)  # waiting frames are outdated, although consecutive
             elif self._take(frame):
                 in_phase = in_phase and now - heard < SILENCE_PERIODS * self._period
                 heard = now
@@ -81,7 +81,7 @@ class EcuNode:
                 continue
             self._answer()
             deadline += self._period
-            if now >= deadline:  # late by a period or more: never a burst to catch up, on in the same phase
+            if now >= deadline:  # late by a period or more: continue in the same phase, without a burst to catch up
                 self.counters.late += 1
                 deadline += (math.floor((now - deadline) / self._period) + 1) * self._period
             found, slips = slips, self.task.state.late_cycles + self.task.state.early_cycles

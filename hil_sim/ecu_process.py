@@ -66,10 +66,10 @@ class EcuProcess:
         reader.join(START_TIMEOUT)
         if lines and lines[0].strip() == READY:
             return
-        ended = bool(lines)  # an end of file: its words are on the standard error
+        ended = bool(lines)  # end of file: the message is on standard error
         self.kill()
-        said = self.said()
-        what = (said.removeprefix("error: ") or "it ended without a word") if ended else f"silent for {START_TIMEOUT:g} s"
+        text = self.last_line()
+        what = (text.removeprefix("error: ") or "it ended without a message") if ended else f"silent for {START_TIMEOUT:g} s"
         raise CodegenError(f"the ECU did not start: {what}")
 
     def kill(self) -> None:
@@ -87,14 +87,14 @@ class EcuProcess:
             except subprocess.TimeoutExpired:
                 self._process.kill()
             self._reap()
-        return self.said()
+        return self.last_line()
 
     @property
     def alive(self) -> bool:
         """Whether it runs."""
         return self._process is not None and self._process.poll() is None
 
-    def said(self) -> str:
+    def last_line(self) -> str:
         """Return the last line on standard error."""
         self._errors.flush()
         descriptor = self._errors.fileno()

@@ -185,7 +185,7 @@ class Injector:
     def _frozen_counter(self, index: int, frame: Frame) -> Frame:
         """Repeat the counter with a correct CRC: the sender hangs, its protection does not."""
         message = next(message for message in self._messages.values() if message.id == frame.id)
-        counter = self._frozen.setdefault((index, frame.id), ((frame.data[1] & 0xF) - 1) % 15)  # that of the frame before
+        counter = self._frozen.setdefault((index, frame.id), ((frame.data[1] & 0xF) - 1) % 15)  # that of the previous frame
         return replace(frame, data=protect(message.e2e_data_id, counter, frame.data))
 
     def _among_strangers(self, frames: Sequence[Frame]) -> list[Frame]:

@@ -76,7 +76,7 @@ class BlfWriter:
         self._writer = can.BLFWriter(path, channel=CHANNEL_NUMBER, compression_level=1, max_container_size=16384)
         self._start = head.unix
         self._end = 0.0
-        # By itself python-can takes the first frame for the start, and loses 0.2 us to Unix time in a float64.
+        # By default python-can starts at the first frame, and Unix time in a float64 loses 0.2 us.
         self._writer.start_timestamp = 0.0
 
     def write(self, frame: Frame, received: bool) -> None:
@@ -213,7 +213,7 @@ FORMATS: dict[str, type[Writer]] = {".blf": BlfWriter, ".asc": AscWriter, ".log"
 
 
 def _message(frame: Frame, received: bool, rounding: float = 0.0) -> can.Message:
-    import can  # here: it takes half a second where asammdf is installed
+    import can  # here, as the import takes half a second
 
     return can.Message(
         timestamp=max(frame.time, 0.0) + rounding,

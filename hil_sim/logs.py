@@ -83,7 +83,7 @@ class BusLog:
     def __enter__(self) -> Self:
         """Open the log. Raises CodegenError, for example if the folder is missing or the path is not a file."""
         try:
-            target = self._path.resolve()  # through a link, to what it names
+            target = self._path.resolve()  # follow a link
             if target.exists() and not target.is_file():
                 raise OSError(errno.EINVAL, "there is something that is not a file")
             handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".tmp")
@@ -101,7 +101,7 @@ class BusLog:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Close the log. Raises CodegenError if it could not be written, unless another CodegenError is pending."""
-        with deferred():  # a second Ctrl-C waits until the file is whole
+        with deferred():  # a second Ctrl-C waits until the file is complete
             self._frames.put(None)
             self._thread.join()
             if self._failure is None:
@@ -123,7 +123,7 @@ class BusLog:
         except Exception as error:
             self._failure = error
             with contextlib.suppress(Exception):
-                self._writer.close()  # for its file
+                self._writer.close()  # closes its file
 
     def _put_in_place(self) -> None:
         with self._temporary.open("rb+") as file:

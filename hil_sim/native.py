@@ -114,5 +114,5 @@ def _compile(sources: dict[str, bytes], program: str, compile_c: tuple[str, ...]
         units = sorted(path for path in sources if path.endswith(".c"))
         same_everywhere = f"-fdebug-prefix-map={tree}=."
         require_success(run([*compile_c, same_everywhere, "-Iinclude", *units, "-o", str(made), "-lm"], tree), program)
-        # In one step, under a name made of its content: another process sees it whole or not at all, and one that runs stays.
+        # Renamed in one step, so that other processes never see a partial file, and a running program is kept.
         return made.replace(cache / f"{name}-{_digest(made)}")

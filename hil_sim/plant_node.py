@@ -84,7 +84,7 @@ class PlantNode:
         self.received = Received()
         self.command: RearSteerCommand | None = None
         self.command_id = config.can.rear_steer_command.id
-        self._reference = 0.0  # rad/s, the last one that was available
+        self._reference = 0.0  # last available one in rad/s
         self._warm_up()
         self._restart()
 

@@ -7,7 +7,7 @@ A scenario file:
     speed_km_h = 70.0
     friction = 0.6
 
-    [[faults]]                      # where there is any, these take the place of the base's own
+    [[faults]]                      # if given, these replace those of the base
     kind = "drop"
     start_s = 1.5
     duration_s = 0.2
@@ -267,7 +267,7 @@ def _from_csv(text: str, path: Path) -> Scenario:
     """
     columns = _columns(text, path)
     time = columns["time_s"]
-    # The last row is held for one more interval, so that a run comes out as long as it was; not for a gap's length.
+    # The last row is held for one more interval, so that the run has its recorded length; not for the length of a gap.
     duration = float(time[-1] + min(np.median(np.diff(time)), MIN_DURATION))
     if not MIN_DURATION <= float(time[-1]) <= MAX_DURATION:
         raise CodegenError(

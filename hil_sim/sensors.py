@@ -20,7 +20,9 @@ class SensorModel:
     """
 
     def __init__(self, sensors: Sensors, seed: int = 0) -> None:
-        streams = np.random.default_rng(seed).spawn(len(SIGNALS))  # so that one sensor's settings leave the others' noise alone
+        streams = np.random.default_rng(seed).spawn(
+            len(SIGNALS)
+        )  # so that the settings of one sensor do not affect the noise of others
         self._models = {name: _Model(getattr(sensors, name), stream) for name, stream in zip(SIGNALS, streams, strict=True)}
 
     def measure(self, name: str, value: float) -> float:

@@ -205,5 +205,5 @@ def passive(config: Config, scenario: Scenario) -> FloatArray:
         node.outgoing(cycle)
         rows.append(node.finish(cycle))
     record = np.array(rows)
-    record[:, RECORD_COLUMNS.index("status")] = Status.STANDBY  # nobody is missing here
+    record[:, RECORD_COLUMNS.index("status")] = Status.STANDBY  # no ECU is missing here
     return record

@@ -262,7 +262,7 @@ class MultiBodyPlant:
             raise LeftModelError(f"roll {math.degrees(state[ROLL]):.3g} deg, sideslip {math.degrees(self._sideslip):.3g} deg")
         rates = self._rates(state, acting)
         forward, side, yaw_rate = state[FORWARD_SPEED], state[SIDE_SPEED], state[YAW_RATE]
-        # Of all three masses: what the tyres give sideways, over the mass of the car.
+        # Mean over the three masses: the lateral tyre force over the mass of the car.
         masses = ((car.m_s, SIDE_SPEED), (car.m_uf, FRONT_SIDE_SPEED), (car.m_ur, REAR_SIDE_SPEED))
         pull = sum(mass * rates[place] for mass, place in masses) / sum(mass for mass, _ in masses)
         slip_front = math.atan2(side + car.a * yaw_rate, forward) - state[STEERING]

@@ -93,7 +93,7 @@ class Candidate:
             except ConfigError as error:
                 if name == self.name:
                     raise
-                notes.append(f"{name} is not shown beside: {error}")
+                notes.append(f"{name} is omitted from the comparison: {error}")
         left_out = {name for name, config in configs.items() if is_untuned(config)}
         subjects = [of_config(name, reference_map, configs[name], self.precision) for name in configs if name not in left_out]
         tested = subjects[0] if self.folder is None else replace(subjects[0], around=around_folder(self.folder))

@@ -318,7 +318,7 @@ def _path_errors(errors: Mapping[str, tuple[float | None, float | None]]) -> lis
     rows = []
     for name, (own, beside) in errors.items():
         if beside is None:
-            continue  # the feedforward spins: nothing is asked
+            continue  # no limit, as the feedforward spins
         measured, note = (None, "the car spins") if own is None else (round(own, 3), "")
         asked: tuple[Sense, float] = ("at most", round(beside, 3))
         rows.append(_row(f"{name}, with a driver", f"path error, rms, beside {FEEDFORWARD}", "m", asked, measured, note))

@@ -73,7 +73,7 @@ class Job:
         config = second_plant.car_of(second_plant.published(), self.config)
         reference_map = solve_case(config, self.case)
         if not self.controlled:
-            config = baseline_configs(config)["pi"]  # any controller: it is not asked, only its map
+            config = baseline_configs(config)["pi"]  # any controller; only its map is used
         elif LAWS[config.controller.kind].scheduled:
             config = tuned(reference_map, config)
         software = of_config(CONDITION, reference_map, config).around(config)

@@ -19,7 +19,7 @@ NUMBERS = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
 
 
 class SecondController:
-    """The supervision that all kinds share, around a control law; the inputs come first, the limiter last.
+    """Supervision that all kinds share, around a control law: input monitoring first, limiter last.
 
     Args:
         parameters: anything with the fields of the C parameter struct.
@@ -160,7 +160,7 @@ class SecondPi(SecondController):
 
 
 class SecondFeedforward(SecondController):
-    """The map's own rear angle, at the rate limit."""
+    """Return the map's own rear angle, at the rate limit."""
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
         yaw_rate, wanted = self.lookup.reference(m.speed, m.front_angle, self.friction(m))
@@ -170,7 +170,7 @@ class SecondFeedforward(SecondController):
 
 
 class SecondProportional(SecondController):
-    """k(speed) times the front angle, k = -(lr - s v^2) / (L - lr + (K + s) v^2)."""
+    """Return k(speed) times the front angle, k = -(lr - s v^2) / (L - lr + (K + s) v^2)."""
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
         p = self.parameter

@@ -1,9 +1,8 @@
 """Compare the vehicle dynamics on an emulated core with this machine, although their libraries differ in the last bits.
 
-The core is given a library of its own, of which it is checked first that each result is at most `LIBRARY_ULPS` units in the
-last place from this machine's. How far the dynamics may then be apart follows for each result: the sum, over all calls of the
-library, of what the result changes here where that one call is wrong by so much, and `ROUNDING_ULPS` for what is rounded
-otherwise on the way. What needs no library must have the same bits.
+The core has a library of its own. First its results are checked to be within `LIBRARY_ULPS` units in the last place of this
+machine's. The bound for each result of the dynamics is the sum, over all library calls, of its change on this machine if that
+call is wrong by as much, plus `ROUNDING_ULPS` for different rounding. Results without library calls must be bit-identical.
 """
 
 from __future__ import annotations
@@ -116,7 +115,7 @@ def library(precision: Precision) -> dict[str, bytes]:
 
 
 def compare(program: Program, here: Runner, there: Runner, count: int, generator: np.random.Generator) -> Difference:
-    """Run the dynamics on both, at so many random points."""
+    """Run the dynamics on both machines at `count` random points."""
     names = [column.name for column in program.batches["library"].outputs]
     apart = _library_apart(program, here, there, count, generator)
     findings = [

@@ -47,7 +47,7 @@ class Ended(CodegenError):
 
 
 class ServedEcu:
-    """The commands of the program, as functions. Each raises Ended where the program ends instead.
+    """Commands of the program as functions. Each raises Ended if the program ends.
 
     Attributes:
         real: NumPy type of the build's numbers.
@@ -113,7 +113,7 @@ class ServedEcu:
 
     def _send(self, data: bytes) -> None:
         try:
-            self._to.write(data)  # what has no answer waits for the next command that has one
+            self._to.write(data)  # commands without an answer are sent with the next that has one
         except OSError:
             raise Ended("the program ended") from None
 

@@ -18,7 +18,7 @@ from codegen.verify.packages import require
 
 @dataclass(frozen=True)
 class Core:
-    """An instruction set to compile for, without an operating system.
+    """Instruction set to compile for, without an operating system.
 
     Attributes:
         name: as users know it.

@@ -1,8 +1,8 @@
-"""A core of an ECU in this process (unicorn): loads an image, calls its functions, counts the instructions of a call exactly.
+"""Emulate an ECU core in this process (unicorn): load an image, call its functions, count the instructions of a call exactly.
 
-Counted, on a Cortex-M, by basic blocks: the emulator tells each block that it enters, and a block is run through to its end.
-What a block holds is read from its bytes, in which a Thumb instruction has 16 or 32 bits. An instruction whose condition in an
-IT block does not hold counts too: the core takes it in, and spends a cycle on it.
+On a Cortex-M, counting is by basic blocks: the emulator reports each block that it enters, and a block runs to its end. The
+number of instructions follows from the bytes of the block; a Thumb instruction has 16 or 32 bits. An instruction in an IT block
+whose condition does not hold counts too, as the core spends a cycle on it.
 """
 
 from __future__ import annotations
