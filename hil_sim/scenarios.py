@@ -19,10 +19,9 @@ from codegen.errors import CodegenError, suggestion
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from hil_sim import manoeuvres, paths
 from hil_sim.clocks import IN_STEP, Clocks
-from hil_sim.driver import PreviewDriver
 from hil_sim.faults import Fault
 from hil_sim.manoeuvres import Manoeuvre, Settings
-from hil_sim.paths import PathOf, RoadPath
+from hil_sim.paths import PathOf, PreviewDriver, RoadPath
 
 FloatArray = npt.NDArray[np.float64]
 

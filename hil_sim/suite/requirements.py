@@ -10,8 +10,7 @@ from typing import Any, Literal
 from hil_sim.suite.conditions import FRICTIONS, LAGS, MASSES, NOMINAL, SLIPPERY, Condition
 from hil_sim.suite.limits import Limits
 from hil_sim.suite.loop_margins import FamilyMargins, finite_or_none
-from hil_sim.suite.path_following import FEEDFORWARD
-from hil_sim.suite.runs import CellResult
+from hil_sim.suite.runs import FEEDFORWARD, CellResult
 from hil_sim.suite.sample_timing import IN_STEP, TIMINGS, TimingError
 from hil_sim.suite.summary import Extreme, Summary
 

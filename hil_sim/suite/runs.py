@@ -15,8 +15,10 @@ from codegen.sil.batch import Lanes
 from codegen.sil.software import Software
 from codegen.tuning.transient import unit_step
 from codegen.vehicle.plant_car import plant_parameters
+from hil_sim.metrics import evaluate
 from hil_sim.metrics.run import FloatArray, spin_time
 from hil_sim.metrics.step import StepMetrics, slip_bounds, step_metrics
+from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cells import DURATION, STEER_TIME, Cell, front_angle
 from hil_sim.suite.conditions import Condition
 from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
@@ -162,3 +164,20 @@ def map_yaw_rate(subject: Subject, condition: Condition, cell: Cell) -> float:
     """Return the yaw rate in rad/s of the subject's map in a cell, with the controller's friction estimate."""
     software = software_of(subject, condition)
     return float(software.map_yaw_rate(cell.speed_km_h * KM_H, front_angle(cell), condition.estimate_or_nan))
+
+
+FEEDFORWARD = "feedforward"
+"""Baseline of controllers with feedback."""
+
+
+def path_errors(subject: Subject) -> dict[str, float | None]:
+    """Return scenario name -> rms path error in m; None for a car that spins. Raises BuildError."""
+    software, config = subject.around(subject.config), subject.config
+    errors = {}
+    for name, scenario in PATH_SCENARIOS.items():
+        driver = scenario.driver(config)
+        assert driver is not None  # every scenario of this table has a path
+        record = subject.loop(software).run_stepped(scenario.inputs(config), driver.steer)
+        found = evaluate(scenario, config, {name: record}).runs[name]["path_error_rms_m"]
+        errors[name] = None if found is None else float(found)
+    return errors
