@@ -11,8 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from codegen.sil.software import Software
-from codegen.sil.task import Task
+from codegen.sil.software import Software, Task
 from hil_sim.bus import Bus
 from hil_sim.frames import Frame
 

@@ -130,7 +130,7 @@ class ServedEcu:
 
 
 class ServedTask:
-    """The cyclic task, with the methods of `codegen.sil.task.Task` that a bench calls."""
+    """The cyclic task, with the methods of `codegen.sil.software.Task` that a bench calls."""
 
     def __init__(self, send: Any, ask: Any) -> None:
         self._send, self._ask = send, ask
