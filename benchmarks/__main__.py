@@ -27,7 +27,7 @@ NAMES = {
     "stability": "stability",
     "response": "response",
 }
-"""What the user calls a benchmark -> its module."""
+"""Name of a benchmark on the command line -> its module."""
 
 ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement", "minimal-error", "signal-faults", "stability", "response")
 """Only where named: they need what not every machine has, or measure no time."""

@@ -1,6 +1,6 @@
-"""The map with the nonlinear tyre against a search by brute force, on random operating points of random cars; on all cores.
+"""Compare the map with the nonlinear tyre with a brute-force search, on random operating points of random cars, on all cores.
 
-Measures no time: it says how far the two are apart, and names each operating point where they are.
+It measures no time, but the largest difference, and lists each operating point with a difference.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ SAME = 1e-4
 
 @dataclass
 class Agreement:
-    """Of one car or of several: cells, those feasible in both, the largest difference in rad/s, cells apart in words."""
+    """Result of one or several cars: cells, cells feasible in both, the largest difference in rad/s, and the cells that
+    differ as text."""
 
     cells: int = 0
     feasible: int = 0
@@ -42,7 +43,7 @@ class Agreement:
 
 
 def of_car(number: int, cells: int) -> Agreement:
-    """The random car of that number, with as many random cells."""
+    """Compare a random car, by its number, on random cells."""
     rng = np.random.default_rng([1, number])
     config = random_car(rng)
     case = config.cases[CASE]
@@ -69,7 +70,7 @@ def of_car(number: int, cells: int) -> Agreement:
 
 
 def run(quick: bool, say: Callable[[str], None]) -> CountReport:
-    """Search; `quick` takes fewer cars and cells."""
+    """Run the comparison; `quick` uses fewer cars and cells."""
     cars, cells = (QUICK_CARS, QUICK_CELLS) if quick else (CARS, CELLS)
     total = Agreement()
     with ProcessPoolExecutor(

@@ -27,7 +27,7 @@ from codegen.sil.vector import FLAGS, ISAS, Isa, compiler_offers, machine_runs
 from codegen.vehicle.dynamics import plant_parameters
 
 REQUIRED: dict[Isa, float | None] = {"x86-64-v4": 5000.0, "x86-64-v3": 2500.0, "none": None}
-"""Times real time on one core, whole loop with the PI controller."""
+"""Required multiple of real time on one core, for the whole loop with the PI controller."""
 
 NAMES: dict[Isa, str] = {"x86-64-v4": "AVX-512", "x86-64-v3": "AVX2", "none": "no vectors"}
 GENERATED = Path(__file__).resolve().parents[1] / "generated"
@@ -53,12 +53,12 @@ class _Bench:
         return cls(ClosedLoop(software), batches, _lanes(software.config))
 
     def single_run(self, inputs: FloatArray) -> None:
-        """One run from rest."""
+        """Run once from rest."""
         self.single.reset()
         self.single.run(inputs)
 
     def works(self, inputs: FloatArray) -> dict[str, Callable[[], object]]:
-        """What is timed, by name."""
+        """Return the timed functions by name."""
         works: dict[str, Callable[[], object]] = {"single run": lambda: self.single_run(inputs)}
         for isa, batch in self.batches.items():
             works[NAMES[isa]] = partial(batch.run, inputs, self.lanes)
@@ -66,7 +66,8 @@ class _Bench:
 
 
 def _lanes(config: Config) -> Lanes:
-    """Cars up to 10 % off in mass, inertia and stiffness; friction 0.7 to 1, a delay of up to two samples."""
+    """Draw cars with up to 10 % deviation of mass, inertia and stiffness, friction 0.7 to 1, and a delay of up to two
+    samples."""
     generator = np.random.default_rng(1)
     data = config.model_dump()
     cars = []
@@ -110,6 +111,6 @@ def _manoeuvre(bench: _Bench, name: str, inputs: FloatArray, repeats: int) -> tu
 
 
 def _required(isa: Isa, name: str, single: Times) -> float | None:
-    """How many times faster than the single run a batch has to be to reach its share of real time."""
+    """Return the speed-up over the single run with which a batch reaches its required multiple of real time."""
     wanted = REQUIRED[isa]
     return None if wanted is None or not name.startswith("PI") else wanted * single.median / DURATION

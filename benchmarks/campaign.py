@@ -1,4 +1,4 @@
-"""A campaign: two cores against one, Dask beside threads, and how time and memory grow with the runs."""
+"""Time a campaign: two cores and one, Dask and threads, and the growth of time and memory with the number of runs."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ ROOT = Path(__file__).resolve().parents[1]
 REQUIRED_TWO = 1.9
 CORES = 2
 RUNS, QUICK_RUNS = 61_440, 4_096
-"""Of the comparison of engines: so many that the last chunk, when one core has nothing left to do, is a hundredth or so, and
-whole chunks (of 512), as many for each core."""
+"""Runs in the comparison of engines: whole chunks (of 512), as many for each core, and so many that the last chunk, when
+one core idles, is about a hundredth."""
 GROWTH, QUICK_GROWTH = (1_000, 10_000, 100_000, 1_000_000), (1_000, 10_000)
 REPEATS, QUICK_REPEATS = 7, 3
 
@@ -95,7 +95,7 @@ from codegen.cli.entry import main
 try:
     main()
 finally:
-    # Not what getrusage tells: that counts what the parent had when it started this process, too.
+    # Not getrusage, which includes the parent's memory at the start of this process.
     status = Path("/proc/self/status").read_text(encoding="ascii")
     sys.stdout.write(next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM")) + "\\n")
 """
@@ -103,7 +103,7 @@ finally:
 
 
 def run(quick: bool, say: Callable[[str], None]) -> Report:
-    """Each campaign in a process of its own, in turns; compiled before the clock runs."""
+    """Time each campaign in a process of its own, in turns; compile before."""
     with tempfile.TemporaryDirectory() as scratch:
         return _report(Path(scratch), quick, say)
 
@@ -144,14 +144,14 @@ def _report(scratch: Path, quick: bool, say: Callable[[str], None]) -> Report:
 
 
 def _together(scratch: Path, campaigns: Sequence[tuple[Path, str, int, int]]) -> float:
-    """Seconds of the longest of these (spec, engine, first core, cores), all begun at once."""
+    """Return the time in s of the slowest of several campaigns (spec, engine, first core, cores) started at once."""
     with ThreadPoolExecutor(len(campaigns)) as pool:
         printed = pool.map(lambda campaign: _python(scratch, CHILD, *map(str, campaign)), campaigns)
         return max(float(json.loads(text.splitlines()[-1])["seconds"]) for text in printed)
 
 
 def _command(scratch: Path, samples: int) -> tuple[float, int]:
-    """Largest memory of the command in MB (of 2^20 bytes), and bytes of the campaign's file."""
+    """Return the largest memory of the command in MB (2^20 bytes) and the size of the campaign's file in bytes."""
     with tempfile.TemporaryDirectory(dir=scratch) as folder:
         arguments = ("sweep", "--spec", str(_spec(scratch, samples)), "-o", folder, "--workers", str(CORES))
         done = _python(scratch, COMMAND, str(CORES), *arguments)
@@ -165,7 +165,7 @@ def _spec(scratch: Path, samples: int) -> Path:
 
 
 def _python(scratch: Path, program: str, *arguments: str) -> str:
-    """What a program with this package printed. Raises BuildError where it fails."""
+    """Run a program with this package and return its output. Raises BuildError if it fails."""
     script = scratch / f"{uuid.uuid4().hex}.py"
     script.write_text(program, encoding="utf-8")
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -75,12 +75,13 @@ class Loops:
 
 
 def step_steer(duration: float, steer_time: float) -> FloatArray:
-    """The paper's manoeuvre: 42.5 km/h, the steering wheel to 90 deg at `steer_time` (s). A row each millisecond."""
+    """Return the inputs of the paper's manoeuvre, a row each millisecond: 42.5 km/h, the steering wheel to 90 deg at
+    `steer_time` (s)."""
     return _inputs(duration, lambda time: math.radians(90.0) * (time >= steer_time).astype(np.float64))
 
 
 def slalom(duration: float) -> FloatArray:
-    """The steering wheel to and fro by 60 deg each 2 s, so that no state rests."""
+    """Return inputs with the steering wheel moving by 60 deg to and fro every 2 s, so that no state rests."""
     return _inputs(duration, lambda time: np.radians(60.0 * np.sin(math.pi * time)))
 
 

@@ -40,7 +40,7 @@ UNEVEN = {
 }
 
 SMALL_SLIP = 0.1
-"""Of the curve's argument: where the tyre is linear, and a relative error is one of its cornering stiffness."""
+"""Argument of the curve up to which the tyre is linear and a relative error is one of its cornering stiffness."""
 
 POINTS, QUICK_POINTS = 20_000, 2_000
 FRAME = """#include <stdint.h>
@@ -97,7 +97,7 @@ def _tuned() -> Config:
 
 
 def _builds(config: Config, quick: bool) -> Iterator[tuple[str, Folder, int | None]]:
-    """Name, build, and what is asked of its longest step."""
+    """Yield name, build, and the limit of its longest step."""
     uneven = config.model_copy(update={"grid": config.grid.model_copy(update=UNEVEN)})
     yield "tracking", _folder(config), STEP_MAX
     yield "tracking, uneven axes", _folder(uneven), STEP_MAX
@@ -122,7 +122,7 @@ def _folder(config: Config, frictions: Sequence[float] = (), request: Request | 
 
 
 def step_row(name: str, step: LongestStep, at_most: int | None) -> Row:
-    """Of one build; `at_most` None where nothing is asked."""
+    """Return the row of one build; `at_most` None for no limit."""
     met = at_most is None or step.worst <= at_most
     required = "-" if at_most is None else f"<= {at_most:,}: {'met' if met else 'MISSED'}"
     return Row((name, f"{step.worst:,}", f"{step.limiter:,}", f"{step.mean:,.0f}", required), met)

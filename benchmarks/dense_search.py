@@ -24,7 +24,7 @@ from codegen.vehicle.dynamics import WHEEL_SPEED_MIN, Model, two_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
 BEYOND = 1.25
-"""Slip angles are laid out up to this share of their bound, so that turns just beyond it are seen too."""
+"""Largest slip angle of the search as a multiple of its bound, so that turns just beyond it are found too."""
 ZOOMS = 4
 """The last yaw rates are some 1e-6 rad/s apart."""
 CLOSER = 1.5
@@ -43,13 +43,13 @@ _R, _REAR, _OBJECTIVE, _VIOLATION = range(4)
 
 @dataclass(frozen=True)
 class Best:
-    """What the search found at one operating point.
+    """Result of the search at one operating point.
 
     Attributes:
         yaw_rate: rad/s, of the best feasible turn; NaN where there is none. rear_angle: rad.
         objective: of that turn.
-        violation: by which share of its bound the most violated one is exceeded, where that is least; zero or below where
-            feasible; inf where no steady turn was seen.
+        violation: smallest relative violation of the most violated bound; zero or negative if feasible; inf without a steady
+            turn.
     """
 
     yaw_rate: float
@@ -76,7 +76,7 @@ class DenseSearch:
 
     @classmethod
     def of(cls, config: Config, case: Case, yaw_rates: int = 41, slips: int = 25) -> Self:
-        """Of a case, whatever its tyre model says, with so many yaw rates at a time and slip angles of each axle."""
+        """Search for a case, with the given number of yaw rates at a time and of slip angles of each axle."""
         plain = without_shifts(config)
         tyres, bounds = AxleTyres.from_config(plain), AxleTyres.from_config(config)
         front = min(bounds.front_slip_bound, PEAK_SHARE * _peak(tyres.front))
@@ -84,23 +84,23 @@ class DenseSearch:
         return cls(two_track(plain), plain, case, (front, rear), yaw_rates, slips)
 
     def best(self, speed: float, front_angle: float) -> Best:
-        """The best turn at one operating point: m/s, rad."""
+        """Return the best turn at one operating point (m/s, rad)."""
         if not self.case.rear_steering:
             turns = self._turns(speed, front_angle, np.zeros(1), REAR_ANGLE)
-            return _told(_choose(turns))
+            return _result(_choose(turns))
         limit = self._lateral_acceleration_max / speed
         step = 2.0 * limit / (self.yaw_rates - 1)
         found = self._turns(speed, front_angle, np.linspace(-limit, limit, self.yaw_rates), YAW_RATE)
         # Turns to the left and to the right may be all but equally good: each side has its own best.
         sides = (found[found[:, _R] > 0.0], found[found[:, _R] <= 0.0])
-        return _told(_choose(np.array([self._closer(speed, front_angle, _choose(side), step) for side in sides])))
+        return _result(_choose(np.array([self._closer(speed, front_angle, _choose(side), step) for side in sides])))
 
     @property
     def _lateral_acceleration_max(self) -> float:
         return float(self.config.limits.lateral_acceleration_max_g * self.config.road.gravity_m_s2)
 
     def _closer(self, speed: float, front_angle: float, best: FloatArray, step: float) -> FloatArray:
-        """The best turn near another one, of yaw rates laid out ever closer; `step` in rad/s apart so far."""
+        """Return the best turn near another one by refining the yaw rates, which are `step` (rad/s) apart."""
         limit = self._lateral_acceleration_max / speed
         for _ in range(ZOOMS if np.isfinite(best[_R]) else 0):
             around = np.linspace(best[_R] - CLOSER * step, best[_R] + CLOSER * step, self.yaw_rates)
@@ -110,7 +110,7 @@ class DenseSearch:
         return best
 
     def _turns(self, speed: float, front_angle: float, fixed: FloatArray, which: int) -> FloatArray:
-        """Steady turns (k, 4) at yaw rates, or rear angles: yaw rate, rear angle, objective, violation."""
+        """Return steady turns (k, 4) at yaw rates or rear angles: yaw rate, rear angle, objective, violation."""
         shares = np.linspace(-BEYOND, BEYOND, self.slips)
         grid = np.meshgrid(shares * self.slip_max[0], shares * self.slip_max[1], fixed, indexing="ij")
         a, b, c = (values.ravel() for values in grid)
@@ -159,7 +159,7 @@ class DenseSearch:
     def _state(
         self, speed: float, front_angle: float, slip_front: FloatArray, slip_rear: FloatArray, fixed: FloatArray, which: int
     ) -> FloatArray:
-        """(7, k) states of the plant with those slip angles and those yaw rates or rear angles."""
+        """Return states (7, k) of the plant with given slip angles and yaw rates or rear angles."""
         vehicle, rolling = self.config.vehicle, max(speed, WHEEL_SPEED_MIN)
         ahead = rolling * np.tan(slip_front + front_angle)
         if which == YAW_RATE:
@@ -178,33 +178,33 @@ class DenseSearch:
         return function.map(state.shape[1])(state, inputs)
 
     def _rates(self, speed: float, front_angle: float, state: FloatArray) -> FloatArray:
-        """(2, k): of lateral speed and yaw rate."""
+        """Return the derivatives of lateral speed and yaw rate, (2, k)."""
         rates: FloatArray = np.array(self._call(self.model.derivative, speed, front_angle, state))[:2]
         return rates
 
     def _jacobian(self, speed: float, front_angle: float, state: FloatArray) -> FloatArray:
-        """(2, 7, k) of those over the states."""
+        """Return their Jacobian by the states, (2, 7, k)."""
         both = np.array(self._call(self.model.jacobian, speed, front_angle, state)[0])
         jacobian: FloatArray = both.reshape(7, -1, 7).transpose(0, 2, 1)[:2]
         return jacobian
 
 
 def _peak(tyre: MagicFormulaTyre) -> float:
-    """Slip angle in rad at which the force is largest, up to 60 degrees; inf where that is the last of them."""
+    """Return the slip angle in rad with the largest force, up to 60 degrees; inf if that is the last."""
     slips = np.linspace(0.0, math.radians(60.0), 600_001)
     largest = int(np.argmax(tyre.force(slips)))
     return float(slips[largest]) if largest < slips.size - 1 else math.inf
 
 
 def _changes(values: FloatArray) -> npt.NDArray[np.bool_]:
-    """(n - 1, n - 1, k): where the sign is not the same at all four corners of a square."""
+    """Return the squares, (n - 1, n - 1, k), without the same sign at all four corners."""
     corners = np.stack([values[:-1, :-1], values[1:, :-1], values[:-1, 1:], values[1:, 1:]])
     result: npt.NDArray[np.bool_] = (corners.min(axis=0) <= 0.0) & (corners.max(axis=0) >= 0.0)
     return result
 
 
 def _choose(found: FloatArray) -> FloatArray:
-    """The best feasible turn, else the one that violates its bounds by least; NaN and inf where there is none."""
+    """Return the best feasible turn, else the one with the smallest violation; NaN and inf if there is none."""
     kept = found[found[:, _VIOLATION] <= JUST]
     if kept.size:
         # Of equal ones the left turn.
@@ -216,6 +216,6 @@ def _choose(found: FloatArray) -> FloatArray:
     return least
 
 
-def _told(best: FloatArray) -> Best:
+def _result(best: FloatArray) -> Best:
     yaw_rate, rear_angle, objective, violation = (float(value) for value in best)
     return Best(yaw_rate if violation <= JUST else math.nan, rear_angle, objective, violation)

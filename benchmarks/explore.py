@@ -81,7 +81,7 @@ def run(quick: bool, say: Callable[[str], None]) -> Report:
 
 @contextlib.contextmanager
 def _own_cache() -> Iterator[None]:
-    """Nothing compiled in an earlier run is found, and nothing is left."""
+    """Use an empty, temporary cache."""
     before = os.environ.get("ARS_CACHE")
     with tempfile.TemporaryDirectory(prefix="ars-bench-") as folder:
         os.environ["ARS_CACHE"] = folder
@@ -110,7 +110,7 @@ def _computing(explorer: Explorer, kind: str, moved: tuple[str, float, float], r
 
 
 def _values(moved: tuple[str, float, float], count: int) -> Iterator[Mapping[str, float]]:
-    """Settings that are all different: none of them has been compiled before."""
+    """Yield distinct settings, none of which has been compiled before."""
     key, low, high = moved
     return iter([{key: low + (high - low) * (number + 0.5) / count} for number in range(count)])
 
@@ -148,7 +148,8 @@ def _in_browser(explorer: Explorer, moves: int, say: Callable[[str], None]) -> t
 
 
 def _moved(page: Any, key: str, moves: int) -> list[tuple[float, float]]:
-    """ms of each move until all is drawn, and ms of it that the server computed; two moves before are not counted."""
+    """Return the time of each move until everything is drawn, and the server's share, in ms; the first two moves are not
+    counted."""
     places = [0.3 + 0.4 * (number * 0.618034 % 1.0) for number in range(moves + 2)]  # to and fro, never the same
     taken: list[tuple[float, float]] = page.evaluate(MOVE_AND_WAIT, [key, places])
     return taken[2:]

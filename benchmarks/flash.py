@@ -26,7 +26,7 @@ from codegen.vehicle.single_track import SingleTrack
 CASE = "4ws-2"
 BOUND = math.radians(0.05)
 REQUIRED = {"uneven": 0.35, "int16": 0.25}
-"""Of the bytes of the even grid in single precision, at BOUND."""
+"""Limit as a fraction of the bytes of the even grid in single precision, at BOUND."""
 
 COLUMNS = (
     *("stored", "breakpoints", "bytes", "of the grid"),
@@ -47,8 +47,8 @@ Seen = Callable[[TotalMap, int], str]
 
 
 def run(quick: bool, say: Callable[[str], None]) -> CountReport:
-    """Place the breakpoints of the paper's map, and of that with the nonlinear tyre for the bound of which something is asked;
-    `quick` for that bound alone."""
+    """Place the breakpoints of the paper's map and of the nonlinear one for the required bound; `quick` for that bound
+    alone."""
     tables: list[tuple[str, tuple[str, ...], tuple[Row, ...]]] = []
     for config, tyre in ((CONFIG, ""), (nonlinear(CONFIG, CASE), " with the nonlinear tyre")):
         reference_map = solve_case(config, CASE)
@@ -77,8 +77,8 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
 
 def _rows(found: FlashTable, surface: ReferenceSurface, seen: Seen) -> tuple[Row, ...]:
     grid = f"{found.grid[0]} x {found.grid[1]}"
-    told = (*_told(found.grid_error, found.tables), seen(surface.total, found.tables))
-    rows = [Row(("the grid as it is, float", grid, f"{found.grid_bytes:,}", "100 %", *told, "-"))]
+    errors = (*_format_errors(found.grid_error, found.tables), seen(surface.total, found.tables))
+    rows = [Row(("the grid as it is, float", grid, f"{found.grid_bytes:,}", "100 %", *errors, "-"))]
     for point in found.points:
         placed, required = point.placed, REQUIRED.get(point.way)
         if point.bound != BOUND:
@@ -91,13 +91,13 @@ def _rows(found: FlashTable, surface: ReferenceSurface, seen: Seen) -> tuple[Row
         asked = "-" if required is None else f"<= {100.0 * required:.0f} %: {'met' if met else 'MISSED'}"
         shape = f"{placed.total.speed.size} x {placed.total.front_angle.size}"
         name = f"{placed.spacing}, int16" if point.way == "int16" else f"{point.way}, float"
-        told = (*_told(placed.error, placed.tables), seen(placed.total, placed.tables))
-        rows.append(Row((name, shape, f"{placed.flash_bytes:,}", f"{100.0 * share:.1f} %", *told, asked), met))
+        errors = (*_format_errors(placed.error, placed.tables), seen(placed.total, placed.tables))
+        rows.append(Row((name, shape, f"{placed.flash_bytes:,}", f"{100.0 * share:.1f} %", *errors, asked), met))
     return tuple(rows)
 
 
-def _told(error: MeasuredError, tables: int) -> tuple[str, str]:
-    """Of the yaw rate, and of the rear angle; deg/s."""
+def _format_errors(error: MeasuredError, tables: int) -> tuple[str, str]:
+    """Format the errors of the yaw rate and of the rear angle, both in deg/s."""
     rear = "-" if tables == 1 else f"{math.degrees(error.rear_yaw_rate_whole):.3g}"
     return f"{math.degrees(error.yaw_rate_whole):.3g}", rear
 
@@ -120,7 +120,7 @@ def _solved_anew(surface: ReferenceSurface, config: Config) -> Seen:
 
 
 def _stored(axis: FloatArray) -> FloatArray:
-    """What an ECU reads."""
+    """Round an axis to the numbers that an ECU reads."""
     return axis.astype(np.float32).astype(np.float64)
 
 

@@ -13,7 +13,7 @@ LIBRARIES = ("casadi", "numpy", "scipy")
 
 
 def description() -> str:
-    """Processor, cores, system, compiler, Python and libraries: a line each."""
+    """Describe the machine in lines: processor, cores, system, compiler, Python and libraries."""
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     return "\n".join(
@@ -26,12 +26,12 @@ def description() -> str:
 
 
 def load() -> str:
-    """How busy the machine is with everything that runs on it."""
+    """Describe the load of the machine."""
     return f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "load unknown"
 
 
 def _system() -> str:
-    """With the kernel's version, not with the name that who built it gave it."""
+    """Return the system with the kernel's version, without the builder's name."""
     return f"{platform.system()} {'.'.join(platform.release().split('.')[:2])}"
 
 

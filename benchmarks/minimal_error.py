@@ -29,7 +29,8 @@ from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
 
 SPEEDS_KM_H, QUICK_SHARES = (80.0, 100.0, 120.0), (0.75,)
 AFTER_S = 2.0
-"""s from the beginning of the steering over which the error is taken and the optimum acts: none acts before the driver."""
+"""Time in s from the beginning of the steering over which the error is evaluated and the optimum acts, not before the
+driver."""
 
 REQUIRED = 2.5
 SLIP_FACTOR = 1.25
@@ -43,7 +44,7 @@ REPLAY_TOLERANCE = 0.02
 """Largest relative difference of the error between the optimum's own integration and its replay."""
 
 SMOOTHING_S2 = 1e-8
-"""s^2: weight of the rear angle's rate squared beside the error squared. It decides where the error does not."""
+"""Weight in s^2 of the rear angle's rate squared relative to the error squared; it makes the solution unique."""
 
 
 OPTIONS: dict[str, Any] = {
@@ -92,7 +93,7 @@ class StepSteer:
         self.reference = np.asarray(software.map_yaw_rate(self._speed, front_angle[:: self.per_sample]), dtype=np.float64)
 
     def replay(self, command: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Yaw rate, front angle and rear angle of the plant, each (steps,), for a rear command (steps,) in rad."""
+        """Return yaw rate, front angle and rear angle of the plant, each (steps,), for a rear command (steps,) in rad."""
         plant, rows = Plant(self.config), []
         for wheel, rear in zip(self._wheel.tolist(), command.tolist(), strict=True):
             acting = PlantInput(self._speed, wheel, rear, self._friction)
@@ -103,25 +104,25 @@ class StepSteer:
         return yaw_rate, front_angle, rear_angle
 
     def rms(self, yaw_rate: FloatArray) -> float:
-        """rad/s, of a yaw rate (samples,)."""
+        """Return the error in rad/s of a yaw rate (samples,)."""
         return float(np.sqrt(np.mean((yaw_rate - self.reference) ** 2)))
 
     def rise_time(self, yaw_rate: FloatArray) -> float:
-        """s from the beginning of the steering to 90 % of the map's last value."""
+        """Return the time in s from the beginning of the steering to 90 % of the map's last value."""
         risen = np.flatnonzero(yaw_rate >= 0.9 * self.reference[-1])
         return float(risen[0]) * self.config.controller.sampling_time_s if risen.size else math.inf
 
     def optimum(self, rear_slip_max: float = math.inf) -> Optimum:
-        """The control with the smallest error.
+        """Return the control with the smallest error.
 
-        Direct multiple shooting: in each sample the rear angle has one rate, among those that the actuator can have. It starts
-        from rest; from random states IPOPT comes to the same error.
+        Direct multiple shooting: in each sample the rear angle has one rate within the actuator's limit. It starts from rest;
+        from random states IPOPT finds the same error.
 
         Args:
             rear_slip_max: rad.
 
         Raises:
-            CheckFailed: IPOPT finds none, or the plant disagrees with it.
+            CheckFailed: IPOPT finds no solution, or the plant differs from it.
         """
         actuator = self.config.rear_actuator
         states, rates = ca.MX.sym("states", 3, self.samples + 1), ca.MX.sym("rates", self.samples)
@@ -157,7 +158,7 @@ class StepSteer:
         return self._confirmed(self.rms(own[:-1, 1]), own[:-1, 2], chosen)
 
     def _confirmed(self, own: float, rear_angle: FloatArray, rates: FloatArray) -> Optimum:
-        """The plant's own answer to the rates (samples,). Raises CheckFailed where it is another."""
+        """Replay the rates (samples,) on the plant. Raises CheckFailed if its error differs."""
         lag, step = self.config.rear_actuator.lag_s, self.config.plant.sampling_time_s
         rate = np.repeat(rates, self.per_sample)
         planned = np.repeat(rear_angle, self.per_sample) + rate * step * np.tile(np.arange(self.per_sample), self.samples)
@@ -170,13 +171,14 @@ class StepSteer:
         return Optimum(found, yaw_rate, rear, command)
 
     def _front_angles(self) -> FloatArray:
-        """rad at the beginning, middle and end of each integration step: (2 SUBSTEPS + 1, samples)."""
+        """Return the front angle in rad at the beginning, middle and end of each integration step: (2 SUBSTEPS + 1,
+        samples)."""
         places = np.arange(self.samples)[None, :] + np.linspace(0.0, 1.0, 2 * SUBSTEPS + 1)[:, None]
         result: FloatArray = np.interp(places * self.per_sample, np.arange(len(self.front_angle)), self.front_angle)
         return result
 
     def _step(self) -> ca.Function:
-        """One sample: (state, rate of the rear angle, front angles) to (next state, rear slip).
+        """Return a function for one sample: (state, rear angle rate, front angles) to (next state, rear slip).
 
         The state is lateral speed, yaw rate and rear angle.
         """

@@ -18,7 +18,7 @@ LIMIT = Times("asked: 3 minutes", (180.0,))
 
 
 def run(quick: bool, say: Callable[[str], None]) -> Report:
-    """Fetch the packages, then time `make sil` in a clone: once, as it happens once.
+    """Fetch the packages, then time `make sil` in a fresh clone, once.
 
     Raises:
         CodegenError: no package index, no git, or a command that fails.

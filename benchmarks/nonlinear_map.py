@@ -22,7 +22,7 @@ STRIDE, QUICK_STRIDE = 1, 10
 
 
 def nonlinear(config: Config, case: str) -> Config:
-    """The configuration with the nonlinear tyre in a case."""
+    """Return the configuration with the nonlinear tyre in a case."""
     data = config.model_dump(mode="json")
     data["cases"][case]["tyre_model"] = "magic-formula"
     return configuration.parse(data, "benchmark")

@@ -67,7 +67,7 @@ def _lock_step(build: Path, kind: EcuKind, repeats: int, say: Callable[[str], No
         once(work)
         walls.append(seconds[0])
     real_time = Times("real time", (scenario.duration,))
-    # The cffi ECU is told for comparison; what has to be met is the native one's.
+    # The cffi ECU is for comparison; the requirement is for the native one.
     return Comparison(
         f"lock-step, {kind} ECU", real_time, Times("bench", tuple(walls)), REQUIRED if kind == "native" else None, paired=False
     )

@@ -14,10 +14,10 @@ CASE = "4ws-2"
 
 
 def paper_map() -> ReferenceMap:
-    """The map of the paper's car."""
+    """Return the map of the paper's car."""
     return solve_case(CONFIG, CASE)
 
 
 def paper_folder() -> Folder:
-    """The generated files, single precision, prefix ars."""
+    """Return the generated files, single precision, prefix ars."""
     return build(paper_map(), CONFIG, BuildOptions(CASE), BuildInputs(f"{CASE}.npz", "0" * 64, "preset"))

@@ -1,4 +1,4 @@
-"""Whole commands as the user starts them, against what Python and CasADi take by themselves."""
+"""Time whole commands compared with the start-up of Python and CasADi."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _afresh(target: Path, build: Callable[[], object]) -> None:
 
 
 def _heavy(import_times: str) -> str:
-    """Which of the heavy packages were imported, by Python's own account."""
+    """Return the heavy packages that were imported."""
     lines = import_times.splitlines()
     names = {line.rpartition("|")[2].strip().partition(".")[0] for line in lines if line.startswith("import time:")}
     return ", ".join(name for name in HEAVY if name in names) or f"none of {', '.join(HEAVY)}"

@@ -14,7 +14,7 @@ from tests.optimum.cars import random_config
 
 
 def random_car(rng: np.random.Generator) -> Config:
-    """A car with its own load transfer and load sensitivity, beside what `random_config` varies."""
+    """Draw a car with its own load transfer and load sensitivity, in addition to the variations of `random_config`."""
     data = random_config(rng).model_dump(mode="json")
     drawn = {"cg_height_m": (0.3, 0.9), "track_m": (1.3, 1.9), "front_roll_share": (0.3, 0.7)}
     data["vehicle"] |= {key: float(rng.uniform(*ends)) for key, ends in drawn.items()}
@@ -24,7 +24,7 @@ def random_car(rng: np.random.Generator) -> Config:
 
 
 def random_cells(turns: NonlinearTurns, config: Config, rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray]:
-    """Speeds (m/s) and front angles (rad), (count,) each, from straight ahead to a third beyond where the map ends."""
+    """Draw speeds (m/s) and front angles (rad), (count,) each, from zero to a third beyond the map."""
     grid = config.grid
     speed = rng.uniform(grid.speed_min_km_h, grid.speed_max_km_h, count) / 3.6
     largest = math.radians(grid.front_angle_max_deg)

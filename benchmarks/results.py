@@ -12,9 +12,9 @@ SECTION = re.compile(r"^## (?P<name>[a-z-]+): ", re.MULTILINE)
 
 
 def update(path: Path, measured: Mapping[str, str], order: tuple[str, ...], reading: str) -> None:
-    """Put sections (name -> Markdown that begins with `section_title`) into the file; those not measured now stay.
+    """Replace sections (name -> Markdown beginning with `section_title`) in the file; others are kept.
 
-    `order`: all names. `reading`: how times are told, at the head of the page. CodegenError where it can't be written.
+    `order`: all names. `reading`: introduction of the page. Raises CodegenError if it cannot be written.
     """
     sections = {**_sections(path.read_text(encoding="utf-8") if path.exists() else ""), **measured}
     head = ["# Measured", "By `make bench`; each section names the machine it was measured on.", reading]
@@ -23,7 +23,7 @@ def update(path: Path, measured: Mapping[str, str], order: tuple[str, ...], read
 
 
 def section(name: str, markdown: str, machine: str) -> str:
-    """A section: what `Report.markdown` says with the name before its title and the machine behind it."""
+    """Return a section: `Report.markdown` with the name in its title, and the machine."""
     return f"{markdown.replace('## ', f'## {name}: ', 1)}\n\n```text\n{machine}\n```"
 
 

@@ -1,4 +1,4 @@
-"""Whether two solutions of a map are the same."""
+"""Compare two solutions of a map."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ NARROW = 1e-6
 
 @dataclass(frozen=True)
 class Sameness:
-    """Of two solutions: the largest difference of the yaw rates in rad/s in the cells feasible in both, and counts of cells."""
+    """Difference of two solutions: largest difference of the yaw rates in rad/s in cells feasible in both, and numbers of
+    cells."""
 
     largest: float
     feasible: int
@@ -39,7 +40,7 @@ class Sameness:
         )
 
     def within(self, yaw_rate: float) -> bool:
-        """Whether the same cells are feasible, with yaw rates no further apart, in rad/s."""
+        """Return whether the same cells are feasible, with yaw rates no further apart in rad/s."""
         return self.otherwise == 0 and self.largest <= yaw_rate
 
     def __str__(self) -> str:

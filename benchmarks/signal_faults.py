@@ -42,8 +42,8 @@ WAYS: dict[str, tuple[float, float, float]] = {
 }
 """Shares of a value and of what it was when the fault began, and what is added."""
 ALL, ALL_LARGEST = "all", "all, largest angles"
-"""With the largest feasible angles, twice the others at 100 km/h, the rear wheels are turned with the front ones. The car
-without rear steering spins in some of these cells too."""
+"""Faults of all signals. With the largest feasible angles, twice the others at 100 km/h, the rear wheels turn in phase, and the
+passive car spins in some of these cells too."""
 FAULTS = {
     "yaw_rate": tuple(WAYS),
     "front_angle": ("lost", "frozen", "sign flipped", "half", "zero"),
@@ -59,18 +59,18 @@ BIAS, BIAS_SPEED, BIAS_DURATION, DRIFT_MAX_DEG = math.radians(0.25), 128.0 * KM_
 
 
 def keep(seconds: float) -> float:
-    """Share of the front angle, so long after the driver acts: as it was."""
+    """Return the fraction of the front angle at a time after the driver acts: unchanged."""
     del seconds
     return 1.0
 
 
 def straighten(seconds: float) -> float:
-    """Straight within 0.3 s."""
+    """Straighten within 0.3 s."""
     return max(0.0, 1.0 - seconds / 0.3)
 
 
 def counter_steer(seconds: float) -> float:
-    """To 0.6 of the angle on the other side within 0.4 s, held for half a second, and straight within 0.3 s."""
+    """Countersteer to 0.6 of the angle within 0.4 s, hold it for half a second, and straighten within 0.3 s."""
     return max(-0.6, 1.0 - 1.6 * seconds / 0.4) if seconds < 0.9 else min(0.0, -0.6 + 2.0 * (seconds - 0.9))
 
 
@@ -95,7 +95,7 @@ def drive(
     way: str,
     fault_time: float = FAULT_TIME,
 ) -> Drive:
-    """One run at a speed (m/s) with a front angle (rad); `signal`, if not empty, fails at `fault_time` (s)."""
+    """Run at a speed (m/s) with a front angle (rad); `signal`, if not empty, fails at `fault_time` (s)."""
     config = software.config
     plant, controller = Plant(config), software.controller()
     period, ratio = config.controller.sampling_time_s, config.steering.ratio
@@ -123,7 +123,7 @@ def drive(
 
 
 def drift(software: Software, bias: float) -> tuple[float, float]:
-    """Heading (deg) and place beside the straight (m) at the end of a drive; `bias` (rad/s) is added to the yaw rate."""
+    """Return heading (deg) and lateral deviation (m) at the end of a drive; `bias` (rad/s) is added to the yaw rate."""
     config = software.config
     plant, controller = Plant(config), software.controller()
     period, command = config.controller.sampling_time_s, 0.0

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.structure [REVISION]`: size and structure of this tree, beside those of an earlier revision."""
+"""`python -m benchmarks.structure [REVISION]`: compare size and structure of this tree with an earlier revision."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _module(path: Path) -> str:
 
 
 def _imports(path: Path, text: str) -> Iterator[str]:
-    """Modules that a module may mean: of `from a import b`, both a and a.b."""
+    """Return the modules that an import may name: for `from a import b`, both a and a.b."""
     for node in ast.walk(ast.parse(text, str(path))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """A line of a table; `met` where nothing is asked, or what is."""
+    """Line of a table; `met` is True without a requirement."""
 
     cells: tuple[str, ...]
     met: bool = True
@@ -16,14 +16,14 @@ class Row:
 
 @dataclass(frozen=True)
 class CountReport:
-    """What was counted: tables of text, and what has to be said beside them."""
+    """Counted results: tables of text, and notes."""
 
     tables: tuple[tuple[str, tuple[str, ...], tuple[Row, ...]], ...]
     notes: tuple[str, ...]
 
     @property
     def comparisons(self) -> tuple[Row, ...]:
-        """Everything that may have been asked."""
+        """All rows, which may have requirements."""
         return tuple(row for _, _, rows in self.tables for row in rows)
 
     def __str__(self) -> str:
@@ -33,13 +33,13 @@ class CountReport:
         return "\n".join([*lines, *self.notes])
 
     def markdown(self) -> str:
-        """The same for a page."""
+        """Format as Markdown."""
         parts = [f"## {title}\n\n{markdown_table(header, [row.cells for row in rows])}" for title, header, rows in self.tables]
         return "\n\n".join([*parts, "\n".join(f"- {note}" for note in self.notes)]).rstrip()
 
 
 def text_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines for a terminal."""
+    """Format a table for a terminal."""
     cells = [header, *rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
@@ -48,5 +48,5 @@ def text_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]])
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table for a page."""
+    """Format a table as Markdown."""
     return "\n".join([f"| {' | '.join(cells)} |" for cells in (header, ["---"] * len(header), *rows)])

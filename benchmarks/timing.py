@@ -1,4 +1,4 @@
-"""Times that stand beside each other: taken in turns, told as a median with its range."""
+"""Compare times measured in turns, reported as medians with ranges."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
 
 @dataclass(frozen=True)
 class Times:
-    """Seconds of the repeats of one piece of work, in the order in which they were taken, and what was at work."""
+    """Times of the repeats of one piece of work in s, in order, and its name."""
 
     name: str
     seconds: tuple[float, ...]
@@ -28,11 +28,11 @@ class Times:
         return statistics.median(self.seconds)
 
     def each(self, count: int) -> Times:
-        """The time of one of `count` equal parts."""
+        """Return the time of one of `count` equal parts."""
         return Times(self.name, tuple(value / count for value in self.seconds))
 
     def __str__(self) -> str:
-        """Name, median and, where there are several, smallest and largest: "IPOPT 1.23 ms (1.2–1.4)"."""
+        """Format name, median and, for several times, the range: "IPOPT 1.23 ms (1.2–1.4)"."""
         scale, unit = next((entry for entry in UNITS if self.median >= entry[0]), UNITS[-1])
         shown = f"{self.name} {number(self.median / scale)} {unit}"
         if len(self.seconds) > 1:
@@ -41,7 +41,7 @@ class Times:
 
 
 def once(work: Callable[[], object], clock: Clock = time.perf_counter) -> float:
-    """Seconds that one call takes, without the garbage collector in between."""
+    """Return the time of one call in s, without the garbage collector."""
     gc.collect()
     gc.disable()
     try:
@@ -53,9 +53,9 @@ def once(work: Callable[[], object], clock: Clock = time.perf_counter) -> float:
 
 
 def interleaved(works: Mapping[str, Callable[[], object]], repeats: int, clock: Clock = time.perf_counter) -> dict[str, Times]:
-    """The works in turns, so that a slow spell of the machine meets all of them; every other round in reverse order.
+    """Time the works in turns, so that a slow period of the machine affects all; every other round is reversed.
 
-    One round before is not counted: it fills caches and loads what is loaded late. Times of a round stand at the same index.
+    A first round, which fills caches and loads modules, is not counted. Times of a round have the same index.
     """
     seconds: dict[str, list[float]] = {name: [] for name in works}
     for work in works.values():
@@ -86,7 +86,7 @@ class Comparison:
 
     @property
     def ratios(self) -> tuple[float, ...]:
-        """How many times faster ours is, for each pair; of the medians where there are no pairs."""
+        """Return our speed-up for each pair; of the medians if there are no pairs."""
         if not self.paired:
             return (self.peer.median / self.ours.median,)
         return tuple(theirs / own for theirs, own in zip(self.peer.seconds, self.ours.seconds, strict=True))
@@ -103,7 +103,7 @@ class Comparison:
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """As printed."""
+        """Format for a terminal."""
         ratio = number(self.ratio)
         if len(self.ratios) > 1:
             ratio += f" ({number(min(self.ratios))}–{number(max(self.ratios))})"
@@ -115,7 +115,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Report:
-    """What one benchmark found: its table, and what has to be said beside it."""
+    """Result of a benchmark: a table and notes."""
 
     title: str
     comparisons: tuple[Comparison, ...]
@@ -126,11 +126,11 @@ class Report:
         return "\n".join([*table, *(f"  {note}" for note in self.notes)])
 
     def markdown(self) -> str:
-        """The same for a page."""
+        """Format as Markdown."""
         table = [markdown_table(HEADER, [line.cells for line in self.comparisons]), ""] if self.comparisons else []
         return "\n".join([f"## {self.title}", "", *table, *(f"- {note}" for note in self.notes)]).rstrip()
 
 
 def number(value: float) -> str:
-    """Three digits, more only before the point."""
+    """Format with three digits, more only before the point."""
     return f"{value:,.0f}" if abs(value) >= 99.95 else f"{value:.3g}"

@@ -58,13 +58,13 @@ class Shape:
     E: float
 
     def __call__(self, x: FloatArray) -> FloatArray:
-        """In double precision."""
+        """Evaluate in double precision."""
         result: FloatArray = np.sin(self.C * np.arctan(x - self.E * (x - np.arctan(x))))
         return result
 
 
 def candidates(shape: Shape, files: Mapping[str, bytes], prefix: str = "ars") -> tuple[Candidate, ...]:
-    """All of them; `files` are a build that holds the curve as the table of its front tyre."""
+    """Return all approximations; `files` are a build with the curve as the table of its front tyre."""
     return (
         Candidate("table in x/(x + c), as generated", _generated(files, prefix)),
         *(_polynomial_of_place(shape, degree) for degree in (6, 8, 10)),
@@ -132,7 +132,7 @@ static float half(float x)
 
 
 def _polynomial_of_place(shape: Shape, degree: int) -> Candidate:
-    """A polynomial in s = x/(x + c) with no constant term, of the best compression c."""
+    """Return a polynomial in s = x/(x + c) without constant term, with the best compression c."""
     s = 0.5 - 0.5 * np.cos(np.linspace(0.0, math.pi, GRID))
     fits = []
     for compression in COMPRESSIONS:
@@ -154,7 +154,7 @@ def _odd_fit(function: np.ufunc, end: float, terms: int) -> FloatArray:
 
 
 def _fit(basis: FloatArray, values: FloatArray) -> tuple[float, FloatArray]:
-    """The largest error, and the coefficients (n,) that make it smallest, of basis (m, n)."""
+    """Return the smallest maximum error and its coefficients (n,), for a basis (m, n)."""
     ones = np.ones((len(values), 1))
     result = linprog(
         np.append(np.zeros(basis.shape[1]), 1.0),

@@ -131,14 +131,14 @@ class _Recorder:
 def run_in_process(
     node: PlantNode, software: Software, *, log: BusLog | None = None, observe: Observer | None = None
 ) -> BenchResult:
-    """Without a bus: the generated task in this process, called as by a timer: once a cycle, or by a clock of its own."""
+    """Run without a bus: the generated task in this process is called once a cycle, or by a clock of its own."""
     recorder, task = _Recorder(node, observe), software.task()
     running = True
     for cycle in range(node.cycles):
         now = cycle * node.sampling_time
         off = node.injector.ecu_off(cycle)
         if not off and not running:
-            task = software.task()  # switched on again: it knows nothing of before
+            task = software.task()  # after a restart it has no state
         running = not off
         for frame in node.outgoing(cycle):
             _note(log, frame, now, received=False)
@@ -154,7 +154,7 @@ def run_in_process(
 
 
 def run_in_lock_step(node: PlantNode, bus: Bus, *, log: BusLog | None = None, observe: Observer | None = None) -> BenchResult:
-    """On a bus, simulated time.
+    """Run on a bus in simulated time.
 
     Raises:
         CodegenError: the scenario has faults, which would leave the ECU without a complete set of frames, or two clocks; or no
@@ -203,7 +203,8 @@ def run_in_real_time(
     log: BusLog | None = None,
     observe: Observer | None = None,
 ) -> BenchResult:
-    """On a bus, by the clock, which drifts and jitters as the scenario says. `ecu` is taken away and brought back likewise."""
+    """Run on a bus in real time with the drift and jitter of the scenario. `ecu` is stopped and restarted as the faults
+    require."""
     period, recorder = node.sampling_time, _Recorder(node, observe)
     after_first = (node.sending_times - node.sending_times[0]).tolist()
     running = True
@@ -214,7 +215,7 @@ def run_in_real_time(
             deadline = origin + after_first[cycle]
             _wait(deadline)
             lateness = time.monotonic() - deadline
-            if lateness >= period:  # never a burst to catch up: on with the next deadline, in the same phase
+            if lateness >= period:  # continue with the next deadline in the same phase, without a burst to catch up
                 recorder.late += 1
                 origin += math.ceil(lateness / period) * period
                 _wait(origin + after_first[cycle])
@@ -238,7 +239,7 @@ def run_in_real_time(
 
 
 def _switch(ecu: Ecu | None, running: bool, off: bool) -> bool:
-    """Kill or start the ECU where that changes; whether it runs now."""
+    """Kill or start the ECU if its power changes. Return whether it runs."""
     if ecu is not None and running == off:
         if off:
             ecu.kill()
@@ -254,7 +255,7 @@ def _note(log: BusLog | None, frame: Frame, now: float, *, received: bool) -> No
 
 
 def _drain(bus: Bus) -> None:
-    """Forget what came before the run."""
+    """Discard frames received before the run."""
     while bus.receive(0.0) is not None:
         pass
 
@@ -267,7 +268,7 @@ def _wait(deadline: float) -> None:
 
 @contextmanager
 def _no_pauses() -> Iterator[None]:
-    """The garbage collector could stop the run for longer than a cycle; what a run allocates is bounded."""
+    """Disable the garbage collector, which could stop the run for longer than a cycle. A run allocates a bounded amount."""
     collecting = gc.isenabled()
     gc.collect()
     gc.disable()

@@ -53,9 +53,9 @@ class BusAddress:
 
 
 class Bus:
-    """One node's access to a bus; a context manager.
+    """Access of one node to a bus; a context manager.
 
-    Frames that this node sent itself are not received where the interface can tell them apart.
+    The node does not receive its own frames if the interface can distinguish them.
 
     Raises:
         CodegenError: it cannot be opened, and what to do.
@@ -69,7 +69,7 @@ class Bus:
         settings: dict[str, Any] = {}
         if bitrate is not None and address.interface not in LOCAL_INTERFACES:
             settings["bitrate"] = round(bitrate)
-        # What the backends have to say goes into the one line of the error.
+        # Messages of the backends become part of the error.
         logging.getLogger("can").setLevel(logging.CRITICAL + 1)
         try:
             self._bus = can.Bus(interface=address.interface, channel=address.channel, receive_own_messages=False, **settings)
@@ -79,7 +79,7 @@ class Bus:
             _keep_to_the_group(self._bus)
 
     def send(self, frame: Frame) -> bool:
-        """Whether the frame went out: false where the bus is down or its queue is full."""
+        """Send a frame. Return False if the bus is down or its queue is full."""
         message = can.Message(
             arbitration_id=frame.id,
             data=frame.data,
@@ -94,9 +94,9 @@ class Bus:
         return True
 
     def receive(self, timeout: float) -> Frame | None:
-        """The next frame within `timeout` (s; 0: only one that is there already); None where there is none.
+        """Return the next frame within `timeout` (s; 0: only a waiting one), or None.
 
-        A bus that is down is waited for like a silent one.
+        A bus that is down counts as silent.
         """
         try:
             message = self._bus.recv(max(timeout, 0.0))
@@ -125,7 +125,8 @@ class Bus:
 
 
 def _keep_to_the_group(bus: Any) -> None:
-    """Linux gives a socket the frames of every group that anybody on the machine has joined, unless it is told otherwise."""
+    """Set the socket option of multicast buses. By default, Linux delivers frames of every group that any process has
+    joined."""
     inner = getattr(getattr(bus, "_multicast", None), "_socket", None)
     if inner is not None and sys.platform == "linux":
         level, option = (socket.IPPROTO_IPV6, 29) if inner.family == socket.AF_INET6 else (socket.IPPROTO_IP, 49)
@@ -133,7 +134,7 @@ def _keep_to_the_group(bus: Any) -> None:
 
 
 def _is_another_kind(name: str) -> bool:
-    """Whether there is a network interface of this name that is not CAN (ARPHRD_CAN is 280)."""
+    """Return whether a network interface of this name exists and is not CAN (ARPHRD_CAN is 280)."""
     try:
         return Path("/sys/class/net", name, "type").read_text(encoding="ascii").strip() != "280"
     except (OSError, ValueError):

@@ -49,9 +49,10 @@ class Clocks:
         return period * drifted + jitter * np.random.default_rng((seed, 0)).uniform(-1.0, 1.0, count)
 
     def task_starts(self, cycles: int, period: float, seed: int = 0) -> list[tuple[float, ...]]:
-        """For each cycle of the car, from one sending to the next, the starts of the task, in s after its tick: up to two.
+        """Return the starts of the task in s after its tick, up to two, for each cycle of the car from one sending to the
+        next.
 
-        A start before the first sending is left out. Arguments and errors: those of `sending_times`.
+        A start before the first sending is omitted. Arguments and errors as in `sending_times`.
         """
         if not self.are_free_running:
             return [(0.0,)] * cycles

@@ -38,14 +38,14 @@ class _Codes:
         self._sign = 1 << (signal.length - 1) if isinstance(signal, RealSignal) and signal.signed else 0
 
     def put(self, code: int) -> int:
-        """What to add to the frame."""
+        """Return the bits of a code in the frame."""
         frame = 0
         for index, bit, mask in self._runs:
             frame |= (code >> index & mask) << bit
         return frame
 
     def get(self, frame: int) -> int:
-        """The code in a frame, with its sign."""
+        """Return the code in a frame, with its sign."""
         code = 0
         for index, bit, mask in self._runs:
             code |= (frame >> bit & mask) << index
@@ -68,7 +68,7 @@ class _Scale:
         self.not_available = signal.raw_not_available
 
     def code(self, value: float) -> int:
-        """The nearest code."""
+        """Return the nearest code of a value."""
         if abs(value) < _SINGLE_SAFE:
             shifted = float(self._real(value) - self._offset)
         else:
@@ -81,7 +81,7 @@ class _Scale:
         return round(min(max(scaled, self._low), self._high))
 
     def value(self, code: int) -> float:
-        """The value of a code; NaN for "not available"."""
+        """Return the value of a code; NaN for "not available"."""
         if code == self.not_available:
             return math.nan
         scaled = np.float32(code) / self._steps if self._single else np.float64(code) * self._factor
@@ -124,9 +124,9 @@ def _qualifier(available: list[str]) -> int:
 
 
 class Codec:
-    """The messages of a configuration.
+    """Codec of the messages of a configuration.
 
-    Encoding leaves CRC and counter zero: `hil_sim.e2e.protect` writes them. Decoding does not look at them.
+    Encoding leaves CRC and counter zero: `hil_sim.e2e.protect` writes them. Decoding ignores them.
     """
 
     def __init__(self, can: Can, precision: Precision = "single") -> None:
@@ -135,10 +135,10 @@ class Codec:
         self._role_of = {payload: role for role, payload in PAYLOADS.items()}
 
     def encode(self, payload: Payload) -> bytes:
-        """The eight bytes of a message."""
+        """Return the eight bytes of a message."""
         return self._layouts[self._role_of[type(payload)]].encode(payload)
 
     def decode(self, identifier: int, data: bytes) -> Payload | None:
-        """Contents of a frame by its 11-bit identifier; None for another node's, or where it has not eight bytes."""
+        """Return the contents of a frame by its 11-bit id; None for a frame of another node or with other than eight bytes."""
         role = self._roles.get(identifier)
         return None if role is None or len(data) != FRAME_BYTES else self._layouts[role].decode(data)

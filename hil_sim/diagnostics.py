@@ -11,6 +11,6 @@ DIAGNOSTICS: Mapping[int, tuple[str, str]] = {cause.bit: (cause.name, cause.word
 
 
 def causes(diagnostics: int) -> tuple[str, ...]:
-    """The words for the bits that are set, from the lowest; "bit 20" for one without a name."""
+    """Return the texts of the bits that are set, from the lowest; "bit 20" for one without a name."""
     bits = [bit for bit in range(diagnostics.bit_length()) if diagnostics >> bit & 1]
     return tuple(DIAGNOSTICS[bit][1] if bit in DIAGNOSTICS else f"bit {bit}" for bit in bits)

@@ -42,7 +42,8 @@ _TABLE = bytes(_crc_of_byte(value) for value in range(256))
 
 
 def crc(data_id: int, data: bytes) -> int:
-    """CRC of a frame: over the data id (16 bits, low byte first) and all bytes of `data` but the first, which holds the CRC."""
+    """Return the CRC of a frame, over the data id (16 bits, low byte first) and all bytes of `data` except the first, which
+    holds the CRC."""
     result = 0
     for byte in (data_id & 0xFF, data_id >> 8 & 0xFF, *data[1:]):
         result = _TABLE[result ^ byte]
@@ -50,7 +51,7 @@ def crc(data_id: int, data: bytes) -> int:
 
 
 def protect(data_id: int, counter: int, data: bytes) -> bytes:
-    """`data` (8 bytes) with counter and CRC written into it (PRS_E2E_00195); the high nibble of byte 1 stays.
+    """Return `data` (8 bytes) with counter and CRC (PRS_E2E_00195). The high nibble of byte 1 is unchanged.
 
     Raises:
         ValueError: not eight bytes, or a counter outside 0 to 14.
@@ -64,7 +65,7 @@ def protect(data_id: int, counter: int, data: bytes) -> bytes:
 
 
 def next_counter(counter: int) -> int:
-    """The counter of the next frame: 14 is followed by 0."""
+    """Return the counter of the next frame; 0 follows 14."""
     return (counter + 1) % (LARGEST_COUNTER + 1)
 
 
@@ -83,7 +84,7 @@ class Receiver:
         self._no_new_or_repeated = 0
 
     def no_new_data(self) -> E2eStatus:
-        """A cycle without a frame."""
+        """Check a cycle with a frame of eight bytes."""
         self._tolerate_one_more()
         self._count_no_new_or_repeated()
         return E2eStatus.NO_NEW_DATA
@@ -91,9 +92,9 @@ class Receiver:
     def check(self, data_id: int, data: bytes) -> E2eStatus:
         """Check a cycle with a frame of eight bytes.
 
-        A counter of 15 is answered like a wrong CRC: for the specification it is a wrong input (E2E_E_INPUTERR_WRONG), tested
-        before the CRC, which the state machine takes for E2E_P_ERROR (SWS_E2E_00384), and WRONG_CRC is the one status that
-        has this meaning too (SWS_E2E_00383). A frame of another length is a wrong input likewise.
+        A counter of 15 counts as a wrong CRC. The specification treats it as a wrong input (E2E_E_INPUTERR_WRONG), tested
+        before the CRC. The state machine maps that to E2E_P_ERROR (SWS_E2E_00384), as it does WRONG_CRC (SWS_E2E_00383). A
+        frame of another length is a wrong input too.
         """
         self._tolerate_one_more()
         if len(data) != FRAME_BYTES:

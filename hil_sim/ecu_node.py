@@ -11,20 +11,19 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from codegen.sil.software import Software
-from codegen.sil.task import Task
+from codegen.sil.software import Software, Task
 from hil_sim.bus import Bus
 from hil_sim.frames import Frame
 
 SILENCE_PERIODS = 4
-"""So many periods without a frame of the car, and the timer takes its phase anew from the next complete set."""
+"""Periods without a frame of the car after which the timer synchronises with the next complete set."""
 
 SLIP_WEIGHT, SLIPPING_MAX = 10, 25
-"""A run that finds two sets of frames or none weighs so much against one that is well in phase; beyond the sum the phase is
-taken anew, for the car's frames then come just when the timer does."""
+"""Weight of a run with no or two sets of frames, against one in phase; and the sum above which the phase is synchronised again.
+The car's frames then arrive together with the timer."""
 
 POLL = 0.05
-"""s between two looks at whether to stop, where there is no timer."""
+"""Interval in s at which the node checks whether to stop, if there is no timer."""
 
 
 @dataclass
@@ -71,7 +70,7 @@ class EcuNode:
             frame = self._bus.receive(deadline - time.monotonic())
             now = time.monotonic()
             if now - deadline > self._tolerated * self._period:
-                self._discard(frame)  # what waits is of the past: consecutive, and yet not to be steered by
+                self._discard(frame)  # waiting frames are outdated, although consecutive
             elif self._take(frame):
                 in_phase = in_phase and now - heard < SILENCE_PERIODS * self._period
                 heard = now
@@ -81,7 +80,7 @@ class EcuNode:
                 continue
             self._answer()
             deadline += self._period
-            if now >= deadline:  # late by a period or more: never a burst to catch up, on in the same phase
+            if now >= deadline:  # late by a period or more: continue in the same phase, without a burst to catch up
                 self.counters.late += 1
                 deadline += (math.floor((now - deadline) / self._period) + 1) * self._period
             found, slips = slips, self.task.state.late_cycles + self.task.state.early_cycles
@@ -90,7 +89,7 @@ class EcuNode:
                 in_phase, slipping = False, 0
 
     def _discard(self, frame: Frame | None) -> None:
-        """Forget a frame and all that wait behind it."""
+        """Discard a frame and all that wait after it."""
         while frame is not None:
             self.counters.discarded += 1
             frame = self._bus.receive(0.0)

@@ -1,7 +1,7 @@
-"""An ECU beside the bench: as a process of its own, or as a thread where the bus ends with the process.
+"""ECU as a separate process, or as a thread on a bus that exists only in this process.
 
-Both are started, killed as by a power failure, started again, and stopped in order. An ECU process prints `ready` once it can
-receive, ends on SIGTERM, and leaves a line of counters on its standard error.
+Both can be started, killed as by a power failure, restarted and stopped. An ECU process prints `ready` once it can receive,
+ends on SIGTERM, and prints a line of counters to standard error.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ class EcuProcess:
             raise CodegenError(f"the ECU cannot be started: {error.strerror}", where=self._command[0]) from error
 
     def wait_until_ready(self) -> None:
-        """Wait for its `ready`.
+        """Wait until the process prints `ready`.
 
         Raises:
-            CodegenError: it ended before, with what it said, or stays silent.
+            CodegenError: it ended before, or timed out.
         """
         process = self._process
         assert process is not None
@@ -66,14 +66,14 @@ class EcuProcess:
         reader.join(START_TIMEOUT)
         if lines and lines[0].strip() == READY:
             return
-        ended = bool(lines)  # an end of file: its words are on the standard error
+        ended = bool(lines)  # end of file: the message is on standard error
         self.kill()
-        said = self.said()
-        what = (said.removeprefix("error: ") or "it ended without a word") if ended else f"silent for {START_TIMEOUT:g} s"
+        text = self.last_line()
+        what = (text.removeprefix("error: ") or "it ended without a message") if ended else f"silent for {START_TIMEOUT:g} s"
         raise CodegenError(f"the ECU did not start: {what}")
 
     def kill(self) -> None:
-        """Kill the process as a power failure does."""
+        """Kill the process, as a power failure would."""
         if self._process is not None:
             self._process.kill()
             self._reap()
@@ -87,15 +87,15 @@ class EcuProcess:
             except subprocess.TimeoutExpired:
                 self._process.kill()
             self._reap()
-        return self.said()
+        return self.last_line()
 
     @property
     def alive(self) -> bool:
         """Whether it runs."""
         return self._process is not None and self._process.poll() is None
 
-    def said(self) -> str:
-        """The last line on its standard error."""
+    def last_line(self) -> str:
+        """Return the last line on standard error."""
         self._errors.flush()
         descriptor = self._errors.fileno()
         text = os.pread(descriptor, os.fstat(descriptor).st_size, 0).decode("utf-8", "replace")
@@ -123,7 +123,7 @@ class EcuProcess:
 
 
 def cffi_command(build: Path, address: BusAddress, *, lock_step: bool) -> list[str]:
-    """The command line of a cffi ECU in a process of its own."""
+    """Return the command line of a cffi ECU in a process of its own."""
     clock = "--lock-step" if lock_step else "--real-time"
     place = ["--build", str(build), "--bus", str(address), "--ecu", "cffi", clock]
     return [sys.executable, "-m", "codegen", "ecu", *place, "--parent", str(os.getpid())]
@@ -150,7 +150,7 @@ class EcuThread:
         self._thread.start()
 
     def kill(self) -> None:
-        """End it."""
+        """Stop the thread."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -162,7 +162,7 @@ class EcuThread:
         return self._thread is not None and self._thread.is_alive()
 
     def stop(self) -> str:
-        """End it; its counters."""
+        """Stop the ECU and return its counters."""
         self.kill()
         return "" if self._node is None else counters_line(self._node)
 
@@ -183,7 +183,7 @@ def _served(node: EcuNode, bus: Bus, lock_step: bool, stop: threading.Event) -> 
 
 
 def counters_line(node: EcuNode) -> str:
-    """What an ECU counted, in the form of the native one: `name=count` with spaces between."""
+    """Return the counters of an ECU as the native ECU prints them: `name=count`, separated by spaces."""
     task = node.task.counters()
     counts = {
         "cycles": node.counters.cycles,

@@ -32,18 +32,18 @@ SAFE_WITHIN = 0.05
 """s from the first lost sample to the fail-safe, at most."""
 
 RATE_TOLERANCE = 1e-9
-"""Of the actuator's own rate limit, for rounding."""
+"""Rounding tolerance as a fraction of the actuator's rate limit."""
 
 
 @dataclass(frozen=True)
 class FaultCase:
-    """A fault with its defined end.
+    """A fault with its specified outcome.
 
     Attributes:
-        name, what: for the table.
-        faults: what is injected.
-        worst: the status that is reached and not passed; LIMITED stands for TRACKING as well: no sample is lost.
-        clocks: of car and ECU, through the whole run.
+        name, what: texts of the table.
+        faults: injected faults.
+        worst: worst status that must be reached; LIMITED includes TRACKING: no sample is lost.
+        clocks: clocks of car and ECU during the whole run.
     """
 
     name: str
@@ -54,7 +54,7 @@ class FaultCase:
 
     @property
     def end(self) -> float:
-        """s, when the last fault is over; clocks do not end."""
+        """End of the last fault in s; clocks do not end."""
         return max((fault.start + fault.duration for fault in self.faults), default=DURATION)
 
 
@@ -76,7 +76,7 @@ class FaultOutcome:
 
 
 def scenario(case: FaultCase) -> Scenario:
-    """The corner with the faults of a case."""
+    """Return the cornering scenario with the faults of a case."""
     return Scenario(
         name=f"fault-{case.name}",
         subject="Fault in a corner",
@@ -93,7 +93,7 @@ def scenario(case: FaultCase) -> Scenario:
 
 
 def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
-    """All cases for the message names of a configuration; each lasts so many samples of `sampling_time` (s)."""
+    """Return all cases for the message names of a configuration. Faults last multiples of `sampling_time` (s)."""
     motion, conditions, command = (message.name for message in can.messages().values())
 
     def case(name: str, what: str, worst: Status, kind: FaultKind, samples: int, **more: object) -> FaultCase:
@@ -188,7 +188,7 @@ def judge(case: FaultCase, result: BenchResult, config: Config) -> FaultOutcome:
 
 
 def _seen(result: BenchResult, after: npt.NDArray[np.bool_]) -> tuple[str, ...]:
-    """What the ECU reports, and what the car notices of the commands."""
+    """Return the diagnostics of the ECU and the faults that the car detects in the commands."""
     commands = {"command missing": "cycles_without", "command refused": "refused", "command lost in between": "lost"}
     # Until the car's messages are valid, the ECU has no angle to command.
     at_start = {"cycles_without": int(np.count_nonzero(_column(result, "status")[~after] > Status.LIMITED))}
@@ -197,10 +197,13 @@ def _seen(result: BenchResult, after: npt.NDArray[np.bool_]) -> tuple[str, ...]:
 
 
 def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> float:
-    """How far the command may move in one sample: what its rate limits allow, or without any what the feedback makes of the
-    largest error of the run; of a feedforward without a rate limit nothing is known but its range. Where commands are lost on
-    their way, the controller goes on meanwhile, up to its distance from the measured rear angle; where its samples are too, it
-    predicts for a few samples, and then goes as far as the fail-safe's ramp does."""
+    """Return the largest allowed change of the command in one sample, in deg.
+
+    It follows from the rate limits; without any, from the feedback for the largest error of the run; for a feedforward
+    without a rate limit, from its range. If commands are lost, the controller continues meanwhile, up to its distance from
+    the measured rear angle. If its samples are lost too, it predicts for a few samples, and then follows the fail-safe's
+    ramp.
+    """
     controller, code = config.controller, math.degrees(config.can.rear_steer_command.real("rear_angle").factor)
     limits = [rate for rate in (controller.rear_rate_max_deg_s, config.limiter.rear_rate_max_deg_s) if rate != "off"]
     law = law_of(config)
@@ -214,7 +217,7 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
         proportional, integral = feedback(_column(result, "speed_m_s"))
         bound = math.degrees((2.0 * proportional.max() + integral.max() * controller.sampling_time_s) * error)
     if any(fault.kind == "ecu-restart" for fault in case.faults):
-        # The car refuses the first commands of an ECU that begins again, until their counter has proved itself.
+        # After a restart the car rejects the first commands of the ECU until their counter is verified.
         bound *= 1 + config.can.e2e.sync_counter_init + config.can.e2e.max_delta_counter_init
     if case.clocks.are_free_running:
         bound *= 2  # a cycle without a command, and two in the next

@@ -99,19 +99,19 @@ class Injector:
         ]
 
     def ecu_off(self, cycle: int) -> bool:
-        """Whether the ECU has no power."""
+        """Return whether the ECU has no power."""
         return bool(self._active(cycle, ("ecu-restart",)))
 
     def plant_off(self, cycle: int) -> bool:
-        """Whether the car's node has no power; the car drives on."""
+        """Return whether the car's node has no power; the car drives on."""
         return bool(self._active(cycle, ("plant-restart",)))
 
     def bus_down(self, cycle: int) -> bool:
-        """Whether nothing gets through."""
+        """Return whether the bus is down."""
         return bool(self._active(cycle, ("bus-down",)))
 
     def signals(self, cycle: int, message: str, values: Mapping[str, float]) -> dict[str, float]:
-        """Values of a message before they are packed."""
+        """Return the values of a message with the active faults, before packing."""
         result = dict(values)
         for index, fault in self._active(cycle, VALUE_KINDS):
             if fault.message not in (None, message):
@@ -183,13 +183,13 @@ class Injector:
         return replace(frame, data=bytes(data))
 
     def _frozen_counter(self, index: int, frame: Frame) -> Frame:
-        """The counter stands still, and the CRC is right: the sender hangs, its protection does not."""
+        """Repeat the counter with a correct CRC: the sender hangs, its protection does not."""
         message = next(message for message in self._messages.values() if message.id == frame.id)
-        counter = self._frozen.setdefault((index, frame.id), ((frame.data[1] & 0xF) - 1) % 15)  # that of the frame before
+        counter = self._frozen.setdefault((index, frame.id), ((frame.data[1] & 0xF) - 1) % 15)  # that of the previous frame
         return replace(frame, data=protect(message.e2e_data_id, counter, frame.data))
 
     def _among_strangers(self, frames: Sequence[Frame]) -> list[Frame]:
-        """As many foreign frames as the bus has room for in a cycle, of higher and lower priority, around our own."""
+        """Add as many foreign frames as the bus has room for in a cycle, of higher and lower priority."""
         room = int(self._sampling_time * self._can.bitrate_kbit_s * 1e3 / FRAME_BITS_MAX) - len(frames) - 1
         own = {message.id for message in self._messages.values()}
         ids = [number for number in (0x001, 0x0FF, 0x300, 0x7FE) if number not in own]

@@ -36,7 +36,7 @@ MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", 
 
 @dataclass(frozen=True)
 class Head:
-    """What a log says of its run: arguments of BusLog."""
+    """Metadata of a log: arguments of BusLog."""
 
     channel: str
     start: float | None
@@ -49,7 +49,7 @@ class Head:
 
     @property
     def date(self) -> str:
-        """As ASC has it: local time, in English whatever the locale; UTC where there is no wall clock, alike everywhere."""
+        """Date in the form of ASC: local time in English in any locale; UTC without a wall clock."""
         moment = datetime.fromtimestamp(round(self.unix, 3), UTC if self.start is None else None)
         day = f"{DAYS[moment.weekday()]} {MONTHS[moment.month - 1]} {moment.day:02d}"
         return f"{day} {moment:%H:%M:%S}.{moment.microsecond // 1000:03d} {moment.year}"
@@ -76,7 +76,7 @@ class BlfWriter:
         self._writer = can.BLFWriter(path, channel=CHANNEL_NUMBER, compression_level=1, max_container_size=16384)
         self._start = head.unix
         self._end = 0.0
-        # By itself python-can takes the first frame for the start, and loses 0.2 us to Unix time in a float64.
+        # By default python-can starts at the first frame, and Unix time in a float64 loses 0.2 us.
         self._writer.start_timestamp = 0.0
 
     def write(self, frame: Frame, received: bool) -> None:
@@ -113,7 +113,7 @@ class AscWriter:
 
 
 class CandumpWriter:
-    """What `candump -L -x` of can-utils prints, with R and T for the direction."""
+    """Log format of `candump -L -x` (can-utils), with R and T for the direction."""
 
     def __init__(self, path: Path, head: Head) -> None:
         self._file = path.open("w", encoding="ascii", errors="replace", newline="\n")
@@ -213,7 +213,7 @@ FORMATS: dict[str, type[Writer]] = {".blf": BlfWriter, ".asc": AscWriter, ".log"
 
 
 def _message(frame: Frame, received: bool, rounding: float = 0.0) -> can.Message:
-    import can  # here: it takes half a second where asammdf is installed
+    import can  # here, as the import takes half a second
 
     return can.Message(
         timestamp=max(frame.time, 0.0) + rounding,
@@ -232,5 +232,5 @@ def _microseconds(seconds: float) -> int:
 
 
 def _word(channel: str) -> str:
-    """A channel's name without the blanks that would cut a line of candump or ASC."""
+    """Return a channel's name without blanks, which would break a line of candump or ASC."""
     return "_".join(channel.split()) or "can"

@@ -41,7 +41,7 @@ class BusLog:
     """
 
     def __init__(self, path: Path, *, channel: str = "vcan0", start: float | None = None, dbc: bytes | None = None) -> None:
-        """Nothing is written yet.
+        """Prepare a log; nothing is written yet.
 
         Args:
             path: `.blf`, `.asc`, `.log` or `.mf4`.
@@ -77,13 +77,13 @@ class BusLog:
             CodegenError: what was given before could not be written; the log is lost.
         """
         if self._failure is not None:
-            raise _told(self._path, self._failure)
+            raise _log_error(self._path, self._failure)
         self._frames.put((frame, received))
 
     def __enter__(self) -> Self:
-        """Raises CodegenError: the folder is missing, the path is no file, and the like."""
+        """Open the log. Raises CodegenError, for example if the folder is missing or the path is not a file."""
         try:
-            target = self._path.resolve()  # through a link, to what it names
+            target = self._path.resolve()  # follow a link
             if target.exists() and not target.is_file():
                 raise OSError(errno.EINVAL, "there is something that is not a file")
             handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".tmp")
@@ -95,13 +95,13 @@ class BusLog:
                 self._temporary.unlink(missing_ok=True)
                 raise
         except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-            raise _told(self._path, error) from None
+            raise _log_error(self._path, error) from None
         self._thread.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Raises CodegenError: the log could not be written; not in place of another CodegenError."""
-        with deferred():  # a second Ctrl-C waits until the file is whole
+        """Close the log. Raises CodegenError if it could not be written, unless another CodegenError is pending."""
+        with deferred():  # a second Ctrl-C waits until the file is complete
             self._frames.put(None)
             self._thread.join()
             if self._failure is None:
@@ -111,10 +111,10 @@ class BusLog:
                     self._failure = failure
             self._temporary.unlink(missing_ok=True)
         if self._failure is not None and not isinstance(error, CodegenError):
-            raise _told(self._path, self._failure) from None
+            raise _log_error(self._path, self._failure) from None
 
     def _drain(self) -> None:
-        """The thread: what fails is kept for the next `write` or the end of the block."""
+        """Write frames in the thread. An error is kept for the next `write` or the end of the block."""
         try:
             while (item := self._frames.get()) is not None:
                 frame, received = item
@@ -123,7 +123,7 @@ class BusLog:
         except Exception as error:
             self._failure = error
             with contextlib.suppress(Exception):
-                self._writer.close()  # for its file
+                self._writer.close()  # closes its file
 
     def _put_in_place(self) -> None:
         with self._temporary.open("rb+") as file:
@@ -135,7 +135,7 @@ class BusLog:
         self._temporary.replace(self._target)
 
 
-def _told(path: Path, error: Exception) -> CodegenError:
+def _log_error(path: Path, error: Exception) -> CodegenError:
     return CodegenError(
         f"the log cannot be written ({reason_of(error)})",
         where=path,

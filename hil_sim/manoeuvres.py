@@ -41,7 +41,7 @@ RAMP_RATE = 0.1
 SWEEP_FROM, SWEEP_TO = 0.1, 4.0
 """Hz; figures are read between 0.2 and 3.5 Hz, away from both ends."""
 SWEEP_ACCELERATION = 2.0
-"""m/s^2 in the steady state: the linear range, half of what ISO 7401 takes for its step input."""
+"""Steady lateral acceleration in m/s^2: the linear range, half of that in ISO 7401 for the step input."""
 
 SPLIT_LOW_SHARE = 1.0 / 3.0
 """Friction of the slippery side over that of the other one: UN R13-H, annex 6, calls for half or less."""
@@ -51,7 +51,7 @@ SPLIT_BUILD_UP = 0.5
 
 @dataclass(frozen=True)
 class Settings:
-    """What a user may change; None leaves it to the manoeuvre or to the configuration."""
+    """Values that a user may change; None keeps those of the manoeuvre or the configuration."""
 
     speed_km_h: float | None = None
     steering_wheel_angle_deg: float | None = None
@@ -69,12 +69,13 @@ Manoeuvre = Callable[[Config, Settings, FloatArray], Columns]
 
 
 def steering_wheel_angle(config: Config, speed: float, lateral_acceleration: float) -> float:
-    """Angle in rad at which the linear car without rear steering holds a lateral acceleration (m/s^2) at a speed (m/s).
+    """Return the steering wheel angle in rad at which the linear passive car holds a lateral acceleration (m/s^2) at a speed
+    (m/s).
 
-    delta_f = (L/vx^2 + K) ay, at the steering wheel by the steering ratio (Rajamani, section 3.3).
+    delta_f = (L/vx^2 + K) ay, times the steering ratio (Rajamani, section 3.3).
 
     Raises:
-        CodegenError: no such angle: the car is unstable at that speed, or the wheels would be at their stop.
+        CodegenError: the car is unstable at that speed, or the wheels would be at their stop.
     """
     car = SingleTrack.from_config(config)
     front_angle = (car.wheelbase / speed**2 + car.understeer_coefficient) * lateral_acceleration
@@ -100,9 +101,9 @@ def _given_angle(settings: Settings, otherwise: Callable[[], float]) -> float:
 
 
 def step(start: float, front_angle_deg: float | None = None) -> Manoeuvre:
-    """A step at the steering wheel at `start` (s); the plant limits the rate at which the wheel follows.
+    """Return a step of the steering wheel at `start` (s). The plant limits its rate.
 
-    Where the settings name no angle it is the one that turns the front wheels by `front_angle_deg`.
+    Without an angle in the settings, the front wheels turn by `front_angle_deg`.
     """
 
     def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
@@ -113,7 +114,7 @@ def step(start: float, front_angle_deg: float | None = None) -> Manoeuvre:
 
 
 def corner(start: float, length: float, front_angle_deg: float) -> Manoeuvre:
-    """The steering wheel is turned evenly over `length` s from `start` on, and then held."""
+    """Turn the steering wheel evenly over `length` s from `start`, then hold it."""
 
     def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
         angle = _given_angle(settings, lambda: math.radians(front_angle_deg) * config.steering.ratio)
@@ -123,7 +124,8 @@ def corner(start: float, length: float, front_angle_deg: float) -> Manoeuvre:
 
 
 def ramp(start: float, end: float) -> Manoeuvre:
-    """Slowly increasing steer from `start` to `end` (s) at constant speed, to RAMP_RATE * (end - start) in a linear car."""
+    """Return a slowly increasing steer from `start` to `end` (s) at constant speed, to RAMP_RATE * (end - start) in a
+    linear car."""
 
     def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
         last = _given_angle(settings, lambda: steering_wheel_angle(config, settings.speed, RAMP_RATE * (end - start)))
@@ -133,7 +135,7 @@ def ramp(start: float, end: float) -> Manoeuvre:
 
 
 def dwell_shape(time: FloatArray) -> FloatArray:
-    """The sine with dwell of amplitude one, from time zero: three quarters of a period, the pause, the last quarter."""
+    """Return the sine with dwell of amplitude one from time zero: three quarters of a period, the dwell, the last quarter."""
     three_quarters = 0.75 / DWELL_FREQUENCY
     moving = np.where(time < three_quarters, time, np.maximum(time - DWELL_PAUSE, three_quarters))
     inside = (time >= 0.0) & (time < DWELL_LENGTH)
@@ -142,7 +144,7 @@ def dwell_shape(time: FloatArray) -> FloatArray:
 
 
 def sine_with_dwell(start: float) -> Manoeuvre:
-    """The steering input of FMVSS 126, S7.9. Its speed is held, where the standard lets the car roll on."""
+    """Return the steering input of FMVSS 126, S7.9, at constant speed; in the standard the car coasts."""
 
     def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
         angle = _given_angle(
@@ -154,9 +156,9 @@ def sine_with_dwell(start: float) -> Manoeuvre:
 
 
 def sine_sweep(start: float, end: float) -> Manoeuvre:
-    """A sine whose frequency rises from SWEEP_FROM to SWEEP_TO, each octave taking the same time; faded in and out.
+    """Return a sine sweep from SWEEP_FROM to SWEEP_TO with equal time for each octave, faded in and out.
 
-    It begins and ends at rest, so that the ratio of the transforms of response and input has no leakage.
+    It begins and ends at rest, so the transforms of response and input have no leakage.
     """
     fade_in, fade_out = 1.0 / SWEEP_FROM, 2.0 / SWEEP_TO
 
@@ -173,7 +175,7 @@ def sine_sweep(start: float, end: float) -> Manoeuvre:
 
 
 def speed_ramp(times: tuple[float, float, float, float]) -> Manoeuvre:
-    """Speed from half of where control ends up to twice of where it begins, and back, with the steering wheel held.
+    """Return a speed ramp from half the disable speed to twice the enable speed and back, with the steering wheel held.
 
     Args:
         times: s at which the speed begins to rise, stays, begins to fall, stays.
@@ -193,13 +195,13 @@ def speed_ramp(times: tuple[float, float, float, float]) -> Manoeuvre:
 
 
 def straight(config: Config, settings: Settings, time: FloatArray) -> Columns:
-    """Straight on at constant speed; a driver steers where there is one (`Scenario.path`)."""
+    """Drive straight at constant speed; a driver steers if there is one (`Scenario.path`)."""
     del config, time
     return {"speed": settings.speed}
 
 
 def yaw_moment(start: float, moment: float) -> Manoeuvre:
-    """Straight on at constant speed, with a yaw moment (N m) from `start` (s) on, the steering wheel held straight."""
+    """Drive straight at constant speed, with a yaw moment (N m) from `start` (s) and the steering wheel held."""
 
     def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
         del config
@@ -224,7 +226,7 @@ class SplitBraking:
 
 
 def split_braking(config: Config) -> SplitBraking:
-    """Forces of an anti-lock brake system on split friction, from the loads of the car at rest.
+    """Return the forces of an anti-lock brake system on split friction, from the static loads.
 
     Each front wheel brakes with what its own side gives, mu F_z; both rear wheels with what the slippery side gives
     ("select low"), so that only the front axle turns the car: M = (w/2) (mu_high - mu_low) F_zf, with F_zf of one wheel.
@@ -242,10 +244,10 @@ def split_braking(config: Config) -> SplitBraking:
 
 
 def split_friction(start: float, end: float) -> Manoeuvre:
-    """Straight on, braking between `start` and `end` (s) with the left side gripping; the steering wheel is held straight.
+    """Drive straight and brake between `start` and `end` (s) with grip on the left side; the steering wheel is held.
 
     The brake system's yaw-moment build-up delay lets the force at the gripping wheel rise over SPLIT_BUILD_UP. `inhibit` stays
-    off: what is shown is what the rear wheels can do; a brake system that sets it leaves the car to itself.
+    off, to show what the rear wheels can do; with it the controller would not act.
     """
 
     def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:

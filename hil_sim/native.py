@@ -22,14 +22,14 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-g", "-fno-pie", "-no-pie")
 
 FOLDERS = ("include/", "src/", "linux/")
 CACHE_FORMAT = 2
-"""To be raised when what is compiled, or how, changes."""
+"""Version of the cached program; increase it when its sources or the build change."""
 
 
 def command(build: Path, interface: str, *, lock_step: bool = False, parent: int | None = None, xcp: bool = False) -> list[str]:
-    """The command line of the ECU on a CAN interface, compiled where it is not yet; for `EcuProcess` or `os.execv`.
+    """Return the command line of the ECU on a CAN interface, for `EcuProcess` or `os.execv`; compile it if necessary.
 
     Args:
-        parent: the id of the process that will start it; the ECU ends when that process does. None: it lives on its own.
+        parent: id of the starting process; the ECU ends with it. None: it runs on its own.
         xcp: whether a master can measure and calibrate.
 
     Raises:
@@ -51,12 +51,12 @@ def _require_xcp(build: Path) -> None:
 
 
 def section_flag(prefix: str) -> str:
-    """What puts the calibration into a section of its own, whose ends the linker names."""
+    """Return the flag that puts the calibration into a section of its own, whose ends the linker defines."""
     return f'-D{prefix.upper()}_SECTION_CALIBRATION=__attribute__((section("{prefix}_calibration")))'
 
 
 def compile_ecu(build: Path) -> Path:
-    """The executable, in the cache: for equal sources, flags and compiler it is made once.
+    """Return the executable from the cache, compiling it if necessary.
 
     Raises:
         BuildError: not a build, or one without the program; not Linux, no compiler, C that does not compile, a full disk.
@@ -82,7 +82,7 @@ def compile_ecu(build: Path) -> Path:
 
 
 def counters(line: str) -> dict[str, int]:
-    """The last line of an ECU, `name=count` with spaces between, as a table."""
+    """Parse the last line of an ECU, `name=count` separated by spaces."""
     return {name: int(count) for name, _, count in (word.partition("=") for word in line.split())}
 
 
@@ -101,7 +101,7 @@ def _digest(program: Path) -> str:
 
 
 def _cached(cache: Path, name: str) -> Path | None:
-    """The program whose content is what its name says; a damaged one is passed over."""
+    """Return the cached program if its content matches its name; a damaged one is ignored."""
     return next((path for path in sorted(cache.glob(f"{name}-*")) if path.name == f"{name}-{_digest(path)}"), None)
 
 
@@ -114,5 +114,5 @@ def _compile(sources: dict[str, bytes], program: str, compile_c: tuple[str, ...]
         units = sorted(path for path in sources if path.endswith(".c"))
         same_everywhere = f"-fdebug-prefix-map={tree}=."
         require_success(run([*compile_c, same_everywhere, "-Iinclude", *units, "-o", str(made), "-lm"], tree), program)
-        # In one step, under a name made of its content: another process sees it whole or not at all, and one that runs stays.
+        # Renamed in one step, so that other processes never see a partial file, and a running program is kept.
         return made.replace(cache / f"{name}-{_digest(made)}")

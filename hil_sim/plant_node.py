@@ -35,7 +35,7 @@ class Received:
     lost: int = 0
 
     def to_dict(self) -> dict[str, int]:
-        """Name to count."""
+        """Return the counts by name."""
         return dict(vars(self))
 
 
@@ -79,7 +79,7 @@ class PlantNode:
         self.received = Received()
         self.command: RearSteerCommand | None = None
         self.command_id = config.can.rear_steer_command.id
-        self._reference = 0.0  # rad/s, the last one that was available
+        self._reference = 0.0  # last available one in rad/s
         self._warm_up()
         self._restart()
 
@@ -108,7 +108,7 @@ class PlantNode:
         self.diagnostics = 0
 
     def outgoing(self, cycle: int) -> list[Frame]:
-        """The frames of the sample at `cycle`: what the node really puts on the bus, faults included."""
+        """Return the frames that the node sends in `cycle`, faults included."""
         self._sample = self._plant.sample(self._acting(cycle * self._per_sample, 0.0))
         self._begin_cycle()
         if self._driver is not None:
@@ -188,7 +188,7 @@ class PlantNode:
         self._move(cycle, self._actuator.angle, min(step, self._per_sample))
 
     def finish(self, cycle: int) -> list[float]:
-        """End of the cycle: the car is moved on with the command that acts; the row of the recording (RECORD_COLUMNS)."""
+        """Finish a cycle: advance the car with the acting command and return the row of the recording (RECORD_COLUMNS)."""
         self._take_arrived(cycle)
         if not (self._heard or self._was_off):
             self._receiver.no_new_data()
@@ -206,7 +206,7 @@ class PlantNode:
                 self._fresh |= self._take(frame.data)
 
     def _move(self, cycle: int, commanded: float, end: int) -> None:
-        """Drive up to a plant step of the cycle. Where commands are delayed, each step takes the one from so long ago."""
+        """Advance to a plant step of the cycle. Delayed commands act after their delay."""
         first = cycle * self._per_sample
         for step in range(self._moved, end):
             self._waiting.append(commanded)
@@ -233,7 +233,7 @@ class PlantNode:
         return [row[name] for name in RECORD_COLUMNS]
 
     def _status(self) -> int:
-        """The controller's, or the actuator's where no good command came."""
+        """Return the controller's status, or the actuator's if no good command came."""
         own = self._actuator.status
         if own is not None:
             return own
@@ -245,7 +245,7 @@ class PlantNode:
 
 
 class _ActuatorSupervision:
-    """What the rear actuator does by itself: it holds the last command, and where none comes for long, does as configured."""
+    """Supervision of the rear actuator: it holds the last command, and after a longer loss acts as configured."""
 
     def __init__(self, config: Config, sampling_time: float) -> None:
         actuator = config.rear_actuator
@@ -255,23 +255,23 @@ class _ActuatorSupervision:
         self._angle, self._silent = 0.0, 0
 
     def command(self, angle: float) -> None:
-        """A good command, rad."""
+        """Accept a good command in rad."""
         self._angle = angle
 
     @property
     def angle(self) -> float:
-        """rad that the actuator goes to."""
+        """Target angle of the actuator in rad."""
         return self._angle
 
     @property
     def status(self) -> Status | None:
-        """What it does where no good command came; None where one did."""
+        """Status after a loss of commands; None after a good command."""
         if self._silent == 0:
             return None
         return Status.DEGRADED if self._silent <= self._samples_max else Status.FAIL_SAFE
 
     def close(self, fresh: bool) -> float:
-        """End of a cycle with or without a good command: the angle (rad) that the actuator goes to."""
+        """Finish a cycle with or without a good command and return the actuator's target angle in rad."""
         self._silent = 0 if fresh else self._silent + 1
         if self._returns and self._silent > self._samples_max:
             self._angle -= math.copysign(min(self._step, abs(self._angle)), self._angle)

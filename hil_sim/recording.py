@@ -16,7 +16,7 @@ CSV_BYTES_MAX = 2**30
 
 
 def to_csv(record: FloatArray) -> bytes:
-    """A recording (samples, 12) as CSV: a header, then a row for each sample; numbers read back to the same bits."""
+    """Format a recording (samples, 12) as CSV with a header. Numbers read back to the same bits."""
     lines = [",".join(RECORD_COLUMNS)]
     status = RECORD_COLUMNS.index("status")
     for row in record.tolist():

@@ -14,11 +14,10 @@ from hil_sim.scenarios import Scenario
 
 
 def run(software: Software, scenario: Scenario, *, controlled: bool = True) -> npt.NDArray[np.float64]:
-    """A recording (samples, 12) of a scenario, columns RECORD_COLUMNS; `controlled=False` is the passive car.
+    """Return a recording (samples, 12) of a scenario, columns RECORD_COLUMNS; `controlled=False` is the passive car.
 
     Raises:
-        CodegenError: the scenario has faults on the bus or two clocks, and here is no bus. The passive car has nothing to do
-            with it.
+        CodegenError: the scenario needs a bus (faults or two clocks) and the car is not passive.
     """
     if controlled:
         refuse_bus(scenario)
@@ -39,11 +38,11 @@ def refuse_bus(scenario: Scenario) -> None:
 
 
 def run_through_can(software: Software, scenario: Scenario, *, sensors: bool = False, seed: int = 0) -> BenchResult:
-    """A scenario through the generated task and its CAN frames, faults included, all in this process.
+    """Run a scenario through the generated task and its CAN frames, faults included, in this process.
 
     Args:
-        sensors: whether the car is measured by the configured sensors.
-        seed: of noise and of random faults.
+        sensors: whether to simulate the configured sensors.
+        seed: seed of noise and random faults.
     """
     node = PlantNode(software.config, scenario, precision=software.precision, sensors=sensors, seed=seed)
     return run_in_process(node, software)

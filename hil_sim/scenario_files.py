@@ -1,13 +1,13 @@
-"""The user's own scenarios: a recorded drive (.csv), or a built-in scenario with other values and faults (.toml).
+"""User scenarios: a recorded drive (.csv), or a built-in scenario with other values and faults (.toml).
 
-For recordings see `hil_sim.scenario_files`. A scenario file:
+A scenario file:
 
     name = "wet-lane-change"
     base = "sine-with-dwell"
     speed_km_h = 70.0
     friction = 0.6
 
-    [[faults]]                      # where there is any, these take the place of the base's own
+    [[faults]]                      # if given, these replace those of the base
     kind = "drop"
     start_s = 1.5
     duration_s = 0.2
@@ -42,7 +42,7 @@ MAX_FILE_BYTES, MAX_TOML_BYTES = 64 * 2**20, 2**20
 
 
 def load(path: Path, config: Config | None = None) -> Scenario:
-    """The scenario in a file: .toml, else .csv.
+    """Read a scenario file: .toml, else .csv.
 
     Args:
         path: of the file.
@@ -169,7 +169,7 @@ def _changed(base: Scenario, given: ScenarioFile, path: Path, config: Config) ->
 
 
 def _fault(line: FaultLine, place: str, config: Config) -> Fault:
-    """One line as a fault, its keys checked against its kind and the messages of the configuration."""
+    """Return a line as a fault after checking its keys against its kind and the messages of the configuration."""
 
     def wrong(key: str, what: str, remedy: str) -> CodegenError:
         return CodegenError(what, where=f"{place}: {key}", remedy=remedy)
@@ -208,7 +208,8 @@ MIN_DURATION = 0.1
 
 STEERING_COLUMNS = ("steering_wheel_angle_rad", "front_angle_rad")
 OPTIONAL_COLUMNS = ("friction", "friction_estimate", "yaw_moment_n_m", "inhibit")
-"""Peak friction of the road; what the controller is told of it (empty or nan: nothing); N m; 0 or 1 (ESC or ABS acts)."""
+"""Optional columns: peak friction of the road; friction estimate for the controller (empty or nan: unknown); yaw moment in
+N m; 0 or 1 (ESC or ABS acts)."""
 
 RANGES = {
     "time_s": Range(-1e9, 1e9, "s"),
@@ -229,7 +230,7 @@ class Recording:
     columns: Mapping[str, FloatArray]
 
     def drive(self, config: Config, settings: Settings, time: FloatArray) -> Columns:
-        """A manoeuvre (see `hil_sim.manoeuvres`): values between rows linearly, the flag as it last was."""
+        """Return the inputs (see `hil_sim.manoeuvres`): values are interpolated linearly, the flag is held."""
         del settings
         recorded = self.columns["time_s"]
 
@@ -253,7 +254,7 @@ class Recording:
 
 
 def _from_csv(text: str, path: Path) -> Scenario:
-    """The scenario of a recorded drive.
+    """Return the scenario of a recorded drive.
 
     Args:
         text: of the file.
@@ -264,7 +265,7 @@ def _from_csv(text: str, path: Path) -> Scenario:
     """
     columns = _columns(text, path)
     time = columns["time_s"]
-    # The last row is held for one more interval, so that a run comes out as long as it was; not for a gap's length.
+    # The last row is held for one more interval, so that the run has its recorded length; not for the length of a gap.
     duration = float(time[-1] + min(np.median(np.diff(time)), MIN_DURATION))
     if not MIN_DURATION <= float(time[-1]) <= MAX_DURATION:
         raise CodegenError(
@@ -306,7 +307,7 @@ def _columns(text: str, path: Path) -> dict[str, FloatArray]:
 
 
 def _wanted(header: Sequence[str], path: Path) -> dict[str, int]:
-    """The columns that are taken, with their places."""
+    """Return the places of the columns used."""
     place = f"{path}, line 1"
     names = [name.strip() for name in header]
     if len(names) == 1 and (";" in names[0] or "\t" in names[0]):

@@ -19,10 +19,9 @@ from codegen.errors import CodegenError, suggestion
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from hil_sim import manoeuvres, paths
 from hil_sim.clocks import IN_STEP, Clocks
-from hil_sim.driver import PreviewDriver
 from hil_sim.faults import Fault
 from hil_sim.manoeuvres import Manoeuvre, Settings
-from hil_sim.paths import PathOf, RoadPath
+from hil_sim.paths import PathOf, PreviewDriver, RoadPath
 
 DEFAULT = "step-steer"
 
@@ -33,7 +32,7 @@ Kind = Literal["step", "ramp", "sine-with-dwell", "frequency", "speed-ramp", "st
 """Figures reported for a run; see `hil_sim.metrics`."""
 
 DEPARTURE_TIME_S = 2.0
-"""s of driving straight on before a path leaves the straight."""
+"""Time in s of driving straight before a path begins."""
 
 STEERING_KEYS = frozenset({"speed_km_h", "steering_wheel_angle_deg", "friction", "friction_estimate"})
 
@@ -43,19 +42,19 @@ class Scenario:
     """One scenario.
 
     Attributes:
-        name: for the command line.
-        subject, what: a word or two for titles, and a line for the list.
+        name: name on the command line.
+        subject, what: short title, and a line for the list.
         source: the paper or standard that describes it.
         duration: s.
         steer_time: s, when the driver starts to steer or to brake.
-        kind: which figures are told of it.
-        drive: what the driver and the road do.
+        kind: kind of figures reported for it.
+        drive: inputs of driver and road.
         settings: the values of this scenario that a scenario file may change.
-        angle_text: the steering angle in words, where `settings` has no number because it follows from the car.
-        adjustable: which keys a scenario file may set.
-        faults: what happens on the bus; none for a run without one.
-        clocks: of car and ECU.
-        path: what a driver follows; None where the steering wheel is turned as `drive` says.
+        angle_text: steering angle as text, if it follows from the car.
+        adjustable: keys that a scenario file may set.
+        faults: faults on the bus.
+        clocks: clocks of car and ECU.
+        path: path of a driver; None if `drive` turns the steering wheel.
     """
 
     name: str
@@ -90,21 +89,21 @@ class Scenario:
         return f"{self.subject}: {', '.join(parts)}" if parts else self.subject
 
     def road_path(self, config: Config) -> RoadPath | None:
-        """The path for a car, DEPARTURE_TIME_S from the beginning; None for a scenario without one."""
+        """Return the path for a car, DEPARTURE_TIME_S from the beginning; None if there is none."""
         return None if self.path is None else self.path(config, DEPARTURE_TIME_S * self.settings.speed)
 
     def driver(self, config: Config) -> PreviewDriver | None:
-        """A driver of the path, at rest; None for a scenario without one."""
+        """Return a driver of the path, at rest; None if there is none."""
         path = self.road_path(config)
         if path is None:
             return None
         return PreviewDriver(config, path, self.settings.speed, config.controller.sampling_time_s)
 
     def inputs(self, config: Config) -> FloatArray:
-        """Inputs (steps, 6) of the whole scenario for a car: columns INPUT_COLUMNS.
+        """Return the inputs (steps, 6) of the whole scenario for a car, columns INPUT_COLUMNS.
 
         Raises:
-            CodegenError: this car cannot do it, or it has more than MAX_STEPS steps.
+            CodegenError: the car cannot drive it, or it has more than MAX_STEPS steps.
         """
         step = config.plant.sampling_time_s
         per_sample = round(config.controller.sampling_time_s / step)
@@ -311,7 +310,7 @@ class Listed:
 
 
 def listing() -> tuple[Listed, ...]:
-    """The built-in scenarios, the default first."""
+    """Built-in scenarios, the default first."""
     return tuple(
         Listed(
             scenario.name,
@@ -325,7 +324,7 @@ def listing() -> tuple[Listed, ...]:
 
 
 def find(name: str, config: Config | None = None) -> Scenario:
-    """The scenario called `name`, or the one in the file of that path (.csv: a recording, .toml: a scenario file).
+    """Return the built-in scenario called `name`, or the one in a file (.csv: a recording, .toml: a scenario file).
 
     Args:
         name: of a built-in scenario, or a path.

@@ -1,4 +1,4 @@
-"""What the sensors make of the car's motion before it is sent: delay, noise and steps, seeded so that a run can be repeated."""
+"""Sensors with delay, noise and resolution. The same seed gives the same run."""
 
 from __future__ import annotations
 
@@ -20,11 +20,13 @@ class SensorModel:
     """
 
     def __init__(self, sensors: Sensors, seed: int = 0) -> None:
-        streams = np.random.default_rng(seed).spawn(len(SIGNALS))  # so that one sensor's settings leave the others' noise alone
+        streams = np.random.default_rng(seed).spawn(
+            len(SIGNALS)
+        )  # so that the settings of one sensor do not affect the noise of others
         self._models = {name: _Model(getattr(sensors, name), stream) for name, stream in zip(SIGNALS, streams, strict=True)}
 
     def measure(self, name: str, value: float) -> float:
-        """What the sensor `name` says in this sample, SI units; to be called once a sample."""
+        """Return the measured value of the signal `name` in SI units. Call it once a sample."""
         return self._models[name].measure(value)
 
 

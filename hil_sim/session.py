@@ -57,16 +57,16 @@ class Setup:
 
     @property
     def clock(self) -> str:
-        """In words."""
+        """Clock mode as text."""
         return "lock-step" if self.lock_step else "real time"
 
     def describe(self) -> dict[str, str]:
-        """For JSON."""
+        """Describe the run as texts."""
         sensors = f"seed {self.seed}" if self.sensors else "ideal"
         return {"bus": str(self.address), "clock": self.clock, "scenario": self.scenario.name, "sensors": sensors}
 
     def node(self) -> PlantNode:
-        """The car, at its start."""
+        """Return the car at its start."""
         return PlantNode(self.config, self.scenario, precision=self.precision, sensors=self.sensors, seed=self.seed)
 
 
@@ -91,10 +91,10 @@ class BuildFacts:
 
 
 def run_plant(setup: Setup, ecu: EcuProcess | EcuThread | None = None, observe: Observer | None = None) -> BenchResult:
-    """The car alone on a bus, against whatever ECU is there.
+    """Run the car alone on a bus, with an ECU that is already there.
 
     Args:
-        ecu: the one that the scenario's faults take away and bring back.
+        ecu: ECU that the scenario's faults stop and restart.
     """
     if ecu is None:
         _refuse_restart(setup.scenario)
@@ -107,14 +107,14 @@ def run_plant(setup: Setup, ecu: EcuProcess | EcuThread | None = None, observe: 
 
 @dataclass(frozen=True)
 class HilRun:
-    """A run with an ECU: what was recorded, and what the ECU counted ("": it is another's, or it was killed)."""
+    """Run with an ECU: the recording, and the counters of the ECU ("" for an external ECU or one that was killed)."""
 
     result: BenchResult
     ecu_counters: str
 
 
 def run_hil(setup: Setup, build: Path, kind: EcuKind, observe: Observer | None = None, *, xcp: bool = False) -> HilRun:
-    """A run with the ECU of a build, which is started and stopped here, or with one that is there already.
+    """Run with the ECU of a build, started and stopped here, or with one that is already there.
 
     Args:
         xcp: whether a master can measure and calibrate the ECU while it runs.
@@ -153,7 +153,7 @@ def _ended(ecu: EcuProcess | EcuThread) -> CodegenError:
 
 
 def ecu_of(build: Path, address: BusAddress, kind: EcuKind, *, lock_step: bool, xcp: bool = False) -> EcuProcess | EcuThread:
-    """The ECU of a build, not started yet. Raises CodegenError where this bus cannot have it."""
+    """Return the ECU of a build, not started yet. Raises CodegenError if this bus does not support it."""
     check_xcp(kind, xcp=xcp)
     if kind == "native":
         check_native(address)
@@ -169,13 +169,13 @@ def ecu_of(build: Path, address: BusAddress, kind: EcuKind, *, lock_step: bool, 
 
 
 def check_xcp(kind: str, *, xcp: bool) -> None:
-    """Refuse XCP where the ECU has none. Raises CodegenError."""
+    """Reject XCP if the ECU has none. Raises CodegenError."""
     if xcp and kind != "native":
         raise CodegenError(f"only the native ECU has XCP, not {kind}", where="--xcp", remedy="take --ecu native")
 
 
 def check_native(address: BusAddress) -> None:
-    """Refuse what the native ECU cannot do. Raises CodegenError."""
+    """Reject options that the native ECU does not support. Raises CodegenError."""
     if address.interface != "socketcan" or sys.platform != "linux":
         raise CodegenError(
             f"the native ECU speaks SocketCAN on Linux, not {address.interface} on {sys.platform}",
@@ -196,12 +196,12 @@ def _logged(setup: Setup) -> Iterator[BusLog | None]:
 
 
 def passive(config: Config, scenario: Scenario) -> FloatArray:
-    """The same car without rear steering: a recording (cycles, 12), columns RECORD_COLUMNS."""
+    """Return a recording (cycles, 12) of the same car without rear steering, columns RECORD_COLUMNS."""
     node = PlantNode(config, scenario)
     rows = []
     for cycle in range(node.cycles):
         node.outgoing(cycle)
         rows.append(node.finish(cycle))
     record = np.array(rows)
-    record[:, RECORD_COLUMNS.index("status")] = Status.STANDBY  # nobody is missing here
+    record[:, RECORD_COLUMNS.index("status")] = Status.STANDBY  # no ECU is missing here
     return record

@@ -129,7 +129,8 @@ def drawn(
     """Draw drives over the whole range of every input: thresholds and their neighbours, missing signals, and gaps of all
     lengths.
 
-    At most as many drives as HELD has entries."""
+    At most as many drives as HELD has entries.
+    """
     generator = np.random.default_rng(seed)
 
     def drive(gap: tuple[float, float], held: int) -> Samples:

@@ -7,7 +7,7 @@ import shutil
 
 from codegen.sil.toolchain import compiler_identity, run
 
-MISSING = "gcc: it is not on the PATH, and what it shows was not run; install it, e.g. apt install gcc"
+MISSING = "gcc: it is not on the PATH, so its part was not run; install it, e.g. apt install gcc"
 
 
 @functools.cache

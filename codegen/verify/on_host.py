@@ -23,7 +23,7 @@ def require_compiler() -> None:
 
 
 class MightNotReturn(CodegenError):
-    """A call of the C might not terminate, or this cannot be decided; the check is not run."""
+    """A call of the C might not terminate, or this cannot be decided. The check is not run."""
 
 
 def compiled(subject: Subject) -> Software:

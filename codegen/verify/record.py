@@ -66,7 +66,7 @@ def write(report: Report, folder: Path) -> bool:
     Raises:
         CodegenError: one cannot be written.
     """
-    if report.effort.quick and _stands_for(folder, report.subject.manifest_sha256, report.subject.edited):
+    if report.effort.quick and _has_full_record(folder, report.subject.manifest_sha256, report.subject.edited):
         return False
     written = {JSON: render(report), MANUAL: manual(report).encode()}
     for name, content in written.items():
@@ -84,8 +84,8 @@ def require_place(folder: Path) -> None:
         raise CodegenError("cannot be written: the result goes there", where=folder, remedy="check its permissions")
 
 
-def _stands_for(folder: Path, manifest_sha256: str, edited: tuple[str, ...]) -> bool:
-    """Whether a full run of exactly these files is recorded."""
+def _has_full_record(folder: Path, manifest_sha256: str, edited: tuple[str, ...]) -> bool:
+    """Return whether a full run of exactly these files is recorded."""
     try:
         found = json.loads((folder / JSON).read_bytes())
         same = found["build"]["manifest_sha256"] == manifest_sha256 and not (edited or found["edited"])

@@ -22,22 +22,22 @@ from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 
 LEFT_OUT = "left out by --quick"
-AT_ONCE = 2
-"""Checks that run beside each other."""
+PARALLEL_CHECKS = 2
+"""Number of checks that run at the same time."""
 CRASHED = "its process ended: the C that it runs on this machine crashed (see the sanitizers), or memory ran out"
-PATIENCE = 2.0
-"""s, in which a process that was told to end may clean up."""
+CLEANUP_TIME_S = 2.0
+"""Time in s for a terminated process to clean up."""
 
 
 @dataclass(frozen=True)
 class Registered:
-    """A check and where it is.
+    """A check and its module.
 
     Attributes:
-        name: in JSON and on the command line.
-        title: for readers.
-        module: that holds its function `check`.
-        shows: what it shows where it runs; what is told of it where it does not.
+        name: name in JSON and on the command line.
+        title: name in tables.
+        module: module with its function `check`.
+        shows: property that it shows; used where it is not run.
         quick: whether `--quick` runs it.
     """
 
@@ -53,7 +53,7 @@ CHECKS = (
         "compiles",
         "compiles",
         "codegen.verify.compilation.check",
-        "The C compiles without a warning for every core, as C99, C11 and C++, and calls nothing that it should not",
+        "The C compiles without a warning for every core, as C99, C11 and C++, and calls no forbidden function",
         quick=True,
     ),
     Registered(
@@ -67,7 +67,7 @@ CHECKS = (
         "processor-in-the-loop",
         "processor in the loop",
         "codegen.verify.pil.check",
-        "The code of other processors computes what the host computes, bit for bit",
+        "Code for other processors gives the same results as on the host, bit for bit",
         quick=True,
     ),
     Registered(
@@ -81,7 +81,7 @@ CHECKS = (
         "law",
         "control law",
         "codegen.verify.law.check",
-        "Every command is, bit for bit, that of a second implementation of the law",
+        "Every command equals that of a second implementation of the law, bit for bit",
         quick=True,
     ),
     Registered(
@@ -94,19 +94,19 @@ CHECKS = (
         "sanitizers",
         "sanitizers",
         "codegen.verify.sanitizers.check",
-        "Drives and faults on the bus go as defined, with no undefined behaviour",
+        "Drives and bus faults have the specified outcome, without undefined behaviour",
     ),
-    Registered("fuzzing", "fuzzing", "codegen.verify.fuzzing.check", "No stream of bytes makes it crash, or breaks a bound"),
+    Registered("fuzzing", "fuzzing", "codegen.verify.fuzzing.check", "No byte stream makes it crash or exceed a bound"),
 )
 SLOWEST_FIRST = ("proof", "sanitizers", "law", "compiles", "processor-in-the-loop", "static-analysis", "fuzzing", "budgets")
 
 
 @dataclass(frozen=True)
 class Report:
-    """What came of all checks.
+    """Outcomes of all checks.
 
     Attributes:
-        outcomes: by the check's name, in the order of `CHECKS`.
+        outcomes: by name of the check, in the order of `CHECKS`.
     """
 
     subject: Subject
@@ -114,7 +114,7 @@ class Report:
     outcomes: Mapping[str, Outcome]
 
     def count(self, verdict: Verdict) -> int:
-        """How many checks came to it."""
+        """Count the checks with a verdict."""
         return sum(outcome.verdict is verdict for outcome in self.outcomes.values())
 
     @property
@@ -129,59 +129,59 @@ def run(
     done: Callable[[int, int], None] | None = None,
     checks: Sequence[Registered] = CHECKS,
 ) -> Report:
-    """Run the checks that the effort asks for.
+    """Run the checks of an effort.
 
     Args:
-        done: told, after each check, how many of how many are done.
+        done: called after each check with the number of finished checks and of all.
     """
     outcomes = {check.name: _left_out(check) for check in checks if effort.quick and not check.quick}
     chosen = sorted(
         (check for check in checks if check.name not in outcomes),
         key=lambda check: SLOWEST_FIRST.index(check.name) if check.name in SLOWEST_FIRST else len(SLOWEST_FIRST),
     )
-    told = 0
+    finished = 0
 
-    def tell() -> None:
-        nonlocal told
-        told += 1
+    def report_progress() -> None:
+        nonlocal finished
+        finished += 1
         if done is not None:
-            done(told, len(chosen))
+            done(finished, len(chosen))
 
     with tempfile.TemporaryDirectory(prefix="ars-verify-", ignore_cleanup_errors=True) as scratch:
         crashed: list[Registered] = []
-        with _processes(AT_ONCE, scratch) as pool:
+        with _processes(PARALLEL_CHECKS, scratch) as pool:
             running: dict[Future[Outcome], Registered] = {
                 pool.submit(_outcome_in_worker, check, subject, effort): check for check in chosen
             }
             for future in as_completed(running):
                 try:
                     outcomes[running[future].name] = future.result()
-                except BrokenProcessPool:  # one process ended, and the others with it
+                except BrokenProcessPool:  # one process crashed, which ends the pool
                     crashed.append(running[future])
                 else:
-                    tell()
+                    report_progress()
         for check in crashed:
             outcomes[check.name] = _alone(check, subject, effort, scratch)
-            tell()
+            report_progress()
     return Report(subject, effort, {check.name: outcomes[check.name] for check in checks})
 
 
 @contextlib.contextmanager
 def _processes(count: int, scratch: str) -> Iterator[ProcessPoolExecutor]:
-    """So many processes for checks, ended with all that they started where this one is told to end."""
-    # Not forked: a check must not depend on what this process holds. What the checks leave when they are ended, goes with it.
+    """Start a pool of processes; they and their children are terminated with this process."""
+    # Not forked, so that a check does not depend on the state of this process.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(scratch,)) as pool:
         try:
             yield pool
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            _end(multiprocessing.active_children())  # or the pool would wait for checks that nobody wants any more
+            _end(multiprocessing.active_children())  # otherwise the pool waits for the running checks
             raise
 
 
 def _alone(check: Registered, subject: Subject, effort: Effort, scratch: str) -> Outcome:
-    """What comes of a check in a process that no other check can end."""
+    """Run a check in a process of its own, which no other check can crash."""
     with _processes(1, scratch) as pool:
         try:
             return pool.submit(_outcome_in_worker, check, subject, effort).result()
@@ -190,7 +190,7 @@ def _alone(check: Registered, subject: Subject, effort: Effort, scratch: str) ->
 
 
 def outcome_of(check: Registered, subject: Subject, effort: Effort) -> Outcome:
-    """What comes of one check: not run where a tool is missing, failed where the build or the check itself comes to nothing."""
+    """Run one check. It is not run if a tool is missing, and failed if the build or the check itself raises an error."""
     try:
         outcome = importlib.import_module(check.module).check(subject, effort)
         if not isinstance(outcome, Outcome):
@@ -199,7 +199,7 @@ def outcome_of(check: Registered, subject: Subject, effort: Effort) -> Outcome:
         return Outcome(check.shows, "", Verdict.NOT_RUN, (str(error),))
     except CodegenError as error:
         return Outcome(check.shows, "could not be completed", Verdict.FAILED, (str(error),))
-    except Exception as error:  # whatever it is, the other checks have something to tell
+    except Exception as error:  # an error of one check must not stop the others
         if "--debug" in sys.argv:
             traceback.print_exc()
         finding = f"could not be completed: {type(error).__name__}: {one_line(error)}"
@@ -208,13 +208,13 @@ def outcome_of(check: Registered, subject: Subject, effort: Effort) -> Outcome:
 
 
 def _outcome_in_worker(check: Registered, subject: Subject, effort: Effort) -> Outcome:
-    if signal.getsignal(signal.SIGTERM) is signal.SIG_IGN:  # told to end while this check was already waiting
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_IGN:  # terminated while this check was waiting
         raise SystemExit(128 + signal.SIGTERM)
     return outcome_of(check, subject, effort)
 
 
 def _begin(scratch: str) -> None:
-    """In a process that runs checks: it ends when it is told to by the one that started it, and what it started with it."""
+    """Initialise a worker, which ends on SIGTERM together with its children."""
     tempfile.tempdir = os.environ["TMPDIR"] = scratch  # for this process, and for compilers
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a key pressed in the terminal reaches every process
     signal.signal(signal.SIGTERM, _leave)
@@ -223,7 +223,7 @@ def _begin(scratch: str) -> None:
 def _leave(number: int, frame: FrameType | None) -> None:
     del frame
     signal.signal(number, signal.SIG_IGN)
-    sys.unraisablehook = lambda _: None  # objects of a solver that are half made
+    sys.unraisablehook = lambda _: None  # errors of half-initialised solver objects
     raise SystemExit(128 + number)
 
 
@@ -231,8 +231,8 @@ def _end(workers: Sequence[BaseProcess]) -> None:
     for worker in workers:
         worker.terminate()
     for worker in workers:
-        worker.join(PATIENCE)
-        worker.kill()  # inside of a solver, say
+        worker.join(CLEANUP_TIME_S)
+        worker.kill()  # for example inside a solver
 
 
 def _left_out(check: Registered) -> Outcome:

@@ -1,6 +1,6 @@
-"""The runs of the software that several checks share: scenarios, faults on the bus, drives, look-ups, and frames of a car.
+"""Runs that several checks share: scenarios, faults on the bus, drives, lookups, and frames of a car.
 
-Nothing here runs the generated C: who runs it, and where, is the business of each check.
+Nothing here runs the generated C; each check does.
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import SCENARIOS, Scenario
 
 SPECIAL = (0.0, -0.0, 1e-45, -1e-38, 1e-30, 1e30, -3e38, np.inf, -np.inf, np.nan)
-"""Values that no sensor should send, and zero."""
+"""Values that no sensor sends, and zero."""
 
 
 def loops(config: Config) -> Iterator[tuple[str, FloatArray]]:
-    """Name and inputs, (steps, 6) by INPUT_COLUMNS, of every built-in scenario that this car can drive, without its faults."""
+    """Yield name and inputs, (steps, 6) by INPUT_COLUMNS, of every built-in scenario that this car can drive, without
+    faults."""
     for name, run in SCENARIOS.items():
         try:
             yield name, run.inputs(config)
@@ -37,7 +38,7 @@ def loops(config: Config) -> Iterator[tuple[str, FloatArray]]:
 
 
 def fault_scenarios(config: Config) -> tuple[Scenario, ...]:
-    """Every fault of the catalogue, in its corner."""
+    """Return a scenario for every fault of the catalogue."""
     return tuple(scenario(case) for case in catalogue(config.can, config.controller.sampling_time_s))
 
 
@@ -56,13 +57,13 @@ def are_faults_defined_for(config: Config) -> bool:
 
 
 def drives(thresholds: Thresholds, samples: int) -> tuple[Samples, ...]:
-    """Drives from everywhere, each of so many samples: plausible ones with gaps of each length, then any bit patterns."""
+    """Return drives of the given length: plausible ones with gaps of each length, then arbitrary bit patterns."""
     generator = np.random.default_rng(1)
     patterns = generator.integers(0, 2**32, size=(samples, len(COLUMNS)), dtype=np.uint32).view(np.float32)
     patterns[:, -1] = generator.integers(0, 2, size=samples)
     special = generator.choice(np.array(SPECIAL, dtype=np.float32), size=(samples, len(COLUMNS)))
     special[:, -1] = generator.integers(0, 2, size=samples)
-    # One wrong field at a time, in a drive whose signals are believed: each is replaced by the others, and comes back.
+    # One wrong field at a time in a plausible drive, so that each signal is replaced by the others and recovers.
     mixed = drawn(thresholds, samples, seed=2)[-1].copy()
     wrong = generator.integers(0, len(COLUMNS) - 1, size=samples)
     few = generator.random(samples) < 0.02
@@ -71,8 +72,10 @@ def drives(thresholds: Thresholds, samples: int) -> tuple[Samples, ...]:
 
 
 def places(thresholds: Thresholds, samples: int, precision: Precision) -> npt.NDArray[np.float32] | npt.NDArray[np.float64]:
-    """Where to look the map up, (about samples, 2): speed and front angle. Breakpoints, their neighbours, between and beyond
-    them, both signs, and any bit pattern."""
+    """Return places of the map lookup, (about samples, 2): speed and front angle.
+
+    They include breakpoints, their neighbours, values between and beyond them, both signs, and arbitrary bit patterns.
+    """
     real = numpy_type(precision)
     generator = np.random.default_rng(3)
     columns = []
@@ -89,7 +92,7 @@ def places(thresholds: Thresholds, samples: int, precision: Precision) -> npt.ND
 
 
 def road_frictions(thresholds: Thresholds, precision: Precision) -> tuple[float, ...]:
-    """Estimates of friction to look the map up with: none, that of each layer and beside it, and what is none."""
+    """Return friction estimates for the lookup: unknown, that of each layer and its neighbours, and invalid ones."""
     real = numpy_type(precision)
     own = [real(value) for value in np.unique(thresholds.friction)]
     beside = [np.nextafter(value, real(2.0)) for value in own] + [np.nextafter(value, real(-1.0)) for value in own]
@@ -99,11 +102,11 @@ def road_frictions(thresholds: Thresholds, precision: Precision) -> tuple[float,
 
 @dataclass(frozen=True)
 class Recording:
-    """What a car without rear steering puts on the bus, and what it measures.
+    """Frames and measurements of a car without rear steering.
 
     Attributes:
-        name: of the scenario.
-        frames: of each sample, protected, in their order.
+        name: name of the scenario.
+        frames: protected frames of each sample, in order.
         measurements: the same samples as a drive.
     """
 
@@ -113,7 +116,7 @@ class Recording:
 
 
 def recordings(config: Config, precision: Precision, samples: int) -> tuple[Recording, ...]:
-    """So many samples of each scenario from the moment at which the driver acts on; the bus has no faults.
+    """Record samples of each scenario from the beginning of the driver's action, without bus faults.
 
     Raises:
         BuildError: the C of the simulated car does not compile here.

@@ -18,8 +18,8 @@ WIDTH_MIN, WIDTH_USUAL, WIDTH_MAX = 80, 120, 160
 WIDTH_FOR_ALL = 100
 """Minimum width for the column with the property that a check shows."""
 
-FINDINGS_TOLD = 10
-"""Of each check; all of them are in the JSON."""
+FINDINGS_PRINTED_MAX = 10
+"""Maximum findings printed for a check; the JSON has all."""
 
 TITLES = {check.name: check.title for check in CHECKS}
 
@@ -36,7 +36,7 @@ def table(report: Report, columns: int | None = None) -> str:
     drawn.add_column("verdict", no_wrap=True, min_width=8)
     for name, outcome in report.outcomes.items():
         shows = (outcome.shows,) if is_wide else ()
-        # What a part of a check found is no figure of the check.
+        # A partial result is not a figure of the check.
         figure = "" if outcome.verdict is Verdict.NOT_RUN else outcome.figure
         drawn.add_row(TITLES.get(name, name), *shows, figure or "-", str(outcome.verdict))
     page = io.StringIO()
@@ -50,10 +50,10 @@ def findings(report: Report) -> Iterator[str]:
     """Return one line for each check that failed or lacks a tool. Checks that `--quick` skips are omitted."""
     for name, outcome in report.outcomes.items():
         if outcome.verdict is not Verdict.PASSED and not _was_left_out(outcome):
-            for finding in outcome.findings[:FINDINGS_TOLD]:
+            for finding in outcome.findings[:FINDINGS_PRINTED_MAX]:
                 yield f"{TITLES.get(name, name)}: {finding}"
-            if len(outcome.findings) > FINDINGS_TOLD:
-                yield f"{TITLES.get(name, name)}: and {len(outcome.findings) - FINDINGS_TOLD} more"
+            if len(outcome.findings) > FINDINGS_PRINTED_MAX:
+                yield f"{TITLES.get(name, name)}: and {len(outcome.findings) - FINDINGS_PRINTED_MAX} more"
 
 
 def _was_left_out(outcome: Outcome) -> bool:

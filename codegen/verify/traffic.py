@@ -1,4 +1,4 @@
-"""CAN frames for the cyclic task, cycle by cycle: those of a whole scenario, and traffic with every fault a bus can have."""
+"""CAN frames for the cyclic task, cycle by cycle: those of a whole scenario, and traffic with all kinds of bus faults."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hil_sim.scenarios import DEFAULT, SCENARIOS
 Cycle = tuple[Frame, ...]
 
 FRAMES = 4
-"""That a cycle may have."""
+"""Maximum frames of a cycle."""
 
 EPISODE = (5, 60)
 """Cycles of one kind of traffic: shortest and longest."""
@@ -26,18 +26,18 @@ RESTART = 0.002
 """Probability that the task is initialised before a cycle."""
 
 STANDING = {"standing car": 0.0, "standing car that turns": 2.0}
-"""Kinds of traffic, and the yaw rate in rad/s that the car reports."""
+"""Yaw rate in rad/s that a standing car reports, by kind of traffic."""
 SHARES = dict.fromkeys((*STANDING, "silent", "half", "late", "garbage"), 1) | {"good": 6, "noisy": 3, "random payload": 3}
-"""How often each kind of traffic comes."""
+"""Relative frequency of each kind of traffic."""
 
 FAULT = 0.15
-"""Probability of a fault with a frame of noisy traffic."""
+"""Probability of a fault for a frame of noisy traffic."""
 
 
 def closed_loop(software: Software) -> tuple[str, list[Cycle]]:
-    """A whole scenario: its name, and what the car sends in each cycle while the task of this machine answers it.
+    """Run a scenario in closed loop with the task on this machine. Return its name and the frames of the car in each cycle.
 
-    The step steer, or the first one that this car can drive.
+    The scenario is the step steer, or the first one that this car can drive.
     """
     for name in (DEFAULT, *SCENARIOS):
         try:
@@ -57,18 +57,18 @@ def closed_loop(software: Software) -> tuple[str, list[Cycle]]:
 
 
 def disturbed(config: Config, recorded: Sequence[Cycle], count: int, seed: int = 0) -> list[Cycle]:
-    """So many cycles with good frames, damaged, lost, repeated and foreign ones, and right ones of any content."""
+    """Return cycles with good, damaged, lost, repeated and foreign frames, and valid ones with arbitrary content."""
     return _Traffic(config, recorded, seed).cycles(count)
 
 
 def restarts_of(count: int, seed: int = 0) -> list[int]:
-    """Cycles before which the task is initialised: the first, and a few more."""
+    """Return the cycles before which the task is initialised: the first, and a few more."""
     generator = random.Random(seed)
     return [cycle for cycle in range(count) if cycle == 0 or generator.random() < RESTART]
 
 
 class _Traffic:
-    """A car with a bus that may do anything."""
+    """Frames of a car on a faulty bus."""
 
     def __init__(self, config: Config, recorded: Sequence[Cycle], seed: int) -> None:
         messages = (config.can.vehicle_motion, config.can.vehicle_conditions)
@@ -108,7 +108,7 @@ class _Traffic:
         return tuple(frames[:FRAMES])
 
     def _frame(self, identifier: int, kind: str, place: int) -> Frame:
-        """The next frame of a message, protected: with what was recorded, of a car that stands, or with any bits."""
+        """Return the next protected frame of a message: recorded, of a standing car, or with arbitrary content."""
         data = self._random.randbytes(8)
         if kind in STANDING:
             data = self._standing[kind][identifier]
@@ -141,6 +141,6 @@ class _Traffic:
         return [Frame(frame.id, protect(self._data_ids[frame.id], counter, frame.data))]
 
     def _garbage(self) -> Frame:
-        """Any bits, under any identifier or one of the car's."""
+        """Return a frame with arbitrary content and id."""
         identifier = self._random.choice([*self._data_ids, self._random.getrandbits(32)])
         return Frame(identifier, self._random.randbytes(8))

@@ -1,8 +1,8 @@
-"""A second car to check against: a published multi-body model of a third party, driven as our own plant is.
+"""Second plant for cross-checks: a published multi-body model of a third party behind the interface of our own plant.
 
 The model is the multi-body car (29 states) of PyPI's `commonroad-vehicle-models`, an optional dependency: extra "crosscheck".
-`package` finds it, `rear_steer` makes its rear wheels steer, `car` derives the configuration that our tool chain needs of
-that car, `plant` has the interface of `codegen.sil.plant.Plant`, `run` closes the loop around it. See docs/second-plant.md.
+`package` imports it and derives the configuration of its car, `plant` adds rear steering and the interface of
+`codegen.sil.plant.Plant`, `run` closes the loop. See docs/second-plant.md.
 """
 
 from hil_sim.second_plant.package import car_of, published

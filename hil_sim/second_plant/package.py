@@ -1,4 +1,4 @@
-"""Where the third party's model comes from: an optional dependency, imported when it is first needed."""
+"""Import the third-party model, an optional dependency, and derive the configuration of its cars."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DEFAULT_CAR = 2
 
 
 def module(name: str) -> Any:
-    """The module `vehiclemodels.<name>`.
+    """Import the module `vehiclemodels.<name>`.
 
     Raises:
         CodegenError: the package is not installed, or is one that has no such module.
@@ -32,7 +32,7 @@ def module(name: str) -> Any:
 
 
 def published(number: int = DEFAULT_CAR) -> Any:
-    """A fresh parameter set of one of the PUBLISHED cars, SI units, by the package's own names.
+    """Return a new parameter set of one of the PUBLISHED cars in SI units, with the package's names.
 
     Raises:
         CodegenError: no such car, or see `module`.
@@ -47,11 +47,11 @@ GRAVITY = 9.81
 """m/s^2, as the multi-body model has it."""
 
 SLIP_STEP = 1e-4
-"""rad: half of the step over which the tyre's slope at zero slip is taken. Its error goes with the square, (B step)^2 / 3."""
+"""Half of the step in rad over which the tyre's slope at zero slip is taken. The relative error is (B step)^2 / 3."""
 
 
 def static_loads(parameters: Any) -> tuple[float, float]:
-    """Load of one front and of one rear wheel at rest, N: its share of the body, and its share of the axle's own mass."""
+    """Return the static load of one front and of one rear wheel in N: body and axle masses."""
     wheelbase = parameters.a + parameters.b
     body = parameters.m_s * GRAVITY / wheelbase
     return (
@@ -61,28 +61,28 @@ def static_loads(parameters: Any) -> tuple[float, float]:
 
 
 def cornering_stiffness(parameters: Any, load: float) -> float:
-    """Slope of the car's own tyre function at zero slip, upright, N/rad for one wheel at a load (N)."""
+    """Return the slope of the car's tyre function at zero slip and camber in N/rad, for one wheel at a load (N)."""
     lateral = module("utils.tire_model").formula_lateral
     left, right = (lateral(slip, 0.0, load, parameters.tire)[0] for slip in (-SLIP_STEP, SLIP_STEP))
     return float(left - right) / (2.0 * SLIP_STEP)
 
 
 def front_roll_share(parameters: Any) -> float:
-    """Share of the front axle in the roll stiffness: springs, K T^2 / 2 an axle, and the auxiliary stiffness of the data."""
+    """Return the share of the front axle in the roll stiffness: springs (K T^2 / 2 for an axle) and auxiliary stiffness."""
     front = 0.5 * parameters.K_sf * parameters.T_f**2 - parameters.K_tsf
     rear = 0.5 * parameters.K_sr * parameters.T_r**2 - parameters.K_tsr
     return float(front / (front + rear))
 
 
 def car_of(parameters: Any, base: Config | None = None) -> Config:
-    """The configuration of a multi-body car: its vehicle, tyres and road; everything else as in `base` (the defaults).
+    """Return the configuration of a multi-body car: vehicle, tyres and road; the rest as in `base` (default: `Config()`).
 
     Mass, inertia, heights and arms are the data's, the track is the mean of both axles. The tyre formula has the form of
     ours, so C, E and the peak friction are its own; the stiffness is its slope at the static load of each axle.
 
     Raises:
         CodegenError: the package is missing.
-        ConfigError: the data are of no car that our tool chain takes.
+        ConfigError: the configuration does not support the data.
     """
     tyre = parameters.tire
     front, rear = (

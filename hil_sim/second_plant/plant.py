@@ -1,4 +1,18 @@
-"""The third party's car behind the interface of `codegen.sil.plant.Plant`."""
+"""Third-party multi-body car behind the interface of `codegen.sil.plant.Plant`, with rear steering, which the model lacks.
+
+The model's right-hand side calls four tyre functions through one name of its module, each for the wheels LF, RF, LR, RR in
+that order. Its code object runs in a namespace in which that name is `SteeredTyres`. For the rear wheels it
+
+- takes the slip angle of the turned wheel, alpha - delta_r,
+- takes the longitudinal slip from the speed along the turned wheel,
+- calls the original tyre functions for the forces in the wheel's axes, and
+- returns them in the car's axes, as the model does at the front.
+
+The equation of the wheel's spin needs the force in the wheel's axes and is corrected afterwards. The installed package and its
+modules are not changed, and two instances share nothing.
+
+The model's axes are x forward, y to the right, z down (SAE J670): angles and rates are positive to the right.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +64,7 @@ class SteeredTyres:
         self._pure_lateral: list[tuple[float, float, float, float]] = []
         self._across: list[float] = []
         self.spin_excess: list[float] = []
-        """N, for each rear wheel: force along the wheel less force along the car."""
+        """Force along the wheel minus force along the car, in N for each rear wheel."""
         self.calls = [0] * FUNCTIONS
 
     def _wheel(self, function: int) -> int:
@@ -62,7 +76,7 @@ class SteeredTyres:
         return slip + (1.0 - slip) * self._slip_change[wheel - FIRST_REAR]
 
     def formula_longitudinal(self, slip: float, camber: float, load: float, tyre: Any) -> float:
-        """Pure longitudinal slip, N in the wheel's axes: it goes into `formula_longitudinal_comb` only."""
+        """Return the force of pure longitudinal slip in the wheel's axes in N, an input of `formula_longitudinal_comb`."""
         wheel = self._wheel(0)
         if wheel >= FIRST_REAR:
             slip = self._turned(slip, wheel)
@@ -70,7 +84,7 @@ class SteeredTyres:
         return force
 
     def formula_lateral(self, slip_angle: float, camber: float, load: float, tyre: Any) -> tuple[float, float]:
-        """Pure lateral slip, N in the wheel's axes, and its friction: both go into `formula_lateral_comb` only."""
+        """Return force (N, wheel's axes) and friction of pure lateral slip, inputs of `formula_lateral_comb`."""
         wheel = self._wheel(1)
         if wheel >= FIRST_REAR:
             slip_angle -= self._angle
@@ -80,7 +94,7 @@ class SteeredTyres:
         return force, friction
 
     def formula_longitudinal_comb(self, slip: float, slip_angle: float, pure: float, tyre: Any) -> float:
-        """Force along the car, N; for a rear wheel its force across the car is worked out as well and kept."""
+        """Return the force along the car in N. For a rear wheel, also compute and keep the force across the car."""
         wheel = self._wheel(2)
         if wheel < FIRST_REAR:
             return self._friction * float(self._tyres.formula_longitudinal_comb(slip, slip_angle, pure, tyre))
@@ -96,7 +110,7 @@ class SteeredTyres:
     def formula_lateral_comb(
         self, slip: float, slip_angle: float, camber: float, friction: float, load: float, pure: float, tyre: Any
     ) -> float:
-        """Force across the car, N."""
+        """Return the force across the car in N."""
         wheel = self._wheel(3)
         if wheel >= FIRST_REAR:
             return self._across[wheel - FIRST_REAR]
@@ -110,7 +124,7 @@ class RearSteeredCar:
         parameters: a parameter set of the package; see `package.published`.
 
     Raises:
-        CodegenError: the package is missing, or is not the one that this was written for.
+        CodegenError: the package is missing, or is an unsupported release.
     """
 
     def __init__(self, parameters: Any) -> None:
@@ -119,13 +133,13 @@ class RearSteeredCar:
         self._tyres = SteeredTyres(package.module("utils.tire_model"))
         namespace = {**original.__globals__, "tireModel": self._tyres}
         self._right_hand_side = types.FunctionType(original.__code__, namespace, original.__name__)
-        self.derivative(self.straight_ahead(10.0), 0.0, 0.0)  # refuses an unknown release here, not in the middle of a run
+        self.derivative(self.straight_ahead(10.0), 0.0, 0.0)  # rejects an unknown release before a run
 
     def straight_ahead(self, speed: float) -> list[float]:
-        """The state (29) of the car rolling straight ahead at a speed (m/s), at rest on its springs.
+        """Return the state (29) of the car rolling straight at a speed (m/s), at rest on its springs.
 
-        It is the package's own initial state but for height and pitch of the body, which stands off its springs there by the
-        static deflection of the tyres and would bounce for the first second.
+        It is the package's initial state except for height and pitch of the body. The package lifts the body by the static
+        deflection of the tyres, so it would bounce for the first second.
         """
         car = self.parameters
         start = package.module("init_mb").init_mb([0.0, 0.0, 0.0, speed, 0.0, 0.0, 0.0], car)
@@ -144,16 +158,16 @@ class RearSteeredCar:
         friction: float = 1.0,
         yaw_moment: float = 0.0,
     ) -> list[float]:
-        """Time derivative (29) of a state (29).
+        """Return the time derivative (29) of a state (29).
 
         Args:
             state: the package's; not changed.
-            steering_rate: rad/s at the front wheels. acceleration: m/s^2, wanted of engine and brakes.
+            steering_rate: rad/s at the front wheels. acceleration: m/s^2, demanded from engine and brakes.
             rear_angle: rad. friction: of the road over that of the tyre data. yaw_moment: N m, from outside.
 
         Raises:
             ArithmeticError, ValueError: the model has no value there, as with a wheel that rolls backwards.
-            CodegenError: the package is not the one that this was written for.
+            CodegenError: an unsupported release of the package.
         """
         car, spin = self.parameters, 0.5 * self.parameters.T_r * state[YAW_RATE]
         forward = state[FORWARD_SPEED]
@@ -167,7 +181,7 @@ class RearSteeredCar:
                 remedy='pip install "ars-codegen[crosscheck]"',
             )
         for place, excess in zip(REAR_SPIN, self._tyres.spin_excess, strict=True):
-            if state[place] >= 0.0:  # the package holds a wheel that would turn backwards
+            if state[place] >= 0.0:  # the package stops a wheel that would turn backwards
                 rates[place] -= car.R_w / car.I_y_w * excess
         rates[YAW_RATE] += yaw_moment / car.I_z
         return rates
@@ -183,7 +197,8 @@ SPINS = slice(23, 27)
 
 ROLL_MAX = math.radians(30.0)
 SIDESLIP_MAX = math.radians(60.0)
-"""Beyond, the car lies on its side or slides backwards; tyre data and small-angle suspension say nothing of that."""
+"""Range of the model; beyond it the car lies on its side or slides backwards, which the tyre data and the suspension do not
+cover."""
 
 
 class LeftModelError(CodegenError):
@@ -202,10 +217,10 @@ def _clamp(value: float, limit: float) -> float:
 
 
 class MultiBodyPlant:
-    """The multi-body car, rolling straight ahead at first, with the steering and the rear actuator of a configuration.
+    """Multi-body car with the steering and the rear actuator of a configuration, starting straight ahead.
 
-    Both are those of `codegen.vehicle.dynamics.two_track`; besides, the car's own data limit the rate and the angle of its
-    front wheels. The speed is not imposed: a proportional controller asks the car's own engine and brakes for it. Signs are ISO
+    Both are those of `codegen.vehicle.dynamics.two_track`; in addition, the car's own data limit the rate and the angle of
+    its front wheels. The speed is not imposed: a proportional controller drives the car's engine and brakes. Signs are ISO
     8855, those of our own plant, and turned around inside.
 
     Args:
@@ -228,7 +243,7 @@ class MultiBodyPlant:
 
     @property
     def speed(self) -> float:
-        """Forward speed in m/s: nearly the one that is asked for."""
+        """Forward speed in m/s, close to the demanded one."""
         return self._state[FORWARD_SPEED]
 
     @property
@@ -241,13 +256,13 @@ class MultiBodyPlant:
         return self._state[0], -self._state[1], -self._state[4]
 
     def sample(self, acting: PlantInput) -> PlantSample:
-        """The car as it is now. The rear angle command makes no difference to it. Raises LeftModelError."""
+        """Return the current outputs. The rear angle command does not affect them. Raises LeftModelError."""
         state, car = self._state, self._car.parameters
         if not (abs(state[ROLL]) < ROLL_MAX and abs(self._sideslip) < SIDESLIP_MAX):
             raise LeftModelError(f"roll {math.degrees(state[ROLL]):.3g} deg, sideslip {math.degrees(self._sideslip):.3g} deg")
         rates = self._rates(state, acting)
         forward, side, yaw_rate = state[FORWARD_SPEED], state[SIDE_SPEED], state[YAW_RATE]
-        # Of all three masses: what the tyres give sideways, over the mass of the car.
+        # Mean over the three masses: the lateral tyre force over the mass of the car.
         masses = ((car.m_s, SIDE_SPEED), (car.m_uf, FRONT_SIDE_SPEED), (car.m_ur, REAR_SIDE_SPEED))
         pull = sum(mass * rates[place] for mass, place in masses) / sum(mass for mass, _ in masses)
         slip_front = math.atan2(side + car.a * yaw_rate, forward) - state[STEERING]
@@ -263,12 +278,12 @@ class MultiBodyPlant:
         )
 
     def advance(self, acting: Iterable[PlantInput]) -> None:
-        """One plant step for each input. Raises LeftModelError."""
+        """Advance by one plant step for each input. Raises LeftModelError."""
         for values in acting:
             self._step(values, self._config.plant.sampling_time_s)
 
     def _step(self, acting: PlantInput, step: float) -> None:
-        """One step (s) of the classical Runge-Kutta method of order four, the input held."""
+        """Advance by one step (s) of the classical Runge-Kutta method of order four, with the input held."""
         start, half = self._state, 0.5 * step
         k1 = self._rates(start, acting)
         k2 = self._rates([x + half * k for x, k in zip(start, k1, strict=True)], acting)
@@ -276,7 +291,7 @@ class MultiBodyPlant:
         k4 = self._rates([x + step * k for x, k in zip(start, k3, strict=True)], acting)
         sixth = step / 6.0
         state = [x + sixth * (a + 2.0 * (b + c) + d) for x, a, b, c, d in zip(start, k1, k2, k3, k4, strict=True)]
-        state[SPINS] = [max(spin, 0.0) for spin in state[SPINS]]  # the package lets no wheel turn backwards
+        state[SPINS] = [max(spin, 0.0) for spin in state[SPINS]]  # in the package no wheel turns backwards
         self._state = state
 
     def _rates(self, state: list[float], acting: PlantInput) -> list[float]:

@@ -24,7 +24,7 @@ from hil_sim.second_plant.plant import LeftModelError, MultiBodyPlant
 
 SPEEDS_KM_H = (40.0, 70.0, 100.0)
 SHARES = (0.3, 0.6, 0.9)
-"""Of the largest feasible front angle of the car's map at that speed."""
+"""Fractions of the largest feasible front angle of the car's map at a speed."""
 
 STEER_TIME, DURATION = 0.5, 4.0
 """s, of a cell."""
@@ -57,7 +57,7 @@ class Cell:
 
 
 def largest_front_angle(reference_map: ReferenceMap, speed: float) -> float:
-    """The largest feasible front angle (rad) of a map at a speed (m/s), linear between its speeds.
+    """Return the largest feasible front angle (rad) of a map at a speed (m/s), interpolated linearly.
 
     Raises:
         CodegenError: the map does not reach that speed.
@@ -73,7 +73,7 @@ def largest_front_angle(reference_map: ReferenceMap, speed: float) -> float:
 
 
 def cells(reference_map: ReferenceMap) -> tuple[Cell, ...]:
-    """The nine cells of a map: SPEEDS_KM_H by SHARES. Raises CodegenError for a map that does not reach those speeds."""
+    """Return the nine cells of a map: SPEEDS_KM_H by SHARES. Raises CodegenError if the map does not reach the speeds."""
     return tuple(
         Cell(speed, share, share * largest_front_angle(reference_map, speed * KM_H))
         for speed in SPEEDS_KM_H
@@ -90,10 +90,10 @@ def run(
     parameters: Any | None = None,
     controller_parameters: Any | None = None,
 ) -> FloatArray:
-    """A recording (samples, 12) of a scenario on the multi-body car, columns RECORD_COLUMNS.
+    """Return a recording (samples, 12) of a scenario on the multi-body car, columns RECORD_COLUMNS.
 
-    The speed is the car's own, not the one asked for. From where the model has no value any more the row has the time, NaN and
-    the last status; `hil_sim.metrics.spin_time` takes that for a spin.
+    The speed is the car's own. After the car leaves the model's range, rows hold the time, NaN and the last status, which
+    `hil_sim.metrics.spin_time` counts as a spin.
 
     Args:
         software: a compiled build; None is the passive car, its rear wheels straight.
@@ -129,10 +129,10 @@ class SteppedPlant(Protocol):
         """m forward and m to the left in the road frame, heading in rad."""
 
     def sample(self, acting: PlantInput) -> PlantSample:
-        """The car as it is now."""
+        """Return the current outputs."""
 
     def advance(self, acting: Iterable[PlantInput]) -> None:
-        """One plant step for each input."""
+        """Advance by one plant step for each input."""
 
 
 def drive(

@@ -15,9 +15,9 @@ Result = TypeVar("Result")
 
 
 class Background:
-    """As many processes as there are processors, started with the first call. At the end what still runs is stopped.
+    """Pool of one process for each processor, started with the first call. Leaving the context stops running calls.
 
-    What is called, with its arguments and its result, must be picklable; so are all CodegenErrors, which `get` raises again.
+    Functions, arguments and results must be picklable. `get` raises the CodegenErrors of a call again.
     """
 
     def __init__(self) -> None:
@@ -25,7 +25,7 @@ class Background:
         self._processes: list[BaseProcess] = []
 
     def __enter__(self) -> Self:
-        """Nothing is started yet."""
+        """Prepare the pool; nothing is started yet."""
         return self
 
     @property
@@ -50,6 +50,6 @@ class Background:
 
 
 def _leave_interrupts_to_parent() -> None:
-    """A key pressed in the terminal reaches every process; the one that started these ends them."""
+    """Ignore SIGINT, which reaches every process of the terminal; the parent process ends the workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -1,4 +1,4 @@
-"""The controller under test, where it comes from, and what it is shown beside."""
+"""Candidate of the test set, its origin, and its baselines."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ Steps = Callable[[int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """What is to be tested, before anything is solved or compiled.
+    """Controller to test, before anything is solved or compiled.
 
     Attributes:
-        title: where it comes from.
-        config: of the car and the controller.
-        case: name, of the map.
-        frictions: of the road for which there are maps, rising; one where there is no stack.
-        folder: of the build; None where it is made in memory.
-        precision: of its numbers.
+        title: description of its origin.
+        config: configuration of the car and the controller.
+        case: name of the map's case.
+        frictions: frictions of the maps, rising; one without a stack.
+        folder: folder of the build; None for a build in memory.
+        precision: precision of the build.
     """
 
     title: str
@@ -53,11 +53,11 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """In tables."""
+        """Name in tables."""
         return self.config.controller.kind
 
     def contenders(self) -> dict[str, Config]:
-        """Name to configuration of all that are driven, this one first; those that follow the reference are not tuned yet."""
+        """Return name -> configuration of all controllers, this one first. Those with a reference model are not tuned yet."""
         own = self.config.controller.kind
         found = {self.name: self.config}
         best = recommended_config(self.config)
@@ -69,16 +69,16 @@ class Candidate:
         return found
 
     def reference_map(self) -> ReferenceMap:
-        """The map, solved as its build's was. Raises ConfigError, MapError."""
+        """Solve the map as for its build. Raises ConfigError, MapError."""
         if len(self.frictions) > 1:
             return solve_stack(self.config, self.case, self.frictions)
         return solve_case(self.config, self.case)
 
     def line_up(self, steps: Steps | None = None, reference_map: ReferenceMap | None = None) -> LineUp:
-        """Tune and prepare all controllers. A baseline that cannot be tuned for the car is left out.
+        """Tune and prepare all controllers. Baselines that cannot be tuned for the car are omitted.
 
         Args:
-            reference_map: the map of the candidate where the caller has it already; None solves it.
+            reference_map: map of the candidate, if available; None solves it.
 
         Raises:
             ConfigError, MapError: see `solve_case` and `tuned`.
@@ -93,7 +93,7 @@ class Candidate:
             except ConfigError as error:
                 if name == self.name:
                     raise
-                notes.append(f"{name} is not shown beside: {error}")
+                notes.append(f"{name} is omitted from the comparison: {error}")
         left_out = {name for name, config in configs.items() if is_untuned(config)}
         subjects = [of_config(name, reference_map, configs[name], self.precision) for name in configs if name not in left_out]
         tested = subjects[0] if self.folder is None else replace(subjects[0], around=around_folder(self.folder))
@@ -102,7 +102,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class LineUp:
-    """Who is driven: `baselines` beside the one that is `tested`; `case` is that of the map, `notes` are for the user."""
+    """Controllers in the comparison: the tested one and its baselines, with the case of the map and notes for the user."""
 
     tested: Subject
     baselines: tuple[Subject, ...]
@@ -111,7 +111,7 @@ class LineUp:
 
     @property
     def build(self) -> Build:
-        """The C under test."""
+        """Build under test."""
         return self.tested.around
 
 
@@ -120,18 +120,18 @@ def _same_controller(one: Config, other: Config) -> bool:
 
 
 def recommended() -> Candidate:
-    """The recommended preset."""
+    """Return the recommended preset."""
     config = configuration.preset("recommended")
     title = f"the recommended preset, case {RECOMMENDED_CASE}, solved, tuned and built in memory"
     return Candidate(title, config, RECOMMENDED_CASE, (config.road.friction,))
 
 
 def of_folder(folder: Path) -> Candidate:
-    """A folder made by `codegen build`, for a car of its own.
+    """Return the candidate of a folder made by `codegen build`, for its own car.
 
     Raises:
-        BuildError: not a build folder, or one of a map that no configuration can be solved for again.
-        ConfigError: its configuration is none of this version.
+        BuildError: not a build folder, or its map cannot be solved again from a configuration.
+        ConfigError: its configuration is not one of this version.
     """
     manifest = read_build(folder)
     with within(folder):

@@ -27,25 +27,25 @@ from hil_sim.suite.subjects import of_config, tuned
 from hil_sim.suite.summary import Summary, summarise
 
 TYRE_MODEL = "magic-formula"
-"""Of the maps: only such a map keeps the slip bounds of the plant."""
+"""Tyre model of the maps: only the nonlinear one keeps the slip bounds of the plant."""
 
 SPEEDS_KM_H = (60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0)
-"""At the breakpoints of the gain schedule, and between them."""
+"""Speeds at the breakpoints of the gain schedule and between them."""
 SHARES = (0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True)
 class CarResult:
-    """One car.
+    """Result of one car.
 
     Attributes:
-        number: in the draw, from 1.
-        mass_kg, wheelbase_m, understeer_deg_per_g, rear_angle_max_deg, actuator_lag_s: what it is.
+        number: number in the draw, from 1.
+        mass_kg, wheelbase_m, understeer_deg_per_g, rear_angle_max_deg, actuator_lag_s: its properties.
         tuned: what `codegen tune` chose, keys of [controller.tracking].
-        summary: of its cells; None where it could not be designed.
-        margins: over its family.
-        requirements: figures asked beside figures measured.
-        error: why it could not be solved, tuned or built.
+        summary: figures over its cells; None if the design failed.
+        margins: margins over its family.
+        requirements: required and measured figures.
+        error: reason why it could not be solved, tuned or built.
     """
 
     number: int
@@ -74,7 +74,7 @@ class CarResult:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         facts = {key: value for key, value in asdict(self).items() if key not in ("margins", "requirements")}
         margins = None if self.margins is None else self.margins.to_dict()
         rows = [row.to_dict() for row in self.requirements]
@@ -91,24 +91,24 @@ class CarsResult:
 
     @property
     def passed(self) -> int:
-        """How many cars meet all limits."""
+        """Number of cars that meet all limits."""
         return sum(car.passed for car in self.cars)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         facts = {"seed": self.seed, "passed": self.passed, "speeds_km_h": list(SPEEDS_KM_H), "shares": list(SHARES)}
         return {**facts, "cars": [car.to_dict() for car in self.cars]}
 
 
 def run_cars(seed: int, count: int, steps: Steps | None = None, limits: Limits | None = None) -> CarsResult:
-    """Draw cars, and examine them on all processors.
+    """Draw cars and test them on all processors.
 
     Args:
         steps: called with (done, in all).
-        limits: what is asked of each; None takes the defaults.
+        limits: limits for each car; None uses the defaults.
 
     Raises:
-        CodegenError: there is no C compiler. What a single car causes is in its result.
+        CodegenError: there is no C compiler. Errors of a single car are in its result.
     """
     asked = limits or Limits()
     with Background() as background:

@@ -1,4 +1,4 @@
-"""The operating points: step steers over speed and amplitude."""
+"""Operating points: step steers over speed and amplitude."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from hil_sim.scenarios import Scenario
 
 SPEEDS_KM_H = (25.0, 42.5, 60.0, 80.0, 100.0, 120.0)
 SHARES = (0.25, 0.5, 0.75, 1.0)
-"""Of the largest front angle that the optimisation finds feasible at a speed."""
+"""Fractions of the largest feasible front angle at a speed."""
 
 STEER_TIME = 1.0
 DURATION = 9.0
-"""s. After the step 8 s are left: four time constants of a slow trim, and the second over which steady values are read."""
+"""Duration in s. After the step 8 s remain: four time constants of a slow trim, and one second for the steady values."""
 
 C1_SPEED_KM_H = 42.5
 C1_STEERING_WHEEL_DEG = 90.0
@@ -35,9 +35,9 @@ class Cell:
     """A step steer at a constant speed, the steering wheel turned as fast as the configuration allows.
 
     Attributes:
-        speed_km_h: of the car.
-        front_angle_deg: at the road wheels, to the left.
-        share: of the largest feasible front angle at that speed; None where the angle was chosen otherwise.
+        speed_km_h: speed of the car.
+        front_angle_deg: angle at the road wheels, to the left.
+        share: fraction of the largest feasible front angle at that speed; None for another choice of angle.
     """
 
     speed_km_h: float
@@ -46,12 +46,12 @@ class Cell:
 
     @property
     def title(self) -> str:
-        """For tables."""
+        """Text for tables."""
         share = "" if self.share is None else f" ({100.0 * self.share:g} %)"
         return f"{self.speed_km_h:g} km/h, {self.front_angle_deg:.3g} deg{share}"
 
     def scenario(self, config: Config, friction: float | None = None, estimate: float | None = None) -> Scenario:
-        """The run, on a road of a friction (None: the configured one) that the controller believes in (None: no estimate)."""
+        """Return the scenario on a road (None: the configured friction), with a friction estimate (None: unknown)."""
         return Scenario(
             name="step-steer-cell",
             subject="Step steer",
@@ -65,14 +65,14 @@ class Cell:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         return asdict(self)
 
 
 def cells(
     config: Config, case: Case, speeds_km_h: tuple[float, ...] = SPEEDS_KM_H, shares: tuple[float, ...] = SHARES
 ) -> tuple[Cell, ...]:
-    """The cells of a car: speeds times shares, by default 24; fewer for a grid that ends at a lower speed.
+    """Return the cells of a car: speeds times shares, by default 24; fewer if the grid ends at a lower speed.
 
     The largest feasible front angle is that of the continuous problem, capped at the grid's last front angle.
 
@@ -96,10 +96,10 @@ def cells(
 
 
 def c1(config: Config) -> Cell:
-    """The paper's step."""
+    """Return the paper's step."""
     return Cell(C1_SPEED_KM_H, C1_STEERING_WHEEL_DEG / config.steering.ratio)
 
 
 def front_angle(cell: Cell) -> float:
-    """rad at the road wheels."""
+    """Return the front angle at the road wheels in rad."""
     return math.radians(cell.front_angle_deg)

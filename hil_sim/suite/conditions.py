@@ -1,4 +1,4 @@
-"""Under which conditions every cell is driven: one car that differs from the configured one, on one road."""
+"""Conditions for every cell: a car that differs from the configured one, and a road."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Group = Literal["nominal", "lag", "mass", "tyre", "combined", "friction"]
 LAGS_S = (0.02, 0.05, 0.1)
 FRICTIONS = (0.6, 0.4)
 ESTIMATE_ERROR = 0.2
-"""How far an estimate of the friction may be too high."""
+"""Largest overestimate of the friction."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class Condition:
     """A car and a road.
 
     Attributes:
-        name: key. title: for tables.
-        group: what is varied.
-        plant: the change of the configuration that makes the plant.
-        friction: of the road; None for the configured one.
-        estimate: the friction that the controller is given; None for none.
-        what: more than the title can say.
+        name, title: key, and name in tables.
+        group: varied property.
+        plant: change of the configuration for the plant.
+        friction: friction of the road; None for the configured one.
+        estimate: friction estimate for the controller; None for unknown.
+        what: details beyond the title.
     """
 
     name: str
@@ -41,11 +41,11 @@ class Condition:
 
     @property
     def estimate_or_nan(self) -> float:
-        """As the C takes it."""
+        """Friction estimate as passed to the C."""
         return math.nan if self.estimate is None else self.estimate
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: everything but the function."""
+        """Return JSON values, without the function."""
         names = ("name", "title", "group", "friction", "estimate", "what")
         return {name: getattr(self, name) for name in names}
 
@@ -100,5 +100,5 @@ CONDITIONS = (NOMINAL, *LAGS, *MASSES, *TYRES, COMBINED, *SLIPPERY)
 
 
 def conditions(config: Config) -> tuple[Condition, ...]:
-    """Those that make sense for a configuration: no road less slippery than the one that its map assumes."""
+    """Return the conditions that apply to a configuration: no road with more friction than its map assumes."""
     return tuple(each for each in CONDITIONS if each.friction is None or each.friction < config.road.friction)

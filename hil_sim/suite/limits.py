@@ -1,4 +1,4 @@
-"""Limits of the suites: what is asked, why, and how a file changes it."""
+"""Limits of the suites, their reasons, and how to read them from a file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Degrees = Annotated[float, Range(0.0, 90.0, "deg")]
 
 
 class Limits(Section):
-    """Limits of `codegen sil --suite`, keys of the file of `--limits`. The description of each says why it is what it is."""
+    """Limits of `codegen sil --suite`, keys of the file of `--limits`. Each description gives the reason."""
 
     c1_overshoot_percent: Percent = Field(default=2.0, description="the paper's step C1: a driver hardly notices 2 %")
     c1_settling_s: Seconds = Field(default=0.5, description="of an ideal actuator; twice the actuator's lag is added")

@@ -1,4 +1,4 @@
-"""Margins of a subject's feedback over speed: of the configured car, and over the whole family of cars."""
+"""Margins of a subject's feedback over speed, for the configured car and the whole family of cars."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ class FamilyMargins:
         return None if None in peaks else max(peak for peak in peaks if peak is not None)
 
     def speed_of(self, name: str) -> float:
-        """km/h at which a figure (a field of MarginPoint) is worst."""
+        """Return the speed in km/h at which a figure (a field of MarginPoint) is worst."""
         choose = max if name == "sensitivity" else min
         return choose(self.points, key=lambda point: float("inf") if (v := getattr(point, name)) is None else v).speed_km_h
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, which has no infinity: a margin that no change uses up is None."""
+        """Return JSON values. Infinity becomes None, as JSON has no infinity."""
         return {
             name: [{key: finite_or_none(value) for key, value in asdict(point).items()} for point in getattr(self, name)]
             for name in ("points", "configured")
@@ -69,15 +69,15 @@ class FamilyMargins:
 
 
 def finite_or_none(value: float | None) -> float | None:
-    """For JSON."""
+    """Return JSON values."""
     return value if value is not None and np.isfinite(value) else None
 
 
 def margins_of(config: Config, speeds_km_h: tuple[float, ...] = SPEEDS_KM_H) -> FamilyMargins | None:
-    """Margins of the configured car and the worst of the family of `config.tuning`; None where its kind has no feedback.
+    """Return the margins of the configured car and the worst of the family of `config.tuning`; None without feedback.
 
     Raises:
-        BuildError: the kind lacks what it needs. ConfigError: an empty family.
+        BuildError: the kind lacks a required function. ConfigError: an empty family.
     """
     gains = law_of(config).gains(config)
     if gains is None:

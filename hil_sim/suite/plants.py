@@ -1,4 +1,4 @@
-"""How the simulated car may differ from the configured one: functions from a configuration to another.
+"""Changes of the simulated car: functions from a configuration to another.
 
 Only the plant is made from the result; controller and map stay those of the original. What a change does not name stays as it
 is: the slope of the tyres at zero slip (their cornering stiffness) is kept under changes of mass and peak, for otherwise the
@@ -20,12 +20,12 @@ AXLES = ("front", "rear")
 
 
 def unchanged(config: Config) -> Config:
-    """The car as configured."""
+    """Return the car as configured."""
     return config
 
 
 def changed(config: Config, tables: Mapping[str, Any]) -> Config:
-    """A configuration with some keys replaced, tables merged, and checked as a whole. Raises ConfigError."""
+    """Return a configuration with some keys replaced, tables merged, and validated as a whole. Raises ConfigError."""
     return configuration.parse(_merged(config.model_dump(), tables), "varied plant")
 
 
@@ -40,7 +40,7 @@ def _merged(base: dict[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _tyres(config: Config, factors: tuple[float, float] = (1.0, 1.0), **keys: float) -> dict[str, Any]:
-    """Tables of both tyres with their slopes given, times a factor each; further keys for both."""
+    """Return tables of both tyres with slopes scaled by a factor each, and further keys for both."""
     tables = {}
     loads = static_wheel_loads(config)
     for axle, load, factor in zip(AXLES, loads, factors, strict=True):
@@ -50,7 +50,7 @@ def _tyres(config: Config, factors: tuple[float, float] = (1.0, 1.0), **keys: fl
 
 
 def mass(percent: float) -> Change:
-    """More or less mass (in %), the yaw inertia with it, the centre of gravity where it was."""
+    """Return a change of the mass (in %), with the yaw inertia and the same centre of gravity."""
     factor = 1.0 + percent / 100.0
 
     def change(config: Config) -> Config:
@@ -62,18 +62,18 @@ def mass(percent: float) -> Change:
 
 
 def actuator_lag(seconds: float) -> Change:
-    """Another lag of the rear actuator."""
+    """Return a change of the rear actuator's lag."""
     return lambda config: changed(config, {"rear_actuator": {"lag_s": seconds}})
 
 
 def stiffness(front_percent: float, rear_percent: float) -> Change:
-    """Stiffer or softer tyres (in % of their slope), their peak as it was."""
+    """Return a change of the tyres' slope (in %) at the same peak."""
     factors = (1.0 + front_percent / 100.0, 1.0 + rear_percent / 100.0)
     return lambda config: changed(config, {"tyre": _tyres(config, factors)})
 
 
 def peak(percent: float) -> Change:
-    """More or less peak force (p1, in %) at the same slope."""
+    """Return a change of the peak force (p1, in %) at the same slope."""
 
     def change(config: Config) -> Config:
         tables = _tyres(config)
@@ -85,17 +85,17 @@ def peak(percent: float) -> Change:
 
 
 def load_sensitivity(p2: float) -> Change:
-    """Peak friction that falls (p2 below zero) as a wheel is loaded beyond its static load."""
+    """Return a change that lowers peak friction (p2 below zero) with wheel load above the static load."""
     return lambda config: changed(config, {"tyre": _tyres(config, peak_load_sensitivity_p2=p2)})
 
 
 def relaxation(length: float) -> Change:
-    """Tyres that build up their force over a way (m)."""
+    """Return a change that adds a relaxation length (m) to the tyres."""
     return lambda config: changed(config, {"plant": {"relaxation_length_m": length}})
 
 
 def together(*changes: Change) -> Change:
-    """One change after the other."""
+    """Return several changes as one."""
 
     def change(config: Config) -> Config:
         for each in changes:

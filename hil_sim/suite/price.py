@@ -1,4 +1,4 @@
-"""What a controller costs: rise time over speed, and how it follows a sine at the steering wheel."""
+"""Cost of a controller: rise time over speed, and tracking of a sine at the steering wheel."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ class RiseTime:
     largest_s: float | None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         return asdict(self)
 
 
 @dataclass(frozen=True)
 class SineTracking:
-    """Yaw rate of a subject at one speed and frequency; None for a car that spins.
+    """Tracking of a sine by a subject at one speed and frequency.
 
     Attributes:
         gain_of_steady: gain from steering wheel to yaw rate over that at the lowest frequency of the sweep (0.2 Hz).
-        gain_of_map: yaw rate over what the map asks for at each instant.
-        phase_deg: of the yaw rate against the steering wheel, below zero where it lags. The map itself has none.
+        gain_of_map: yaw rate over that of the map at each instant.
+        phase_deg: phase of the yaw rate relative to the steering wheel, negative for a lag. The map itself has none.
     """
 
     subject: str
@@ -57,12 +57,12 @@ class SineTracking:
     phase_deg: float | None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         return asdict(self)
 
 
 def rise_times(subject: str, results: Sequence[CellResult]) -> tuple[RiseTime, ...]:
-    """One row for each speed among the results."""
+    """Return one row for each speed among the results."""
     rows = []
     for speed in dict.fromkeys(result.cell.speed_km_h for result in results):
         times = [r.rise_time_s for r in results if r.cell.speed_km_h == speed and r.rise_time_s is not None]
@@ -87,7 +87,7 @@ class Slower:
 
 
 def compare_rise(results: Sequence[CellResult], others: Sequence[CellResult]) -> tuple[Slower, ...]:
-    """One row for each speed at which there are such cells; both in the same order of cells."""
+    """Return one row for each speed with such cells; both in the same order of cells."""
     rows = []
     for speed in dict.fromkeys(result.cell.speed_km_h for result in results):
         pairs = [
@@ -102,7 +102,7 @@ def compare_rise(results: Sequence[CellResult], others: Sequence[CellResult]) ->
 
 
 def sine_scenario(cell: Cell, ratio: float) -> Scenario:
-    """The sine sweep at the speed and with the front angle of a cell; `ratio` is that of the steering."""
+    """Return the sine sweep at the speed and the front angle of a cell; `ratio` is the steering ratio."""
     sweep = find("sine-sweep")
     angle = cell.front_angle_deg * ratio
     return replace(sweep, settings=replace(sweep.settings, speed_km_h=cell.speed_km_h, steering_wheel_angle_deg=angle))
@@ -111,7 +111,7 @@ def sine_scenario(cell: Cell, ratio: float) -> Scenario:
 def sine_tracking(
     subject: Subject, cells: Iterable[Cell], condition: Condition = NOMINAL, delay_samples: int = DELAY_SAMPLES
 ) -> tuple[SineTracking, ...]:
-    """Rows at those of SINE_SPEEDS_KM_H at which there is a cell of the largest feasible front angle. Raises BuildError."""
+    """Return rows at those of SINE_SPEEDS_KM_H with a cell at the largest feasible front angle. Raises BuildError."""
     rows: list[SineTracking] = []
     for cell in cells:
         if cell.share == 1.0 and cell.speed_km_h in SINE_SPEEDS_KM_H:
@@ -125,7 +125,7 @@ def _at_one_speed(subject: Subject, cell: Cell, condition: Condition, delay_samp
     plant = software.config
     scenario = sine_scenario(cell, plant.steering.ratio)
     record = subject.loop(software, delay_samples).run(scenario.inputs(plant))
-    asked = _asked_of(software, record)
+    asked = _with_map_yaw_rate(software, record)
     found, of_map = (frequency_response(Run(made, scenario, plant)) for made in (record, asked))
     if spin_time(record) is not None or found is None or of_map is None:
         return [SineTracking(subject.name, cell.speed_km_h, f, None, None, None) for f in SINE_FREQUENCIES_HZ]
@@ -137,15 +137,15 @@ def _at_one_speed(subject: Subject, cell: Cell, condition: Condition, delay_samp
     return rows
 
 
-def _asked_of(software: Software, record: FloatArray) -> FloatArray:
-    """The same recording with the map's yaw rate in place of the car's."""
-    asked = record.copy()
+def _with_map_yaw_rate(software: Software, record: FloatArray) -> FloatArray:
+    """Return the recording with the map's yaw rate in place of the car's."""
+    ideal = record.copy()
     values = software.map_yaw_rate(column(record, "speed_m_s"), column(record, "front_angle_rad"))
-    asked[:, RECORD_COLUMNS.index("yaw_rate_rad_s")] = values
-    return asked
+    ideal[:, RECORD_COLUMNS.index("yaw_rate_rad_s")] = values
+    return ideal
 
 
 def _at(found: FrequencyResponse, frequency: float) -> tuple[float, float]:
-    """Gain and phase (rad), between the points of the response on the logarithmic axis."""
+    """Return gain and phase (rad), interpolated on the logarithmic frequency axis."""
     place, places = math.log(frequency), np.log(found.frequency)
     return float(np.interp(place, places, found.gain)), float(np.interp(place, places, found.phase))

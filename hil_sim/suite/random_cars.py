@@ -1,6 +1,6 @@
-"""Plausible cars drawn from a seed, with the recommended controller: from a small car to a van with any sensible tyres.
+"""Plausible random cars with the recommended controller, from a small car to a van with any sensible tyres.
 
-The draw of `tests/optimum/cars.py` is wider on purpose: it asks the solvers for cars that nobody would build.
+The draw of `tests/optimum/cars.py` is wider on purpose, to test the solvers with implausible cars.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from codegen.configuration import Config
 from hil_sim.suite.plants import changed
 
 DEVELOPMENT_SEED, TEST_SEED = 1, 4
-"""Whatever is designed or tuned may look at the cars of the first seed. Nothing is tuned on those of the second.
-Seeds 2 and 3 were the tests of earlier designs and have been looked at."""
+"""Design may use the cars of the first seed, never those of the second. Seeds 2 and 3 were used by earlier designs."""
 
 MASS_KG = (1_300.0, 3_500.0)
 UNDERSTEER_DEG_PER_G = (-0.1, 3.0)

@@ -1,4 +1,4 @@
-"""What the controller under test must show: figures asked beside figures measured."""
+"""Requirements of the controller under test: required and measured figures."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from typing import Any, Literal
 from hil_sim.suite.conditions import FRICTIONS, LAGS, MASSES, NOMINAL, SLIPPERY, Condition
 from hil_sim.suite.limits import Limits
 from hil_sim.suite.loop_margins import FamilyMargins, finite_or_none
-from hil_sim.suite.path_following import FEEDFORWARD
-from hil_sim.suite.runs import CellResult
+from hil_sim.suite.runs import FEEDFORWARD, CellResult
 from hil_sim.suite.sample_timing import IN_STEP, TIMINGS, TimingError
 from hil_sim.suite.summary import Extreme, Summary
 
@@ -25,22 +24,22 @@ TIMING_RESOLUTION_RAD_S = 2e-4
 SLIP = "slip of its bound, steady"
 NOT_MEASURED = "not measured in this run"
 ROUNDING = 1e-9
-"""Times are differences of sample times: 1.6 s - 1 s is a little more than 0.6 s."""
+"""Tolerance for differences of sample times: 1.6 s - 1 s is a little more than 0.6 s."""
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """One figure.
+    """A required and measured figure.
 
     Attributes:
-        subject_matter: the row of the list that it belongs to.
-        figure, unit: what is measured.
-        sense, limit: what is asked.
-        measured: None where the figure does not exist (`note` tells why).
-        passed: None where it was not measured.
-        stretch: a goal that does not have to be reached.
-        note: the cell or speed of a worst figure, or why there is none.
-        key: of the limit in `limits.Limits`; "" where it is another subject's figure.
+        subject_matter: row of the list that it belongs to.
+        figure, unit: measured figure.
+        sense, limit: required value.
+        measured: None if the figure does not exist (`note` gives the reason).
+        passed: None if it was not measured.
+        stretch: whether it is a goal that does not have to be reached.
+        note: cell or speed of the worst figure, or why there is none.
+        key: key of the limit in `limits.Limits`; "" if the limit is another subject's figure.
     """
 
     subject_matter: str
@@ -56,31 +55,31 @@ class Requirement:
 
     @property
     def asked(self) -> str:
-        """In words."""
+        """Requirement as text."""
         return f"{self.sense} {self.limit:g} {self.unit}".rstrip()
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         return {**asdict(self), "measured": finite_or_none(self.measured), "asked": self.asked}
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What the requirements are held against, all of the subject under test.
+    """Measured figures of the subject under test.
 
     Attributes:
         summaries: name of the condition to the figures over its cells.
         c1: name of the condition to the paper's step.
-        margins: None where there is no feedback.
-        third_party: cells on the third party's plant; None where it was not driven.
-        instructions: of a step in the worst case on a Cortex-M4F; None where they were not counted.
+        margins: None without feedback.
+        third_party: cells on the third party's plant; None if not run.
+        instructions: worst-case instructions of a step on a Cortex-M4F; None if not counted.
         timing: name of the timing of the frames to the error under a yaw moment.
         path_errors: name of the scenario to the rms path error in m, and to that of the feedforward; None for a car that spins,
-            empty where the feedforward was not driven beside.
-        actuator_lag_s: of the configured car.
+            empty without the feedforward.
+        actuator_lag_s: actuator lag of the configured car.
         results: name of the condition to the cells of the subject.
-        feedforward, feedforward_c1: the same of the feedforward, and its paper's step; empty where it was not driven beside.
-        limits: what is asked.
+        feedforward, feedforward_c1: cells and paper's step of the feedforward; empty if it was not run.
+        limits: required values.
     """
 
     summaries: Mapping[str, Summary]
@@ -97,7 +96,7 @@ class Measured:
     limits: Limits = field(default_factory=Limits)
 
     def time_limit(self, without_lag: float) -> float:
-        """s, of a settling or rise time of this car."""
+        """Return the limit in s of a settling or rise time of this car."""
         return round(without_lag + LAG_FACTOR * self.actuator_lag_s, 9)
 
 
@@ -149,7 +148,7 @@ def _c1(measured: Measured) -> list[Requirement]:
 def _worst(
     summary: Summary | None, matter: str, figure: str, unit: str, limit: float, name: str, key: str, **more: bool
 ) -> Requirement:
-    """The worst of all cells; a cell without the figure fails it."""
+    """Return the row of the worst cell; a cell without the figure fails."""
     asked: tuple[Sense, float] = ("at most", limit)
     if summary is None:
         return _absent(matter, figure, unit, asked, key=key, **more)
@@ -165,7 +164,7 @@ def _worst(
 
 
 def _map_error(limits: Limits, summary: Summary | None, matter: str, stretch: bool = True) -> Requirement:
-    """Of largest magnitude over the cells; a spin fails elsewhere."""
+    """Return the row of the largest magnitude over the cells; spins fail elsewhere."""
     figure, found = "|error to the map|, steady", None if summary is None else summary.map_error_percent
     asked: tuple[Sense, float] = ("at most", limits.map_error_percent)
     if found is None:
@@ -183,13 +182,13 @@ def _slip(limits: Limits, summary: Summary | None, matter: str, stretch: bool = 
 
 
 def _overshoot_limit(limits: Limits, least: float, feedforward: CellResult | None) -> float:
-    """Return the limit in percent beside the feedforward in the same cell; that of a car that spins raises none."""
+    """Return the limit in percent relative to the feedforward in the same cell; a spin of the feedforward raises none."""
     found = None if feedforward is None else feedforward.overshoot_percent
     return round(max(least, limits.feedforward_factor * (found or 0.0)), 1)
 
 
 def _other_lag(measured: Measured, condition: Condition) -> Requirement:
-    """The cell that is nearest to its limit, or most beyond it."""
+    """Return the cell that is nearest to its limit, or furthest beyond it."""
     summary, limit = measured.summaries.get(condition.name), measured.limits.other_lag_overshoot_percent
     own = measured.results.get(condition.name, ())
     beside = measured.feedforward.get(condition.name, (None,) * len(own))
@@ -257,7 +256,7 @@ def _margins(limits: Limits, margins: FamilyMargins | None, matter: str = "margi
 
 
 def sideslip_key(condition: Condition) -> str | None:
-    """Return the key of the limit of the sideslip on a slippery road; None where nothing is asked."""
+    """Return the key of the sideslip limit on a slippery road; None if there is none."""
     wet, snow = FRICTIONS
     if condition.friction == wet:
         return "wet_sideslip_deg"
@@ -265,7 +264,7 @@ def sideslip_key(condition: Condition) -> str | None:
 
 
 def sideslip_limit(limits: Limits, condition: Condition) -> float | None:
-    """Return deg that are asked on a slippery road; None where nothing is."""
+    """Return the required sideslip in deg on a slippery road; None if there is none."""
     key = sideslip_key(condition)
     return None if key is None else float(getattr(limits, key))
 
@@ -318,7 +317,7 @@ def _path_errors(errors: Mapping[str, tuple[float | None, float | None]]) -> lis
     rows = []
     for name, (own, beside) in errors.items():
         if beside is None:
-            continue  # the feedforward spins: nothing is asked
+            continue  # no limit, as the feedforward spins
         measured, note = (None, "the car spins") if own is None else (round(own, 3), "")
         asked: tuple[Sense, float] = ("at most", round(beside, 3))
         rows.append(_row(f"{name}, with a driver", f"path error, rms, beside {FEEDFORWARD}", "m", asked, measured, note))
@@ -334,7 +333,7 @@ def _instructions(limits: Limits, count: int | None) -> Requirement:
 
 
 def requirements(measured: Measured) -> tuple[Requirement, ...]:
-    """All rows, in the order of the list."""
+    """Return all rows in the order of the list."""
     return (
         *_c1(measured),
         *_over_cells(measured),
@@ -348,7 +347,7 @@ def requirements(measured: Measured) -> tuple[Requirement, ...]:
 
 
 def car_requirements(matter: str, summary: Summary, margins: FamilyMargins | None, limits: Limits) -> tuple[Requirement, ...]:
-    """Rows of one car of `codegen sil --suite cars`; they hold for every car."""
+    """Return the rows of one car of `codegen sil --suite cars`."""
     return (
         _spins(summary, matter, 0),
         _worst(summary, matter, "overshoot", "%", limits.car_overshoot_percent, "overshoot_percent", "car_overshoot_percent"),
@@ -360,5 +359,5 @@ def car_requirements(matter: str, summary: Summary, margins: FamilyMargins | Non
 
 
 def all_passed(rows: Sequence[Requirement]) -> bool:
-    """Whether nothing that was measured fails, stretch goals aside."""
+    """Return whether everything measured passes, stretch goals aside."""
     return all(row.passed is not False or row.stretch for row in rows)

@@ -1,4 +1,4 @@
-"""One step steer, and what is told of it."""
+"""Run a step steer and evaluate its figures."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ from codegen.sil.software import Software
 from codegen.tuning.transient import unit_step
 from codegen.units import KM_H
 from codegen.vehicle.plant_car import plant_parameters
+from hil_sim.metrics import evaluate
 from hil_sim.metrics.run import spin_time
 from hil_sim.metrics.step import StepMetrics, slip_bounds, step_metrics
+from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cells import DURATION, STEER_TIME, Cell, front_angle
 from hil_sim.suite.conditions import Condition
 from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
@@ -26,7 +28,7 @@ from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
 
 @dataclass(frozen=True)
 class CellResult:
-    """Figures of one run. A car that spins has none of them but the time of the spin.
+    """Figures of one run. A car that spins has only the time of the spin.
 
     Attributes:
         cell, condition: what was driven, and the name of the condition.
@@ -64,18 +66,19 @@ class CellResult:
         return self.spun_at_s is not None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         return asdict(self)
 
 
 @functools.lru_cache(maxsize=256)
 def software_of(subject: Subject, condition: Condition) -> Software:
-    """The subject's controller around the plant of a condition; its `config` is the plant's. Raises BuildError, ConfigError."""
+    """Return the subject's controller around the plant of a condition; its `config` is the plant's. Raises BuildError,
+    ConfigError."""
     return subject.around(condition.plant(subject.config))
 
 
 def drive(subject: Subject, condition: Condition, cell: Cell, delay_samples: int = DELAY_SAMPLES) -> FloatArray:
-    """The recording (samples, 12), columns RECORD_COLUMNS, of a subject in a cell. Raises BuildError, ConfigError."""
+    """Return the recording (samples, 12), columns RECORD_COLUMNS, of a subject in a cell. Raises BuildError, ConfigError."""
     software = software_of(subject, condition)
     scenario = cell.scenario(software.config, condition.friction, condition.estimate)
     return subject.loop(software, delay_samples).run(scenario.inputs(software.config))
@@ -89,12 +92,12 @@ def judge(
     steer_time: float = STEER_TIME,
     car: Config | None = None,
 ) -> CellResult:
-    """Figures of a recording (samples, 12), of whatever plant.
+    """Return the figures of a recording (samples, 12) of any plant.
 
     Args:
-        reference: rad/s, the map's yaw rate; None where there is none.
-        steer_time: s, when the driver begins.
-        car: with the bounds on slip and sideslip; None leaves those figures out.
+        reference: the map's yaw rate in rad/s; None if there is none.
+        steer_time: time in s at which the driver begins.
+        car: car with the bounds on slip and sideslip; None omits those figures.
     """
     spun_at = spin_time(record)
     if spun_at is not None:
@@ -160,6 +163,23 @@ def run_table(subject: Subject, under: Sequence[Condition], points: Sequence[Cel
 
 
 def map_yaw_rate(subject: Subject, condition: Condition, cell: Cell) -> float:
-    """rad/s that the subject's map asks for in a cell, with the estimate of the friction that the controller is given."""
+    """Return the yaw rate in rad/s of the subject's map in a cell, with the controller's friction estimate."""
     software = software_of(subject, condition)
     return float(software.map_yaw_rate(cell.speed_km_h * KM_H, front_angle(cell), condition.estimate_or_nan))
+
+
+FEEDFORWARD = "feedforward"
+"""Baseline of controllers with feedback."""
+
+
+def path_errors(subject: Subject) -> dict[str, float | None]:
+    """Return scenario name -> rms path error in m; None for a car that spins. Raises BuildError."""
+    software, config = subject.around(subject.config), subject.config
+    errors = {}
+    for name, scenario in PATH_SCENARIOS.items():
+        driver = scenario.driver(config)
+        assert driver is not None  # every scenario of this table has a path
+        record = subject.loop(software).run_stepped(scenario.inputs(config), driver.steer)
+        found = evaluate(scenario, config, {name: record}).runs[name]["path_error_rms_m"]
+        errors[name] = None if found is None else float(found)
+    return errors

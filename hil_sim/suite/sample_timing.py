@@ -35,12 +35,12 @@ class TimingError:
     whole_rad_s: float
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         return asdict(self)
 
 
 def timing_errors(subject: Subject) -> dict[str, TimingError]:
-    """Name of the timing to the error of a controlled subject. Raises BuildError."""
+    """Return timing name -> error of a controlled subject. Raises BuildError."""
     software = subject.around(subject.config)
     errors = {}
     for name, scenario in TIMINGS.items():

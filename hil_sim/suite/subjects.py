@@ -1,4 +1,4 @@
-"""What is under test: a controller in compiled C around any plant, or the passive car."""
+"""Systems under test: a controller in compiled C around any plant, or the passive car."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from codegen.sil.software import Software, compile_build, require_can_side
 from codegen.tuning.tune import tune
 
 DELAY_SAMPLES = 1
-"""Of computation in all runs: an ECU sends its command one period after it has sampled."""
+"""Computing delay in all runs: an ECU sends its command one period after sampling."""
 
 PASSIVE = "passive"
 
 PAPERS = ("kind", "proportional_gain_s", "integral_gain", "rear_rate_max_deg_s", "rear_angle_error_max_deg")
-"""What makes a controller the paper's; sampling time, input ranges and fail-safe are the user's own."""
+"""Keys that define the paper's controller; sampling time, input ranges and fail-safe are the user's."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,11 @@ class Build:
 
     @functools.cached_property
     def generated(self) -> Generated:
-        """The C. Raises what `fetch` raises."""
+        """Return the compiled controller. Raises the errors of `fetch`."""
         return self.fetch()
 
     def __call__(self, plant: Config) -> Software:
-        """Compiled together with a plant. Raises BuildError, and what `fetch` raises."""
+        """Return the controller compiled with a plant. Raises BuildError and the errors of `fetch`."""
         key = plant.to_json()
         if key not in self._compiled:
             found = self.generated
@@ -94,13 +94,13 @@ class Subject:
     parameters: Mapping[str, float] = field(default_factory=dict)
 
     def loop(self, software: Software, delay_samples: int = DELAY_SAMPLES) -> ClosedLoop:
-        """A closed loop of its own, at rest. Raises ValueError for a parameter that does not exist."""
+        """Return a closed loop at rest. Raises ValueError for an unknown parameter."""
         parameters = software.parameters(**self.parameters) if self.parameters else None
         return ClosedLoop(software, LoopOptions(self.controlled, delay_samples, parameters=parameters))
 
 
 def around(reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> Build:
-    """The build of a map and a configuration, in memory.
+    """Build a map with a configuration in memory.
 
     Raises (when first needed): BuildError, MapError, ConfigError as `codegen build` would.
     """
@@ -115,7 +115,7 @@ def around(reference_map: ReferenceMap, config: Config, precision: Precision = "
 
 
 def around_folder(folder: Path) -> Build:
-    """The build of a folder, as its files are when they are first needed. Raises (then) BuildError."""
+    """Return the build of a folder; its files are read when first needed. Raises BuildError then."""
 
     def read() -> Generated:
         manifest = read_build(folder)
@@ -126,10 +126,10 @@ def around_folder(folder: Path) -> Build:
 
 
 def baseline_configs(config: Config) -> dict[str, Config]:
-    """Name to configuration of what a controller is shown beside: the paper's PI, feedforward, the older proportional law.
+    """Return name -> configuration of the baselines: the paper's PI, feedforward, the older proportional law.
 
-    The paper's PI has its own gains, and neither rate limit nor limiter, whatever the configuration says of them; the others
-    are as configured but for their kind.
+    The paper's PI always has its own gains, and neither rate limit nor limiter. The others are as configured except for their
+    kind.
     """
     paper = configuration.preset()
     papers = {name: getattr(paper.controller, name) for name in PAPERS}
@@ -141,14 +141,14 @@ def baseline_configs(config: Config) -> dict[str, Config]:
 
 
 def recommended_config(config: Config) -> Config:
-    """The recommended controller, not yet tuned, for the car and the family of a configuration."""
+    """Return the recommended controller, not yet tuned, for the car and the family of a configuration."""
     best = configuration.preset("recommended")
     changed = _with_controller(config, kind="tracking", rear_rate_max_deg_s=best.controller.rear_rate_max_deg_s)
     return changed.model_copy(update={"limiter": best.limiter})
 
 
 def tuned(reference_map: ReferenceMap, config: Config, progress: Callable[[int, int], None] | None = None) -> Config:
-    """The configuration with what `codegen tune` determines for it on a map. Raises ConfigError where there are no gains."""
+    """Return the configuration tuned as by `codegen tune` on a map. Raises ConfigError if there are no suitable gains."""
     return tune(reference_map, config, progress).config
 
 
@@ -157,23 +157,23 @@ def _with_controller(config: Config, **changes: Any) -> Config:
 
 
 def of_config(name: str, reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> Subject:
-    """The controller of a configuration on a map."""
+    """Return the controller of a configuration on a map."""
     return Subject(name, config, around(reference_map, config, precision))
 
 
 def of_kind(reference_map: ReferenceMap, config: Config, kind: Kind, name: str | None = None) -> Subject:
-    """A kind of controller on a map; everything else of it as configured."""
+    """Return a kind of controller on a map, otherwise as configured."""
     return of_config(name or kind, reference_map, _with_controller(config, kind=kind))
 
 
 def baselines(reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> tuple[Subject, ...]:
-    """Those of `baseline_configs` on a map.
+    """Return the subjects of `baseline_configs` on a map.
 
-    Give `run_suite` those that are not the one under test; it adds the passive car.
+    Pass those that are not under test to `run_suite`, which adds the passive car.
     """
     return tuple(of_config(name, reference_map, each, precision) for name, each in baseline_configs(config).items())
 
 
 def passive_of(subject: Subject) -> Subject:
-    """The passive car, in the library of another subject, so that nothing more is compiled."""
+    """Return the passive car, in the library of another subject to save a compilation."""
     return Subject(PASSIVE, subject.config, subject.around, controlled=False)

@@ -21,14 +21,14 @@ class Extreme:
 
 @dataclass(frozen=True)
 class Summary:
-    """Of the cells in which the car stays on the road; None where there is none.
+    """Figures over the cells in which the car does not spin; None if there is none.
 
     Attributes:
         subject, condition: names.
-        cells: how many were driven.
-        spins: in which the car spins.
-        unsettled: in which the yaw rate does not stand still at the end; they have no settling time.
-        overshoot_mean_percent: mean over the cells; the others are the largest, of the error to the map in magnitude.
+        cells: number of cells.
+        spins: number of cells in which the car spins.
+        unsettled: number of cells in which the yaw rate is not steady at the end; they have no settling time.
+        overshoot_mean_percent: mean over the cells; the others are the largest, in magnitude for the error to the map.
     """
 
     subject: str
@@ -47,12 +47,12 @@ class Summary:
     sideslip_excess_deg: Extreme | None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         return asdict(self)
 
 
 def summarise(subject: str, condition: str, results: Sequence[CellResult]) -> Summary:
-    """The figures of one table."""
+    """Return the figures of one table."""
     on_road = [result for result in results if not result.spun]
     overshoots = [result.overshoot_percent for result in on_road if result.overshoot_percent is not None]
     return Summary(
@@ -74,7 +74,7 @@ def summarise(subject: str, condition: str, results: Sequence[CellResult]) -> Su
 
 
 def extreme(results: Sequence[CellResult], name: str, choose: Callable[..., float] = max) -> Extreme | None:
-    """The largest (or smallest) value of a figure with its cell, the first of equals; None where no run has it."""
+    """Return the largest (or smallest) value of a figure with its cell, the first of equals; None if no run has it."""
     values = [value for result in results if (value := getattr(result, name)) is not None]
     if not values:
         return None

@@ -21,7 +21,7 @@ CONDITION = "third-party"
 
 
 def available() -> bool:
-    """Whether the package of the third party's plant is installed."""
+    """Return whether the package of the third party's plant is installed."""
     return importlib.util.find_spec("vehiclemodels") is not None
 
 
@@ -33,12 +33,12 @@ def third_party_cells(
     controlled: bool = True,
     delay_samples: int = DELAY_SAMPLES,
 ) -> tuple[CellResult, ...]:
-    """Drive and judge them.
+    """Run and evaluate the cells.
 
     Args:
-        reference_map, config: of that car (`hil_sim.second_plant.car_of`), solved and tuned for it.
-        software: the build of both.
-        controlled: False is the passive car.
+        reference_map, config: map and configuration of that car (`hil_sim.second_plant.car_of`), solved and tuned for it.
+        software: build of both.
+        controlled: False for the passive car.
 
     Raises:
         CodegenError: the third party's package is missing.
@@ -74,7 +74,7 @@ class Job:
         config = second_plant.car_of(second_plant.published(), self.config)
         reference_map = solve_case(config, self.case)
         if not self.controlled:
-            config = baseline_configs(config)["pi"]  # any controller: it is not asked, only its map
+            config = baseline_configs(config)["pi"]  # any controller; only its map is used
         elif LAWS[config.controller.kind].scheduled:
             config = tuned(reference_map, config)
         software = of_config(CONDITION, reference_map, config).around(config)
@@ -82,6 +82,6 @@ class Job:
 
 
 def jobs(contenders: Mapping[str, Config], case: str) -> dict[str, Job]:
-    """One for each of the contenders (name to configuration), and the passive car."""
+    """Return the cells of each contender (name -> configuration) and of the passive car."""
     driven = {name: Job(config, case) for name, config in contenders.items()}
     return {**driven, PASSIVE: Job(next(iter(contenders.values())), case, controlled=False)}

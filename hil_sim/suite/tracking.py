@@ -1,4 +1,4 @@
-"""The whole test set for one controller beside its baselines, in one call."""
+"""Run the whole test set for a controller and its baselines."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ from hil_sim.suite.cells import Cell, c1, cells
 from hil_sim.suite.conditions import LAGS, NOMINAL, Condition, conditions
 from hil_sim.suite.limits import Limits
 from hil_sim.suite.loop_margins import FamilyMargins, margins_of
-from hil_sim.suite.path_following import FEEDFORWARD, path_errors
 from hil_sim.suite.price import RiseTime, SineTracking, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
-from hil_sim.suite.runs import CellResult, drive, map_yaw_rate, run_table
+from hil_sim.suite.runs import FEEDFORWARD, CellResult, drive, map_yaw_rate, path_errors, run_table
 from hil_sim.suite.sample_timing import TimingError, timing_errors
 from hil_sim.suite.subjects import DELAY_SAMPLES, PASSIVE, Subject, passive_of
 from hil_sim.suite.summary import Summary, summarise
@@ -31,22 +30,22 @@ STRUCTURE_SET = (
     "110 km/h with 35, 65 and 95 % of the largest feasible front angle; one was last set with the test in view, the margin of "
     "the model over the road's lateral acceleration (friction 0.6)"
 )
-"""In words."""
+"""Description of the cars and cells used in the design."""
 
 Results = Mapping[str, Mapping[str, tuple[CellResult, ...]]]
 """Name of the subject to name of the condition to a result for each cell."""
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is driven, subjects done, subjects in all."""
+"""Progress callback: current subject, finished subjects, all subjects."""
 
 
 @dataclass(frozen=True)
 class Outside:
-    """What is measured elsewhere: a row stays unmeasured where a figure is missing.
+    """Figures measured elsewhere; missing ones leave their rows unmeasured.
 
     Attributes:
         third_party: name of the subject to its cells on the third party's plant.
-        instructions: of a step in the worst case, of the subject under test.
+        instructions: worst-case instructions of a step of the subject under test.
     """
 
     third_party: Mapping[str, Sequence[CellResult]] = field(default_factory=dict)
@@ -55,11 +54,11 @@ class Outside:
 
 @dataclass(frozen=True)
 class Shown:
-    """Recordings for a picture.
+    """Recordings for a plot.
 
     Attributes:
-        cell: what was driven.
-        map_yaw_rate: rad/s that the map asks for.
+        cell: cell of the recordings.
+        map_yaw_rate: yaw rate of the map in rad/s.
         records: name of the subject to recording (samples, 12), columns RECORD_COLUMNS.
     """
 
@@ -70,22 +69,22 @@ class Shown:
 
 @dataclass(frozen=True)
 class SuiteResult:
-    """Everything that was measured.
+    """Results of the test set.
 
     Attributes:
-        tested: name of the subject that the requirements are for; `subjects` are all of them, it first, the passive car last.
+        tested: name of the subject under test; `subjects` are all, it first, the passive car last.
         cells, conditions: the test set.
-        design_set: what the gains were designed on, in words.
+        design_set: description of the cars used in the design.
         results, c1: each subject in each cell under each condition; the paper's step for each lag.
         shown: recordings as configured: the paper's step first, then some of the cells.
-        margins: of those that have feedback.
-        rise_times, sine: where speed costs.
-        timing: each controlled subject against a yaw moment, on each timing of its frames.
-        path_errors: rms in m of each subject in each scenario with a driver; None for a car that spins.
+        margins: margins of the subjects with feedback.
+        rise_times, sine: rise times over speed, and tracking of a sine.
+        timing: errors of each controlled subject under a yaw moment, by timing of its frames.
+        path_errors: rms error in m of each subject in each scenario with a driver; None for a car that spins.
         third_party: each subject on the third party's plant.
-        instructions: of a step of the subject under test in the worst case; None where they were not counted.
-        requirements: figures asked beside figures measured. limits: what is asked.
-        actuator_lag_s: of the configured car.
+        instructions: worst-case instructions of a step of the subject under test; None if not counted.
+        requirements: required and measured figures. limits: required values.
+        actuator_lag_s: actuator lag of the configured car.
     """
 
     tested: str
@@ -113,15 +112,15 @@ class SuiteResult:
         return all_passed(self.requirements)
 
     def summary(self, subject: str, condition: str) -> Summary:
-        """Figures over all cells. Raises KeyError for what was not driven."""
+        """Return the figures over all cells. Raises KeyError for an unknown subject or condition."""
         return summarise(subject, condition, self.results[subject][condition])
 
     def third_party_summary(self, subject: str) -> Summary:
-        """Figures over the third party's cells. Raises KeyError where they were not driven."""
+        """Return the figures over the third party's cells. Raises KeyError if they were not run."""
         return summarise(subject, CONDITION, self.third_party[subject])
 
     def with_outside(self, outside: Outside, limits: Limits | None = None) -> SuiteResult:
-        """This with what is measured elsewhere, and the requirements held against all of it; `limits` None keeps its own."""
+        """Return the result with external figures and the requirements evaluated on all; `limits` None keeps its own."""
         limits = limits or self.limits
         third_party = {name: tuple(rows) for name, rows in outside.third_party.items()}
         full = replace(self, third_party=third_party, instructions=outside.instructions, limits=limits)
@@ -142,16 +141,16 @@ class SuiteResult:
         return replace(full, requirements=requirements(measured))
 
     def _beside_feedforward(self) -> dict[str, tuple[float | None, float | None]]:
-        """Path errors of the subject under test and of the feedforward; empty where that was not driven beside it."""
+        """Return the path errors of the subject under test and of the feedforward; empty if that was not run."""
         own, beside = self.path_errors.get(self.tested, {}), self.path_errors.get(FEEDFORWARD)
         return {} if beside is None else {name: (error, beside[name]) for name, error in own.items()}
 
     def summaries(self) -> tuple[Summary, ...]:
-        """Of all conditions and subjects: conditions in order, and the subjects beside each other in each."""
+        """Return the summaries by condition, then by subject."""
         return tuple(self.summary(subject, condition.name) for condition in self.conditions for subject in self.subjects)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: all but the recordings."""
+        """Return JSON values, without the recordings."""
         return {
             "tested": self.tested,
             "passed": self.passed,
@@ -181,7 +180,7 @@ class SuiteResult:
 
 
 def design_set(config: Config) -> str:
-    """What `codegen tune` designs the gains on, in words; no cell of the test set is among it."""
+    """Describe the cars on which `codegen tune` designs the gains; no cell of the test set is among them."""
     speeds = config.tuning.speed_km_h
     return (
         f"{len(members(config))} linear single-track cars at {len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g} km/h: "
@@ -198,14 +197,14 @@ def run_suite(
     outside: Outside | None = None,
     progress: Progress | None = None,
 ) -> SuiteResult:
-    """Drive every subject, and the passive car, in every cell under every condition.
+    """Run every subject and the passive car in every cell under every condition.
 
     Args:
-        tested: what the requirements are for.
-        baselines: beside it; names unique. The passive car is added where it is not among them.
-        case: of the map, from which the largest feasible front angles follow.
-        chosen: conditions; all that make sense for the configuration by default.
-        progress: for a bar.
+        tested: subject of the requirements.
+        baselines: other subjects, with unique names. The passive car is added if missing.
+        case: case of the map, which determines the largest feasible front angles.
+        chosen: conditions; default: all that apply to the configuration.
+        progress: called for a progress bar.
 
     Raises:
         CodegenError: C that does not compile, a configuration that has no such cells.
@@ -243,7 +242,7 @@ def run_suite(
 
 
 def _some(points: Sequence[Cell]) -> tuple[Cell, ...]:
-    """Those of SHOWN that the test set has."""
+    """Return the cells of SHOWN that the test set has."""
     return tuple(cell for speed, share in SHOWN for cell in points if (cell.speed_km_h, cell.share) == (speed, share))
 
 

@@ -1,4 +1,5 @@
-"""The whole suite: a candidate and its baselines in every cell, on the third party's plant, and the instructions of a step."""
+"""Run the whole suite: the candidate and its baselines in every cell, on the third party's plant, and the instructions of a
+step."""
 
 from __future__ import annotations
 
@@ -17,10 +18,10 @@ from hil_sim.suite.runs import CellResult
 from hil_sim.suite.tracking import Outside, SuiteResult, run_suite
 
 Stage = Callable[[str], AbstractContextManager[Steps]]
-"""From the title of a stage of the work to where its steps are told."""
+"""Function from the title of a stage to a context with its progress callback."""
 
 Count = Callable[[Mapping[str, bytes], Mapping[str, Any]], int]
-"""From the files and the manifest of a build to the instructions of its worst step; called in a process of its own."""
+"""Function from files and manifest of a build to the worst-case instructions of a step; called in another process."""
 
 THIRD_PARTY_MISSING = (
     'the third party\'s plant is not installed: pip install "ars-codegen[crosscheck]"; its rows are not measured'
@@ -29,7 +30,7 @@ THIRD_PARTY_MISSING = (
 
 @contextmanager
 def unseen(title: str) -> Iterator[Steps]:
-    """A stage that nobody watches."""
+    """Return a stage without progress display."""
 
     def step(done: int, total: int) -> None:
         del done, total
@@ -40,7 +41,7 @@ def unseen(title: str) -> Iterator[Steps]:
 
 @dataclass(frozen=True)
 class Whole:
-    """The result, files of the tested build that were changed after it, and what the user should know beside them."""
+    """Result of the suite, files of the tested build that were edited, and notes for the user."""
 
     result: SuiteResult
     edited: tuple[str, ...]
@@ -48,15 +49,15 @@ class Whole:
 
 
 def run_whole(candidate: Candidate, count: Count | None = None, stage: Stage = unseen, limits: Limits | None = None) -> Whole:
-    """Everything in one call. What cannot be had from outside leaves a note, and its rows unmeasured.
+    """Run the whole suite. Missing external tools leave a note, and their rows unmeasured.
 
     Args:
-        count: instructions of a step; None leaves them out.
-        stage: `codegen.console.progress`, or the like.
-        limits: what is asked; None takes the defaults.
+        count: counts the instructions of a step; None omits them.
+        stage: progress display, such as `codegen.console.progress`.
+        limits: limits; None uses the defaults.
 
     Raises:
-        CodegenError: what cannot be solved, tuned, built or compiled.
+        CodegenError: solving, tuning, building or compiling fails.
     """
     with Background() as background:
         jobs = third_party.jobs(candidate.contenders(), candidate.case) if third_party.available() else {}

@@ -1,4 +1,4 @@
-"""A third car to check against: the configured one with what the two-track plant and the controller's design leave out.
+"""Third plant for cross-checks: the configured car with effects that the two-track plant and the controller's design omit.
 
 `car` adds roll, tyres that differ between the axles, with relaxation lengths, and a rear actuator of second order with
 backlash; `run` adds sensors with noise, bias and jitter and closes the loop. See docs/second-plant.md.

@@ -1,4 +1,4 @@
-"""The car of the third plant, as CasADi expressions that are compiled as those of our own plant are."""
+"""Car of the third plant, as CasADi expressions that are compiled like those of our own plant."""
 
 from __future__ import annotations
 
@@ -19,10 +19,12 @@ from codegen.vehicle.tyre import WHEEL_SPEED_MIN
 from hil_sim.suite.plants import load_sensitivity, stiffness, together
 
 STATES = (*PLANT_STATES, "roll", "roll_rate", "motor_angle", "motor_rate", *RELAXATION_STATES)
-"""Those of our own plant, the roll in rad, positive to the right, and the rear actuator's motor in rad, before the play."""
+"""States: those of our own plant, the roll angle in rad (positive to the right), and the rear actuator's motor in rad,
+before the backlash."""
 
 PLAY_TIME_CONSTANT = 0.004
-"""s, of the wheels that the motor pushes: stiff against all else, and slow enough for a step of 1 ms."""
+"""Time constant in s with which the wheels follow the motor: stiff compared with the rest, and slow enough for a step of 1
+ms."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ NONE = Differences(
     motor_fraction=0.02,
     play=0.0,
 )
-"""As near to our own plant as the step of the integration allows."""
+"""Differences as small as the integration step allows."""
 
 
 def roll_car(config: Config, differences: Differences = DEFAULT) -> Model:
@@ -150,7 +152,7 @@ def roll_car(config: Config, differences: Differences = DEFAULT) -> Model:
 
 
 class RollPlant(Plant):
-    """The third car, starting straight ahead with all states zero, and what its sensors may have seen lately.
+    """Third plant, starting straight ahead with all states zero, with the recent values of its sensors.
 
     Attributes:
         speed: m/s, of the last sample.
@@ -173,12 +175,12 @@ class RollPlant(Plant):
         return float(self._state.roll)
 
     def sample(self, acting: PlantInput) -> PlantSample:
-        """The car as it is now. The rear angle command makes no difference to it."""
+        """Return the current outputs. The rear angle command does not affect them."""
         self.speed = acting.speed
         return super().sample(acting)
 
     def advance(self, acting: Iterable[PlantInput]) -> None:
-        """One plant step for each input."""
+        """Advance by one plant step for each input."""
         for values in acting:
             super().advance((values,))
             state = self._state

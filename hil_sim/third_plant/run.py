@@ -1,4 +1,4 @@
-"""The loop of the third car and a generated controller."""
+"""Run the closed loop of the third plant with sensor errors and a generated controller."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ BIASES: Mapping[str, float] = {
     "yaw_rate": math.radians(0.25),
     "rear_angle": math.radians(0.05),
 }
-"""rad and rad/s, added to every sample."""
+"""Bias of each sensor in rad and rad/s."""
 SPEED_FACTOR = 1.005
-"""Measured over true speed: a tyre worn by 2 mm."""
+"""Measured over true speed, for a tyre worn by 2 mm."""
 JITTER_STEPS = 2
-"""Plant steps by which a sample may be older than the controller takes it for; all ages are as frequent."""
+"""Largest age of a sample in plant steps; all ages are equally frequent."""
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of the sensors beside noise, resolution and delay, which are the configuration's."""
+    """Sensor errors in addition to the configured noise, resolution and delay."""
 
     biases: Mapping[str, float] = field(default_factory=lambda: dict(BIASES))
     speed_factor: float = SPEED_FACTOR

@@ -7,7 +7,7 @@ import pytest
 
 from codegen.sil.software import Software
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim import driver, paths
+from hil_sim import paths
 from hil_sim.metrics import column, evaluate
 from hil_sim.runs import run, run_through_can
 from hil_sim.scenarios import PATH_SCENARIOS, find
@@ -41,20 +41,20 @@ def test_the_driver_holds_the_angle_that_comes_closest_to_the_path() -> None:
     """The reference is the same linear car, integrated in small steps."""
     speed, start = 20.0, (3.0, 0.2, 0.01)
     car, followed = SingleTrack.from_config(CONFIG), paths.slalom(CONFIG, 10.0)
-    hands = driver.PreviewDriver(CONFIG, followed, speed, driver.DELAY_S)  # one period of delay
+    hands = paths.PreviewDriver(CONFIG, followed, speed, paths.DELAY_S)  # one period of delay
     assert hands.steer(start, 0.005, 0.1) == 0.0
     found = hands.steer(start, 0.005, 0.1) / CONFIG.steering.ratio
 
     def missed(angle: float) -> float:
         y, heading, side, yaw_rate = start[1], start[2], speed * np.tan(0.005), 0.1
-        total, step, count = 0.0, 1e-4, round(driver.PREVIEW_TIME_S / 1e-4)
+        total, step, count = 0.0, 1e-4, round(paths.PREVIEW_TIME_S / 1e-4)
         for number in range(1, count + 1):
             front = car.front_stiffness * (angle - (side + car.front_arm * yaw_rate) / speed)
             rear = -car.rear_stiffness * (side - car.rear_arm * yaw_rate) / speed
             y, heading = y + step * (speed * heading + side), heading + step * yaw_rate
             side += step * ((front + rear) / car.mass - speed * yaw_rate)
             yaw_rate += step * (car.front_arm * front - car.rear_arm * rear) / car.yaw_inertia
-            if number % (count // driver.PREVIEW_POINTS) == 0:
+            if number % (count // paths.PREVIEW_POINTS) == 0:
                 total += float(followed.lateral(np.array(start[0] + speed * number * step)) - y) ** 2
         return total
 

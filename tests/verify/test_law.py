@@ -60,7 +60,7 @@ def test_reasons_not_to_run(monkeypatch: pytest.MonkeyPatch) -> None:
 
     other = dataclasses.replace(PI, manifest={**PI.manifest, "version": "0.0.9"})
     assert why(planted.subject_of(other)) == (
-        "made by codegen 0.0.9: the law that is known here is that of this one; build it again"
+        "made by codegen 0.0.9, and the second implementation is that of this version; build it again"
     )
     unreadable = planted.limiter(PI, "    result = __extension__ ({ result; });")
     assert why(unreadable).startswith("it cannot be read, and so it might never return: ")

@@ -85,7 +85,7 @@ def test_a_failing_self_test_and_an_unreached_status_are_found(monkeypatch: pyte
     found = checked(planted.wrapped(replace(PI, files=files), "ars_map_crc", body))
     assert found.findings == (
         "the random steps never reach the status TRACKING",
-        "Cortex-M4F: the self-test of the build says no",
+        "Cortex-M4F: the self-test of the build fails",
     )
     assert found.verdict is Verdict.FAILED
 

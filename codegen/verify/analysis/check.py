@@ -20,18 +20,18 @@ from codegen.verify.packages import MissingTool
 from codegen.verify.target.cross import source_tree
 
 SHOWS = (
-    "cppcheck with the rules of MISRA C:2012 and gcc -fanalyzer find nothing in the C but what deviations.md lists, a line for "
-    "each rule and line, with its reason, and none of a mandatory rule"
+    "cppcheck with the rules of MISRA C:2012 and gcc -fanalyzer report only findings that deviations.md lists by rule and "
+    "line, with a reason, and none of a mandatory rule"
 )
 
 PROGRAMS = ("example", "linux")
 """Folders of programs for a host."""
 
 LIMITS = (
-    "The addon judges what it can decide of the rules; those that ask for a judgement, and the directives, are for a reviewer.",
-    "The programs in example/ and linux/ are for a host: they are judged without the rules of MISRA.",
-    "The analysers do not see the large tables of numbers: that all are plain literals, and none is missing, is seen apart.",
-    "gcc -fanalyzer looks at one source at a time, and is made for C on a host.",
+    "The addon checks only decidable rules. The others, and the directives, require a review.",
+    "The programs in example/ and linux/ are for a host and are not checked against MISRA.",
+    "The analysers skip the large tables of numbers. A separate check verifies that these are complete and plain literals.",
+    "gcc -fanalyzer analyses one source at a time, and is designed for C on a host.",
 )
 
 GCC_PREFIX = "-W"

@@ -28,8 +28,8 @@ SHOWS = (
 )
 LIMITS = (
     "The longest calls are measured maxima over drives and a search, with the default parameters and with limits so tight that "
-    "all of them act; they are no proof. What is judged of the task is its longest cycle without, plus the longest packing of "
-    "a frame, which seldom meet.",
+    "all of them act. They are not a proof. The task's figure is its longest cycle without packing, plus the longest packing "
+    "of a frame, which seldom meet.",
     "Cycles are an estimate after the Cortex-M4 Technical Reference Manual r0p1, "
     f"without wait states of the flash and with {REFILL} cycles to refill the pipeline after each jump.",
     "Counted with -O2 -fomit-frame-pointer, which gcc's -O2 has in it and clang's has not on every target. Another compiler, "
@@ -52,7 +52,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         return Outcome(SHOWS, "not for a Cortex-M4F", Verdict.NOT_RUN, (NOT_SINGLE,))
     tools = {tool: _version(tool) for tool in TOOLS}
     unbounded, unread = _unbounded(subject)
-    if unbounded:  # it might never return
+    if unbounded:  # it might not terminate
         return Outcome(SHOWS, "instructions without a bound", Verdict.FAILED, unbounded, tools=tools)
     try:
         usage = measure(subject, effort)
@@ -74,7 +74,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
 def _version(tool: str) -> str:
     try:
         return importlib.metadata.version(tool)
-    except importlib.metadata.PackageNotFoundError:  # what needs it says so
+    except importlib.metadata.PackageNotFoundError:  # reported where it is needed
         return "?"
 
 

@@ -1,9 +1,9 @@
-"""Thumb instructions of an Armv7E-M core with an FPU of single precision: where each goes on, and its cycles on a Cortex-M4F.
+"""Decode Thumb instructions of an Armv7E-M core with a single-precision FPU, with their cycles on a Cortex-M4F.
 
 Cycles are those of the Cortex-M4 Technical Reference Manual r0p1 (ARM DDI 0439), tables 3-1 (processor) and 7-1 (FPU), for
-memory without wait states. They are an estimate, and rather too many: a division of integers takes 2 to 12 cycles and counts
-12, the refill of the pipeline after a jump takes 1 to 3 and counts 3, a load beside another one takes 1 and counts 2. Against
-that stands what is not in the tables: a result of the FPU that the next instruction needs costs one more.
+memory without wait states. They are an estimate, mostly too high: an integer division takes 2 to 12 cycles and counts 12, the
+refill of the pipeline after a jump takes 1 to 3 and counts 3, a load next to another one takes 1 and counts 2. Not included is
+one more cycle for an FPU result that the next instruction uses.
 
 Encodings: Armv7-M Architecture Reference Manual (ARM DDI 0403), chapter A5.
 """
@@ -31,7 +31,7 @@ class Flow(Enum):
     BRANCH = auto()  # to `target`
     CONDITIONAL = auto()  # to `target`, or next
     RETURN = auto()
-    TABLE = auto()  # to one of the places that a table beside the code names
+    TABLE = auto()  # to a place in a table next to the code
     POINTER = auto()  # a call of, or a jump to, what a register holds
 
 
@@ -40,11 +40,11 @@ class Instruction:
     """One instruction.
 
     Attributes:
-        address: of its first byte.
+        address: address of its first byte.
         size: 2 or 4 bytes.
-        cycles: where it does not jump; a jump adds REFILL.
-        flow: where it goes on, if its condition in an IT block holds.
-        target: of a call or branch, else None.
+        cycles: cycles without a jump, which adds REFILL.
+        flow: control flow, if its condition in an IT block holds.
+        target: target of a call or branch, else None.
     """
 
     address: int

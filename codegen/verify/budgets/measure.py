@@ -97,7 +97,7 @@ class _Measuring:
 
         def count(rows: Rows) -> Figures:
             calls = self._counter.count(frame, rows)
-            calls = calls.where(calls.function == start)  # without what starts it afresh
+            calls = calls.where(calls.function == start)  # without the initialisation
             own = calls.instructions - calls.limiter
             return {"instructions": calls.instructions, "cycles": calls.cycles, "own": own}
 
@@ -115,7 +115,7 @@ class _Measuring:
 
     def _look_up(self) -> None:
         drives = [
-            *workloads.places_of(self._usual, self._generator, strange=0.0),
+            *workloads.places_of(self._usual, self._generator, special_fraction=0.0),
             *workloads.places_of(self._anywhere, self._generator),
         ]
         for name in self._counter.lookups:
@@ -124,7 +124,7 @@ class _Measuring:
 
     def _limit(self) -> None:
         drives = [
-            *workloads.demands_of(self._usual, self._thresholds, self._generator, strange=0.0, restarts=0.0),
+            *workloads.demands_of(self._usual, self._thresholds, self._generator, special_fraction=0.0, restarts=0.0),
             *workloads.demands_of(self._anywhere, self._thresholds, self._generator),
         ]
         search = self._search("limiter", "limiter_step", drives, "instructions")
@@ -134,7 +134,7 @@ class _Measuring:
 
     def _step(self) -> Search:
         """Measure the controller's step and return the search over all steps."""
-        # The same draws whatever was counted before.
+        # The same draws, independent of earlier measurements.
         self._generator = np.random.default_rng(2)
         drives = [
             *workloads.steps_of(self._usual, self._generator, restarts=0.0),

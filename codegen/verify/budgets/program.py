@@ -82,7 +82,7 @@ class Routine:
 
 @dataclass(frozen=True)
 class Depth:
-    """Return the largest stack depth of a call.
+    """Largest stack depth of a call.
 
     Attributes:
         bytes: of the function and of the deepest chain of those that it calls.
@@ -94,7 +94,7 @@ class Depth:
 
 
 class Program:
-    """Return functions by name and all that they call, by address.
+    """Functions of an image for a Cortex-M.
 
     Attributes:
         routines: by address.
@@ -144,7 +144,7 @@ class Program:
         return self.routines[index] if index >= 0 and address < self.routines[index].end else None
 
     def reached(self, *entries: str) -> tuple[Routine, ...]:
-        """The functions of those names and all that they call, by address."""
+        """Return functions by name and all that they call, by address."""
         found: dict[int, Routine] = {}
         waiting = [self.named(entry) for entry in entries]
         while waiting:
@@ -155,7 +155,7 @@ class Program:
         return tuple(found[start] for start in sorted(found))
 
     def depth(self, entry: str) -> Depth:
-        """The most stack that a call of a function can take.
+        """Return the largest stack depth of a call.
 
         A tail call counts as a call, which overestimates the depth.
 

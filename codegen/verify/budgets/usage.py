@@ -62,7 +62,8 @@ class Stack:
     Attributes:
         watermark: deepest observed, in bytes.
         bound: largest possible depth; None if there is no bound.
-        why: reason for a missing bound."""
+        why: reason for a missing bound.
+    """
 
     watermark: int
     bound: Depth | None

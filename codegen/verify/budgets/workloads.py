@@ -29,7 +29,7 @@ DEMAND_COLUMNS = ("speed", "front_angle", "demand", "restart")
 CYCLE_COLUMNS = (*STEP_COLUMNS, "motion", "conditions")
 RESULT_COLUMNS = ("rear_angle", "yaw_rate_reference", "status", "diagnostics")
 
-STRANGE = np.array([np.nan, np.inf, -np.inf, 1e9, -1e9, 1e-40, -0.0], dtype=np.float32)
+SPECIAL = np.array([np.nan, np.inf, -np.inf, 1e9, -1e9, 1e-40, -0.0], dtype=np.float32)
 RESTARTS, EXTREMES = 0.02, 0.02
 """Fraction of the samples that restart the controller, besides the first of a drive; fraction of the numbers at an end of
 their range."""
@@ -84,7 +84,8 @@ def with_extremes(drives: Sequence[Samples], thresholds: Thresholds, generator: 
 def calm(thresholds: Thresholds, samples: int, generator: np.random.Generator) -> Samples:
     """Draw samples, (samples, 7), held for a while, in which the yaw rate is near the reference.
 
-    Code that runs only when no limit acts, or only the last one, requires small errors."""
+    Code that runs only when no limit acts, or only the last one, requires small errors.
+    """
     config = thresholds.config
     count = -(-samples // CALM_HELD)
     speed = generator.uniform(config.controller.enable_speed_km_h, config.controller.inputs.speed_max_km_h, count) * KM_H
@@ -106,9 +107,12 @@ def calm(thresholds: Thresholds, samples: int, generator: np.random.Generator) -
     return found.astype(np.float32)
 
 
-def places_of(drives: Sequence[Samples], generator: np.random.Generator, strange: float = 0.05) -> list[Rows]:
-    """Return inputs of the map lookup, (n, 3), from the drives; a fraction `strange` of the numbers is special."""
-    return [_spoilt(drive[:, [COLUMNS.index(name) for name in PLACE_COLUMNS]], generator, strange) for drive in drives]
+def places_of(drives: Sequence[Samples], generator: np.random.Generator, special_fraction: float = 0.05) -> list[Rows]:
+    """Return inputs of the map lookup, (n, 3), from the drives; a fraction `special_fraction` of the numbers is special."""
+    return [
+        _with_special_numbers(drive[:, [COLUMNS.index(name) for name in PLACE_COLUMNS]], generator, special_fraction)
+        for drive in drives
+    ]
 
 
 def steps_of(drives: Sequence[Samples], generator: np.random.Generator, restarts: float = RESTARTS) -> list[Rows]:
@@ -120,7 +124,7 @@ def demands_of(
     drives: Sequence[Samples],
     thresholds: Thresholds,
     generator: np.random.Generator,
-    strange: float = 0.02,
+    special_fraction: float = 0.02,
     restarts: float = RESTARTS,
 ) -> list[Rows]:
     """Return steps of the limiter alone, (n, 4): demands within twice the actuator's range, zero demands and special
@@ -130,7 +134,9 @@ def demands_of(
         demand = 2.0 * thresholds.config.rear_actuator.angle_max * generator.uniform(-1.0, 1.0, len(drive))
         demand = np.where(generator.random(len(drive)) < 0.3, 0.0, demand)
         rows = np.column_stack([drive[:, 0], drive[:, 1], demand])
-        rows = np.column_stack([_spoilt(rows, generator, strange), _restarts(len(drive), generator, restarts)])
+        rows = np.column_stack(
+            [_with_special_numbers(rows, generator, special_fraction), _restarts(len(drive), generator, restarts)]
+        )
         found.append(rows.astype(np.float32))
     return found
 
@@ -149,13 +155,13 @@ def results_of(thresholds: Thresholds, count: int, generator: np.random.Generato
     columns = []
     for signal in (message.real("rear_angle"), message.real("yaw_rate_reference")):
         code = generator.integers(signal.raw_low - 2, signal.raw_high + 2, count) + generator.choice([-0.5, 0.0, 0.5], count)
-        # Small codes, of which more lie exactly between two; and all of them.
+        # Small codes, more of which lie exactly between two, and codes of the whole range.
         code = np.where(generator.random(count) < 0.5, np.fix(code / 256.0) + 0.5, code)
         value = (code * signal.factor + signal.offset).astype(np.float32)
         value = np.nextafter(value, generator.choice(np.array([-np.inf, 0.0, np.inf], dtype=np.float32), count))
         near = (code * signal.factor + signal.offset).astype(np.float32)
         columns.append(np.where(generator.random(count) < 0.5, near, value))
-    rows = _spoilt(np.column_stack(columns), generator, 0.02)
+    rows = _with_special_numbers(np.column_stack(columns), generator, 0.02)
     return np.column_stack([rows, generator.integers(0, 5, count), generator.integers(0, 2**16, count)]).astype(np.float32)
 
 
@@ -170,9 +176,9 @@ def _restarts(count: int, generator: np.random.Generator, share: float) -> npt.N
     return found
 
 
-def _spoilt(rows: npt.NDArray[np.floating], generator: np.random.Generator, share: float) -> Rows:
+def _with_special_numbers(rows: npt.NDArray[np.floating], generator: np.random.Generator, share: float) -> Rows:
     chosen = generator.random(rows.shape) < share
-    return np.where(chosen, generator.choice(STRANGE, rows.shape), rows).astype(np.float32)
+    return np.where(chosen, generator.choice(SPECIAL, rows.shape), rows).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -198,7 +204,7 @@ def events_of(rows: Rows, counter: Counter) -> Events:
         advance[faults == exception] = by
     counters = np.cumsum(advance, axis=0) % (LARGEST_COUNTER + 1)
     frames = counter.packed(np.column_stack([rows[:, : len(STEP_COLUMNS)], counters]).astype(np.float32))
-    # In each cycle: a start, two frames of each message, one that is not ours, the task; taken are those that happen.
+    # Slots of a cycle: a start, two frames of each message, a foreign frame, the task.
     events, happens = np.zeros((count, 7), dtype=EVENT), np.zeros((count, 7), dtype=bool)
     events["length"] = FRAME_BYTES
     for slot, kind in enumerate((START, MOTION, MOTION, CONDITIONS, CONDITIONS, FOREIGN, TASK)):
@@ -224,7 +230,8 @@ class LongHistory:
 
     Attributes:
         before: rows that lead to it and are not counted.
-        then: rows that are counted."""
+        then: rows that are counted.
+    """
 
     before: Rows
     then: Rows

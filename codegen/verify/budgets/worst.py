@@ -1,4 +1,4 @@
-"""Return the longest calls with those before them, (PARENTS, WINDOW, fields).
+"""Search for the longest call of a function: drives first, then variants of the longest calls among them.
 
 What is found is a measured maximum, no proof.
 """
@@ -83,7 +83,7 @@ class Search:
         return int(sum(map(len, self._rows)))
 
     def longest(self) -> Rows:
-        """The longest calls with the ones before them, (PARENTS, WINDOW, fields)."""
+        """Return the longest calls with those before them, (PARENTS, WINDOW, fields)."""
         rows, each = np.concatenate(self._rows), PARENTS // len(self._names)
         ends = np.concatenate([np.argsort(-self._all(name), kind="stable")[:each] for name in self._names])
         return np.stack([rows[end - WINDOW + 1 : end + 1] for end in ends.clip(WINDOW - 1)])

@@ -65,20 +65,20 @@ class Compilation:
         try:
             self.call(self.units, tree, output)
         except BuildError as whole:
-            # It may stop at the first unit that it dislikes.
-            told = tuple(complaint for unit in self.units for complaint in self._alone(unit, tree, output))
+            # It may stop at the first unit with an error.
+            messages = tuple(complaint for unit in self.units for complaint in self._alone(unit, tree, output))
             (tree.parent / f"{output}.o").unlink(missing_ok=True)  # of one unit at most
-            return told or (_told(whole),)
+            return messages or (_message(whole),)
         return ()
 
     def _alone(self, unit: str, tree: Path, output: str) -> Iterator[str]:
         try:
             self.call((unit,), tree, output)
         except BuildError as error:
-            yield _told(error)
+            yield _message(error)
 
 
-def _told(error: BuildError) -> str:
+def _message(error: BuildError) -> str:
     return f"{error.where}: {error.what.removeprefix('the C does not compile: ')}"
 
 
@@ -215,8 +215,8 @@ def _compile(plan: Sequence[Compilation], tree: Path) -> list[tuple[str, ...]]:
 def _together(plan: Sequence[Compilation], complaints: Sequence[tuple[str, ...]]) -> Iterator[str]:
     """Yield each message once, with the compilers that report it."""
     labels: dict[str, list[str]] = {}
-    for compilation, told in zip(plan, complaints, strict=True):
-        for complaint in told:
+    for compilation, messages in zip(plan, complaints, strict=True):
+        for complaint in messages:
             labels.setdefault(complaint, []).append(compilation.label)
     for complaint, who in labels.items():
         more = f"; and {len(who) - LABELS_MAX} more" if len(who) > LABELS_MAX else ""
@@ -248,7 +248,7 @@ def _foreign(subject: Subject, plan: Sequence[Compilation], tree: Path) -> Itera
             for name in needed(content)
             if not is_allowed(name, library=compilation.library, single=subject.is_single, has_double=core.has_double)
         }
-        # An object holds several units, whose needs of each other are met: which of them needs it is seen from each alone.
+        # An object holds several units; compiling each alone shows which one requires the symbol.
         for unit in compilation.units if wrong else ():
             compilation.call((unit,), tree, "alone")
             for name in sorted(wrong.intersection(needed((tree.parent / "alone.o").read_bytes()))):

@@ -31,7 +31,7 @@ _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 
 @dataclass(frozen=True)
 class Mixture:
-    """A source and a header that it takes in, itself or by way of another."""
+    """Source and a header that it includes, directly or indirectly."""
 
     source: str
     header: str

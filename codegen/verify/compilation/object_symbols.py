@@ -8,7 +8,7 @@ from typing import Any
 
 from codegen.verify.packages import module
 
-# What a compiler calls to copy or clear a struct, and a word that the ARM ABI has objects name without calling it.
+# Functions that a compiler calls to copy or clear a struct, and a symbol that the ARM ABI references without a call.
 _RUNTIME = re.compile(r"mem(?:cpy|move|set)|__aeabi_mem(?:cpy|move|set|clr)[48]?|__aeabi_unwind_cpp_pr[012]")
 
 # In double precision on a core whose FPU is for single only: arithmetic, comparisons, conversions, shifts of 64 bits.

@@ -142,8 +142,8 @@ def _step_seeds(recording: Recording, real: type[np.float32] | type[np.float64])
 
 
 SHOWS = (
-    "no frames, measurements, starts or accepted parameters that fuzzing finds make the code crash, leave its bounds, use a "
-    "frame with a wrong CRC, or miss the fail-safe"
+    "No frames, measurements, starts or valid parameters found by fuzzing make the code crash, exceed its bounds, use a frame "
+    "with a wrong CRC, or miss the fail-safe"
 )
 LIMITS = ("Fuzzing tries many inputs and not all; a property that holds for all of them is not proved by it.",)
 

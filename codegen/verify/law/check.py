@@ -34,20 +34,20 @@ from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
 from hil_sim.codec import Codec
 
 SHOWS = (
-    "Every command, reference yaw rate and status is, bit for bit, that of a second implementation of the law, and every frame "
-    "of the task; the default parameters are the configuration's"
+    "Every command, reference yaw rate, status and frame equals that of a second implementation of the law, bit for bit; the "
+    "default parameters are those of the configuration"
 )
 LIMITS = (
-    "The second implementation has the same authors and was written from the same words: what both misread is not seen. "
+    "The second implementation has the same authors and the same specification, so a common misreading is not detected. "
     "The reference of the look-up, the tables of the tyres' curves, the equations of the car and the values of the parameters "
     "are the generator's own.",
-    "The numbers of the map (tables, scales, caps, and the car behind them) are taken as they stand in the C: that they are "
-    "those of the map is for `codegen build --check` and the self-test.",
-    "What is compared are drives, no proof: a fault that acts at few values of a signal can hide between the samples. "
-    "The state, and what `parameters_valid` refuses, are not compared. A zero may have either sign.",
+    "The numbers of the map (tables, scales, caps, and the car behind them) are read from the C. `codegen build --check` "
+    "and the self-test check that they are those of the map.",
+    "The comparison runs drives and is not a proof: a fault at a few values of a signal can lie between the samples. The "
+    "state, and the sets that `parameters_valid` rejects, are not compared. The sign of a zero may differ.",
 )
-NO_SECOND = "nobody has written the kind {kind} a second time: codegen/verify/law/kinds.py"
-NOT_THIS_VERSION = "made by codegen {made}: the law that is known here is that of this one; build it again"
+NO_SECOND = "there is no second implementation of the kind {kind}; add one to codegen/verify/law/kinds.py"
+NOT_THIS_VERSION = "made by codegen {made}, and the second implementation is that of this version; build it again"
 NEVER_OTHER = "In every accepted set these parameters have their default: {names}."
 
 STARTS = (0.0, 0.02, -0.05, -1e30, math.nan, math.inf)
@@ -246,7 +246,7 @@ class _Comparison:
         second = self._second(run.parameters, run.start)
         try:
             commands = self._software.controller(run.start, run.parameters).run(run.samples)
-        except ValueError as error:  # of the enum
+        except ValueError as error:  # not in the enum
             yield f"a status is none: {error}"
             return
         for index, (sample, got) in enumerate(zip(run.samples, commands, strict=True)):

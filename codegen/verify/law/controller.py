@@ -19,7 +19,7 @@ NUMBERS = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
 
 
 class SecondController:
-    """The supervision that all kinds share, around a control law; the inputs come first, the limiter last.
+    """Supervision that all kinds share, around a control law: input monitoring first, limiter last.
 
     Args:
         parameters: anything with the fields of the C parameter struct.

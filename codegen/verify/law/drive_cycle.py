@@ -43,7 +43,7 @@ def drive(
 
     t = np.arange(count)
     speed = 14.0 + speed_amplitude * np.sin(2.0 * np.pi * t / 900.0 + rng.uniform(0.0, 6.0)) + rng.normal(0.0, 0.05, count)
-    steered = np.minimum(t, round(0.93 * count))  # at last the front angle freezes
+    steered = np.minimum(t, round(0.93 * count))  # the front angle freezes at the end
     front = 0.12 * np.sin(2.0 * np.pi * steered / steering_samples + rng.uniform(0.0, 6.0))
     slow_error = 0.12 * np.sin(2.0 * np.pi * t / 170.0)
     yaw = lookup(speed, front, math.nan) + slow_error + rng.normal(0.0, 0.01, count)

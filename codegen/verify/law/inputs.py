@@ -36,7 +36,7 @@ class Signal:
     source: Source = Source.LOST
     missing: int = 0
     good: int | None = 0
-    against: int = 0  # samples in a row that speak against it while it is measured
+    against: int = 0  # consecutive samples that contradict it while it is measured
 
     @property
     def is_measured(self) -> bool:
@@ -52,9 +52,9 @@ class SecondInputs:
         zero = real(0.0)
         self.speed, self.front_angle, self.yaw_rate = (Signal(zero, good=None if is_trusted else 0) for _ in range(3))
         self.expected = self.least = self.least_of_front = self.offset = self.beyond = zero
-        self.lateral: Any = None  # rad/s that the lateral acceleration shows; None: it shows nothing
+        self.lateral: Any = None  # yaw rate in rad/s from the lateral acceleration, or None
         self.lateral_is_known = self.lateral_is_proven = False
-        self.against = 0  # samples of a yaw rate to the other side than the other signals
+        self.against = 0  # samples with a yaw rate opposite to the other signals
         self.friction = real(FRICTION_UNKNOWN)
         self.happened: set[str] = set()
 
@@ -144,8 +144,8 @@ class SecondInputs:
             self.least_of_front = apart if changed else min(self.least_of_front, apart)
             witness = self._witness()
             is_less = bool(yaw_rate * self.expected < self.real(0.5) * (self.expected * self.expected))
-            is_told = witness is not None and is_less and bool(abs(witness - yaw_rate) <= p("yaw_rate_agreement"))
-            if is_told and apart - self.least_of_front > p("yaw_rate_frozen"):
+            is_contradicted = witness is not None and is_less and bool(abs(witness - yaw_rate) <= p("yaw_rate_agreement"))
+            if is_contradicted and apart - self.least_of_front > p("yaw_rate_frozen"):
                 step = self.real(-1.0)
                 self.happened.add("front angle frozen")
         return self._take("front_angle", measured, abs(measured) <= p("front_angle_max"), confirmed, step)

@@ -15,7 +15,8 @@ def clip(value: Any, low: Any, high: Any) -> Any:
 
 
 class SecondLimiter:
-    """Args: `parameters` is anything with the fields of the C parameter struct; `period` in s; `angle` rad to start from."""
+    """Second implementation of the limiter. `parameters` has the fields of the C parameter struct; `period` in s; initial
+    `angle` in rad."""
 
     def __init__(self, parameters: Any, period: float, real: Any, angle: Any = 0.0) -> None:
         self.real = real

@@ -89,7 +89,7 @@ def _narrow(parameters: Any, generator: np.random.Generator) -> None:
     limiter = parameters.limiter
     parameters.rear_angle_max *= 10.0 ** generator.uniform(-DECADES, 0.0)
     limiter.rear_angle_max = parameters.rear_angle_max * generator.uniform(0.5, 1.0)
-    shares = np.maximum(generator.uniform(-0.5, 1.0, len(limiter.opposite_phase_max)), 0.0)  # a third of them nothing
+    shares = np.maximum(generator.uniform(-0.5, 1.0, len(limiter.opposite_phase_max)), 0.0)  # a third of them zero
     limiter.opposite_phase_max = [limiter.rear_angle_max * share for share in shares]
 
 
@@ -100,7 +100,7 @@ def _other(parameter: Parameter, value: Number, generator: np.random.Generator) 
     if parameter.high == RATE_OFF:
         return float(np.exp(generator.uniform(*np.log(RATES))))
     if isinstance(value, list):
-        # All together where they have to go on rising.
+        # One factor for all if they must increase.
         factors = 10.0 ** generator.uniform(-DECADES, DECADES, 1 if parameter.increasing else len(value))
         return [min(max(float(number), low), high) for number in np.where(value, value, NOTHING * high) * factors]
     return float(min(max((value or NOTHING * high) * 10.0 ** generator.uniform(-DECADES, DECADES), low), high))

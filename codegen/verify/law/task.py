@@ -1,4 +1,4 @@
-"""The cyclic task as its header describes it, in Python: frames in, one frame out, around the second controller."""
+"""Cyclic task around the second controller, written from its header: frames in, one frame out."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from hil_sim.frames import Frame
 
 _BITS = {name: 1 << bit for bit, (name, _) in DIAGNOSTICS.items()}
 _ADVANCE = {E2eStatus.OK: 1, E2eStatus.INITIAL: 1, E2eStatus.OK_SOME_LOST: 2}
-"""Steps of the sender's counter by a good frame, as far as the task counts them; no other status is that of a good frame."""
+"""Steps of the sender's counter by a good frame, as counted by the task; other statuses are not good."""
 
 BACKLOG_MAX, FORGIVEN_EVERY = 3, 64
-"""Steps that the calls may stay behind the sender, and the calls after which one is forgiven."""
+"""Steps that the calls may lag behind the sender, and the calls after which one is forgiven."""
 DISTURBANCE_WEIGHT, DISTURBANCE_MAX = 10, 40
-"""Weight of a return from a disturbance, and the sum, less one for each other call, above which the bus is intermittent."""
+"""Weight of a recovery after a disturbance, and the sum (minus one for each other call) above which the bus is
+intermittent."""
 
 
 @dataclass
 class _Input:
-    """One message: what came of it in this cycle, and the last contents that could be used."""
+    """State of one message: its frames in this cycle, and the last usable contents."""
 
     name: str
     data_id: int
@@ -76,7 +77,7 @@ class _Input:
 
 @dataclass
 class SecondTask:
-    """A task that has just been initialised.
+    """Task after initialisation.
 
     Attributes:
         parameters: anything with the fields of the C parameter struct.
@@ -117,7 +118,7 @@ class SecondTask:
         is_good = motion.is_usable and conditions.is_usable
         if self._started:
             diagnostics |= self._of_actuator(conditions.contents.rear_angle if is_good else None)
-        sample = self._sample(motion, conditions)  # which may start the controller anew
+        sample = self._sample(motion, conditions)  # may restart the controller
         command = self._controller.step(sample)
         diagnostics |= self._of_controller(is_good)
         sent = (command.rear_angle, command.yaw_rate_reference) if self._started else (math.nan, math.nan)

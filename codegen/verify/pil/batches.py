@@ -1,4 +1,9 @@
-"""Batches of calls of the generated C: the same C around them, and the same words in and out, here and on an emulated core.
+"""Batches of calls of the generated C, with the same C and the same input and output words on the host and on an emulated
+core.
+
+A row of a batch is one call, starting from the state that the previous row left. Numbers are passed as words with their bits,
+so that nothing converts them on the way. The outputs are all results of the call and every field of the state after it,
+without padding and pointers.
 
 A row of a batch is one call; it starts from the state that the row before it left. All numbers travel as words that hold
 their bits, so that nothing between Python and the call looks at them as numbers. What comes out is everything that the call
@@ -29,7 +34,7 @@ WHOLE = frozenset(
     {"restart", "inhibit", "status", "diagnostics", "frames", "wrong_call", "wrong_by"}
     | {each.role for each in CARRIED if each.is_flag}
 )
-"""Columns of rows going in that hold whole numbers; those of frames do as well."""
+"""Input columns that hold whole numbers, besides those of frames."""
 
 _FRAME_COLUMNS = tuple(f"{name}_{frame}" for frame in range(FRAMES) for name in ("id", "length", "low", "high"))
 _MEASURED = tuple(each.role for each in (*(each for each in MEASURED if each.is_used), *CARRIED))
@@ -45,16 +50,16 @@ _INPUTS: Mapping[str, tuple[str, ...]] = {
 }
 _MESSAGES = ("motion", "conditions", "command")
 FOLDER = "frame"
-"""Of the C around a build."""
+"""Folder of the C around a build."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """A word that comes out.
+    """An output word.
 
     Attributes:
-        name: for people; that of a field of the state after "state.".
-        expression: in C.
+        name: name in messages; fields of the state begin with "state.".
+        expression: C expression of its value.
     """
 
     name: str
@@ -62,7 +67,7 @@ class Column:
 
     @property
     def is_number(self) -> bool:
-        """Whether it holds the bits of a number, not a whole one."""
+        """Whether it holds the bits of a real number, not a whole number."""
         return self.expression.startswith("bits(")
 
 
@@ -71,9 +76,9 @@ class Batch:
     """Calls of one kind.
 
     Attributes:
-        name: of the batch.
-        inputs: columns of a row that goes in.
-        outputs: of one that comes out.
+        name: name of the batch.
+        inputs: columns of an input row.
+        outputs: columns of an output row.
     """
 
     name: str
@@ -82,20 +87,20 @@ class Batch:
 
     @property
     def expressions(self) -> tuple[str, ...]:
-        """In C, of the outputs."""
+        """C expressions of the outputs."""
         return tuple(column.expression for column in self.outputs)
 
 
 @dataclass(frozen=True)
 class Program:
-    """C with batches, complete but for what links it.
+    """C with batches, complete except for the linking.
 
     Attributes:
-        prefix: of the build.
+        prefix: prefix of the build.
         word: NumPy type of a word.
         batches: by name.
         sources: content by path.
-        entries: what else is called.
+        entries: other functions that are called.
     """
 
     prefix: str
@@ -106,11 +111,11 @@ class Program:
 
 
 def program_of(software: Software, files: Mapping[str, bytes]) -> Program:
-    """Everything of a build that needs no library: controller, map, limiter, reference model, frames and task.
+    """Return the program of everything that needs no library: controller, map, limiter, reference model, frames and task.
 
     Args:
-        software: the build, compiled for this machine: its headers tell the fields of every struct.
-        files: of the build.
+        software: the build, compiled for this machine; it provides the fields of every struct.
+        files: files of the build.
     """
     prefix = software.prefix
     batches = {batch.name: batch for batch in _batches(software, files)}
@@ -128,7 +133,7 @@ def program_of(software: Software, files: Mapping[str, bytes]) -> Program:
 
 
 def dynamics_program_of(software: Software, files: Mapping[str, bytes], functions: Sequence[str]) -> Program:
-    """The vehicle dynamics, which call some functions of a library: batches "dynamics" and "library"."""
+    """Return the program of the vehicle dynamics, which call library functions: batches "dynamics" and "library"."""
     source = f"src/{software.prefix}_dynamics.c"
     outputs = tuple(
         Column(f"{name}.{place}", expression)
@@ -161,7 +166,7 @@ def dynamics_program_of(software: Software, files: Mapping[str, bytes], function
 
 
 def word_of(software: Software) -> Word:
-    """NumPy type of a word as wide as a number of the build."""
+    """Return the NumPy type of a word as wide as a number of the build."""
     return np.uint32 if software.precision == "single" else np.uint64
 
 
@@ -211,7 +216,7 @@ def _has(software: Software, kind: str) -> bool:
 
 
 def _leaves(software: Software, kind: str, variable: str) -> list[tuple[str, str]]:
-    """Place and C expression of every number in a struct, in order; pointers are left out."""
+    """Return path and C expression of every number in a struct, in order, without pointers."""
     found: list[tuple[str, str]] = []
 
     def visit(declared: Any, place: str) -> None:
@@ -231,7 +236,7 @@ def _leaves(software: Software, kind: str, variable: str) -> list[tuple[str, str
 
 
 def rows_of_cycles(cycles: Sequence[Cycle], batch: Batch, word: Word, restarts: Sequence[int] = (0,)) -> Rows:
-    """Cycles as rows of the batch "task"; the task is initialised before some of them."""
+    """Convert cycles to rows of the batch "task"; the task is initialised before some of them."""
     rows = np.zeros((len(cycles), len(batch.inputs)), dtype=word)
     rows[[cycle for cycle in restarts if cycle < len(cycles)], 0] = 1
     for row, frames in zip(rows, cycles, strict=True):

@@ -1,6 +1,6 @@
-"""Processor in the loop: the generated C on emulated cores gives the same bits as on this machine.
+"""Processor in the loop: the generated C computes the same bits on emulated cores as on this machine.
 
-Compared is, after every call, everything that it gave and every field of the state behind it.
+After every call all results and every field of the state are compared.
 """
 
 from __future__ import annotations
@@ -22,38 +22,41 @@ from codegen.verify.packages import module, require
 from codegen.verify.pil import dynamics_bound
 from codegen.verify.pil.batches import Program, Rows, dynamics_program_of, program_of, rows_of_cycles
 from codegen.verify.pil.runners import OnHost, OnTarget
-from codegen.verify.pil.stimuli import Source
-from codegen.verify.pil.streams import Stream, differences
+from codegen.verify.pil.streams import Source, Stream, differences
 from codegen.verify.target.cross import CORTEX_M4F, CORTEX_M7, POWERPC_BE, Core
 
 CORES: Mapping[bool, tuple[Core, ...]] = {True: (CORTEX_M4F, CORTEX_M7, POWERPC_BE), False: (POWERPC_BE,)}
-"""By whether the build computes in single precision: those whose emulated FPU can."""
+"""Cores whose emulated FPU supports single (True) or double (False) precision builds."""
 
 STEPS, QUICK_STEPS = 100_000, 10_000
 OTHERS_SHARE = 0.2
-"""Rows of every other batch, for each step of the controller."""
+"""Rows of every other batch, as a fraction of the controller's steps."""
 
 RECORDINGS = 5
-"""Of the built-in scenarios, as the controller measured them; none in haste."""
+"""Number of built-in scenarios that are recorded; none in a quick check."""
 
 POINTS, QUICK_POINTS = 500, 100
-"""Of the vehicle dynamics."""
+"""Operating points of the vehicle dynamics."""
 
 FINDINGS_MAX = 3
-"""Of each core; what differs once goes on differing."""
+"""Maximum findings of a core; a difference usually persists."""
 
-SHOWS = "The same bits on emulated ECU cores as on this machine, byte order included: command, state and frames of every cycle"
+SHOWS = (
+    "Command, state and frames of every cycle are bit-identical on emulated ECU cores and on this machine, byte order included"
+)
 
 LIMITS = (
-    "The cores are emulated (Unicorn, which is made of QEMU), with rounding to nearest and subnormal numbers as after reset. "
-    "A core that flushes subnormal numbers to zero was not run, nor was silicon.",
-    "The C was compiled by clang with -O2 -ffp-contract=off. Another compiler makes other instructions of it: keep it from "
-    "fusing multiplications with additions, and run the self-test on the ECU.",
+    "The cores are emulated (Unicorn, based on QEMU), with rounding to nearest and subnormal numbers as after reset. Cores "
+    "that flush subnormal numbers to zero, and real hardware, were not tested.",
+    "The C was compiled by clang with -O2 -ffp-contract=off. Another compiler generates other instructions: disable fused "
+    "multiply-add there, and run the self-test on the ECU.",
 )
-DOUBLE_LIMIT = "In double precision the build ran on big-endian PowerPC alone: the FPUs of the emulated Cortex-M are single."
+DOUBLE_LIMIT = (
+    "The double-precision build ran only on big-endian PowerPC: the FPUs of the emulated Cortex-M are single-precision."
+)
 DYNAMICS_LIMIT = (
-    "The vehicle dynamics call {functions} of a C library, and libraries differ: where two of them are at most {ulps} units in "
-    "the last place apart, the dynamics are shown to be no further apart than that makes them, to first order."
+    "The vehicle dynamics call {functions} of a C library, and libraries differ. If their results differ by at most {ulps} "
+    "units in the last place, the dynamics differ by no more than that causes, to first order."
 )
 
 
@@ -80,7 +83,7 @@ def _require_tools() -> None:
 
 
 def streams(subject: Subject, software: Software, program: Program, steps: int, seed: int = 0) -> Iterator[Stream]:
-    """What every core is driven with; the random steps of the controller come first."""
+    """Yield the inputs of every core; the random steps of the controller come first."""
     source = Source(Thresholds.of(subject.manifest), program.word, np.random.default_rng(seed))
     others, batches = round(OTHERS_SHARE * steps), program.batches
     yield Stream("random steps", "step", batches["controller"], source.steps(batches["controller"], steps))
@@ -110,9 +113,9 @@ def _compared(subject: Subject, effort: Effort) -> Outcome:
     cores = CORES[subject.is_single]
     mismatches: dict[str, dict[str, int]] = {}
     for core in cores:
-        counts, told = _on(OnTarget(program, core), subject, here, driven, expected)
+        counts, found = _on(OnTarget(program, core), subject, here, driven, expected)
         mismatches[core.name] = counts
-        findings += told
+        findings += found
     apart = _dynamics(subject, software, effort)
     findings += [line for each in apart.values() for line in each.findings]
     steps, calls = len(driven[0].rows), sum(len(stream.rows) for stream in driven[1:])
@@ -137,18 +140,18 @@ def _compared(subject: Subject, effort: Effort) -> Outcome:
 def _on(
     there: OnTarget, subject: Subject, here: OnHost, driven: list[Stream], expected: list[Rows]
 ) -> tuple[dict[str, int], list[str]]:
-    """Mismatches of a core by stream, and findings."""
-    counts, told = {}, []
+    """Run the streams on a core and return the mismatches by stream, and the findings."""
+    counts, findings = {}, []
     if there.processor.call(f"{subject.prefix}_selftest") != 1:
-        told.append(f"{there.name}: the self-test of the build says no")
+        findings.append(f"{there.name}: the self-test of the build fails")
     for stream, rows in zip(driven, expected, strict=True):
         counts[stream.name], lines = differences(stream, here, there, rows)
-        told += lines
-    return counts, told[:FINDINGS_MAX]
+        findings += lines
+    return counts, findings[:FINDINGS_MAX]
 
 
 def _statuses(stream: Stream, results: Rows) -> dict[str, int]:
-    """Steps that ended in each status."""
+    """Count the steps that ended in each status."""
     column = [output.name for output in stream.batch.outputs].index("command.status")
     return {status.name: int((results[:, column] == status).sum()) for status in Status}
 
@@ -157,8 +160,8 @@ def _unreached(statuses: Mapping[str, int]) -> list[str]:
     return [f"the random steps never reach the status {name}" for name, count in statuses.items() if not count]
 
 
-def _dynamics(subject: Subject, software: Software, effort: Effort) -> dict[str, dynamics_bound.Apart]:
-    """The vehicle dynamics by core."""
+def _dynamics(subject: Subject, software: Software, effort: Effort) -> dict[str, dynamics_bound.Difference]:
+    """Compare the vehicle dynamics on each core."""
     functions = subject.manifest["dynamics_library_functions"]
     program = dynamics_program_of(software, subject.files, functions)
     here, library = OnHost(program), dynamics_bound.library(software.precision)

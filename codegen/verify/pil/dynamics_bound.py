@@ -1,9 +1,8 @@
-"""The vehicle dynamics on an emulated core. They call functions of a C library, and no two libraries give the same bits.
+"""Compare the vehicle dynamics on an emulated core with this machine, although their libraries differ in the last bits.
 
-The core is given a library of its own, of which it is checked first that each result is at most `LIBRARY_ULPS` units in the
-last place from this machine's. How far the dynamics may then be apart follows for each result: the sum, over all calls of the
-library, of what the result changes here where that one call is wrong by so much, and `ROUNDING_ULPS` for what is rounded
-otherwise on the way. What needs no library must have the same bits.
+The core has a library of its own. First its results are checked to be within `LIBRARY_ULPS` units in the last place of this
+machine's. The bound for each result of the dynamics is the sum, over all library calls, of its change on this machine if that
+call is wrong by as much, plus `ROUNDING_ULPS` for different rounding. Results without library calls must be bit-identical.
 """
 
 from __future__ import annotations
@@ -24,15 +23,15 @@ from codegen.verify.pil.runners import Runner
 FloatArray = npt.NDArray[np.floating[Any]]
 
 LIBRARY_ULPS = 4
-"""Twice what two good libraries may be wrong by, each by one to either side."""
+"""Return the largest difference of each function in units in the last place, (functions,)."""
 
 ROUNDING_ULPS = 4
 
 STATE_AND_INPUT = ((-0.3, 0.3), (-1.5, 1.5), (-5.0, 70.0), (-0.7, 0.7), (-0.15, 0.15), (0.1, 1.2))
-"""Of sideslip angle, yaw rate, speed, front angle, rear angle and friction: smallest and largest, SI units."""
+"""Ranges of sideslip angle, yaw rate, speed, front angle, rear angle and friction, SI units."""
 
 LARGEST_ARGUMENT = 3.0
-"""Of a library function in the tyre's curve: its shape factor times a right angle; that of atan is not bounded."""
+"""Largest argument of sin and cos in the tyre curve: its shape factor times a right angle. That of atan is unbounded."""
 
 SUPPORTED = frozenset({"sin", "cos", "atan"})
 
@@ -61,14 +60,14 @@ _HALF_PI_PARTS: dict[Precision, tuple[float, float, float]] = {
 
 
 @dataclass(frozen=True)
-class Apart:
-    """How far the core is from this machine.
+class Difference:
+    """Difference between a core and this machine.
 
     Attributes:
-        rows: that were compared.
+        rows: number of rows compared.
         library_ulps: the largest difference of a library function, units in the last place.
-        share: the largest difference of a result as a share of what it may be.
-        findings: what is further away, a line each.
+        share: the largest difference of a result as a fraction of its bound.
+        findings: a line for each result beyond its bound.
     """
 
     rows: int
@@ -77,12 +76,12 @@ class Apart:
     findings: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         return {"points": self.rows, "library_ulps": self.library_ulps, "share_of_bound": self.share}
 
 
 def library(precision: Precision) -> dict[str, bytes]:
-    """Sources of sin, cos and atan for a bare core, and their header."""
+    """Return sources of sin, cos and atan for a bare core, and their header."""
     real = numpy_type(precision)
     suffix = "f" if precision == "single" else ""
     half_pi = float(real(0.5 * math.pi))
@@ -115,8 +114,8 @@ def library(precision: Precision) -> dict[str, bytes]:
     return {"bare/libm.c": render("verify/libm.c.j2", context), "bare/math.h": header.encode()}
 
 
-def compare(program: Program, here: Runner, there: Runner, count: int, generator: np.random.Generator) -> Apart:
-    """Run the dynamics on both, at so many random points."""
+def compare(program: Program, here: Runner, there: Runner, count: int, generator: np.random.Generator) -> Difference:
+    """Run the dynamics on both machines at `count` random points."""
     names = [column.name for column in program.batches["library"].outputs]
     apart = _library_apart(program, here, there, count, generator)
     findings = [
@@ -136,16 +135,16 @@ def compare(program: Program, here: Runner, there: Runner, count: int, generator
     share = np.where(np.isnan(share), np.inf, share)
     for row, column in np.argwhere(share > 1.0)[:1]:
         point = _numbers(rows[row, 2:], real)
-        told = ", ".join(f"{name} = {value:.9g}" for name, value in zip(batch.inputs[2:], point, strict=True))
+        inputs = ", ".join(f"{name} = {value:.9g}" for name, value in zip(batch.inputs[2:], point, strict=True))
         findings.append(
             f"{there.name}: dynamics, {batch.outputs[column].name} is {other[row, column]:.9g} and {own[row, column]:.9g} on "
-            f"{here.name}, further apart than {bound[row, column]:.3g}; {told}"
+            f"{here.name}, further apart than {bound[row, column]:.3g}; {inputs}"
         )
-    return Apart(len(rows), int(apart.max(initial=0)), float(share.max()), tuple(findings))
+    return Difference(len(rows), int(apart.max(initial=0)), float(share.max()), tuple(findings))
 
 
 def points(program: Program, batch: Batch, count: int, generator: np.random.Generator) -> Rows:
-    """Rows for the batch "dynamics"."""
+    """Draw rows for the batch "dynamics"."""
     low, high = np.array(STATE_AND_INPUT).T
     drawn = generator.uniform(low, high, (count, len(low)))
     drawn[: count // 8] *= 1e-3  # where the tyres are linear
@@ -155,7 +154,7 @@ def points(program: Program, batch: Batch, count: int, generator: np.random.Gene
 
 
 def _numbers(words: Rows, real: type[np.float32] | type[np.float64]) -> FloatArray:
-    """In double precision, without a last column that counts."""
+    """Convert words to numbers in double precision."""
     result: FloatArray = np.ascontiguousarray(words).view(real).astype(np.float64)
     return result
 
@@ -179,7 +178,7 @@ def _library_apart(program: Program, here: Runner, there: Runner, count: int, ge
 def _bound(
     batch: Batch, rows: Rows, own: FloatArray, here: Runner, calls: int, real: type[np.float32] | type[np.float64]
 ) -> FloatArray:
-    """How far apart each result may be, (rows, outputs)."""
+    """Return the bound of the difference of each result, (rows, outputs)."""
     bound = np.zeros(own.shape)
     for call in range(1, calls + 1):
         changes = []

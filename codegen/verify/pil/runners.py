@@ -1,4 +1,4 @@
-"""What runs batches of calls: this machine, and emulated cores."""
+"""Runners of batches: this machine and emulated cores."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from codegen.verify.target.emulator import DATA, DATA_BYTES, Processor
 
 
 class Runner(Protocol):
-    """What runs batches."""
+    """Runner of batches."""
 
     name: str
 
     def run(self, batch: Batch, rows: Rows) -> Rows:
-        """Rows (n, inputs) to rows (n, outputs)."""
+        """Run rows (n, inputs) and return rows (n, outputs)."""
 
 
 class OnHost:
-    """Batches in this process, compiled by the user's compiler. All that run one program share its states.
+    """Runner in this process, compiled by the user's compiler. All runners of one program share its states.
 
     Raises:
         BuildError: no compiler, or C that does not compile.
@@ -44,7 +44,7 @@ class OnHost:
         self._ffi, self._lib = library.ffi, library.lib
 
     def run(self, batch: Batch, rows: Rows) -> Rows:
-        """Rows (n, inputs) to rows (n, outputs)."""
+        """Run rows (n, inputs) and return rows (n, outputs)."""
         ffi, word = self._ffi, self._program.word
         given = np.ascontiguousarray(rows, dtype=word)
         results = np.empty((len(rows), len(batch.outputs)), dtype=word)
@@ -57,20 +57,20 @@ class OnHost:
 
 
 class OnTarget:
-    """Batches on an emulated core.
+    """Runner on an emulated core.
 
     Args:
-        sources: more of them, such as a library.
-        flags: for the compiler.
+        sources: additional sources, such as a library.
+        flags: compiler flags.
 
     Attributes:
-        name: of the core.
-        image: what was linked.
+        name: name of the core.
+        image: linked image.
         processor: the core.
 
     Raises:
         CodegenError: a package of the extra is missing.
-        BuildError: C that does not compile; in `run`, C that goes astray.
+        BuildError: C that does not compile; in `run`, C that leaves its memory or does not return.
     """
 
     def __init__(
@@ -87,12 +87,12 @@ class OnTarget:
         self._word = np.dtype(f"{self.processor.byte_order}u{np.dtype(program.word).itemsize}")
 
     def run(self, batch: Batch, rows: Rows) -> Rows:
-        """Rows (n, inputs) to rows (n, outputs)."""
+        """Run rows (n, inputs) and return rows (n, outputs)."""
         return np.concatenate([self._chunk(batch, part) for part in self._chunks(batch, rows)])
 
     @property
     def row(self) -> int:
-        """The row in which the core is, where `run` ended in an error."""
+        """Row that the core was running when `run` failed."""
         order: Any = "little" if self.processor.byte_order == "<" else "big"
         return self._first + int.from_bytes(self.processor.read(self.processor.address("verify_row"), 4), order)
 

@@ -34,27 +34,27 @@ from hil_sim.fault_catalogue import run_all
 from hil_sim.plant_node import PlantNode
 
 SHOWS = (
-    "suites and fault catalogue run without an address out of bounds or undefined behaviour, the faults end as defined, "
-    "and the lookup has the bits of its reference"
+    "The suites and the fault catalogue run without invalid addresses and undefined behaviour, faults end as specified, and "
+    "the lookup equals its reference bit for bit"
 )
 
 SAMPLES, SAMPLES_QUICK = 20_000, 2_000
-"""Of each drive and, a quarter of it, of the look-ups at each friction."""
+"""Samples of each drive; a quarter of it is the number of lookups at each friction."""
 
 LIMITS = (
-    "Sanitizers see what the runs reach, in the code that one compiler made of it; they are no proof.",
-    "The target's own compiler and memory protection are not part of it.",
+    "Sanitizers check only the code that the runs reach, as compiled by one compiler. They are not a proof.",
+    "The target's own compiler and memory protection are not tested.",
 )
 FAULTS_NOT_JUDGED = (
-    "The fault catalogue was run but not judged: its defined ends are those of the preset's E2E settings, sampling time and "
-    "limits for lost samples, and this build has others."
+    "The fault catalogue was run without checking the outcomes: they are specified for the preset's E2E settings, sampling "
+    "time and limits for lost samples, and this build has others."
 )
 NO_TRAP_BUILD = "The trap build is for single precision; this build has double precision."
 
 
 @dataclass
 class _Half:
-    """What came of the runs on this machine, or of the trap build."""
+    """Result of the runs on this machine, or of the trap build."""
 
     findings: tuple[str, ...] = ()
     missing: str = ""
@@ -64,16 +64,16 @@ class _Half:
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Both halves, the second where the first finds nothing. Not run where the tools of one are missing."""
+    """Run both parts, the second only if the first finds nothing. Not run if the tools of one are missing."""
     host = _on_host(subject, effort)
-    # Before it runs on the core, the same code runs here unsanitized: not where it is known to go astray.
+    # The trap build runs the same code unsanitized on this machine first, which is unsafe after a finding.
     target = _Half() if host.findings else _on_target(subject, effort)
     findings = (*host.findings, *target.findings)
     missing = tuple(half.missing for half in (host, target) if half.missing)
     verdict = Verdict.FAILED if findings else Verdict.NOT_RUN if missing else Verdict.PASSED
     ran = {"scenarios": 0, "faults": 0, "steps": 0, **host.figures}
-    told = "1 finding" if len(findings) == 1 else f"{len(findings)} findings"
-    figure = f"{told} in {ran['scenarios']} scenarios, {ran['faults']} faults and {ran['steps']:,} steps"
+    count = "1 finding" if len(findings) == 1 else f"{len(findings)} findings"
+    figure = f"{count} in {ran['scenarios']} scenarios, {ran['faults']} faults and {ran['steps']:,} steps"
     return Outcome(
         SHOWS,
         figure if host.figures or findings else "not run",
@@ -98,7 +98,7 @@ def _on_host(subject: Subject, effort: Effort) -> _Half:
                 found.append(finding)  # one by one: the program may end at any time
     except BuildError as error:
         return replace(half, findings=(str(error),))
-    # What the sanitizers saw explains what the suites did, so it is told first.
+    # Findings of the sanitizers explain those of the suites, so they come first.
     return replace(half, findings=(*program.findings, *found))
 
 
@@ -108,7 +108,7 @@ def _on_target(subject: Subject, effort: Effort) -> _Half:
     from codegen.verify.sanitizers.trap_build import trapped
 
     try:
-        compiler_command()  # its streams are made by the code as this machine runs it
+        compiler_command()  # its inputs are made by the code compiled for this machine
     except BuildError as error:
         return _Half(missing=f"trap build: {error}")
     try:
@@ -120,7 +120,7 @@ def _on_target(subject: Subject, effort: Effort) -> _Half:
 
 
 class _Suites:
-    """The runs, and what is wrong with their results beside what the sanitizers see."""
+    """Runs of the suites, and the faults in their results that sanitizers do not detect."""
 
     def __init__(self, subject: Subject, effort: Effort, ecu: ServedEcu, half: _Half) -> None:
         self._subject, self._ecu, self._half = subject, ecu, half
@@ -134,11 +134,11 @@ class _Suites:
 
     @property
     def _largest(self) -> float:
-        """rad, as the C holds it."""
+        """Largest rear angle in rad, in the precision of the C."""
         return float(self._ecu.real(self._config.rear_actuator.angle_max))
 
     def run(self) -> Iterator[str]:
-        """All of them; what is wrong, a line each."""
+        """Run everything and yield a line for each fault."""
         if not self._ecu.selftest():
             yield f"src/{self._subject.prefix}_selftest.c: the self-test fails"
         yield from self._drives()
@@ -151,7 +151,7 @@ class _Suites:
         reached: set[int] = set()
         steps = 0
         for number, drive in enumerate(suites.drives(self._thresholds, self._samples)):
-            # Starts where no actuator stands, too: every one is bounded.
+            # Includes impossible initial angles; the command is bounded for all of them.
             self._ecu.start((0.0, 0.02, -1e30, math.nan, math.inf)[number % 5])
             commands = self._ecu.drive(drive)
             bad = ~(np.abs(commands["rear_angle"]) <= self._largest) | ~np.isfinite(commands["yaw_rate_reference"])
@@ -170,20 +170,20 @@ class _Suites:
         places = suites.places(self._thresholds, self._samples // 4, self._precision)
         first, wrong, count = "", 0, 0
         for friction in suites.road_frictions(self._thresholds, self._precision):
-            differ, told = self._different(lookup, places, friction)
-            first, wrong, count = first or told, wrong + differ, count + len(places)
+            differ, text = self._different(lookup, places, friction)
+            first, wrong, count = first or text, wrong + differ, count + len(places)
         if wrong:
             yield f"src/{self._subject.prefix}_map.c: {first} ({wrong} of {count} are wrong)"
         self._half.figures["look_ups"] = count
 
     def _different(self, lookup: Lookup, places: Numbers, friction: float) -> tuple[int, str]:
-        """At how many places yaw rate and rear angle have not the bits of the reference, and the first of them in words."""
+        """Return the number of places at which yaw rate or rear angle differ from the reference, and the first as text."""
         speed, angle = places.T
         found = self._ecu.look_up(places, friction)
         expected = lookup.reference(speed, angle, friction)
         looks_up_rear_angle = LAWS[self._subject.kind].uses_rear_angle
         wrong = _bits(found[0]) != _bits(expected[0])
-        if not self._subject.is_of_this_version:  # the order of operations may have been another
+        if not self._subject.is_of_this_version:  # the order of operations may differ
             bound = 2.0 * self._subject.manifest["map"]["lookup_error_bound_rad_s"]
             wrong = ~(np.abs(found[0] - expected[0]) <= bound)
         elif looks_up_rear_angle:
@@ -197,7 +197,7 @@ class _Suites:
         return where.size, f"the look-up at {at} gives {have}, the reference {want}"
 
     def _dynamics(self) -> None:
-        """Any finite numbers; what comes of them has no reference here."""
+        """Call the dynamics with arbitrary finite numbers. The results have no reference here."""
         generator = np.random.default_rng(4)
         real = self._ecu.real
         points = generator.integers(0, 256, size=6 * self._samples * real(0.0).nbytes, dtype=np.uint8).view(real)
@@ -221,11 +221,11 @@ class _Suites:
         self._half.figures["scenarios"] = count
 
     def _allowed(self, through_can: bool) -> float:
-        """rad; in a frame the angle is rounded to its code."""
+        """Return the largest allowed rear angle in rad; in a frame it is rounded to its code."""
         return self._largest + (self._config.can.rear_steer_command.real("rear_angle").factor if through_can else 0.0)
 
     def _faults(self) -> Iterator[str]:
-        ecu = cast(Software, self._ecu)  # a bench asks it for its task alone
+        ecu = cast(Software, self._ecu)  # a bench uses only its task
         outcomes = run_all(
             self._config, lambda run: run_in_process(PlantNode(self._config, run, precision=self._precision), ecu)
         )

@@ -1,4 +1,6 @@
-"""Programs compiled for this machine with AddressSanitizer and UndefinedBehaviorSanitizer, and what these report.
+"""Compile programs with AddressSanitizer and UndefinedBehaviorSanitizer, and read their reports.
+
+A compiler is used only if its sanitizers find three planted faults first.
 
 A compiler counts only where its sanitizers are seen to work: before anything else, three faults are planted and must be found.
 """
@@ -23,7 +25,7 @@ from codegen.sil.toolchain import compiler_command, compiler_identity, require_s
 from codegen.verify.packages import MissingTool
 
 SANITIZERS = "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow"
-"""The last two are not among `undefined`: named, or they are not looked for."""
+"""Sanitizers; `undefined` does not include the last two."""
 
 FLAGS = ("-std=c99", "-O1", "-g", "-fno-omit-frame-pointer", "-ffp-contract=off")
 PLAIN_FLAGS = ("-std=c99", "-O2", "-g", "-ffp-contract=off")
@@ -32,15 +34,16 @@ OPTIONS = {
     "ASAN_OPTIONS": "detect_leaks=0:malloc_context_size=0:quarantine_size_mb=8:abort_on_error=1:color=never",
     "UBSAN_OPTIONS": "print_stacktrace=0:halt_on_error=0:color=never",
 }
-"""Undefined behaviour is told and the program goes on, so that one run finds more than one fault; a wrong address ends it."""
+"""Options of the runtimes. Undefined behaviour is reported and the program continues, so that a run finds several faults; a
+wrong address ends it."""
 
 SYMBOLIZERS = ("llvm-symbolizer", *(f"llvm-symbolizer-{version}" for version in range(30, 10, -1)))
-"""clang's runtime needs one to turn addresses into lines; gcc's has its own."""
+"""Programs that turn addresses into lines for clang's runtime; gcc's needs none."""
 
 FINDINGS_MAX = 20
 
 ROOT = "/generated"
-"""Where the sources lie for the debugger, whatever folder they are compiled in."""
+"""Folder of the sources in debug information, independent of the build folder."""
 
 _CANARY = """#include <stdio.h>
 #include <stdlib.h>
@@ -72,11 +75,11 @@ _PROPERTY = re.compile(r"^(?P<what>property not held: .+)$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Compiler:
-    """One whose sanitizers work here.
+    """Compiler with working sanitizers.
 
     Attributes:
-        command: its words.
-        version: first line of what it says of itself.
+        command: words of the command.
+        version: its version line.
     """
 
     command: tuple[str, ...]
@@ -84,15 +87,15 @@ class Compiler:
 
 
 def find_compiler() -> Compiler:
-    """The user's C compiler, else gcc or clang, whichever first shows that its sanitizers find the planted faults.
+    """Return the first of the user's C compiler, gcc and clang whose sanitizers find the planted faults.
 
     Raises:
-        MissingTool: none does.
+        MissingTool: there is none.
     """
     candidates: list[tuple[str, ...]] = []
     with contextlib.suppress(BuildError):
         candidates.append(compiler_command())
-    # An explicit choice is not overruled: what it says holds for the user's compiler.
+    # An explicit choice is not overruled: the result is for the user's compiler.
     others = (
         () if os.environ.get("CC", "").strip() else ("gcc", "clang", *(f"clang-{version}" for version in range(30, 10, -1)))
     )
@@ -122,8 +125,8 @@ def _finds_planted_faults(command: tuple[str, ...]) -> bool:
 
 @lru_cache(maxsize=1)
 def launcher() -> tuple[str, ...]:
-    """Words before a sanitized program: without a random layout of its memory where that is allowed here, for older runtimes do
-    not find room for their shadow in every one."""
+    """Return the command that disables address randomisation, if allowed. Older runtimes find no room for their shadow
+    memory in some layouts."""
     program = shutil.which("setarch")
     if program is None or subprocess.run([program, "-R", "true"], capture_output=True, check=False).returncode != 0:
         return ()
@@ -131,7 +134,7 @@ def launcher() -> tuple[str, ...]:
 
 
 def run_program(program: Path, *arguments: str, seconds: float) -> subprocess.CompletedProcess[str]:
-    """Run a sanitized program to its end. Raises subprocess.TimeoutExpired: it takes longer than so many seconds."""
+    """Run a sanitized program to its end. Raises subprocess.TimeoutExpired after `seconds`."""
     return subprocess.run(
         [*launcher(), str(program), *arguments],
         env=environment(),
@@ -145,7 +148,7 @@ def run_program(program: Path, *arguments: str, seconds: float) -> subprocess.Co
 
 
 def environment() -> dict[str, str]:
-    """For a sanitized program."""
+    """Return the environment of a sanitized program."""
     found = {**os.environ, **OPTIONS, "LC_ALL": "C"}
     symbolizer = next((path for name in SYMBOLIZERS if (path := shutil.which(name))), None)
     return found if symbolizer is None else {**found, "ASAN_SYMBOLIZER_PATH": symbolizer}
@@ -166,14 +169,14 @@ def compiled(
     flags: Sequence[str] = (),
     link: Sequence[str] = (),
 ) -> Iterator[Program]:
-    """A program of sanitized sources and of others, which are compiled without: the bench around them.
+    """Compile a program of sanitized sources and of plain ones, which are the bench around them.
 
     Args:
         compiler: see `find_compiler`.
-        sources: relative path -> content of what is judged, headers included.
-        plain: the same for what is not.
-        flags: more, for the sanitized sources alone.
-        link: more, for linking alone.
+        sources: relative path -> content of the sanitized sources, headers included.
+        plain: likewise for the plain ones.
+        flags: additional flags for the sanitized sources.
+        link: additional flags for linking.
 
     Raises:
         BuildError: C that does not compile.
@@ -185,8 +188,8 @@ def compiled(
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             (tree / name).write_bytes(content.encode() if isinstance(content, str) else content)
         objects: list[str] = []
-        judged = _Units(compiler, tree, (*FLAGS, SANITIZERS, *flags), sources)
-        for units in (judged, _Units(compiler, tree, PLAIN_FLAGS, {**sources, **plain}, tuple(plain))):
+        sanitized = _Units(compiler, tree, (*FLAGS, SANITIZERS, *flags), sources)
+        for units in (sanitized, _Units(compiler, tree, PLAIN_FLAGS, {**sources, **plain}, tuple(plain))):
             for compiled_unit in units.objects():
                 objects.append(f"{len(objects)}.o")
                 (scratch / objects[-1]).write_bytes(compiled_unit)
@@ -195,12 +198,12 @@ def compiled(
 
 
 _objects: dict[str, bytes] = {}
-"""Of this process: a harness and the next one take mostly the same units."""
+"""Objects compiled in this process; successive harnesses share most units."""
 
 
 @dataclass(frozen=True)
 class _Units:
-    """The .c files among `sources`, or those of them that are named, compiled in a tree that holds them and their headers."""
+    """The .c files of `sources`, or the named ones, compiled in a tree with their headers."""
 
     compiler: Compiler
     tree: Path
@@ -209,11 +212,11 @@ class _Units:
     named: tuple[str, ...] = ()
 
     def objects(self) -> Iterator[bytes]:
-        """Each unit's object file."""
+        """Yield the object of each unit."""
         headers = {name: content for name, content in self.sources.items() if name.endswith(".h")}
         for unit in sorted(name for name in self.named or self.sources if name.endswith(".c")):
-            seen = repr((self.compiler, self.flags, sorted(headers.items()), unit, self.sources[unit]))
-            key = hashlib.sha256(seen.encode()).hexdigest()
+            inputs = repr((self.compiler, self.flags, sorted(headers.items()), unit, self.sources[unit]))
+            key = hashlib.sha256(inputs.encode()).hexdigest()
             if key not in _objects:
                 _objects[key] = self._compiled(unit)
             yield _objects[key]
@@ -238,7 +241,7 @@ def _folder() -> Iterator[Path]:
 
 
 def findings_of(report: str) -> tuple[str, ...]:
-    """What the sanitizers and the properties of a harness say on standard error, a line each with file and line."""
+    """Return a line with file and line for each report of the sanitizers and of a harness on standard error."""
     text = report.replace(f"{ROOT}/", "")
     found = [f"{match['place']}: undefined behaviour: {match['what']}" for match in _UNDEFINED.finditer(text)]
     found += [_address(text[match.start() :], match["what"]) for match in _ADDRESS.finditer(text)]
@@ -247,7 +250,7 @@ def findings_of(report: str) -> tuple[str, ...]:
 
 
 def _address(text: str, what: str) -> str:
-    # The innermost frame of the sources: above it may stand the runtime's own memcpy.
+    # The innermost frame of the sources; the runtime's own memcpy may be above it.
     frames = [frame for frame in _FRAME.finditer(text) if not frame["place"].startswith(("/", "."))]
     access = _ACCESS.search(text)
     how = f", {access['how'].lower()} of {access['size']} bytes" if access else ""

@@ -47,7 +47,7 @@ class Ended(CodegenError):
 
 
 class ServedEcu:
-    """The commands of the program, as functions. Each raises Ended where the program ends instead.
+    """Commands of the program as functions. Each raises Ended if the program ends.
 
     Attributes:
         real: NumPy type of the build's numbers.
@@ -62,34 +62,34 @@ class ServedEcu:
         self._command = np.dtype([("rear_angle", real), ("yaw_rate_reference", real), ("status", np.uint32)])
 
     def selftest(self) -> bool:
-        """Whether the generated self-test passes."""
+        """Return whether the generated self-test passes."""
         return bool(struct.unpack("=I", self._ask(b"s", 4))[0])
 
     def start(self, rear_angle: float) -> None:
-        """The controller anew, at a rear angle in rad."""
+        """Initialise the controller at a rear angle in rad."""
         self._send(b"i" + self.real(rear_angle).tobytes())
 
     def drive(self, drive: Samples) -> Numbers:
-        """Commands of the controller, (samples,) with the fields rear_angle, yaw_rate_reference, status."""
+        """Run the controller. Return its commands, (samples,) with the fields rear_angle, yaw_rate_reference, status."""
         samples = np.empty(len(drive), dtype=np.dtype([("values", self.real, 6), ("inhibit", np.uint8)]))
         with np.errstate(invalid="ignore"):  # a signalling NaN, where the build is in double precision
             samples["values"], samples["inhibit"] = drive[:, :6], drive[:, 6] != 0.0
         return self._batches(b"d", samples, self._command)
 
     def look_up(self, places: Numbers, friction: float) -> tuple[Numbers, Numbers]:
-        """Yaw rate and rear angle (0 where the build looks none up) at places (n, 2) of speed and front angle."""
+        """Look up yaw rate and rear angle (0 if the build has none) at places (n, 2) of speed and front angle."""
         rows = np.column_stack([places, np.full(len(places), friction, dtype=self.real)])
         found = self._batches(b"m", rows.reshape(-1), np.dtype((self.real, 2)), width=3)
         return found[:, 0], found[:, 1]
 
     def differentiate(self, points: Numbers) -> Numbers:
-        """Derivatives and Jacobians of both vehicle models, (n, 28), at points (n, 6): sideslip angle, yaw rate, then the
-        input's speed, front angle, rear angle, friction."""
+        """Return derivatives and Jacobians of both vehicle models, (n, 28), at points (n, 6): sideslip angle, yaw rate,
+        speed, front angle, rear angle, friction."""
         flat = np.ascontiguousarray(points, dtype=self.real).reshape(-1)
         return self._batches(b"y", flat, np.dtype((self.real, OUTPUTS)), width=6)
 
     def run_loop(self, inputs: FloatArray, steps_per_sample: int, *, through_can: bool) -> FloatArray:
-        """A closed loop with the plant of the build: records (samples, 12), columns RECORD_COLUMNS."""
+        """Run a closed loop with the plant of the build and return the recording (samples, 12), columns RECORD_COLUMNS."""
         samples = len(inputs) // steps_per_sample
         rows = np.ascontiguousarray(inputs[: samples * steps_per_sample], dtype=np.float64)
         assert rows.shape[1] == len(INPUT_COLUMNS)
@@ -98,7 +98,7 @@ class ServedEcu:
         return np.frombuffer(answer, dtype=np.float64).reshape(samples, -1)
 
     def task(self) -> ServedTask:
-        """The one task of the program, just initialised."""
+        """Initialise and return the only task of the program."""
         self._send(b"t")
         return ServedTask(self._send, self._ask)
 
@@ -113,7 +113,7 @@ class ServedEcu:
 
     def _send(self, data: bytes) -> None:
         try:
-            self._to.write(data)  # what has no answer waits for the next command that has one
+            self._to.write(data)  # commands without an answer are sent with the next that has one
         except OSError:
             raise Ended("the program ended") from None
 
@@ -130,27 +130,27 @@ class ServedEcu:
 
 
 class ServedTask:
-    """The cyclic task, with the methods of `codegen.sil.task.Task` that a bench calls."""
+    """The cyclic task, with the methods of `codegen.sil.software.Task` that a bench calls."""
 
     def __init__(self, send: Any, ask: Any) -> None:
         self._send, self._ask = send, ask
 
     def on_can_frame(self, identifier: int, data: bytes) -> None:
-        """A frame came from the bus."""
+        """Receive a frame."""
         self._send(b"f" + struct.pack("=IB", identifier, len(data)) + data)
 
     def run(self) -> tuple[int, bytes]:
-        """One sample: identifier and data of the frame to send."""
+        """Run one sample. Return id and data of the frame to send."""
         answer = self._ask(b"c", 12)
         return struct.unpack("=I", answer[:4])[0], answer[4:]
 
 
 class Served:
-    """A program that serves, and after the context what its sanitizers said.
+    """A serving program.
 
     Attributes:
-        ecu: to call while the context lasts.
-        findings: of the sanitizers, a line each; filled when the context ends.
+        ecu: interface for calls during the context.
+        findings: reports of the sanitizers, filled when the context ends.
     """
 
     def __init__(self, ecu: ServedEcu) -> None:
@@ -160,8 +160,8 @@ class Served:
 
 @contextlib.contextmanager
 def served(compiler: Compiler, subject: Subject) -> Iterator[Served]:
-    """The code of a build, sanitized, behind a pipe; the bench around it is not judged. An end of the program ends the context
-    and is told in the findings.
+    """Run the sanitized code of a build behind a pipe. If the program ends early, the context ends and the findings contain
+    it.
 
     Raises:
         BuildError: C that does not compile.

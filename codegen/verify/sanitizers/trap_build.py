@@ -26,12 +26,12 @@ from codegen.verify.target.emulator import Stray
 
 FLAGS = (
     "-O1",
-    # One by one: of a list, zig knows the first alone.
+    # Separate flags: zig supports only the first of a list.
     "-fsanitize=undefined",
     "-fsanitize=float-divide-by-zero",
     "-fsanitize=float-cast-overflow",
     "-fsanitize-trap=all",
-    # Or all traps of a function become one, which has no line.
+    # Otherwise all traps of a function are merged into one without a line.
     "-fno-sanitize-merge",
     "-mllvm",
     "-enable-tail-merge=false",
@@ -41,13 +41,13 @@ FLAGS = (
 TRAP_MESSAGE = "__clang_trap_msg$"
 
 REASONS = {"Integer divide or remainder overflowed": "Division by zero, or one whose result does not fit"}
-"""Where clang's own words are those of another case."""
+"""Corrections of clang's messages that name only one of several cases."""
 
 STEPS, QUICK_STEPS = 20_000, 5_000
 
 
 def trapped(subject: Subject, effort: Effort) -> tuple[str, ...]:
-    """Run the C of a build in single precision, and tell what traps, a line for each place.
+    """Run the C of a build in single precision and return a line for each place that traps.
 
     Raises:
         CodegenError: a package of the extra is missing.
@@ -64,24 +64,24 @@ def trapped(subject: Subject, effort: Effort) -> tuple[str, ...]:
 
 
 def _traps(program: Program, driven: Iterable[Stream], library: Mapping[str, bytes]) -> dict[str, str]:
-    """What traps, and where it first does."""
+    """Run streams and return each trap with its first occurrence."""
     found: dict[str, str] = {}
     target = OnTarget(program, sources=library, flags=FLAGS)
     for stream in driven:
         try:
             target.run(stream.batch, stream.rows)
         except Stray as error:
-            where = f"on the {target.name}; {stream.name}, {stream.row} {target.row}: {stream.told(target.row)}"
-            found.setdefault(told(target.image, error.address), where)
+            where = f"on the {target.name}; {stream.name}, {stream.row} {target.row}: {stream.format_row(target.row)}"
+            found.setdefault(describe_trap(target.image, error.address), where)
     return found
 
 
-def told(image: bytes, address: int) -> str:
-    """File and line that an instruction traps for, and why, as clang writes it beside the code; else its address."""
+def describe_trap(image: bytes, address: int) -> str:
+    """Return file and line of a trap and its reason from clang's debug information; otherwise its address."""
     debug = module("elftools.elf.elffile", "pyelftools").ELFFile(io.BytesIO(image)).get_dwarf_info()
     for unit in debug.iter_CUs():
         for entry in unit.iter_DIEs():
-            # A call that was never made, of a function whose name is the message.
+            # clang stores the message as the name of an inlined function.
             if entry.tag == "DW_TAG_inlined_subroutine" and _holds(entry, address):
                 name = entry.get_DIE_from_attribute("DW_AT_abstract_origin").attributes["DW_AT_name"].value.decode()
                 if name.startswith(TRAP_MESSAGE):
@@ -97,7 +97,7 @@ def _holds(entry: Any, address: int) -> bool:
 
 
 def _file(program: Any, index: int) -> str:
-    """A source file, as it was named to the compiler: DWARF 4 counts from one."""
+    """Return the name of a source file as passed to the compiler. DWARF 4 counts from one."""
     entry = program.header.file_entry[index - 1]
     folder = program.header.include_directory[entry.dir_index - 1].decode() if entry.dir_index else ""
     return str(PurePosixPath(folder, entry.name.decode()))

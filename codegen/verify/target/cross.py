@@ -18,7 +18,7 @@ from codegen.verify.packages import require
 
 @dataclass(frozen=True)
 class Core:
-    """An instruction set to compile for, without an operating system.
+    """Instruction set to compile for, without an operating system.
 
     Attributes:
         name: as users know it.
@@ -58,7 +58,7 @@ FLAGS = (
 
 FLASH, RAM = 0x0800_0000, 0x2000_0000
 
-# What a compiler may call to copy or clear a struct. Every toolchain brings it; these are plain, and left out where not called.
+# Functions that a compiler may call to copy or clear a struct. Every toolchain provides them; unused ones are not linked.
 _MEMORY = """#include <stddef.h>
 void *memcpy(void *to, const void *from, size_t size);
 void *memset(void *to, int value, size_t size);
@@ -94,7 +94,7 @@ void __aeabi_memclr8(void *to, size_t size) __attribute__((alias("__aeabi_memclr
 
 MEMORY_UNIT, SCRIPT = "bare/memory.c", "image.ld"
 INCLUDES = ("-Iinclude", "-isystem", "bare")
-# A bare target has no C library. These prototypes are all that the generated C may need of one.
+# A bare target has no C library. The generated C may use only these prototypes.
 BARE_HEADERS = {
     "bare/math.h": "float sinf(float); float cosf(float); float atanf(float);\n",
     "bare/string.h": "#include <stddef.h>\nvoid *memcpy(void *to, const void *from, size_t size);\n",
@@ -115,7 +115,7 @@ _SCRIPT = f"""SECTIONS {{
 def compile_image(
     sources: Mapping[str, str | bytes], entries: Sequence[str], flags: Sequence[str] = ("-O2",), core: Core = CORTEX_M4F
 ) -> bytes:
-    """An ELF file at fixed addresses, with what the entries reach and nothing else.
+    """Link an ELF file at fixed addresses with only what the entries reach.
 
     Args:
         sources: relative path with "/" -> content, of all .c, .h and .o files; headers are found in include/.
@@ -137,14 +137,14 @@ def compile_image(
 
 
 def preprocess(sources: Mapping[str, str | bytes], units: Sequence[str]) -> dict[str, str]:
-    """Each of the units as the compiler's parser sees it, line markers included. Raises as `compile_image`."""
+    """Return each unit after preprocessing, with line markers. Raises as `compile_image`."""
     with source_tree(sources) as tree:
         return {unit: zig(["cc", *CORTEX_M4F.flags, *FLAGS, *INCLUDES, "-E", unit], tree) for unit in units}
 
 
 @contextlib.contextmanager
 def source_tree(sources: Mapping[str, str | bytes]) -> Iterator[Path]:
-    """The sources and the bare headers in a folder; its parent is for what is made of them. Raises BuildError: a full disk."""
+    """Store the sources and the bare headers in a folder; its parent is for outputs. Raises BuildError if the disk is full."""
     try:
         with tempfile.TemporaryDirectory(prefix="ars-cross-") as scratch:
             tree = Path(scratch, "tree")
@@ -159,11 +159,11 @@ def source_tree(sources: Mapping[str, str | bytes]) -> Iterator[Path]:
 
 
 def zig(arguments: Sequence[str], folder: Path) -> str:
-    """What `zig` prints, run in a folder beside which it may leave files.
+    """Run `zig` in a folder next to which it may write, and return its output.
 
     Raises:
         CodegenError: `ziglang` is not installed.
-        BuildError: zig says no.
+        BuildError: zig fails.
     """
     require("ziglang")
     # Kept nowhere: no folder is used twice, so zig's own cache would only grow.

@@ -1,8 +1,8 @@
-"""A core of an ECU in this process (unicorn): loads an image, calls its functions, counts the instructions of a call exactly.
+"""Emulate an ECU core in this process (unicorn): load an image, call its functions, count the instructions of a call exactly.
 
-Counted, on a Cortex-M, by basic blocks: the emulator tells each block that it enters, and a block is run through to its end.
-What a block holds is read from its bytes, in which a Thumb instruction has 16 or 32 bits. An instruction whose condition in an
-IT block does not hold counts too: the core takes it in, and spends a cycle on it.
+On a Cortex-M, counting is by basic blocks: the emulator reports each block that it enters, and a block runs to its end. The
+number of instructions follows from the bytes of the block; a Thumb instruction has 16 or 32 bits. An instruction in an IT block
+whose condition does not hold counts too, as the core spends a cycle on it.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ PAGE = 0x1000
 STACK_TOP, STACK_BYTES = 0x4000_0000, 0x1_0000
 DATA, DATA_BYTES = 0x6000_0000, 0x80_0000
 RETURN = 0x7000_0000
-"""Where a call returns to: a page of its own."""
+"""Return address of a call, on a page of its own."""
 
 SIZE_BITS = 16
-"""A block is kept as its address and, in so many bits, its size in bytes."""
+"""Bits of a traced block for its size in bytes; the others hold its address."""
 
 CALL_SECONDS = 60.0
 
 
 @dataclass(frozen=True)
 class Machine:
-    """How the emulator runs a kind of core: names of unicorn's constants, and how a function is called.
+    """Emulation of a kind of core: names of unicorn's constants, and the calling convention.
 
     Attributes:
-        architecture: with `mode`, what unicorn opens.
-        prefix: of the constants of that architecture.
-        model: of the core.
+        architecture, mode: arguments for opening unicorn.
+        prefix: prefix of the architecture's constants.
+        model: constant of the core.
         arguments: registers of the first four words; the result is in the first.
         stack, link: registers.
-        linkage: bytes above the stack pointer that a function may write to.
+        linkage: bytes above the stack pointer that a function may overwrite.
         thumb: whether an address of code has its lowest bit set.
         byte_order: as in a NumPy dtype, "<" or ">".
-        fpu_on: register to bits that let the FPU work.
+        fpu_on: register -> bits that enable the FPU.
     """
 
     architecture: str
@@ -101,7 +101,7 @@ MACHINES: Mapping[str, Machine] = {
 
 @dataclass(frozen=True)
 class Function:
-    """A function of the image: its code, and the constants that stand among it, from `start` to before `end`."""
+    """A function of the image: its code and the constants within it, from `start` to before `end`."""
 
     name: str
     start: int
@@ -110,7 +110,7 @@ class Function:
 
 @dataclass(frozen=True)
 class Blocks:
-    """What was run, in order: address and instructions of each basic block, both (n,)."""
+    """Executed basic blocks in order: address and number of instructions, both (n,)."""
 
     address: IntArray
     instructions: IntArray
@@ -199,11 +199,11 @@ class Processor:
         return self._get(machine.arguments[0])
 
     def traced(self, work: Callable[[], object]) -> Blocks:
-        """Every basic block that runs during `work`. Raises ValueError: not a core with Thumb instructions."""
+        """Trace every basic block that runs during `work`. Raises ValueError for a core without Thumb instructions."""
         if not self._machine.thumb:
             raise ValueError(f"the instructions of a {self.name} are not counted")
         self._trace.clear()
-        # Blocks that were translated before do not tell.
+        # Blocks that were translated before would not call the hook.
         self._core.ctl_flush_tb()
         append = self._trace.append
 
@@ -230,15 +230,15 @@ class Processor:
         return self._known[block]
 
     def address(self, name: str) -> int:
-        """Of a function or an object of the image."""
+        """Return the address of a function or an object."""
         return self._addresses[name]
 
     def write(self, address: int, content: bytes) -> None:
-        """Into memory."""
+        """Write to memory."""
         self._core.mem_write(address, content)
 
     def read(self, address: int, size: int) -> bytes:
-        """From memory."""
+        """Read from memory."""
         return bytes(self._core.mem_read(address, size))
 
 
@@ -250,7 +250,7 @@ class CortexM4(Processor):
 
 
 def instructions_in(code: bytes) -> int:
-    """Thumb instructions in a piece of code: 32 bits where the first five are 0b11101 to 0b11111 (Armv7-M ARM, A5.1)."""
+    """Count Thumb instructions: 32 bits if the first five are 0b11101 to 0b11111 (Armv7-M ARM, A5.1)."""
     place = count = 0
     while place < len(code):
         place += 4 if code[place + 1] >> 3 in (0b11101, 0b11110, 0b11111) else 2
