@@ -190,7 +190,11 @@ TASK = _comparing(
     lambda case, known: answers_task.check_task(case.built, known),
 )
 UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
-    "calibration": lambda _: _of_built(checks_parameters.check_defaults, checks_lookup.check_map_functions),
+    "calibration": lambda kind: [
+        *_of_built(checks_parameters.check_defaults),
+        *_map(kind),
+        *([*_reference_model(kind), *_of_built(*_in(checks_tracking))] if kind == "tracking" else ()),
+    ],
     "checksum": lambda _: _of_built(checks_lookup.check_map_functions),
     "controller": _controller,
     "law": _controller,
