@@ -14,10 +14,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.closed_loop import DURATION, slalom, step_steer
 from benchmarks.timing import Comparison, Report, Times, interleaved
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.sil.batch import BatchSoftware, Lanes, load_batch
 from codegen.sil.closed_loop import ClosedLoop
@@ -25,8 +25,6 @@ from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.software import load
 from codegen.sil.vector import FLAGS, ISAS, Isa, compiler_offers, machine_runs
 from codegen.vehicle.dynamics import plant_parameters
-
-FloatArray = npt.NDArray[np.float64]
 
 REQUIRED: dict[Isa, float | None] = {"x86-64-v4": 5000.0, "x86-64-v3": 2500.0, "none": None}
 """Required multiple of real time on one core, for the whole loop with the PI controller."""

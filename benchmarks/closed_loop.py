@@ -13,15 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.paper_build import CONFIG, paper_folder
 from benchmarks.timing import Comparison, Report, interleaved
+from codegen.arrays import FloatArray
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.compile import DEFAULT_FLAGS, compile_library
 from codegen.sil.software import RECORD_COLUMNS, Software, bench_sources
 
-FloatArray = npt.NDArray[np.float64]
 Run = tuple[FloatArray, Any]
 """Record (n, 12), columns RECORD_COLUMNS, and the C struct of the plant's last state, fields PLANT_STATES."""
 

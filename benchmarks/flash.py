@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.nonlinear_map import nonlinear
 from benchmarks.paper_build import CONFIG
 from benchmarks.tables import CountReport, Row
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.placement_error import MeasuredError
@@ -22,8 +22,6 @@ from codegen.optimum.nonlinear import NonlinearTurns
 from codegen.optimum.solve import solve_case
 from codegen.report.flash import HEADER, flash_rows
 from codegen.vehicle.single_track import SingleTrack
-
-FloatArray = npt.NDArray[np.float64]
 
 CASE = "4ws-2"
 BOUND = math.radians(0.05)

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from codegen import configuration
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.optimum.nonlinear import NonlinearTurns
-from codegen.optimum.problem import FloatArray
 from tests.optimum.cars import random_config
 
 

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.tables import CountReport, Row
-from codegen.configuration import KM_H, Case, Config
+from codegen.configuration import Case, Config
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Measurement, Software
+from codegen.units import KM_H
 from hil_sim.metrics.run import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from hil_sim.suite.candidate import recommended
 from hil_sim.suite.cells import cells, front_angle

@@ -8,9 +8,10 @@ from collections.abc import Callable
 from benchmarks.paper_build import CONFIG
 from benchmarks.same import Sameness
 from benchmarks.timing import Comparison, Report, Times, interleaved, once
+from codegen.arrays import FloatArray
 from codegen.optimum import exact, ipopt
 from codegen.optimum.exact import Solution
-from codegen.optimum.problem import FloatArray, SteadyTurnProblem, breakpoints
+from codegen.optimum.problem import SteadyTurnProblem, breakpoints
 
 CASES = ("fws", "4ws-1", "4ws-2")
 REQUIRED = 1000.0

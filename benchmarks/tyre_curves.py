@@ -11,13 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linprog
 
+from codegen.arrays import FloatArray
 from codegen.emit.text import literal
 from codegen.verify.target.cross import CORTEX_M4F, source_tree, zig
-
-FloatArray = npt.NDArray[np.float64]
 
 GRID = 400
 COMPRESSIONS = (0.5, 1.0, 2.0, 4.0, 8.0)

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.errors import CodegenError
 from codegen.sil.software import Software
 from hil_sim.codec import RearSteerCommand
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from hil_sim.bus import Bus
     from hil_sim.logs import BusLog
 
-FloatArray = npt.NDArray[np.float64]
 
 ANSWER_TIMEOUT = 2.0
 """s of waiting for an answer in lock-step before the ECU counts as gone."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.errors import CodegenError
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.errors import CodegenError
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import static_wheel_loads
 
-FloatArray = npt.NDArray[np.float64]
 Columns = Mapping[str, npt.ArrayLike]
 
 STANDARD_GRAVITY = 9.80665

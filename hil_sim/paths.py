@@ -8,13 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.design.sampled import matrix_exponential
 from codegen.vehicle.single_track import SingleTrack
-
-FloatArray = npt.NDArray[np.float64]
 
 BODY_BEYOND_TRACK_M = 0.25
 """m of the body beyond the track: one tyre's width. The configuration has no width of the body."""

@@ -9,9 +9,6 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
 from codegen.configuration import Config
 from codegen.configuration.signals import RECORDED, signals_of
 from codegen.emit.text import Precision
@@ -23,8 +20,6 @@ from hil_sim.faults import Injector
 from hil_sim.frames import Frame
 from hil_sim.scenarios import Scenario
 from hil_sim.sensors import SensorModel
-
-FloatArray = npt.NDArray[np.float64]
 
 USABLE = (E2eStatus.OK, E2eStatus.INITIAL, E2eStatus.OK_SOME_LOST)
 """Checks after which the data of a frame are used, as in the generated task."""

@@ -5,16 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.errors import CodegenError
 from codegen.files import read_text, write_atomically
 from codegen.sil.software import RECORD_COLUMNS
 
 CSV_BYTES_MAX = 2**30
 """Some hours of driving."""
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def to_csv(record: FloatArray) -> bytes:

@@ -26,9 +26,9 @@ from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import AfterValidator, Field, ValidationError
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config, parse_toml
 from codegen.configuration.faults import Location, first_fault
 from codegen.configuration.section import Range, Section, check_name
@@ -201,8 +201,6 @@ def _key_of(location: Location) -> str:
         f" {part + 1}" if isinstance(part, int) else f"{': ' if place else ''}{part}" for place, part in enumerate(location)
     )
 
-
-FloatArray = npt.NDArray[np.float64]
 
 MAX_DURATION = 3600.0
 """s of a recorded drive."""

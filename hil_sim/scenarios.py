@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import CodegenError, suggestion
 from codegen.sil.closed_loop import INPUT_COLUMNS
@@ -22,8 +22,6 @@ from hil_sim.clocks import IN_STEP, Clocks
 from hil_sim.faults import Fault
 from hil_sim.manoeuvres import Manoeuvre, Settings
 from hil_sim.paths import PathOf, PreviewDriver, RoadPath
-
-FloatArray = npt.NDArray[np.float64]
 
 DEFAULT = "step-steer"
 

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from codegen import configuration
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.emit.folder import verify_hashes
 from codegen.emit.manifest import read_build
@@ -27,8 +27,6 @@ from hil_sim.ecu_process import EcuProcess, EcuThread, cffi_command
 from hil_sim.logs import BusLog
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import Scenario
-
-FloatArray = npt.NDArray[np.float64]
 
 EcuKind = Literal["native", "cffi", "external"]
 

@@ -1,14 +1,14 @@
 """Builds under test: each a map, its rendered folder and the compiled software.
 
-A build is made on first use. Its compiled library is shared by all workers through the cache of `codegen.sil.compile`; a lock
-keeps two workers from compiling the same one.
+A build is made on first use. All workers share its compiled library through the cache of `codegen.sil.compile`; a lock prevents
+two workers from compiling the same one.
 """
 
 import functools
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -34,15 +34,15 @@ SCHEDULE = {
     "lead_s": [-0.02, 0.03, 0.06, 0.05, 0.04, 0.05],
     "response_gain_s": [0.0, 0.15, 0.12, 0.08, 0.1, 0.05],
 }
-"""Of the size that `codegen tune` gives; fixed, so that no test here depends on the design."""
+"""A schedule similar to that of `codegen tune`; fixed, so that no test depends on the design."""
 
 
 LIMITER = {"rear_rate_max_deg_s": 40.0, "opposite_phase_speed_km_h": [60.0, 120.0], "opposite_phase_max_deg": [3.5, 1.5]}
-"""Plain figures, so that a test can say what it expects."""
+"""Round numbers, so that a test can state its expectation."""
 
 
 def _of_kind(kind: Kind) -> Config:
-    """The recommended configuration, limiter and rate limit on, with another kind of controller."""
+    """Return the recommended configuration, limiter and rate limit on, with another kind of controller."""
     data = configuration.preset("recommended").model_dump()
     data["controller"]["kind"] = kind
     data["controller"]["tracking"]["schedule"] = SCHEDULE
@@ -50,12 +50,7 @@ def _of_kind(kind: Kind) -> Config:
     return Config.model_validate(data)
 
 
-CONFIGS: dict[Kind, Config] = {
-    "pi": CONFIG,
-    "tracking": _of_kind("tracking"),
-    "feedforward": _of_kind("feedforward"),
-    "proportional": _of_kind("proportional"),
-}
+CONFIGS: dict[Kind, Config] = {kind: CONFIG if kind == "pi" else _of_kind(kind) for kind in get_args(Kind)}
 """By kind; the PI is the paper's, without rate limit and limiter."""
 TRACKING_CONFIG, FEEDFORWARD_CONFIG = CONFIGS["tracking"], CONFIGS["feedforward"]
 PRECISIONS: tuple[Precision, ...] = ("single", "double")
@@ -68,7 +63,7 @@ class Built:
     """A build in memory, compiled.
 
     Attributes:
-        folder: the generated files. total: the map that they hold. software: the compiled C.
+        folder: the generated files. total: the map they contain. software: the compiled C.
     """
 
     folder: Folder
@@ -91,54 +86,54 @@ class Built:
         return float(np.finfo(self.software.real).eps)
 
     def next(self, value: float, toward: float) -> float:
-        """The neighbour of a value in the precision of the build."""
+        """Return the neighbour of a value in the precision of the build."""
         real = self.software.real
         return float(np.nextafter(real(value), real(toward)))
 
     def reference(self, speed: float = SPEED, front_angle: float = FRONT_ANGLE) -> float:
-        """Reference yaw rate in rad/s on the road that the map assumes."""
+        """Return the reference yaw rate in rad/s on the road that the map assumes."""
         return float(self.lookup(speed, front_angle))
 
     def turn(self, error: float = 0.0, speed: float = SPEED, front_angle: float = FRONT_ANGLE, **others: Any) -> Measurement:
-        """A turn with a yaw-rate error (rad/s, reference minus measured)."""
+        """Return a turn with a yaw-rate error (rad/s, reference minus measured)."""
         return Measurement(speed, front_angle, self.reference(speed, front_angle) - error, **others)
 
 
 def render(reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> Folder:
-    """The generated folder of a map."""
+    """Return the generated folder of a map."""
     return build(
         reference_map, config, BuildOptions("sample", precision=precision), BuildInputs("sample.npz", "0" * 64, "preset")
     )
 
 
 def make(reference_map: ReferenceMap, config: Config = CONFIG, precision: Precision = "single") -> Built:
-    """Render and compile."""
+    """Render and compile a build."""
     folder = render(reference_map, config, precision)
-    with shared.alone(f"compile {hashlib.sha256(render_manifest(folder)).hexdigest()}"):
+    with shared.locked(f"compile {hashlib.sha256(render_manifest(folder)).hexdigest()}"):
         software = compile_build(folder.files, folder.manifest)
     return Built(folder, extend(reference_map, config), software)
 
 
 @functools.cache
 def paper_map() -> ReferenceMap:
-    """The 4WS-2 map of the paper's car."""
+    """Return the 4WS-2 map of the paper's car."""
     return solve_case(CONFIG, "4ws-2")
 
 
 @functools.cache
 def paper(precision: Precision = "single") -> Built:
-    """The paper's build: 4WS-2 map, rate limit off."""
+    """Return the paper's build: 4WS-2 map, rate limit off."""
     return make(paper_map(), CONFIG, precision)
 
 
 @functools.cache
 def of_kind(kind: Kind, precision: Precision = "single") -> Built:
-    """The build of a kind of controller around the paper's 4WS-2 map."""
+    """Return the build of a kind of controller with the paper's 4WS-2 map."""
     return paper(precision) if kind == "pi" else make(paper_map(), CONFIGS[kind], precision)
 
 
 def altered_folder(folder: Folder, path: str, old: str, new: str) -> Folder:
-    """Return a folder with one place of its C changed. Raises LookupError: the text does not stand there exactly once."""
+    """Return a folder with one text in its C replaced. Raises LookupError unless it occurs exactly once."""
     text = folder.files[path].decode("ascii")
     if text.count(old) != 1:
         raise LookupError(f"{path} holds {text.count(old)} times, instead of once: {old}")
@@ -155,7 +150,7 @@ def _bare(speed: Any, front_angle: Any, yaw_rate: Any, **more: Any) -> Reference
 
 
 def _rough(friction: tuple[float, ...] = ()) -> ReferenceMap:
-    """Uneven on both axes, any value beside any other: no neighbour, and no layer of a stack, can stand in for another."""
+    """Return a map with uneven axes and unrelated values: no neighbour and no layer of a stack can replace another."""
     speed, front_angle = np.array([2.0, 3.0, 7.5, 8.0, 21.0, 40.0]), np.array([0.003, 0.01, 0.02, 0.1, 0.11])
     rng, shape = np.random.default_rng(3), (len(friction), 6, 5)
     ceiling = np.minimum(2.0, 19.0 / speed)[:, np.newaxis]  # the map contract allows 2 g

@@ -1,4 +1,4 @@
-"""Settings of every test: no screen, the same examples on each run, one store of shared results (see `tests.shared`)."""
+"""Settings of every test: no screen, the same examples in each run, one store of shared results (see `tests.shared`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Damaged files for every loader: seeds, the damage, and the loaders that must answer each with one line or read it."""
+"""Damaged files for every loader: seeds, kinds of damage, and the loaders that must read each file or reject it with one
+line."""
 
 from __future__ import annotations
 
@@ -39,10 +40,10 @@ BUILD = ROOT / "generated" / "4ws2-paper"
 PAPER = preset()
 CAN = PAPER.can
 HANG_S = 60
-"""A loader that takes so long is taken to hang; the slowest case takes under a second."""
+"""A loader that takes this long counts as hanging; the slowest case takes under a second."""
 
 WORDS = (b"nan", b"inf", b"-1e308", b"1e400", b"0", b"-1", b"true", b"null", b'""', b"[]", b"{}", b"\x00", b"\xff", b"1" * 5000)
-"""What is put in place of a number or a word."""
+"""Replacements of a number or a word."""
 NESTED = (b"[" * 3000, b"{" * 3000, b'{"a":' * 2000, b"a." * 3000)
 
 
@@ -51,9 +52,9 @@ class Loader:
     """A loader of one kind of file.
 
     Attributes:
-        name: file name of a damaged file, in a folder of its own.
+        name: file name of a damaged file, in a separate folder.
         seed: content of a good file.
-        load: reads a path; raises CodegenError for what cannot be read.
+        load: reads a path; raises CodegenError if it cannot.
         weight: share of the generated cases; less for slow readers.
     """
 
@@ -185,7 +186,7 @@ def _flip(data: bytes, generator: np.random.Generator) -> bytes:
 
 
 def _replace(data: bytes, generator: np.random.Generator) -> bytes:
-    """Put something else in place of one word or number."""
+    """Replace one word or number."""
     words = list(re.finditer(rb'"[^"\n]{0,40}"|[-+\w.]+', data[:200_000]))
     if not words:
         return data
@@ -213,7 +214,7 @@ DAMAGES = (_cut, _flip, _replace, _replace, _replace, _repeat, _nest)
 
 
 def fault_of(loader: Loader, data: bytes, folder: Path) -> str:
-    """Return what is wrong with the answer to a file, "" if nothing is: an exception of another kind, or no single line."""
+    """Return the fault in a loader's response to a file, or "": an exception of another kind, or not exactly one line."""
     path = folder / loader.name
     path.write_bytes(data)
     before = signal.signal(signal.SIGALRM, _hung)

@@ -1,7 +1,7 @@
-"""Results that several tests need, made once for a whole run and shared by all its workers.
+"""Results that several tests need, made once per run and shared by all its workers.
 
 The store is a temporary folder of the run. An entry is named by the SHA-256 of its key, so two tests that describe the same
-work share it and a different input never meets a stale result.
+work share it and a different input never gets a stale result.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ VARIABLE = "ARS_TESTS_SHARED"
 
 PREFIX = "ars-tests-run-"
 YOUNG_S = 60.0
-"""Age below which a folder is left alone: its run may not have locked it yet."""
+"""Minimum age of folders to remove: a younger run may not have locked its folder yet."""
 
 
 def begin() -> None:
-    """Create the folder of the run, and remove those of runs that were killed. Called once, by the process with the workers."""
+    """Create the folder of the run, and remove those of killed runs. Called once, by the process with the workers."""
     for path in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError):
             if time.time() - path.stat().st_mtime > YOUNG_S:
@@ -55,12 +55,12 @@ def folder() -> Path:
     """Return the folder of the run; outside pytest, create it for this process."""
     if VARIABLE not in os.environ:
         begin()
-        atexit.register(shutil.rmtree, os.environ[VARIABLE], ignore_errors=True)  # a run may begin another one meanwhile
+        atexit.register(shutil.rmtree, os.environ[VARIABLE], ignore_errors=True)  # a run may begin another one in the meantime
     return Path(os.environ[VARIABLE])
 
 
 @contextlib.contextmanager
-def alone(key: str) -> Iterator[Path]:
+def locked(key: str) -> Iterator[Path]:
     """Hold the lock of a key across all workers, and yield a path for its entry (a file or a folder)."""
     path = folder() / hashlib.sha256(key.encode()).hexdigest()
     with path.with_suffix(".lock").open("w") as lock:
@@ -69,8 +69,8 @@ def alone(key: str) -> Iterator[Path]:
 
 
 def once(key: str, make: Callable[[], Any]) -> Any:
-    """Return what `make` returns, computed by the first worker that needs it. The value must be picklable."""
-    with alone(key) as path:
+    """Return the result of `make`, computed by the first worker that needs it. It must be picklable."""
+    with locked(key) as path:
         if not path.exists():
             path.write_bytes(pickle.dumps(make()))
         return pickle.loads(path.read_bytes())
@@ -78,11 +78,11 @@ def once(key: str, make: Callable[[], Any]) -> Any:
 
 @functools.cache
 def build_folder(kind: str = "pi", precision: Precision = "single") -> Path:
-    """Return a build of `tests.builds.of_kind` on disk, as `codegen build` leaves it. Tests must not write to it."""
+    """Return a build of `tests.builds.of_kind` on disk, as written by `codegen build`. Tests must not write to it."""
     from codegen.emit.write import write_folder
     from tests import builds
 
-    with alone(f"build folder {kind} {precision}") as path:
+    with locked(f"build folder {kind} {precision}") as path:
         place = path / "4ws2"
         if not place.exists():
             write_folder(builds.of_kind(kind, precision).folder, place)

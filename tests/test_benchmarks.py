@@ -1,4 +1,4 @@
-"""The benchmarks' own checks: the hand-written plant and the one made from CasADi are the same car. No time is asserted."""
+"""The benchmarks' own checks: the hand-written plant equals the one made from CasADi. No time is asserted."""
 
 import math
 from typing import Any
@@ -16,8 +16,10 @@ from tests import builds
 DURATION = 0.5
 
 SAME = 1e-11
-"""Absolute and relative, in SI units. Both loops compute in double precision and differ only in the order of operations: a few
-1e-16 of each quantity, grown over 500 steps; 1e-13 is seen. An equation that differs shows from 1e-6 upwards."""
+"""Absolute and relative tolerance in SI units. Both loops use double precision and differ only in the order of operations.
+
+A few 1e-16 of each quantity grow over 500 steps to a measured 1e-13. A different equation differs by 1e-6 or more.
+"""
 TIME = np.linspace(0.0, DURATION, len(step_steer(DURATION, 0.1)))
 MANOEUVRES: dict[str, dict[str, Any]] = {
     "step": {},
@@ -32,14 +34,14 @@ MANOEUVRES: dict[str, dict[str, Any]] = {
 }
 
 
-def test_the_plant_written_by_hand_is_that_from_casadi() -> None:
+def test_the_hand_written_plant_equals_that_from_casadi() -> None:
     loops = Loops.compile()
     for name, columns in MANOEUVRES.items():
         inputs = slalom(DURATION) if name.startswith("slalom") else step_steer(DURATION, 0.1)
         for column, values in columns.items():
             inputs[:, INPUT_COLUMNS.index(column)] = values
         (generated, generated_state), (by_hand, hand_state) = loops.generated(inputs), loops.by_hand(inputs)
-        assert np.ptp(by_hand[:, 1:], axis=0)[2] > 1e-3  # the car does turn
+        assert np.ptp(by_hand[:, 1:], axis=0)[2] > 1e-3  # the car turns
         np.testing.assert_allclose(by_hand, generated, rtol=SAME, atol=SAME)
         for state in PLANT_STATES:
             assert getattr(hand_state, state) == pytest.approx(getattr(generated_state, state), rel=SAME, abs=SAME), state
@@ -50,9 +52,9 @@ def test_no_control_near_the_minimal_one_has_a_smaller_error(monkeypatch: pytest
     step = minimal_error.StepSteer(builds.paper().software, Cell(100.0, 3.0))
     found = step.optimum()
     assert found.rms < 0.2 * step.rms(step.replay(np.zeros_like(found.command))[0][:: step.per_sample])
-    assert found.rear_angle.min() < 0.0 < found.yaw_rate[-1]  # opposite first
+    assert found.rear_angle.min() < 0.0 < found.yaw_rate[-1]  # opposite phase first
     sooner, later = np.roll(found.command, -step.per_sample), np.roll(found.command, step.per_sample)
     for other in (0.9 * found.command, 1.1 * found.command, sooner, later):
-        # 1 %: the optimum is one of a coarser integration.
+        # 1 %: the optimum belongs to a coarser integration.
         assert step.rms(step.replay(other)[0][:: step.per_sample]) > 0.99 * found.rms
     assert step.optimum(rear_slip_max=math.radians(1.0)).rms > found.rms

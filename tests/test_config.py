@@ -1,4 +1,4 @@
-"""`ars.toml`: valid configurations, and for everything else one line that names the key and the remedy."""
+"""`ars.toml`: valid configurations, and otherwise one line that names the key and the remedy."""
 
 import json
 import math
@@ -14,7 +14,7 @@ from codegen.errors import ConfigError
 
 
 def refused(source: str | Path | dict[str, Any]) -> str:
-    """Return the message for a TOML text, a file or the data of one, after the checks that hold for every message."""
+    """Return the error message of a TOML text, a file or data, after general checks of the message."""
     with pytest.raises(ConfigError) as caught:
         load(source) if isinstance(source, Path) else parse(
             tomllib.loads(source) if isinstance(source, str) else source, "car.toml"
@@ -26,7 +26,7 @@ def refused(source: str | Path | dict[str, Any]) -> str:
 
 
 def leaves_of(data: dict[str, Any], key: str = "") -> dict[str, Any]:
-    """Return the values of nested tables, by their dotted key."""
+    """Return the values of nested tables by their dotted key."""
     found: dict[str, Any] = {}
     for name, value in data.items():
         found |= leaves_of(value, f"{key}{name}.") if isinstance(value, dict) else {f"{key}{name}": value}
@@ -39,7 +39,7 @@ def differences(left: Config, right: Config) -> set[tuple[str, Any, Any]]:
 
 
 def test_the_default_is_the_recommended_preset_and_the_papers_differs_in_controller_and_tyre_model(tmp_path: Path) -> None:
-    """The paper limits no rate and has no limiter. A cycle time that is not given is the sampling time."""
+    """The paper has no rate limit and no limiter. The default cycle time is the sampling time."""
     recommended, path = preset("recommended"), tmp_path / "ars.toml"
     roles = recommended.can.messages()
     assert differences(Config(), recommended) == {(f"can.{role}.cycle_time_ms", None, 10.0) for role in roles}
@@ -67,17 +67,17 @@ def test_preset_shows_every_key(name: Any) -> None:
     shown = leaves_of(tomllib.loads(preset_text(name)))
     left_out = ("controller.tracking.schedule", *(("controller.tracking.", "tuning.") if name == "paper" else ()))
     for key in (key for key in KEYS if not key.startswith(left_out)):
-        assert key in shown or key.rpartition(".")[2] in preset_text(name), key  # else it is named in a comment
+        assert key in shown or key.rpartition(".")[2] in preset_text(name), key  # otherwise it is named in a comment
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "-1e9", "1e9", "true", '"1.0"', "[1.0]", "{}", "2020-01-01"])
-def test_no_number_takes_a_value_of_no_car(value: str) -> None:
+def test_no_number_accepts_an_impossible_value(value: str) -> None:
     for key in FLOATS:
-        # The key as written, no inner path of a checker.
+        # The key as written, not an internal path of the checker.
         assert refused(f"{key} = {value}").startswith(f"car.toml: {key}: ")
 
 
-# The paper's own values in another unit (t, cm, mm, percent, kN, rad, mrad, cm/s, ms, a share): no car can have them.
+# The paper's values in other units (t, cm, mm, percent, kN, rad, mrad, cm/s, ms, a fraction), impossible for a car.
 @pytest.mark.parametrize(
     ("unit", "lines"),
     [
@@ -105,7 +105,7 @@ def test_no_number_takes_a_value_of_no_car(value: str) -> None:
         ("s", ["controller.inputs.yaw_rate_lag_s = 150", "plant.sampling_time_s = 1"]),
     ],
 )
-def test_a_wrong_unit_shows_by_its_size(unit: str, lines: list[str]) -> None:
+def test_a_wrong_unit_is_found_by_its_magnitude(unit: str, lines: list[str]) -> None:
     for line in lines:
         key, value = re.fullmatch(r"(\S+) = \[?([^],]+).*", line).groups()
         start = re.escape(f"car.toml: {key}: {float(value):g} is outside ")
@@ -131,10 +131,10 @@ def test_a_wrong_unit_shows_by_its_size(unit: str, lines: list[str]) -> None:
         ("grid.speed_breakpoints_km_h", [20.0 + 0.01 * k for k in range(2001)], "2001 breakpoints; 2 to 2000 are needed"),
     ],
 )
-def test_a_value(key: str, value: object, words: str) -> None:
+def test_an_invalid_value_is_rejected(key: str, value: object, words: str) -> None:
     message = refused(f"{key} = {value}")
     assert message.startswith(f"car.toml: {key}")
-    assert words in message and "instance of" not in message  # a word of the checker, which the user does not know
+    assert words in message and "instance of" not in message  # the checker's term, unknown to the user
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_a_value(key: str, value: object, words: str) -> None:
         ('"mass\\u001b[31m\\nkg" = 1\n', "unknown key"),
     ],
 )
-def test_rules_between_keys(text: str, words: str) -> None:
+def test_inconsistent_keys_are_rejected(text: str, words: str) -> None:
     message = refused(text)
     assert words in message or all(part in message for part in words.split())
 
@@ -162,8 +162,8 @@ def test_rules_between_keys(text: str, words: str) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "[controller]\nsampling_time_s = 0.001\n",  # one plant step a sample
-        "[controller]\nsampling_time_s = 0.03\n[plant]\nsampling_time_s = 0.0001\n",  # 300, but for rounding
+        "[controller]\nsampling_time_s = 0.001\n",  # one plant step per sample
+        "[controller]\nsampling_time_s = 0.03\n[plant]\nsampling_time_s = 0.0001\n",  # 300 up to rounding
         "[grid]\nfront_angle_breakpoints_deg = [1.0, 35.0]\nspeed_breakpoints_km_h = [20, 21.5, 60]\n",
         "[controller.inputs]\nrear_angle_max_deg = 3.5\n",
         '[controller]\nrear_rate_max_deg_s = "off"\n[tyre.front]\nstiffness_factor_b_per_rad = 17.9\n[cases.mine]\n',
@@ -172,7 +172,7 @@ def test_rules_between_keys(text: str, words: str) -> None:
         "",
     ],
 )
-def test_limits_themselves_are_allowed_and_the_canonical_text_reads_back(text: str) -> None:
+def test_values_at_limits_are_allowed_and_the_canonical_text_reads_back(text: str) -> None:
     config = parse(tomllib.loads(text), "car.toml")
     again = parse(json.loads(config.to_json()), "map")
     assert again == config
@@ -180,7 +180,7 @@ def test_limits_themselves_are_allowed_and_the_canonical_text_reads_back(text: s
     assert " " not in config.to_json() and config.to_json().isascii()
 
 
-def test_canonical_text_depends_on_values_alone() -> None:
+def test_canonical_text_depends_only_on_values() -> None:
     heavier = f"[vehicle]\nmass_kg = {math.nextafter(2335.07, math.inf)!r}\n"  # one unit in the last place
     changes = ("", heavier, "[plant]\ncommand_delay_samples = 1\n", '[plant]\nload_transfer = "paper"\n', "[cases.fws]\n")
     assert len({parse(tomllib.loads(text), "car.toml").to_json() for text in changes}) == len(changes)
@@ -190,7 +190,7 @@ def test_canonical_text_depends_on_values_alone() -> None:
 
 
 @pytest.mark.parametrize("name", ["a*/", 'a"b', "a'b", "a\n", "a\\", "é", "４ws", "a b", "", "-a", ".a", "_a", "x" * 64])
-def test_names_that_cannot_stand_in_c(name: str) -> None:
+def test_names_that_are_invalid_in_c(name: str) -> None:
     with pytest.raises(ValueError, match=r"cannot stand in C|has 64 characters"):
         check_name(name)
     message = refused({"cases": {name: {}}})
@@ -198,7 +198,7 @@ def test_names_that_cannot_stand_in_c(name: str) -> None:
     assert "use 1 to 63 ASCII letters, digits, '.', '_' or '-'" in message
 
 
-def test_cases() -> None:
+def test_names_and_values_of_cases() -> None:
     for name in ("a", "4ws-2", "My_car-2.1", "0", "x" * 63):
         assert check_name(name) == name
     config = parse({"cases": {"mine": {"sideslip_weight_per_s2": 10.0}}}, "car.toml")
@@ -223,7 +223,7 @@ def test_cases() -> None:
         (b"[vehicle]\nmass_kg = 2.3\n", ": vehicle.mass_kg: 2.3 is outside"),
     ],
 )
-def test_contents_of_files(tmp_path: Path, content: bytes, words: str) -> None:
+def test_invalid_files_are_rejected(tmp_path: Path, content: bytes, words: str) -> None:
     path = tmp_path / "my\ncar.toml"
     path.write_bytes(content)
     message = refused(path)

@@ -1,4 +1,4 @@
-"""Signals that come at bad moments."""
+"""Signals at inconvenient moments."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def restored() -> Iterator[None]:
         yield
 
 
-def test_a_second_ctrl_c_does_not_cut_short_what_the_first_one_began(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_ctrl_c_does_not_interrupt_the_cleanup_of_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr(interrupts.time, "monotonic", lambda: now)
     interrupts.take({signal.SIGINT: interrupts.raise_once()})
@@ -35,7 +35,7 @@ def test_a_second_ctrl_c_does_not_cut_short_what_the_first_one_began(monkeypatch
         signal.raise_signal(signal.SIGINT)
 
 
-def test_a_signal_inside_code_that_swallows_exceptions_comes_after_it() -> None:
+def test_a_signal_in_code_that_swallows_exceptions_is_raised_after_it() -> None:
     """CasADi's operators have `except:` around their whole body."""
     came: list[int] = []
 
@@ -48,13 +48,13 @@ def test_a_signal_inside_code_that_swallows_exceptions_comes_after_it() -> None:
     exec("def swallow():\n    try: raise_signal()\n    except: pass\n    return list(came)\n", inside)
     assert inside["swallow"]() == []  # type: ignore[operator]
     with pytest.raises(SystemExit):
-        signal.pause()  # until the timer, whose handler raises
+        signal.pause()  # until the handler of the timer raises
     assert came == [signal.SIGTERM]
     import casadi
 
     assert casadi.SX.__module__ in interrupts.SWALLOWING
 
 
-def test_a_compiler_that_is_killed_leaves_its_files_where_they_are_swept_up(tmp_path: Path) -> None:
+def test_files_of_a_killed_compiler_are_removed_later(tmp_path: Path) -> None:
     command = [sys.executable, "-c", "import os; print(os.environ['TMPDIR'])"]
     assert toolchain.run(command, tmp_path).stdout.strip() == str(tmp_path)

@@ -12,7 +12,7 @@ PACKAGES = ("codegen", "hil_sim")
 LEVELS = (
     ("codegen",),  # the package itself: its version
     ("codegen.errors", "codegen.interrupts"),
-    ("codegen.cache", "codegen.files"),
+    ("codegen.cache", "codegen.files", "codegen.arrays", "codegen.units"),
     ("codegen.configuration",),
     ("codegen.vehicle",),
     ("codegen.map_file",),
@@ -42,7 +42,7 @@ def source_files(root: Path) -> dict[str, Path]:
 
 
 def statements(*nodes: Any) -> Iterator[ast.AST]:
-    """Yield all statements, and not their expressions, which are ten times as many."""
+    """Yield all statements without their expressions, which are ten times as many."""
     for node in nodes:
         yield node
         for part in ("body", "orelse", "finalbody", "handlers", "cases"):
@@ -50,9 +50,9 @@ def statements(*nodes: Any) -> Iterator[ast.AST]:
 
 
 def imports_of(module: str, path: Path) -> Iterator[tuple[int, str]]:
-    """Yield line and target of every import of a file, those inside functions and `import_module("literal")` too.
+    """Yield line and target of every import in a file, including those in functions and `import_module("literal")`.
 
-    `from package import name` gives `package.name`, be it a module or not: the layer is the same or the right one.
+    `from package import name` yields `package.name` whether it is a module or not: the layer is the same or the right one.
     """
     package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
     text = path.read_text(encoding="utf-8")
@@ -73,12 +73,12 @@ def start_of(module: str) -> str:
 
 
 def violations(root: Path) -> list[str]:
-    """Return a line for each import that neither goes to a lower layer nor stays inside its own."""
+    """Return a line for each import that neither targets a lower layer nor stays in its own."""
     files = source_files(root)
     layers = set(map(start_of, (*LEVEL, *files)))
 
     def layer_of(module: str) -> str:
-        """The layer of a module, or of a name in one. A module without a level is its own layer."""
+        """Return the layer of a module, or of a name in one. A module without a level is its own layer."""
         return start_of(module) if start_of(module) in layers else "codegen"
 
     found = []
@@ -99,5 +99,5 @@ def violations(root: Path) -> list[str]:
 def test_every_module_imports_only_from_lower_layers() -> None:
     assert len(source_files(ROOT)) > 10
     assert violations(ROOT) == []
-    # The reference lookup does not depend on the C that it judges.
+    # The reference lookup does not depend on the C that it tests.
     assert LEVEL["codegen.optimum"] < min(LEVEL["codegen.emit"], LEVEL["codegen.sil"])

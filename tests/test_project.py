@@ -1,4 +1,4 @@
-"""Files of the project beside its code: licences, lock file, CONTRIBUTING.md, Makefile and scripts/preflight.sh."""
+"""Project files other than code: licences, lock file, CONTRIBUTING.md, Makefile and scripts/preflight.sh."""
 
 import importlib.metadata
 import itertools
@@ -20,14 +20,14 @@ LICENCES = (ROOT / "THIRD-PARTY-LICENSES.md").read_text(encoding="utf-8")
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 FOUND = re.findall(r"^\| ([a-z0-9-]+) \| ([a-z, ]+) \| (.+) \|$", LICENCES, re.MULTILINE)
 ROWS = {name: (needed, licence) for name, needed, licence in FOUND if name not in ("package", "files")}
-# Wording of the licence in packages that do not give it as an SPDX expression.
+# Licence wording of packages without an SPDX expression.
 IN_WORDS = {"BSD-2-Clause": r"2-Clause BSD|BSD License", "BSD-3-Clause": r"BSD License|BSD\b|Copyright.*SciPy"}
 IN_WORDS |= {"Apache-2.0": r"Apache Software License|Apache-2\.0", "PSF-2.0": r"Python Software Foundation License"}
 IN_WORDS |= {"LGPL-3.0-or-later": r"LGPLv3", "ISC": r"ISC License", "Public domain": r"Public [Dd]omain"}
 
 
-def said_by(name: str) -> tuple[str, str]:
-    """Return the SPDX expression in a package's metadata, or "", and everything else there about its licence."""
+def licence_metadata_of(name: str) -> tuple[str, str]:
+    """Return the SPDX expression in a package's metadata, or "", and all other metadata about its licence."""
     found = importlib.metadata.distribution(name)
     texts = [found.metadata.get("License") or "", *(x for x in found.metadata.get_all("Classifier") or () if "License" in x)]
     if not any(texts):  # then the text itself
@@ -42,7 +42,7 @@ def test_the_table_of_licences_names_every_package_and_its_licence() -> None:
             asked.setdefault(requirement.name, set()).add(extra)
     assert {name: set(needed.split(", ")) for name, (needed, _) in ROWS.items()} == asked
     for name, (_, stated) in ROWS.items():
-        expression, words = said_by(name)
+        expression, words = licence_metadata_of(name)
         assert stated == expression if expression else re.search(IN_WORDS.get(stated, rf"{stated}\b"), words), (
             name,
             words[:200],
@@ -70,7 +70,7 @@ def test_the_lock_file_pins_every_requirement_within_its_range() -> None:
         assert requirement.specifier.contains(pins.get(requirement.name, "0")), f"{requirement}: run make lock"
     blocks = re.split(r"^(?=[a-z0-9-]+==)", LOCK, flags=re.MULTILINE)[1:]
     assert [block.splitlines()[0] for block in blocks if "--hash=sha256:" not in block] == []
-    # Neither a local path nor an index: each machine takes the packages from its own.
+    # Neither a local path nor an index: each machine uses its own package source.
     assert re.findall(r"://|^-|--(?!hash=)|@ ", LOCK, re.MULTILINE) == []
 
 
@@ -124,8 +124,8 @@ def test_help_is_the_default() -> None:
         ),
     ],
 )
-def test_a_line_for_each_thing_to_install(tmp_path: Path, programs: dict[str, str], lines: list[str]) -> None:
-    """The script, where only `programs` (name -> shell text) exist."""
+def test_preflight_names_everything_to_install(tmp_path: Path, programs: dict[str, str], lines: list[str]) -> None:
+    """The script runs where only `programs` (name -> shell text) exist."""
     for name, text in programs.items():
         (tmp_path / name).write_text(f"#!{SHELL}\n{text}\n", encoding="utf-8")
         (tmp_path / name).chmod(0o755)

@@ -1,4 +1,4 @@
-"""`[can]` of ars.toml (places and scales of signals) and `[budgets]`: values, defaults, and messages for invalid values."""
+"""`[can]` of ars.toml (positions and scales of signals) and `[budgets]`: values, defaults, and messages for invalid values."""
 
 import re
 from typing import Any
@@ -62,11 +62,11 @@ def test_one_code_is_kept_for_not_available(signed: bool, length: int, codes: tu
         ({"e2e": {"max_error_state_invalid": 4}}, ("max_error_state_invalid is above max_error_state_valid",)),
         ({"e2e": {"window_size": 17}}, ("can.e2e.window_size",)),
         ({"vehicle_motion": {"cycle_time_ms": 20.0}}, ("can.vehicle_motion.cycle_time_ms must be", "10")),
-        # What the controller accepts must fit into the signal that carries it.
+        # A signal must be able to carry every value that the controller accepts.
         ({"vehicle_motion": {"speed": {"factor": 0.001}}}, ("can.vehicle_motion.speed carries", "-111.1 to 111.1 is needed")),
     ],
 )
-def test_bad_values(can: dict[str, Any], words: tuple[str, ...]) -> None:
+def test_invalid_signals_are_rejected(can: dict[str, Any], words: tuple[str, ...]) -> None:
     message = refused({"can": can})
     assert message.startswith("car.toml: ")
     assert [word for word in words if word not in message] == []
@@ -76,8 +76,8 @@ PLAIN = MapShape()
 KEYS = tuple(Budgets.model_fields)
 
 
-# Ten instructions a round of the search; a conversion for each table and layer of raw numbers; where the car lies between two
-# frictions, a reference is more work still. A step looks up as its law does: the PI in the map, tracking through a reference.
+# Ten instructions per iteration of the search; a conversion for each table and layer of raw numbers. Between two
+# frictions a reference needs more. A step's lookup is that of its law: the PI uses the map, tracking a reference.
 @pytest.mark.parametrize(
     ("shape", "lookup", "reference"),
     [
@@ -88,7 +88,7 @@ KEYS = tuple(Budgets.model_fields)
     ],
 )
 @pytest.mark.parametrize("kind", ["pi", "tracking"])
-def test_a_map_that_is_more_work_may_take_more(shape: MapShape, lookup: int, reference: int, kind: Kind) -> None:
+def test_a_larger_map_has_a_larger_budget(shape: MapShape, lookup: int, reference: int, kind: Kind) -> None:
     plain, found = Budgets().resolved(kind, PLAIN), Budgets().resolved(kind, shape)
     step = lookup if kind == "pi" else reference
     more = {"lookup": lookup, "reference": reference, "step": step, "task": step, "task_stack_bytes_max": 48 * shape.with_grip}
@@ -97,7 +97,7 @@ def test_a_map_that_is_more_work_may_take_more(shape: MapShape, lookup: int, ref
     }
 
 
-def test_bad_budgets() -> None:
+def test_invalid_budgets_are_rejected() -> None:
     for value in (0, 95.5, True):
         with pytest.raises(ConfigError, match=r"^ars\.toml: budgets\.lookup_instructions_max: "):
             parse({"budgets": {"lookup_instructions_max": value}}, "ars.toml")
@@ -112,7 +112,7 @@ def test_a_configuration_without_budgets_of_its_own_is_written_without_them() ->
     assert parse(own.model_dump(mode="json"), "manifest.json") == own
 
 
-def test_the_table_in_the_preset_is_that_of_the_code() -> None:
+def test_the_table_in_the_preset_matches_the_code() -> None:
     """Its comment is a table of keys and kinds."""
     text = preset_text()
     header = next(line for line in text.splitlines() if '"tracking"   "pi"' in line)
@@ -124,6 +124,6 @@ def test_the_table_in_the_preset_is_that_of_the_code() -> None:
         for stated, kinds in zip(row.groups(), columns, strict=True):
             for kind in kinds:
                 value = Budgets().resolved(kind, PLAIN).get(key)
-                # A kind without the function has no use for its budget.
+                # A kind without the function has no budget for it.
                 assert stated in ("-", "-" if value is None else f"{value:,}"), (key, kind)
                 assert (stated == "-") == (value is None or (key.startswith("reference") and kind in ("pi", "proportional")))

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from codegen.cli import (
-    a2l_command,
     bench_commands,
-    check_command,
+    check_commands,
     completion_command,
-    doctor_command,
     explore_command,
-    firmware_command,
-    fmu_command,
+    export_commands,
     import_command,
     map_commands,
     report_command,
     show_command,
     sweep_command,
     tune_command,
-    verify_command,
 )
 from codegen.cli.base import cli
 
@@ -26,18 +22,14 @@ __all__ = ["cli"]
 MODULES = (
     map_commands,
     show_command,
-    check_command,
     import_command,
     tune_command,
     explore_command,
     bench_commands,
-    verify_command,
+    check_commands,
     report_command,
     sweep_command,
-    a2l_command,
-    firmware_command,
-    fmu_command,
-    doctor_command,
+    export_commands,
     completion_command,
 )
 

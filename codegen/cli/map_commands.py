@@ -151,20 +151,18 @@ def build(
     from codegen.emit.folder import differences
     from codegen.emit.from_files import prepare
     from codegen.emit.placement import placement_line, placement_summary
+    from codegen.emit.text import Precision
     from codegen.emit.write import check_target, write_folder
-    from codegen.map_file import map as npz
     from codegen.plausibility.check import all_warnings
     from codegen.plausibility.map import require_grip
 
     request = _request(max_error, max_flash, storage)
     if request is not None and output is not None:
         check_target(output)  # a search takes its time
-    if not beyond_grip:
-        require_grip(npz.load(map_path), map_path)
+    judge = None if beyond_grip else require_grip
+    chosen: Precision = "double" if precision == "double" else "single"
     with console.status(f"generating the C of {map_path}"):
-        prepared = prepare(
-            map_path, config_path, output, prefix, "double" if precision == "double" else "single", request=request
-        )
+        prepared = prepare(map_path, config_path, output, prefix, chosen, request=request, judge=judge)
     if not as_json:
         for text in prepared.chosen.notes:
             console.note(text)

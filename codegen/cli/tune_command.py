@@ -135,7 +135,7 @@ def _stability_note(made: Tuned) -> str:
 
 def _trim_facts(made: Tuned, before: float) -> dict[str, Any]:
     """Return the facts about the trim; none where it is enough as it is, or nothing is asked of it."""
-    from codegen.configuration import KM_H
+    from codegen.units import KM_H
 
     excess = made.excess
     if excess is None:
@@ -195,8 +195,8 @@ def _to_dict(config: Config, made: Design, least: Weakest) -> dict[str, Any]:
 
 
 def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
-    from codegen.configuration import KM_H
     from codegen.report.summary import table
+    from codegen.units import KM_H
 
     tuning = config.tuning
     console.say(

@@ -17,13 +17,13 @@ from codegen.configuration.can import Can, RealSignal
 from codegen.configuration.car import Case, Grid, Limits, Plant, RearActuator, Road, Steering, Tyre, Tyres, Vehicle
 from codegen.configuration.controller import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
 from codegen.configuration.faults import first_fault
-from codegen.configuration.section import KM_H, Section, check_name
+from codegen.configuration.section import Section, check_name
 from codegen.configuration.sensors import Sensor, Sensors
 from codegen.errors import CodegenError, ConfigError, suggestion
 from codegen.files import read_text
+from codegen.units import KM_H
 
 __all__ = [
-    "KM_H",
     "Budgets",
     "Can",
     "Case",

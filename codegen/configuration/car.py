@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from codegen.configuration.section import MAX_BREAKPOINTS, MAX_CELLS, Breakpoints, Range, RangeOrZero, Section
+from codegen.units import GRAVITY
 
 
 class Vehicle(Section):
@@ -31,7 +32,7 @@ class Road(Section):
     """The road that the map assumes."""
 
     friction: Annotated[float, Range(0.05, 1.5)] = 0.9
-    gravity_m_s2: Annotated[float, Range(1.0, 30.0, "m/s^2")] = 9.81
+    gravity_m_s2: Annotated[float, Range(1.0, 30.0, "m/s^2")] = GRAVITY
 
 
 class Tyre(Section):

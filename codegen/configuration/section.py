@@ -15,8 +15,6 @@ from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}\Z", re.ASCII)
-KM_H = 1.0 / 3.6
-"""Conversion factor from km/h to m/s."""
 
 MAX_BREAKPOINTS = 2000
 MAX_CELLS = 1_000_000

@@ -8,7 +8,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from codegen.configuration.section import KM_H, Range, Section
+from codegen.configuration.section import Range, Section
+from codegen.units import KM_H
 
 
 class Sensor(Section):

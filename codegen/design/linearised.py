@@ -12,13 +12,11 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.design.sampled import SampledCar, sample_of
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, two_track_of_parameters
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 LATERAL, YAW, WHEEL, REAR = (
     PLANT_STATES.index(name) for name in ("lateral_speed", "yaw_rate", "steering_wheel_angle", "rear_angle")

@@ -21,16 +21,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import BoolArray, FloatArray
+from codegen.configuration import Config
 from codegen.design.loss_simulation import MODES, Points, simulate
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.turns import passively_feasible, turns_behind
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
 __all__ = ["MODES", "LossOfFunction", "loss_of_function", "rounded"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 SPEEDS = 8
 SHARES = (0.5, 0.75, 1.0)

@@ -12,13 +12,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.vehicle.dynamics import Model, two_track
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 MODES = ("hold", "ramp", "zero")
 """Rear angle from t = 0: held; to zero at the rate of the fail-safe; to zero as fast as the actuator can."""

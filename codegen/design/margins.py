@@ -13,9 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config, Schedule
+from codegen.arrays import BoolArray, ComplexArray, FloatArray
+from codegen.configuration import Config, Schedule
 from codegen.design.family import Member, members, nominal
-from codegen.design.sampled import BoolArray, ComplexArray, FloatArray, SampledCar, frequency_grid, sample
+from codegen.design.sampled import SampledCar, frequency_grid, sample
+from codegen.units import KM_H
 
 WARN_GAIN_MARGIN_DB = 6.0
 WARN_PHASE_MARGIN_DEG = 30.0

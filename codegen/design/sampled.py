@@ -21,13 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import BoolArray, ComplexArray, FloatArray
 from codegen.configuration import Config
 from codegen.design.family import Member
 from codegen.vehicle.single_track import SingleTrack
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
-BoolArray = npt.NDArray[np.bool_]
 
 STATES = ("sideslip_angle", "yaw_rate", "slip_front", "slip_rear", "rear_angle")
 BETA, YAW_RATE, SLIP_FRONT, SLIP_REAR, REAR = range(len(STATES))

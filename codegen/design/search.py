@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from codegen.arrays import BoolArray, ComplexArray, FloatArray
 from codegen.configuration import Tuning
 from codegen.design.family import Member
 from codegen.design.margins import Margins, loop_margins, worst_of
-from codegen.design.sampled import BoolArray, ComplexArray, FloatArray, SampledCar
+from codegen.design.sampled import SampledCar
 
 ROUNDING = (0.025, 0.015, 0.011)
 """Allowance in dB, deg and sensitivity: 0.005 for margins written with two decimals, the rest for the frequency grid."""

@@ -20,13 +20,15 @@ from enum import IntEnum
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config, Schedule
+from codegen.arrays import BoolArray, FloatArray
+from codegen.configuration import Config, Schedule
 from codegen.configuration.controller import SCHEDULE_POINTS_MAX
 from codegen.design.family import Member, members, nominal
 from codegen.design.margins import concatenate, worst_of
-from codegen.design.sampled import BoolArray, FloatArray, SampledCar, frequency_grid, sample
+from codegen.design.sampled import SampledCar, frequency_grid, sample
 from codegen.design.search import Cars, Demands, Shortfall, best_gains
 from codegen.errors import ConfigError
+from codegen.units import KM_H
 
 Progress = Callable[[int, int], None]
 

@@ -2,14 +2,294 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import importlib
+import os
+import platform
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 from codegen import __version__
-from codegen.doctor import buses, clock, compiled, packages, programs
-from codegen.doctor.finding import Finding
-from codegen.doctor.requirements import requirements
+from codegen.cache import cache_folder
+from codegen.doctor import buses
+from codegen.doctor.finding import Finding, State
+from codegen.doctor.requirements import Requirement, extras_of, requirements
+from codegen.errors import BuildError, one_line
+from codegen.sil.toolchain import compiler_command, compiler_identity
+
+PERIOD = 0.001
+"""s; the plant's step."""
+WAITS = 50
+LATENESS_MAX_FRACTION = 0.5
+"""Fraction of the period by which a wait may end late; beyond it the bench counts late cycles in real time."""
+PRIORITY = 1
+
+
+def punctuality() -> Finding:
+    """Measure the median and worst delay of waits of a millisecond in an idle process."""
+    name, serves = "timer", "hil and plant by the clock"
+    late = []
+    for _ in range(WAITS):
+        start = time.monotonic()
+        time.sleep(PERIOD)
+        late.append(time.monotonic() - start - PERIOD)
+    middle, worst = statistics.median(late), max(late)
+    what = f"waits of 1 ms end {1e3 * middle:.2f} ms late, at worst {1e3 * worst:.1f} ms"
+    if middle > LATENESS_MAX_FRACTION * PERIOD:
+        return Finding(name, State.BAD, what, serves, "take --lock-step, or a machine with less to do")
+    return Finding(name, State.GOOD, what, serves)
+
+
+def real_time() -> Finding:
+    """Whether a process of this user may be scheduled in real time: tried, and undone."""
+    name, serves = "SCHED_FIFO", "the native ECU's --priority, for exact timing beside other load"
+    if not hasattr(os, "SCHED_FIFO"):
+        return Finding(name, State.MISSING, "this system has none", serves)
+    before, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except OSError:
+        remedy = "add `USER - rtprio 50` to /etc/security/limits.conf and log in again"
+        return Finding(name, State.MISSING, "not permitted", serves, remedy)
+    os.sched_setscheduler(0, before, parameter)
+    return Finding(name, State.GOOD, "permitted", serves)
+
+
+HEADER = "int sum(int one, int other);\n"
+SOURCE = '#include "tiny.h"\n\nint sum(int one, int other)\n{\n    return one + other;\n}\n'
+
+_TRIAL = """
+import sys
+from codegen.errors import BuildError
+from codegen.sil.compile import compile_library
+try:
+    made = compile_library("doctor", {"include/tiny.h": sys.argv[1], "src/tiny.c": sys.argv[2]}, ["include/tiny.h"])
+except BuildError as error:
+    sys.exit(str(error))
+if made.lib.sum(19, 23) != 42:
+    sys.exit("it computes 19 + 23 wrong")
+print(made.mode)
+"""
+
+HOW = {
+    "api": "compiled against Python's headers",
+    "abi": "compiled as a plain library, for Python's headers are not installed",
+}
+
+
+def cache() -> Finding:
+    """Check the folder of compiled files and whether it is writable."""
+    serves = "compiled C is kept, and a second run starts at once"
+    try:
+        folder = cache_folder()
+    except BuildError as error:
+        return Finding("cache", State.BAD, error.what, serves, error.remedy, needed=True)
+    if folder.is_relative_to(tempfile.gettempdir()) and not os.environ.get("ARS_CACHE", "").startswith(str(folder)):
+        what = f"{folder}, for no folder of the user can be written"
+        return Finding("cache", State.GOOD, what, serves, "set ARS_CACHE to a folder that stays", needed=True)
+    return Finding("cache", State.GOOD, str(folder), serves, needed=True)
+
+
+def module() -> Finding:
+    """Compile a small module and call it, in a process and a folder of its own: nothing of it comes from the cache."""
+    name, serves = "C in Python", "codegen sil, and all that runs the generated C"
+    try:
+        with tempfile.TemporaryDirectory(prefix="ars-doctor-") as folder:
+            root = str(Path(__file__).resolve().parents[2])
+            path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH", ""))))
+            answer = subprocess.run(
+                [sys.executable, "-c", _TRIAL, HEADER, SOURCE],
+                env={**os.environ, "ARS_CACHE": folder, "PYTHONPATH": path},
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                check=False,
+            )
+    except OSError as error:
+        return Finding(name, State.BAD, f"it could not be tried: {one_line(error)}", serves, "free space", needed=True)
+    if answer.returncode == 0:
+        return Finding(name, State.GOOD, HOW[answer.stdout.strip()], serves, needed=True)
+    what = (answer.stderr.strip().splitlines() or [f"it ended with exit code {answer.returncode}"])[-1]
+    return Finding(name, State.BAD, one_line(what), serves, "check the compiler with a small program of your own", needed=True)
+
+
+PYTHON = (3, 11)
+
+SERVES = {
+    "casadi": "the optimisation, the vehicle models, and their C",
+    "cffi": "the generated C in Python",
+    "click": "the command line",
+    "jinja2": "the templates",
+    "matplotlib": "pictures (--plot)",
+    "msgpack": "the bus udp_multicast",
+    "numpy": "arrays",
+    "pycparser": "C declarations",
+    "pydantic": "ars.toml",
+    "python-can": "buses and their logs",
+    "rich": "progress and the live view",
+    "scipy": "frequency responses",
+    "tomlkit": "editing ars.toml with its comments",
+}
+"""Purposes of the required packages."""
+
+MODULES = {"python-can": "can"}
+"""Names of modules that are not the package's own."""
+
+EXTRAS = {
+    "tools": "files of other tools: A2L of a linked program (codegen a2l), MF4 and Parquet (-o, --log), XCP (hil --xcp), the "
+    "check of FMUs",
+    "crosscheck": "a second plant, a third party's multi-body car, in codegen sil --suite",
+    "verify": "codegen verify: compilers for ECU cores, emulated processors, MISRA checks, proofs; --run of codegen firmware "
+    "without a cross compiler",
+    "report": "codegen report and codegen explore: plots that can be turned, cut and read",
+    "sweep": "codegen sweep: campaigns in Parquet, and clusters by Dask",
+    "docs": "the guide, built from docs/",
+    "dev": "what works on codegen itself: tests, types, lint, packaging",
+}
+"""Purpose of each extra."""
+
+
+def python() -> Finding:
+    """The interpreter."""
+    fits = sys.version_info >= PYTHON
+    wanted = ".".join(map(str, PYTHON))
+    what = f"{platform.python_version()} ({sys.executable})" + ("" if fits else f"; needed is {wanted} or newer")
+    remedy = "" if fits else f"install Python {wanted} or newer, and codegen in it"
+    return Finding("Python", State.GOOD if fits else State.BAD, what, "", remedy, needed=True)
+
+
+def needed(asked: Iterable[Requirement]) -> list[Finding]:
+    """The packages that codegen always needs; each is imported, for one can be there and be broken."""
+    return [_needed(each) for each in asked if not each.extra]
+
+
+def extras(asked: Iterable[Requirement]) -> list[Finding]:
+    """One finding for each extra: whole, or what is missing and what it would add."""
+    listed = tuple(asked)
+    return [_extra(name, [each for each in listed if each.extra == name]) for name in extras_of(listed)]
+
+
+def install(*extras: str) -> str:
+    """The command that installs codegen with extras, or as it is."""
+    return f'pip install "ars-codegen[{",".join(extras)}]"' if extras else "pip install --force-reinstall ars-codegen"
+
+
+def _needed(asked: Requirement) -> Finding:
+    serves = SERVES.get(asked.name, "")
+    remedy = f'pip install "{asked.name}{asked.bounds}"'
+    found = _version(asked.name)
+    if found is None:
+        return Finding(asked.name, State.MISSING, f"not installed; needed is {asked.bounds}", serves, remedy, needed=True)
+    if not asked.allows(found):
+        return Finding(asked.name, State.BAD, f"{found}; needed is {asked.bounds}", serves, remedy, needed=True)
+    try:
+        importlib.import_module(MODULES.get(asked.name, asked.name))
+    except Exception as error:  # a package that does not fit fails in any way
+        what = f"{found} cannot be imported: {one_line(error, 120) or type(error).__name__}"
+        again = f'pip install --force-reinstall "{asked.name}{asked.bounds}"'
+        return Finding(asked.name, State.BAD, what, serves, again, needed=True)
+    return Finding(asked.name, State.GOOD, found, serves, needed=True)
+
+
+def _extra(name: str, asked: list[Requirement]) -> Finding:
+    missing = [each.name for each in asked if _version(each.name) is None]
+    others = [(each, found) for each in asked if (found := _version(each.name)) is not None and not each.allows(found)]
+    serves = EXTRAS.get(name, "")
+    wrong = [f"{each.name} {found} (needed is {each.bounds})" for each, found in others]
+    if not missing and not wrong:
+        return Finding(name, State.GOOD, f"{len(asked)} package{'s' * (len(asked) != 1)}", serves)
+    parts = ([f"without {', '.join(missing)}"] if missing else []) + wrong
+    return Finding(name, State.MISSING if missing else State.BAD, "; ".join(parts), serves, install(name))
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+ANSWER_LIMIT = 20.0
+"""Timeout of a query for a version, in s."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program that some part uses.
+
+    Attributes:
+        names: under which it is looked for, in order.
+        package: of Debian and Ubuntu.
+        arguments: that make it tell its version; none where it has no such.
+    """
+
+    names: tuple[str, ...]
+    package: str
+    serves: str
+    arguments: tuple[str, ...] = ("--version",)
+
+
+PROGRAMS = (
+    Program(("make",), "make", "generated Makefiles, codegen firmware --run"),
+    Program(("cmake",), "cmake", "generated folders as a CMake project"),
+    Program(("clang",), "clang", "a second compiler; MC/DC and libFuzzer in make evidence"),
+    Program(("arm-none-eabi-gcc",), "gcc-arm-none-eabi", "codegen firmware --run with GCC"),
+    Program(("qemu-system-arm",), "qemu-system-arm", "codegen firmware --run"),
+    Program(("candump",), "can-utils", "to look at a bus by hand", ()),
+    Program(("ip",), "iproute2", "to make a vcan0", ("-Version",)),
+    Program(("chromium", "chromium-browser", "google-chrome"), "chromium", "the tests of reports, in a browser"),
+)
+
+
+def compiler() -> Finding:
+    """The C compiler, which `codegen sil` needs."""
+    serves = "the generated C on this machine"
+    try:
+        command = compiler_command()
+        what = f"{compiler_identity(command, ())[0]} ({command[0]})"
+    except BuildError as error:
+        remedy = error.remedy or "install one, e.g. apt install gcc libc6-dev, or set CC"
+        return Finding("C compiler", State.MISSING, error.what, serves, remedy, needed=True)
+    return Finding("C compiler", State.GOOD, what, serves, needed=True)
+
+
+def programs() -> list[Finding]:
+    """Check the optional programs; `codegen sil` needs none of them."""
+    return [_look_for(program) for program in PROGRAMS]
+
+
+def _look_for(program: Program) -> Finding:
+    name = program.names[0]
+    path = next(filter(None, map(shutil.which, program.names)), None)
+    if path is None:
+        return Finding(name, State.MISSING, "not installed", program.serves, f"apt install {program.package}")
+    if not program.arguments:
+        return Finding(name, State.GOOD, path, program.serves)
+    try:
+        answer = subprocess.run(
+            [path, *program.arguments],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=ANSWER_LIMIT,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return Finding(name, State.BAD, f"{path} does not run: {one_line(error, 100)}", program.serves)
+    told = (answer.stdout or answer.stderr).strip().splitlines()
+    if answer.returncode != 0 or not told:
+        return Finding(name, State.BAD, f"{path} does not tell its version (exit code {answer.returncode})", program.serves)
+    return Finding(name, State.GOOD, one_line(told[0], 80), program.serves)
 
 
 @dataclass(frozen=True)
@@ -55,12 +335,12 @@ def examine(done: Callable[[int, int], None] | None = None) -> Examination:
     """
     asked, read_from = requirements()
     to_ask: tuple[tuple[str, str, Callable[[], list[Finding]]], ...] = (
-        ("needed", "Needed by every command", lambda: [packages.python(), *packages.needed(asked)]),
-        ("compiler", "C on this machine", lambda: [programs.compiler(), compiled.cache(), compiled.module()]),
-        ("extras", "Extras", lambda: packages.extras(asked)),
-        ("programs", "Programs", programs.programs),
+        ("needed", "Needed by every command", lambda: [python(), *needed(asked)]),
+        ("compiler", "C on this machine", lambda: [compiler(), cache(), module()]),
+        ("extras", "Extras", lambda: extras(asked)),
+        ("programs", "Programs", programs),
         ("buses", "Buses", lambda: [buses.socketcan(), buses.multicast()]),
-        ("clock", "Real time", lambda: [clock.punctuality(), clock.real_time()]),
+        ("clock", "Real time", lambda: [punctuality(), real_time()]),
     )
     sections = []
     for count, (key, title, ask) in enumerate(to_ask, start=1):

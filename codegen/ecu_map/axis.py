@@ -8,9 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from codegen.arrays import FloatArray
 
 EVENNESS = 1e-9
 """Largest deviation of an even breakpoint from its even position, as a fraction of a step: far below what single

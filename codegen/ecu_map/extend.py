@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.total import RULE_TEXT, CapSteering, Rule, TotalMap
 from codegen.errors import MapError
@@ -32,9 +33,6 @@ from codegen.optimum.turns import Edge, SteadyTurns, turns_behind
 from codegen.vehicle.single_track import SingleTrack
 
 __all__ = ["RULE_TEXT", "CapSteering", "Rule", "TotalMap", "extend"]
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.ecu_map.axis import Axis
 from codegen.ecu_map.total import CapSteering, TotalMap
 
-FloatArray = npt.NDArray[np.float64]
 Real = type[np.float32] | type[np.float64]
 
 

@@ -12,18 +12,17 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.storage import Real
 from codegen.ecu_map.total import TotalMap
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.stack import layer_configs
 from codegen.optimum.turns import turns_of
+from codegen.units import KM_H
 from codegen.vehicle.dynamics import single_track
-
-FloatArray = npt.NDArray[np.float64]
 
 STEPS = 30
 """Steps of Newton's method, which starts at the map's own turn, within a few percent of the solution."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.placement_axes import POINTS_MAX, Axes, Cost, Search, Spacing
 from codegen.ecu_map.placement_error import ErrorEstimator, MeasuredError
@@ -23,8 +23,6 @@ from codegen.ecu_map.table_layout import TableLayout, grip_layout, reference_lay
 from codegen.ecu_map.total import GripTable, TotalMap
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
-
-FloatArray = npt.NDArray[np.float64]
 
 SPACINGS: tuple[Spacing, ...] = ("even", "uneven")
 """Spacings in order of preference at the same bytes: cells of an even axis are found without a search."""

@@ -17,12 +17,11 @@ from functools import cached_property
 from typing import Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.ecu_map.reference_surface import ReferenceSurface, along, cell_of
 from codegen.ecu_map.table_layout import Outcome, TableLayout
 
-FloatArray = npt.NDArray[np.float64]
 Spacing = Literal["even", "uneven"]
 Axes = tuple[FloatArray, FloatArray]
 Cost = Callable[[int, int], int]

@@ -21,13 +21,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import BoolArray, FloatArray
 from codegen.optimum.nonlinear import NonlinearTurns
 from codegen.optimum.problem import SteadyTurnProblem
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 Solve = Callable[[FloatArray, FloatArray], FloatArray]
 """Speeds (p,) and front angles (p,) -> CHANNELS rows (3, p), NaN where there is none."""
 

@@ -19,6 +19,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.lookup import SteeringConstants, capped_rear_angle
@@ -33,7 +34,6 @@ from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.stack import layer_configs
 from codegen.optimum.turns import Edge, LinearTurns, Solution, SteadyTurns, passively_feasible, turns_of
 
-FloatArray = npt.NDArray[np.float64]
 Pair = tuple[FloatArray, FloatArray]
 Surface = Callable[[FloatArray, FloatArray], Pair]
 """Speeds (n,) in m/s and front angles (m,) in rad -> yaw rate in rad/s and rear angle in rad, (n, m) each, before the cap."""

@@ -8,7 +8,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from codegen.arrays import FloatArray
+
 Real = type[np.float32] | type[np.float64]
 Storage = Literal["float", "int16"]
 

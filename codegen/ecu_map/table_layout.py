@@ -11,12 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.ecu_map.reference_surface import SurfaceLayer, above_zero, interpolated
 from codegen.ecu_map.total import CapSteering, GripTable
 
-FloatArray = npt.NDArray[np.float64]
 Stacked = Callable[[FloatArray, FloatArray], FloatArray]
 """Speeds (n,) in m/s and front angles (m,) in rad -> (k, n, m)."""
 Outcome = Callable[[FloatArray, FloatArray], FloatArray]

@@ -8,11 +8,10 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.storage import Scales
 from codegen.vehicle.single_track import SingleTrack
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Rule(StrEnum):

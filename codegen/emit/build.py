@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from codegen import __version__
-from codegen.configuration import KM_H, Config, check_name
+from codegen.configuration import Config, check_name
 from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import error_bound
@@ -21,6 +21,7 @@ from codegen.ecu_map.placement import Placed, Request, choose
 from codegen.emit.a2l_view import a2l_view
 from codegen.emit.can_view import can_view, task_view
 from codegen.emit.checksum_view import ChecksumView, checksum_view
+from codegen.emit.constants import constants_of
 from codegen.emit.controller_view import controller_view
 from codegen.emit.deviations import FILE as DEVIATIONS
 from codegen.emit.deviations import deviations
@@ -34,18 +35,21 @@ from codegen.emit.map_view import MapView, map_view
 from codegen.emit.placement import grip_facts, placement_facts, placement_text, request_facts
 from codegen.emit.reference_model_view import reference_model_view
 from codegen.emit.render import render, verbatim
+from codegen.emit.symbols import symbols_of
 from codegen.emit.take_over import take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.write import Folder
 from codegen.emit.xcp_timing import xcp_timing
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
 TOOLS = ("casadi", "jinja2", "numpy", "scipy")
 HEADERS = (
     "sections",
     "checksum",
+    "constants",
     "map",
     "inputs",
     "limiter",
@@ -57,7 +61,7 @@ HEADERS = (
     "can",
     "task",
 )
-SOURCES = ("calibration", *(header for header in HEADERS if header != "sections"), "selftest")
+SOURCES = ("calibration", *(header for header in HEADERS if header not in ("sections", "constants")), "selftest")
 OF_REFERENCE_MODEL = ("grip", "reference_model")
 """Units of the laws that use the reference model."""
 LINUX = ("ars_ecu.c", "ars_xcp.c", "ars_xcp.h")
@@ -215,10 +219,12 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         sources=tuple(f"src/{options.prefix}_{source}.c" for source in sources),
     )
     table = map_view(total, options.precision, options.prefix, with_rear_angle=law.uses_rear_angle)
+    constants = constants_of(config, total, options.precision)
     dynamics = dynamics_view(config, options.precision)
     context: dict[str, Any] = {
         "build": view,
         "map": table,
+        "constants": constants,
         "controller": controller_view(config, total, options.prefix, options.precision, real),
         "law": law,
         "inputs": inputs_view(config, options.prefix, options.precision, real),
@@ -405,5 +411,6 @@ def _facts(parts: _Parts, dynamics: DynamicsView, checksum: ChecksumView, identi
             **(placement_facts(parts.placed) if parts.placed else {}),
         },
         "calibration": {"checksum_crc32": f"{checksum.value:08x}"},
+        "symbols": symbols_of(table, options.prefix, c_type(options.precision), identity),
         "dynamics_library_functions": list(dynamics.math_functions),
     }

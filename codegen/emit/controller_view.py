@@ -8,22 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.configuration.controller import REAR_RATE_MIN_DEG_S
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S, law_of
-from codegen.emit.parameters import (
-    DEGREE,
-    RATE_OFF,
-    Field,
-    Parameter,
-    ParameterView,
-    configured,
-    parameter_views,
-    search_strides,
-)
+from codegen.emit.parameters import RATE_OFF, Field, Parameter, ParameterView, configured, parameter_views, search_strides
 from codegen.emit.text import Precision, literal, numpy_type
+from codegen.units import DEGREE, KM_H
 
 INITIALISED = 0x41525331
 """Mark of a state that was initialised: not zero, and unlikely in memory that holds anything else."""
@@ -58,21 +50,6 @@ SELFTEST_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True)
-class RoadGrip:
-    """Grip of the road of the map.
-
-    Attributes:
-        grip_max: m/s^2, the lateral acceleration that the map allows there.
-        friction_per_grip: s^2/m, friction for each m/s^2 of it.
-        reference_overshoot: REFERENCE_OVERSHOOT.
-    """
-
-    grip_max: float
-    friction_per_grip: float
-    reference_overshoot: float = REFERENCE_OVERSHOOT
-
-
-@dataclass(frozen=True)
 class ControllerView:
     """Everything that the controller's templates print."""
 
@@ -95,7 +72,7 @@ class ControllerView:
     period_text: str
     actuator_angle_max: str
     rest_min: str
-    grip: RoadGrip
+    reference_overshoot: float
     known: tuple[str, ...]
     known_tolerance: str
 
@@ -213,17 +190,10 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
         period_text=f"{period * 1e3:g} ms",
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
         rest_min=literal(REST_MIN, precision),
-        grip=_road_grip(total, precision),
+        reference_overshoot=REFERENCE_OVERSHOOT,
         known=_known_values(total, precision),
         known_tolerance=literal(SELFTEST_TOLERANCE, precision),
     )
-
-
-def _road_grip(total: TotalMap, precision: Precision) -> RoadGrip:
-    cap = total.lateral_acceleration_cap
-    # Rounded up, so that the full grip is not mistaken for a road more slippery than the map's.
-    per_grip = total.friction / cap * (1.0 + 4.0 * float(np.finfo(numpy_type(precision)).eps))
-    return RoadGrip(cap, per_grip)
 
 
 def _known_values(total: TotalMap, precision: Precision) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.design.loss import MODES, LossOfFunction, loss_of_function, rounded
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Weakest, weakest
 from codegen.ecu_map.model_excess import Excess, asks_for_more, model_excess
@@ -16,6 +16,7 @@ from codegen.ecu_map.total import TotalMap
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_cut import LimiterCut
 from codegen.map_file.map import ReferenceMap
+from codegen.units import KM_H
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,12 +35,14 @@ def prepare(
     prefix: str = "ars",
     precision: Precision = "single",
     request: Request | None = None,
+    judge: Callable[[ReferenceMap, Path], None] | None = None,
 ) -> Prepared:
     """Read the map, choose the configuration and render the build; nothing is written.
 
     Args:
         target: output folder; by default generated/<stem of the map> in the current folder.
         request: for what to choose the breakpoints; those of the map where it is None.
+        judge: called with the map and its file before anything is rendered; it may raise.
 
     Raises:
         MapError, ConfigError, BuildError: what cannot be read or built.
@@ -48,6 +51,8 @@ def prepare(
     options = BuildOptions(name=map_path.stem, prefix=prefix, precision=precision, request=request)
     data = archive.read_map_file(map_path)  # read once, so that the hash is that of the map in use
     reference_map = npz.from_bytes(data, map_path)
+    if judge is not None:
+        judge(reference_map, map_path)
     chosen = choose_config(reference_map, config_path)
     inputs = BuildInputs(
         map_file=map_path.name,

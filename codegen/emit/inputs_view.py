@@ -6,13 +6,14 @@ import functools
 import math
 from dataclasses import dataclass
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.configuration.controller import DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX
-from codegen.emit.parameters import DEGREE, Parameter, ParameterView, configured, parameter_views
+from codegen.emit.parameters import Parameter, ParameterView, configured, parameter_views
 from codegen.emit.text import Precision, literal
+from codegen.units import DEGREE, GRAVITY, KM_H
 from codegen.vehicle.single_track import SingleTrack
 
-UNDERSTEER_CHANGE_MAX = math.radians(2.0) / 9.81
+UNDERSTEER_CHANGE_MAX = math.radians(2.0) / GRAVITY
 """s^2/m, 2 deg/g: calibration may take another variant of the car, but no other car."""
 FRICTION_UNKNOWN = 2.0
 """More than the peak friction of any road: the map takes its own."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config, Schedule
+from codegen.configuration import Config, Schedule
 from codegen.configuration.controller import (
     INTEGRAL_GAIN_MAX,
     INTEGRAL_GAIN_MIN,
@@ -22,8 +22,9 @@ from codegen.configuration.controller import (
     TRIM_MAX_PERCENT,
 )
 from codegen.design.margins import Gains, gains_of
-from codegen.emit.parameters import DEGREE, Field, Parameter, configured
+from codegen.emit.parameters import Field, Parameter, configured
 from codegen.errors import BuildError
+from codegen.units import DEGREE, KM_H
 from codegen.vehicle.single_track import SingleTrack
 
 SAMPLE_RANGES = {"speed": (0.01, 200.0), "front_angle": (-1.5, 1.5), "yaw_rate": (-20.0, 20.0)}

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.emit.limiter_view import opposite_phase_max, opposite_phase_speeds_km_h
 from codegen.map_file.map import ReferenceMap
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
-
-FloatArray = npt.NDArray[np.float64]
 
 LEAST_RAD = 1e-6
 """Smallest difference that counts, in rad: single precision resolves an angle of 0.1 rad to 7e-9, a solver to about 1e-8."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.configuration.controller import REAR_RATE_MIN_DEG_S
 from codegen.emit.parameters import RATE_OFF, Parameter, ParameterView, parameter_views
 from codegen.emit.text import Precision, literal
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
 POINTS = "{PREFIX}_LIMITER_POINTS"

@@ -78,6 +78,13 @@ class _Inputs(_Read):
     map: _MapSource
 
 
+class _Symbol(_Read):
+    type: str
+    shape: list[int]
+    unit: str
+    section: Literal["calibration", "const"]
+
+
 class _Manifest(_Read):
     name: str
     version: str
@@ -90,6 +97,7 @@ class _Manifest(_Read):
     inputs: _Inputs
     dynamics_library_functions: list[str]
     configuration: dict[str, Any]
+    symbols: dict[str, _Symbol] = Field(default_factory=dict)
 
 
 def read_build(folder: Path) -> dict[str, Any]:

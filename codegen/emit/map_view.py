@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H
 from codegen.ecu_map.axis import Axis
 from codegen.ecu_map.extend import TotalMap
-from codegen.ecu_map.lookup import AxisConstants, Lookup, SteeringConstants
+from codegen.ecu_map.lookup import AxisConstants, Lookup
 from codegen.ecu_map.storage import raw_of
 from codegen.emit.text import Precision, c_type, lines_of, literal, numpy_type
 from codegen.errors import MapError
 from codegen.map_file.tables import PLAUSIBLE
+from codegen.units import KM_H
 
 MAGNITUDE = "front_angle_magnitude"
 """An argument that is never negative."""
@@ -118,11 +118,12 @@ class TableView(NumbersView):
 
 @dataclass(frozen=True)
 class GripView:
-    """Share of the cap that grip allows, on axes of its own: constants of the C that are not calibrated."""
+    """Share of the cap that grip allows, on axes of its own: constants that are not calibrated."""
 
     speed: AxisView
     front_angle: AxisView
     share: NumbersView
+    size: str
 
 
 @dataclass(frozen=True)
@@ -139,16 +140,10 @@ class MapView:
     is_raw: bool
     stacked: bool
     layer_count: int
-    frictions: str
     frictions_text: str
-    caps: str
     grip: GripView | None
-    cars: Sequence[SteeringConstants]
     rear_angle_max_text: str
-    cap: str
-    cap_per_friction: str
     cap_text: str
-    friction: str
     friction_text: str
     checksum: str
     checksum_value: int
@@ -198,16 +193,10 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
         is_raw=total.scales is not None,
         stacked=stacked,
         layer_count=len(lookup.frictions),
-        frictions=", ".join(literal(value, precision) for value in lookup.frictions),
         frictions_text=", ".join(f"{layer.friction:g}" for layer in total.stack),
-        caps=", ".join(literal(value, precision) for value in lookup.caps),
         grip=grip,
-        cars=lookup.cars,
         rear_angle_max_text=_with_unit(total.steering.rear_angle_max, "rad"),
-        cap=literal(lookup.lateral_acceleration_cap, precision),
-        cap_per_friction=literal(lookup.lateral_acceleration_cap_per_friction, precision),
         cap_text=f"{total.lateral_acceleration_cap:.4g} m/s^2",
-        friction=literal(total.friction, precision),
         friction_text=f"{total.friction:g}",
         checksum=f"0x{checksum:08X}u",
         checksum_value=checksum,
@@ -223,15 +212,18 @@ def _grip_view(total: TotalMap, lookup: Lookup, options: _Options) -> GripView |
     if total.grip is None or lookup.grip is None:
         return None
     speed, front_angle, scale = lookup.grip.speed_axis, lookup.grip.front_axis, total.grip.scale
+    prefix = f"{options.prefix}_map_grip"
+    size = f"[{speed.axis.size}][{front_angle.axis.size}]"
     return GripView(
-        speed=_axis_view(speed, "grip_speed", "speed", "m/s", "grip_speed_breakpoints", options),
-        front_angle=_axis_view(front_angle, "grip_front_angle", MAGNITUDE, "rad", "grip_front_angle_breakpoints", options),
+        speed=_axis_view(speed, "grip_speed", "speed", "m/s", f"{prefix}_speed_breakpoints", options),
+        front_angle=_axis_view(front_angle, "grip_front_angle", MAGNITUDE, "rad", f"{prefix}_front_angle_breakpoints", options),
         share=NumbersView(
-            name="grip_share_table",
+            name=f"{prefix}_share_table",
             function="grip_share",
             layers=_layers(total, total.grip.speed, _grip_numbers(total, lookup)[0], options.precision),
-            **_storage("grip_share", "1", scale, options.precision),
+            **_storage("grip_share", "1", scale, options),
         ),
+        size=f"[{options.prefix.upper()}_MAP_FRICTION_POINTS]{size}" if total.layers else size,
     )
 
 
@@ -260,20 +252,21 @@ def _tables(total: TotalMap, lookup: Lookup, options: _Options, with_rear_angle:
             high=high,
             layers=_layers(total, total.speed, numbers, options.precision),
             indices=_indices(len(numbers), bool(total.layers)),
-            **_storage(quantity, unit, scale, options.precision),
+            **_storage(quantity, unit, scale, options),
         )
 
 
-def _storage(quantity: str, unit: str, scale: float | None, precision: Precision) -> dict[str, str]:
+def _storage(quantity: str, unit: str, scale: float | None, options: _Options) -> dict[str, str]:
     """Storage of a table's numbers, for a view."""
-    factor = "" if scale is None else literal(scale, precision)
+    factor = "" if scale is None else literal(scale, options.precision)
+    name = f"{options.prefix}_constants.{quantity}_scale"
     return {
-        "type": "int16_t" if factor else c_type(precision),
+        "type": "int16_t" if factor else c_type(options.precision),
         "unit": unit,
         "times": f" = {factor} * raw" if factor else "",
         "scale": factor,
-        "scale_name": f"{quantity}_scale" if factor else "",
-        "scale_argument": f"{quantity}_scale, " if factor else "",
+        "scale_name": name if factor else "",
+        "scale_argument": f"{name}, " if factor else "",
     }
 
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from codegen.configuration.section import Range, Section
 from codegen.emit.text import Precision, lines_of, literal
-
-DEGREE = math.radians(1.0)
-"""One degree, in rad."""
 
 RATE_OFF = 1000.0
 """rad/s: a rate limit that never acts, for a rear axle that moves a few degrees."""

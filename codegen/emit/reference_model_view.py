@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.emit.dynamics_view import SPEED_MIN, FunctionView, function_view
 from codegen.emit.text import Precision, lines_of, literal
@@ -16,8 +16,6 @@ from codegen.vehicle.dynamics import single_track_step
 from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
-
-FloatArray = npt.NDArray[np.float64]
 
 CURVE_ERROR_MAX = 1e-3
 """Largest error of the table, as a fraction of the peak of the curve: far below tyre scatter, and it keeps the table small."""
@@ -67,7 +65,6 @@ class ReferenceModelView:
     actuator_share: str
     actuator_step_max: str
     rear_arm: str
-    rear_slip: str
 
 
 @dataclass(frozen=True)
@@ -147,7 +144,6 @@ def reference_model_view(config: Config, precision: Precision) -> ReferenceModel
         actuator_share=text(1.0 - math.exp(-period / (actuator.lag_s + period))),
         actuator_step_max=text(math.radians(actuator.rate_max_deg_s) * period),
         rear_arm=text(car.rear_arm),
-        rear_slip=text(car.rear_slip_per_lateral_acceleration),
     )
 
 

@@ -14,10 +14,11 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from codegen.configuration import KM_H, Config, parse
+from codegen.configuration import Config, parse
 from codegen.configuration.section import Range
 from codegen.errors import CodegenError, ConfigError
 from codegen.map_file.road import on_road
+from codegen.units import KM_H
 
 Group = Literal["map", "controller", "step"]
 Values = Mapping[str, float]

@@ -1,53 +1,48 @@
 """The generated C, compiled once, with the numbers of any setting: no compiler runs while a slider moves.
 
-Tables and breakpoints of the map are calibration and the gains are parameters: both can be written as they are. Some numbers
-that follow from limits and friction are constants in the C, so that the compiler may use them. In the explorer's copy, and in
-no other, these few become variables; that the copy then computes what a fresh build of the same setting computes, bit for bit,
-is tested.
+The numbers of the map and the parameters lie in `ars_calibration.c`, behind symbols that the compiler cannot see through. Here
+their sections can be written. A test checks that this copy computes, bit for bit, what a fresh build of the same setting does.
 """
 
 from __future__ import annotations
 
-import re
 import sys
 import threading
-from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.ecu_map.extend import TotalMap, extend
+from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.emit.constants import constants_of
 from codegen.emit.controller_view import controller_view
 from codegen.emit.inputs_view import inputs_view
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import limiter_view
 from codegen.emit.parameters import ParameterView
-from codegen.emit.text import literal
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.compile import DEFAULT_FLAGS, Library, compile_library
 from codegen.sil.software import Software, bench_sources
-from codegen.vehicle.single_track import SingleTrack
-
-FloatArray = npt.NDArray[np.float64]
-Numbers = Mapping[str, float]
 
 PREFIX = "ars"
-HEADER = "explore.h"
-# Of a name that linkers put among the data that may be written, though each object is const.
+# Linkers put a section of this name among the data that may be written, though its objects are const.
 _SECTION = "__DATA,ars_calib" if sys.platform == "darwin" else ".data.calibration"
-WRITABLE = f'-DARS_SECTION_CALIBRATION=__attribute__((section("{_SECTION}")))'
+WRITABLE = tuple(f'-DARS_SECTION_{kind}=__attribute__((section("{_SECTION}")))' for kind in ("CALIBRATION", "CONST"))
 
-_MAP = ("lateral_acceleration_cap", "lateral_acceleration_cap_per_friction", "map_friction")
-_MAP_STEERING = ("understeer_coefficient", "rear_slip_per_lateral_acceleration", "sideslip_max", "rear_angle_max")
-_GRIP = ("grip_max", "friction_per_grip")
+_CONSTANTS_H = f"""#include "{PREFIX}_constants.h"
+{PREFIX}_constants_t *writable_constants(void);
+"""
+_CONSTANTS_C = f"""#include "constants.h"
+{PREFIX}_constants_t *writable_constants(void) {{ return ({PREFIX}_constants_t *)&{PREFIX}_constants; }}
+"""
 
 _using = threading.RLock()
 """The numbers are the library's own, and a process has one library of a name: who writes them runs with them."""
@@ -61,14 +56,14 @@ class Calibration:
         config: the setting.
         total: its map over the whole domain of an ECU.
         tables: name in C -> values, single precision.
-        constants: name in the explorer's copy -> value.
+        constants: the fields of the C struct of constants.
         parameters: the C parameter struct's fields; `inputs` and `limiter` those of the structs inside it.
     """
 
     config: Config
     total: TotalMap
     tables: Mapping[str, npt.NDArray[np.float32]]
-    constants: Numbers
+    constants: Mapping[str, float]
     parameters: Mapping[str, Any]
     inputs: Mapping[str, Any]
     limiter: Mapping[str, Any]
@@ -84,24 +79,11 @@ class Calibration:
         view = controller_view(config, total, PREFIX, "single", "float")
         inputs = inputs_view(config, PREFIX, "single", "float")
         limiter = limiter_view(config, PREFIX, "single", "float")
-        constants = dict(
-            zip(_MAP, (lookup.caps[-1], lookup.lateral_acceleration_cap_per_friction, lookup.friction), strict=True)
-        )
-        if law.uses_rear_angle:
-            steering = lookup.cars[-1]
-            constants |= zip(
-                _MAP_STEERING,
-                (steering.understeer_coefficient, steering.rear_slip, steering.sideslip_max, steering.rear_angle_max),
-                strict=True,
-            )
-        if law.uses_reference_model:
-            constants |= {name: _number(literal(getattr(view.grip, name), "single")) for name in _GRIP}
-            constants["rear_slip"] = SingleTrack.from_config(config).rear_slip_per_lateral_acceleration
         return cls(
             config,
             total,
             tables,
-            {name: float(x) for name, x in constants.items()},
+            {each.name: each.values[0] for each in constants_of(config, total, "single")},
             _fields(view.parameters),
             _fields(inputs.parameters),
             _fields(limiter.parameters),
@@ -134,17 +116,15 @@ class Recalibrated:
         inputs = BuildInputs("map.npz", "0" * 64, "map")
         files = build(reference_map, config, BuildOptions("explore", PREFIX), inputs).files
         sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
-        total = extend(reference_map, config, config.steering.front_angle_stop)
-        names = Calibration.of(total, config).constants
-        sources = _with_variables(sources, tuple(names))
         sources |= bench_sources(config, PREFIX, "single")
+        sources |= {"bench/constants.h": _CONSTANTS_H.encode(), "bench/constants.c": _CONSTANTS_C.encode()}
         public = [path for path in sources if path.startswith("include/") and not path.endswith("_sections.h")]
         self.library: Library = compile_library(
             f"{PREFIX}_explore",
             sources,
-            [*public, "bench/plant.h", "bench/loop.h"],
+            [*public, "bench/plant.h", "bench/loop.h", "bench/constants.h"],
             include_folders=("include", "bench"),
-            flags=(*DEFAULT_FLAGS, WRITABLE),
+            flags=(*DEFAULT_FLAGS, *WRITABLE),
         )
         self._software = Software(self.library, PREFIX, "single", config)
 
@@ -172,47 +152,12 @@ class Recalibrated:
             table = getattr(lib, f"{PREFIX}_map_{name}")
             buffer = ffi.buffer(ffi.addressof(table), ffi.sizeof(table))
             np.frombuffer(buffer, dtype=np.float32)[:] = values.ravel()
-        for name, value in calibration.constants.items():
-            setattr(lib.explore, name, value)
         parameters = self._software.parameters()
-        structs = (parameters, parameters.inputs, parameters.limiter)
-        given = (calibration.parameters, calibration.inputs, calibration.limiter)
+        structs = (lib.writable_constants(), parameters, parameters.inputs, parameters.limiter)
+        given = (calibration.constants, calibration.parameters, calibration.inputs, calibration.limiter)
         for struct, fields in zip(structs, given, strict=True):
             for name, value in fields.items():
                 setattr(struct, name, value)
         if not (lib.ars_map_valid() and lib.ars_parameters_valid(parameters)):
             raise BuildError("the generated code refuses these settings", remedy="go back a step")
         return parameters
-
-
-def _with_variables(sources: Mapping[str, bytes], names: Collection[str]) -> dict[str, bytes]:
-    """The sources with the named constants taken from a struct `explore`.
-
-    Raises:
-        BuildError: a name is no constant in them, or the name of two.
-    """
-    result, found = dict(sources), Counter[str]()
-    for path in (path for path in sources if path.startswith("src/")):
-        text = sources[path].decode("ascii")
-        for name in names:
-            text, count = _with_variable(text, name)
-            found[name] += count
-        if text.encode("ascii") != sources[path]:
-            result[path] = f'#include "{HEADER}"\n{text}'.encode("ascii")
-    wrong = sorted(name for name in names if found[name] != 1)
-    if wrong:
-        raise BuildError(f"not one constant of the generated code: {', '.join(wrong)}", where="codegen.explore")
-    members = "".join(f"    float {name};\n" for name in names) or "    float none;\n"
-    declared = f"typedef struct {{\n{members}}} explore_t;\nextern explore_t explore;\n"
-    result[f"include/{HEADER}"] = f"#ifndef EXPLORE_H\n#define EXPLORE_H\n{declared}#endif\n".encode("ascii")
-    result["src/explore.c"] = f'#include "{HEADER}"\nexplore_t explore;\n'.encode("ascii")
-    return result
-
-
-def _with_variable(text: str, name: str) -> tuple[str, int]:
-    """A source with one constant made a variable, and how many definitions there were: of a file, or inside a function."""
-    text, of_file = re.subn(rf"^ARS_SECTION_CONST static const float {name} = [^;]+;.*\n", "", text, flags=re.MULTILINE)
-    if of_file:
-        text = re.sub(rf"(?<![\w.>]){name}\b", f"explore.{name}", text)
-    text, inside = re.subn(rf"^( +const float {name} = )[^;]+;", rf"\g<1>explore.{name};", text, flags=re.MULTILINE)
-    return text, of_file + inside

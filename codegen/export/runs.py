@@ -23,14 +23,13 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen import __version__
+from codegen.arrays import FloatArray
 from codegen.configuration.signals import RECORDED
 from codegen.errors import CodegenError
 from codegen.files import write_atomically
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim.log_formats import EPOCH
 from hil_sim.recording import to_csv
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.importing.source import ImportFault
 from codegen.importing.tir import PropertyFile
-
-FloatArray = npt.NDArray[np.float64]
 
 VERSION_BY_FITTYP = {6: "MF 5.2", 21: "MF 5.2", 52: "MF 5.2", 61: "MF 6.1", 62: "MF 6.2"}
 """FITTYP of the file -> formula. 6 is MF-Tyre 5.2, 21 the same with MF-Swift."""

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen import __version__
+from codegen.arrays import FloatArray
 from codegen.errors import CodegenError
 from codegen.importing import mat, plausible, quantities
 from codegen.importing.quantities import FACTORS, LOGICAL, QUANTITIES
@@ -18,8 +19,6 @@ from codegen.importing.source import ImportFault, Source, read
 from codegen.importing.table import Axis, RawMap, read_table
 from codegen.map_file.map import SCHEMA_VERSION, ReferenceMap, from_arrays
 from codegen.map_file.tables import UNITS
-
-FloatArray = npt.NDArray[np.float64]
 
 MATLAB_ENDINGS = (".mat",)
 SAVE_FLAT = "save vx, delta_f and yaw_rate"

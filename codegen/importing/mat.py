@@ -12,15 +12,12 @@ import sys
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import AnyArray
 from codegen.importing import mat_child
 from codegen.importing.source import MIB, ImportFault, Source
-
-AnyArray = npt.NDArray[Any]
 
 MAX_BYTES = 64 * MIB
 """Size limit of the file, packed and unpacked, as for a map (docs/interface.md)."""

@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-AnyArray = npt.NDArray[Any]
+from codegen.arrays import AnyArray
 
 DAMAGED, TOO_LARGE = 10, 11
 """Exit codes. 0 is success; any other code or a signal is another failure."""

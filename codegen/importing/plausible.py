@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.importing.quantities import FACTORS, QUANTITIES
 from codegen.importing.source import ImportFault
-
-FloatArray = npt.NDArray[np.float64]
+from codegen.units import GRAVITY
 
 SPEED_MAX_LOW, SPEED_MAX_HIGH = 3.0, 120.0
 """m/s, of the largest speed. Control begins at 15 km/h (4.2 m/s); 120 m/s is 432 km/h, above what road tyres are sold for."""
@@ -35,7 +35,6 @@ TURNING_LENGTH_LOW, TURNING_LENGTH_HIGH = 0.9, 8.0
 car (1.7 m) with rear wheels turned nearly as far against the front ones has 0.9 m; no truck has a wheelbase of 8 m."""
 SLOW = 15.0
 """m/s: above, understeer makes the turning length longer than any wheelbase."""
-GRAVITY = 9.81
 AT_THE_WHEEL = ", or are these angles of the steering wheel? delta_f is at the road wheel"
 
 

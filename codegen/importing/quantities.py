@@ -13,11 +13,12 @@ from dataclasses import dataclass
 
 from codegen.errors import suggestion
 from codegen.importing.source import ImportFault
+from codegen.units import KM_H
 
 SPEED, ANGLE, RATE, LOGICAL = "speed", "angle", "rate", "logical"
 
 FACTORS = {
-    SPEED: {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704},
+    SPEED: {"m/s": 1.0, "km/h": KM_H, "mph": 0.44704},
     ANGLE: {"rad": 1.0, "deg": math.pi / 180.0},
     RATE: {"rad/s": 1.0, "deg/s": math.pi / 180.0},
     LOGICAL: {"1": 1.0},

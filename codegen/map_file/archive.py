@@ -9,15 +9,12 @@ import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import AnyArray
 from codegen.errors import MapError
 from codegen.files import read_file, reason_of
-
-AnyArray = npt.NDArray[Any]
 
 MAX_UNPACKED_BYTES = 64 * 2**20
 MAX_PACKED_BYTES = MAX_UNPACKED_BYTES + 2**20  # the arrays, stored as they are, and the directory of the archive

@@ -23,18 +23,19 @@ from typing import Any
 import numpy as np
 
 from codegen import __version__
+from codegen.arrays import AnyArray, BoolArray, FloatArray
 from codegen.configuration import Config, check_name, parse
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.files import write_atomically
 from codegen.map_file import archive, tables
 from codegen.map_file.bounds import Binding
 from codegen.map_file.road import on_road
-from codegen.map_file.tables import KEYS, UNITS, AnyArray, BindingArray, BoolArray, FloatArray
+from codegen.map_file.tables import KEYS, UNITS, BindingArray
+from codegen.units import GRAVITY
 
 __all__ = ["Binding", "FrictionLayer", "ReferenceMap", "from_arrays", "from_bytes", "load", "make_meta", "save", "to_bytes"]
 
 SCHEMA_VERSION = 1
-STANDARD_GRAVITY = 9.81
 
 ATTRIBUTES = {
     "yaw_rate": "yaw_rate",
@@ -146,7 +147,7 @@ def from_arrays(arrays: Mapping[str, AnyArray], where: object) -> ReferenceMap:
     own = tables.read_tables(arrays, shape, where)
     meta = _meta(arrays, where)
     config, case = _configuration(meta, where)
-    gravity = STANDARD_GRAVITY if config is None else config.road.gravity_m_s2
+    gravity = GRAVITY if config is None else config.road.gravity_m_s2
     tables.check_lateral_acceleration(speed, own.yaw_rate, gravity, where)
     base = ReferenceMap(
         speed, front_angle, own.yaw_rate, own.feasible, own.sideslip, own.rear_angle, own.active, config, case, meta

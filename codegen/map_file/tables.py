@@ -7,18 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import AnyArray, BoolArray, FloatArray
 from codegen.errors import MapError
 from codegen.map_file.bounds import Binding
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 BindingArray = npt.NDArray[np.uint8]
-AnyArray = npt.NDArray[Any]
 
 LATERAL_ACCELERATION_MAX_G = 5.0  # far above any tyre: degrees taken for radians ask for more
 

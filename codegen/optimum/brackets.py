@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from codegen.arrays import FloatArray, IndexArray
+
 Function = Callable[[IndexArray, FloatArray], FloatArray]
 """(indices of some of the functions, a number for each) -> their values there."""
 

@@ -13,10 +13,9 @@ from functools import reduce
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import BoolArray, FloatArray
 from codegen.map_file.bounds import BOUNDS, Binding, TurnQuantities
-from codegen.optimum.problem import BINDING_TOLERANCE, FloatArray, SteadyTurnProblem
-
-BoolArray = npt.NDArray[np.bool_]
+from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem
 
 
 @dataclass(frozen=True)

@@ -19,20 +19,12 @@ from typing import Self
 
 import numpy as np
 
+from codegen.arrays import BoolArray, FloatArray, IndexArray
 from codegen.configuration import Case, Config
 from codegen.map_file.bounds import TurnQuantities
 from codegen.optimum.brackets import shrink
 from codegen.optimum.exact import Edge, Solution, binding
-from codegen.optimum.nonlinear_arrays import (
-    BoolArray,
-    FloatArray,
-    IndexArray,
-    Turns,
-    concatenate_turns,
-    replace_turns,
-    select_turns,
-    unknown_turns,
-)
+from codegen.optimum.nonlinear_arrays import Turns, concatenate_turns, replace_turns, select_turns, unknown_turns
 from codegen.optimum.nonlinear_car import SteadyCar
 from codegen.optimum.nonlinear_range import (
     END,

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-IndexArray = npt.NDArray[np.intp]
+from codegen.arrays import BoolArray, FloatArray, IndexArray
+
 Slips = tuple[FloatArray, FloatArray]
 """Slip angles in rad, or what changes them, of the front and of the rear axle."""
 

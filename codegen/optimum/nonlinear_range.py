@@ -18,13 +18,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from codegen.configuration import KM_H
+from codegen.arrays import BoolArray, FloatArray, IndexArray
 from codegen.errors import MapError
 from codegen.map_file.bounds import BOUNDS, Binding, TurnQuantities
 from codegen.optimum.brackets import shrink
-from codegen.optimum.nonlinear_arrays import BoolArray, FloatArray, IndexArray, Turns, replace_turns
+from codegen.optimum.nonlinear_arrays import Turns, replace_turns
 from codegen.optimum.nonlinear_car import ANGLE_MAX, SteadyCar
 from codegen.optimum.problem import SteadyTurnProblem
+from codegen.units import KM_H
 
 SAMPLES = 9
 BEYOND_GRIP = 1.08

@@ -14,15 +14,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from codegen.configuration import KM_H, Case, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Case, Config
 from codegen.errors import ConfigError
 from codegen.map_file.bounds import BOUNDS, Bound, TurnQuantities
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
-
-FloatArray = npt.NDArray[np.float64]
 
 BINDING_TOLERANCE = 1e-6
 """A constraint binds where it is used to within this share of its bound (the front and rear slip bounds of the paper's car

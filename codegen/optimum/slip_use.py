@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.errors import ConfigError
 from codegen.map_file.map import ReferenceMap
-
-FloatArray = npt.NDArray[np.float64]
 
 ABOVE = 100.0 * (1.0 + 1e-6)
 """Percent: a bound is exceeded by more than rounding."""

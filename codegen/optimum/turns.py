@@ -12,11 +12,12 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum import exact
 from codegen.optimum.exact import Edge, Solution
-from codegen.optimum.problem import FloatArray, SteadyTurnProblem
+from codegen.optimum.problem import SteadyTurnProblem
 
 __all__ = ["Edge", "LinearTurns", "Solution", "SteadyTurns", "passively_feasible", "turns_behind", "turns_of"]
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, TRIM_MAX_PERCENT
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Margins, family_margins, gains_of
 from codegen.ecu_map.model_excess import COARSE
@@ -19,6 +19,7 @@ from codegen.emit.folder import BESIDE, MANIFEST, verify_hashes
 from codegen.errors import CodegenError
 from codegen.files import read_file
 from codegen.plausibility.car import distinct
+from codegen.units import KM_H
 
 TRIM_WARNING_FACTOR = 2.0
 """Warn when the trim exceeds this multiple of the required trim; extra trim increases overshoot."""

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
 DYNAMIC_INDEX = (0.6, 1.5)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.emit.limiter_cut import LimiterCut, cut_text
 from codegen.errors import MapError
 from codegen.map_file.bounds import binding_text
@@ -18,11 +18,7 @@ from codegen.map_file.map import ReferenceMap
 from codegen.optimum.slip_use import slip_use
 from codegen.optimum.turns import turns_behind
 from codegen.plausibility.car import distinct, is_limit_beyond_actuator
-
-FloatArray = npt.NDArray[np.float64]
-
-STANDARD_GRAVITY = 9.81
-"""m/s^2"""
+from codegen.units import GRAVITY, KM_H
 
 GRIP_MAX_G = 1.5
 """Largest lateral acceleration that road tyres reach without aerodynamic downforce, with room."""
@@ -161,7 +157,7 @@ def slip_warnings(reference_map: ReferenceMap) -> Iterator[str]:
 
 def _lateral_acceleration_g(speed: FloatArray, yaw_rate: FloatArray) -> float:
     """Return the largest lateral acceleration, in g, for speeds (n,) in m/s and yaw rates (n, m) in rad/s."""
-    return float(np.nanmax(speed[:, np.newaxis] * yaw_rate)) / STANDARD_GRAVITY
+    return float(np.nanmax(speed[:, np.newaxis] * yaw_rate)) / GRAVITY
 
 
 def beyond_grip(reference_map: ReferenceMap) -> str:
@@ -174,7 +170,7 @@ def beyond_grip(reference_map: ReferenceMap) -> str:
     what = f"the map requires {required} g of lateral acceleration, beyond the {GRIP_MAX_G:g} g that road tyres reach"
     if rates.shape[0] == rates.shape[1] and _lateral_acceleration_g(speed, rates.T) <= GRIP_MAX_G:
         return f"{what}; transpose yaw_rate: its rows are speeds, its columns front angles"
-    if largest / 3.6 <= GRIP_MAX_G:
+    if largest * KM_H <= GRIP_MAX_G:
         return f"{what}; is vx in km/h? It must be in m/s, and yaw_rate in rad/s"
     return f"{what}; vx must be in m/s, yaw_rate in rad/s"
 

@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H
+from codegen.arrays import BoolArray, FloatArray
 from codegen.errors import MapError
 from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.slip_use import ABOVE, SlipUse, slip_use
 from codegen.report.summary import TYRE, map_summary
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+from codegen.units import KM_H
 
 POINT_SPEEDS_KM_H = (30.0, 60.0, 100.0, 150.0)
 POINT_FRONT_ANGLES_DEG = (2.0, 5.0, 10.0)

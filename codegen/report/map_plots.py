@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H, preset
+from codegen.arrays import FloatArray
+from codegen.configuration import preset
 from codegen.map_file.bounds import BOUNDS, Binding, binding_text
 from codegen.map_file.map import ReferenceMap
 from codegen.report.published import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
@@ -29,7 +30,6 @@ from codegen.report.style import (
     VERMILION,
     WHITE,
     YAW_RATE,
-    FloatArray,
     PlotError,
     draw_quantity,
     draw_table,
@@ -38,6 +38,7 @@ from codegen.report.style import (
     plain,
     style,
 )
+from codegen.units import KM_H
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

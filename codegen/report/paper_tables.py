@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.optimum.turns import turns_of
 from codegen.report.published import PAPER_GAINS, PAPER_RUNS, PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
+from codegen.units import KM_H
 from hil_sim.metrics import StepMetrics
 
 CASES = {"fws": "FWS", "4ws-1": "4WS-1", "4ws-2": "4WS-2"}

@@ -3,9 +3,8 @@
 On paper degrees and km/h, SI inside.
 """
 
-from codegen.report.map_difference_plot import map_difference_figure
+from codegen.report.map_difference_plot import map_difference_figure, overview_figure
 from codegen.report.map_plots import front_angle_cut_figure, map_figure, three_maps_figure
-from codegen.report.overview import overview_figure
 from codegen.report.run_plots import run_figure
 from codegen.report.scenario_plots import scenario_figure
 from codegen.report.style import PlotError, save

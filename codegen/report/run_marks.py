@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.report.style import GREY, WHITE, FloatArray
+from codegen.arrays import FloatArray
+from codegen.report.style import GREY, WHITE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.report.legend import legend_below
 from codegen.report.run_marks import SPIN_MARKER, Mark, Span, draw_marks, draw_spans, spin_handles, until_spin
 from codegen.report.style import (
@@ -23,12 +24,12 @@ from codegen.report.style import (
     RUN_NAMES,
     SKY,
     VERMILION,
-    FloatArray,
     PlotError,
     new_figure,
     plain,
     style,
 )
+from codegen.units import KM_H
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H
+from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, one_line
 from codegen.files import write_atomically
 from codegen.map_file.map import ReferenceMap
+from codegen.units import KM_H
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap, Normalize
     from matplotlib.figure import Figure
 
-FloatArray = npt.NDArray[np.float64]
 
 # M. Okabe, K. Ito, Color Universal Design (2008): told apart by all common kinds of colour vision.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"

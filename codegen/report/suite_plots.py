@@ -23,8 +23,17 @@ from codegen.report.suite_cell_plots import (
     slippery,
 )
 from codegen.report.suite_looks import lines_of, name_handles
-from codegen.report.suite_loop_plots import MARGIN_PANELS, draw_margins, margins_figure, price_figure
-from codegen.report.suite_step_plots import cell_title, draw_step, reference_handles, spin_handle, steps_figure
+from codegen.report.suite_step_plots import (
+    MARGIN_PANELS,
+    cell_title,
+    draw_margins,
+    draw_step,
+    margins_figure,
+    price_figure,
+    reference_handles,
+    spin_handle,
+    steps_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

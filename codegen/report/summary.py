@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.configuration import KM_H
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
+from codegen.units import KM_H
 
 if TYPE_CHECKING:
     from hil_sim.metrics import Evaluation

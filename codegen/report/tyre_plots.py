@@ -8,14 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.report.style import (
-    BLACK,
-    SKY,
-    FloatArray,
-    new_figure,
-    style,
-)
+from codegen.report.style import BLACK, SKY, new_figure, style
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
 if TYPE_CHECKING:

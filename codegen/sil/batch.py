@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen import configuration
+from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.configuration.signals import CARRIED, RECORDED
 from codegen.emit.folder import read_files, verify_hashes
@@ -105,9 +106,7 @@ def _function(model: ParametricModel, name: str, states: Sequence[str], results:
 
 __all__ = ["BatchSoftware", "Isa", "Lanes", "best_isa", "compile_batch", "load_batch"]
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.integer[Any]]
-BoolArray = npt.NDArray[np.bool_]
 
 DIFFERENCE_MAX = 1e-11
 """Largest difference between a batch run and the single run, in SI units, while the car does not spin.

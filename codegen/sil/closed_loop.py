@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration.signals import MEASURED, RECORDED, SignalDefinition
 from codegen.sil.software import RECORD_COLUMNS, Software
-
-FloatArray = npt.NDArray[np.float64]
 
 INPUT_COLUMNS = ("speed", "steering_wheel_command", "friction", "friction_estimate", "yaw_moment", "inhibit")
 """Columns of a scenario with one row for each plant step: m/s, rad, -, - (NaN: no estimate), N m, 0 or 1."""

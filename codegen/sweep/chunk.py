@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H
+from codegen.arrays import FloatArray
 from codegen.errors import BuildError, within
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.software import RECORD_COLUMNS
@@ -22,10 +22,10 @@ from codegen.sweep.metrics import COLUMNS, Figures, Runs, figures
 from codegen.sweep.plan import Controller, Plan, RunKey
 from codegen.sweep.profile import Profile
 from codegen.sweep.spec import MAX_CONTROLLERS
+from codegen.units import KM_H
 from codegen.vehicle.plant_car import PLANT_PARAMETERS
 from hil_sim.metrics.step import slip_bounds
 
-FloatArray = npt.NDArray[np.float64]
 Table = dict[str, npt.NDArray[Any]]
 """Column name -> values, one row for each run, by run number."""
 

@@ -8,11 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.sweep.spec import FACTORS, Spec, Values
-
-FloatArray = npt.NDArray[np.float64]
 
 BLOCK = 1024
 """Samples that share a random stream of a factor. Creating one stream for each sample would take longer than drawing."""

@@ -9,17 +9,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
-import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.errors import ConfigError
 from codegen.sil.batch import Lanes
 from codegen.sweep import draw
 from codegen.sweep.profile import REFERENCE_ANGLE_DEG, Profile
 from codegen.sweep.spec import FACTORS, NOISE, Spec
+from codegen.units import KM_H
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
 
-FloatArray = npt.NDArray[np.float64]
 Factors = Mapping[str, FloatArray]
 
 FRICTION_ESTIMATE_MIN = 0.02

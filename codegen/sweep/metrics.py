@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import BoolArray, FloatArray
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim.manoeuvres import DWELL_LENGTH
 from hil_sim.metrics.run import SPIN_REAR_SLIP, SPIN_SIDESLIP
@@ -26,8 +27,6 @@ from hil_sim.metrics.sine_with_dwell import (
 from hil_sim.metrics.step import SETTLED_SHARE, SETTLING_SHARE, STEADY_WINDOW
 from hil_sim.scenarios import Kind
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 Figures = dict[str, FloatArray]
 """Name, with its unit, to (n,); NaN where the run does not have it. Yes and no are 1 and 0."""
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from codegen import configuration
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, ConfigError, suggestion, within
@@ -26,6 +26,7 @@ from codegen.sweep.lanes import cars
 from codegen.sweep.metrics import MEASURES
 from codegen.sweep.profile import Profile, profile_of
 from codegen.sweep.spec import Spec
+from codegen.units import KM_H
 from hil_sim.scenarios import SCENARIOS, Scenario, find
 
 RUNS_PER_CHUNK = 512

@@ -7,14 +7,13 @@ import json
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
+from codegen.units import KM_H
 from hil_sim.scenarios import Kind, Scenario
-
-FloatArray = npt.NDArray[np.float64]
 
 REFERENCE_ANGLE_DEG = 90.0
 """Steering-wheel amplitude of every profile, before the factor of a run is applied."""

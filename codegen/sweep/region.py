@@ -16,10 +16,10 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from codegen import configuration
-from codegen.configuration import KM_H, Config
+from codegen.arrays import BoolArray, FloatArray
+from codegen.configuration import Config
 from codegen.design.linearised import SteadyTurns, linearised
 from codegen.design.margins import Margins, loop_margins
 from codegen.design.sampled import SampledCar, frequency_grid
@@ -27,10 +27,8 @@ from codegen.emit.laws import law_of
 from codegen.sil.batch import BatchSoftware, Isa, Lanes, compile_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sweep.lanes import cars
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 SPEEDS_KM_H = tuple(float(speed) for speed in range(20, 381, 20))
 FRICTIONS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.sweep.lanes import cars
 from codegen.sweep.plan import Plan
 from codegen.sweep.store import YES_NO, read_batches
 from codegen.vehicle.plant_car import PLANT_PARAMETERS
 from hil_sim.metrics.sine_with_dwell import DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY, HEAVY_MASS, RATIO_TIMES
 
-FloatArray = npt.NDArray[np.float64]
 Group = tuple[str, str]
 """Scenario and controller."""
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import BoolArray, FloatArray
+from codegen.configuration import Config
 from codegen.design.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.problem import breakpoints
@@ -25,9 +25,8 @@ from codegen.optimum.turns import turns_of
 from codegen.sil.batch import BatchSoftware, Lanes
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.tuning.transient import family_of, unit_step
+from codegen.units import KM_H
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 Driver = Callable[[FloatArray], FloatArray]
 """Time since the driver acts, in s and not below zero -> fraction of the front angle."""
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config, Schedule
+from codegen.arrays import FloatArray
+from codegen.configuration import Config, Schedule
 from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
 from codegen.design.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
@@ -26,9 +26,8 @@ from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS
+from codegen.units import KM_H
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
-
-FloatArray = npt.NDArray[np.float64]
 
 OVERSHOOT_PERCENT, SETTLING_S = 1.3, 1.05
 """Targets for the configured car."""

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.vehicle.roots import bracketed_root
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class CurveFactors(Protocol):

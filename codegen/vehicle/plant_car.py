@@ -10,11 +10,10 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config, Tyres
 from codegen.vehicle.curves import CURVES
 from codegen.vehicle.tyre import MagicFormulaTyre, load_transfer_per_lateral_acceleration, static_wheel_loads
-
-FloatArray = npt.NDArray[np.float64]
 
 _TYRE = tuple(field.name for field in fields(MagicFormulaTyre) if field.name not in ("nominal_friction", "curve"))
 """Factors of a tyre that the plant uses; the stiffness factor already includes the nominal friction."""

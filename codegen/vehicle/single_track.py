@@ -17,10 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.vehicle.tyre import AxleTyres
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

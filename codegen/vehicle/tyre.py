@@ -13,12 +13,11 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config, Tyre
 from codegen.errors import ConfigError
 from codegen.vehicle.curves import CURVES, MAGIC_FORMULA, TyreCurve
 from codegen.vehicle.roots import bracketed_root
-
-FloatArray = npt.NDArray[np.float64]
 
 SLIP_SEARCH_MAX = math.radians(45.0)
 SLIP_SEARCH_POINTS = 2000

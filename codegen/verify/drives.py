@@ -15,17 +15,17 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen import configuration
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.configuration.signals import MEASURED
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Software
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.scenarios import SCENARIOS
-
-FloatArray = npt.NDArray[np.float64]
 
 Samples = npt.NDArray[np.float32]
 """Consecutive samples, (samples, 7) by COLUMNS: the fields of `Measurement`, `inhibit` as 0 or 1."""

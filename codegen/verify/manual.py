@@ -12,12 +12,13 @@ from math import degrees
 from typing import Any, TypeVar
 
 from codegen import __version__
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.ecu_map.total import Rule
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
 from codegen.emit.render import render
 from codegen.errors import one_line
+from codegen.units import KM_H
 from codegen.verify.check import Outcome, Verdict
 from codegen.verify.runner import CHECKS, Report
 

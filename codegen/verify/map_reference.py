@@ -1,120 +1,110 @@
-"""The NumPy reference of the lookup for the map that stands in the C of a build.
+"""The NumPy reference of the lookup for the map in the C of a build.
 
-The breakpoints come from the manifest, the numbers of the tables and the caps from the C text: any table may stand there. So
-does the car whose steering goes with a capped yaw rate, where it is not the manifest's. What the generated lookup makes of them
-is computed by `codegen.ecu_map.lookup`, which knows nothing of the C.
+The breakpoints come from the manifest; the numbers of the tables and the constants come from the compiled C, because any table
+may be there. The vehicle of a capped yaw rate is the manifest's if the map was solved for it. The results that the generated
+lookup must have are those of `codegen.ecu_map.lookup`, which does not know the C.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.ecu_map.axis import Axis
-from codegen.ecu_map.lookup import AxisConstants, GripConstants, Lookup, Real, SteeringConstants
+from codegen.ecu_map.lookup import AxisConstants, GripConstants, Lookup, SteeringConstants
 from codegen.ecu_map.total import CapSteering
 from codegen.emit.laws import LAWS
-from codegen.emit.text import numpy_type
 from codegen.errors import BuildError
 from codegen.optimum.stack import roads
+from codegen.sil.software import Software
 from codegen.verify.check import Subject
 
-Numbers = npt.NDArray[Any]
-
-_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
-_CONSTANT = re.compile(
-    r"\bconst (?:float|double|int16_t)\s+(?P<name>\w+)\s*(?:\[[^\];{}]*\]\s*)*=\s*(?P<value>\{[^;]*\}|[-+\d.][^;]*);"
-)
 _STEERING = (
     *("wheelbase", "understeer_coefficient", "rear_arm", "rear_slip_per_lateral_acceleration"),
     *("sideslip_max", "rear_angle_max"),
 )
 """Constants of the linear car, in the order of `SteeringConstants`."""
 _OF_THE_TYRES = ("understeer_coefficient", "rear_slip_per_lateral_acceleration")
-_NUMBER = re.compile(r"(?<!\w)[-+]?\d[\d.]*(?:e[-+]?\d+)?", re.IGNORECASE)
 
 
-def lookup_of(subject: Subject) -> Lookup:
+def lookup_of(subject: Subject, software: Software) -> Lookup:
     """Return the reference of a build, in its precision.
 
+    Args:
+        subject: the build.
+        software: its compiled C.
+
     Raises:
-        BuildError: the sources hold no such tables, caps or car.
+        BuildError: the C has no such table or constant, or one of another size.
     """
-    facts, real = subject.manifest["map"], numpy_type(subject.manifest["options"]["precision"])
-    axes = [Axis.from_breakpoints(np.array(facts[key], dtype=np.float64)) for key in ("speed_m_s", "front_angle_rad")]
-    frictions = np.array(facts["frictions"], dtype=real)
-    shape = (frictions.size, axes[0].size, axes[1].size)
-    calibration, bounds = (_Constants.read(subject, name, real) for name in ("calibration", "map"))
-    uses_rear_angle = LAWS[subject.kind].uses_rear_angle
-    tables = []
-    for quantity in ("yaw_rate", *(["rear_angle"] if uses_rear_angle else [])):
-        table = calibration.of(f"{subject.prefix}_map_{quantity}_table", shape)
-        # Of raw numbers, each a number of its own in either precision.
-        tables.append(table * bounds.of(f"{quantity}_scale", (1,))[0] if "storage" in facts else table)
-    caps = "lateral_acceleration_caps" if frictions.size > 1 else "lateral_acceleration_cap"
+    facts, kind, real, symbols = subject.manifest["map"], LAWS[subject.kind], software.real, _Symbols(software)
+    count = len(facts["frictions"])
+    speed_axis, front_axis, shape = _axes(facts, software)
+    yaw_rate = symbols.table("yaw_rate", (count, *shape))
+    rear_angle = symbols.table("rear_angle", (count, *shape)) if kind.uses_rear_angle else yaw_rate
+    cars = [CapSteering.from_config(config) for config in roads(subject.config, facts["frictions"])]
     grip = None
     if "grip" in facts:
-        own = [
-            Axis.from_breakpoints(np.array(facts["grip"][key], dtype=np.float64)) for key in ("speed_m_s", "front_angle_rad")
-        ]
-        shares = bounds.of("grip_share_table", (frictions.size, own[0].size, own[1].size))
-        scale = bounds.of("grip_share_scale", (1,))[0] if "storage" in facts else real(1.0)
-        grip = GripConstants(AxisConstants(own[0], real), AxisConstants(own[1], real), shares * scale)
-    cars = [CapSteering.from_config(config) for config in roads(subject.config, facts["frictions"])]
-    if "grip" in facts:
+        grip_speed, grip_front, shape = _axes(facts["grip"], software)
+        grip = GripConstants(grip_speed, grip_front, symbols.table("grip_share", (count, *shape)))
         slips = facts["grip"]["rear_slip_per_lateral_acceleration_rad_s2_m"]
         cars = [replace(car, rear_slip_per_lateral_acceleration=slip) for car, slip in zip(cars, slips, strict=True)]
-    steering = [SteeringConstants.of(car, real) for car in cars]
-    is_own_car = subject.manifest["inputs"]["configuration"]["source"] in ("map", "preset")
-    if uses_rear_angle and not is_own_car and subject.is_of_this_version:
-        steering = _cars_of(bounds, len(cars))
+    steering = tuple(SteeringConstants.of(car, real) for car in cars)
+    if kind.uses_rear_angle and subject.manifest["inputs"]["configuration"]["source"] not in ("map", "preset"):
+        columns = [symbols.constant(name, count if name in _OF_THE_TYRES else 1) for name in _STEERING]
+        steering = tuple(SteeringConstants(*numbers) for numbers in zip(*np.broadcast_arrays(*columns), strict=True))
     return Lookup(
-        speed_axis=AxisConstants(axes[0], real),
-        front_axis=AxisConstants(axes[1], real),
-        tables=tables[0],
-        rear_tables=tables[-1],
-        frictions=frictions,
-        caps=bounds.of(caps, frictions.shape),
-        lateral_acceleration_cap_per_friction=bounds.of("lateral_acceleration_cap_per_friction", (1,))[0],
-        cars=tuple(steering),
+        speed_axis=speed_axis,
+        front_axis=front_axis,
+        tables=yaw_rate,
+        rear_tables=rear_angle,
+        frictions=np.array(facts["frictions"], dtype=real),
+        caps=symbols.constant("lateral_acceleration_cap", count),
+        lateral_acceleration_cap_per_friction=symbols.constant("lateral_acceleration_cap_per_friction")[0],
+        cars=steering,
         real=real,
         grip=grip,
     )
 
 
-def _cars_of(bounds: _Constants, count: int) -> list[SteeringConstants]:
-    """Those of the C: what the tyres decide has a number for each friction."""
-    columns = [
-        bounds.of(name + "s", (count,)) if count > 1 and name in _OF_THE_TYRES else np.repeat(bounds.of(name, (1,)), count)
-        for name in _STEERING
-    ]
-    return [SteeringConstants(*numbers) for numbers in zip(*columns, strict=True)]
+def _axes(facts: Mapping[str, Any], software: Software) -> tuple[AxisConstants, AxisConstants, tuple[int, int]]:
+    """Return the axes of a table, and their sizes."""
+    speed, front = (Axis.from_breakpoints(np.array(facts[key], dtype=np.float64)) for key in ("speed_m_s", "front_angle_rad"))
+    return AxisConstants(speed, software.real), AxisConstants(front, software.real), (speed.size, front.size)
 
 
 @dataclass(frozen=True)
-class _Constants:
-    """Return the constants of a source by name; arrays are flat."""
+class _Symbols:
+    """The numbers of the compiled C, by name."""
 
-    path: str
-    found: Mapping[str, Numbers]
+    software: Software
 
-    @classmethod
-    def read(cls, subject: Subject, unit: str, real: Real) -> Self:
-        path = f"src/{subject.prefix}_{unit}.c"
-        text = _COMMENT.sub("", subject.files[path].decode("ascii", errors="replace"))
-        numbers = {match["name"]: np.array(_NUMBER.findall(match["value"]), dtype=real) for match in _CONSTANT.finditer(text)}
-        return cls(path, numbers)
+    def constant(self, name: str, count: int = 1) -> npt.NDArray[Any]:
+        """Return (count,) numbers of a member of the struct of constants; of several, the member's name is a plural."""
+        value = self._of(self._symbol("constants"), f"{name}s" if count > 1 else name)
+        return np.array(list(value) if count > 1 else [value], dtype=self.software.real)
 
-    def of(self, name: str, shape: tuple[int, ...]) -> Numbers:
-        """Raises BuildError: it is not there, or of another size."""
-        size = " x ".join(str(number) for number in shape)
-        if name not in self.found:
-            raise BuildError(f"no {name} of {size} numbers", where=self.path)
-        if self.found[name].size != np.prod(shape):
-            raise BuildError(f"{name} has {self.found[name].size} numbers, where {size} are expected", where=self.path)
-        return self.found[name].reshape(shape)
+    def table(self, quantity: str, shape: tuple[int, ...]) -> npt.NDArray[Any]:
+        """Return the values of a table of the map."""
+        ffi, real, name = self.software.ffi, self.software.real, f"map_{quantity}_table"
+        table, scale = self._symbol(name), getattr(self._symbol("constants"), f"{quantity}_scale", None)
+        kind = np.dtype(real if scale is None else np.int16)
+        numbers = np.frombuffer(ffi.buffer(ffi.addressof(table)), dtype=kind)
+        if numbers.size != np.prod(shape):
+            raise BuildError(f"{numbers.size} numbers, where {np.prod(shape)} are expected", where=name)
+        values: npt.NDArray[Any] = numbers.reshape(shape).astype(real)
+        return values if scale is None else np.multiply(values, real(scale))
+
+    def _symbol(self, name: str) -> Any:
+        return self._of(self.software.compiled.lib, f"{self.software.prefix}_{name}")
+
+    @staticmethod
+    def _of(owner: Any, name: str) -> Any:
+        try:
+            return getattr(owner, name)
+        except AttributeError:
+            raise BuildError("the C has no such number", where=name, remedy="build again") from None

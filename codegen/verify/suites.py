@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.configuration.can import E2e
 from codegen.emit.text import Precision, numpy_type
@@ -21,8 +22,6 @@ from hil_sim.fault_catalogue import catalogue, scenario
 from hil_sim.frames import Frame
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import SCENARIOS, Scenario
-
-FloatArray = npt.NDArray[np.float64]
 
 SPECIAL = (0.0, -0.0, 1e-45, -1e-38, 1e-30, 1e30, -3e38, np.inf, -np.inf, np.nan)
 """Values that no sensor sends, and zero."""

@@ -9,9 +9,10 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from hil_sim.metrics import frequency, others, ramp, sine_with_dwell, step
-from hil_sim.metrics.run import FloatArray, LookUp, Metric, Run, column, spin_time
+from hil_sim.metrics.run import LookUp, Metric, Run, column, spin_time
 from hil_sim.metrics.step import StepMetrics, step_metrics
 from hil_sim.metrics.verdict import coverage, verdict
 from hil_sim.scenarios import Kind, Scenario

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from hil_sim.metrics.run import FloatArray, Metric, Run, common
+from codegen.arrays import FloatArray
+from hil_sim.metrics.run import Metric, Run, common
 
 LOW, HIGH = 0.2, 3.5
 """Range of the sweep that is evaluated, in Hz; the sweep's ends are faded in and out."""

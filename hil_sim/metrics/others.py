@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from codegen.configuration import KM_H
+from codegen.arrays import BoolArray, FloatArray
 from codegen.sil.software import Status
-from hil_sim.metrics.run import BoolArray, FloatArray, Metric, Run, common, largest
+from codegen.units import KM_H
+from hil_sim.metrics.run import Metric, Run, common, largest
 
 CONE_CLEARANCE = "cone_clearance_min_m"
 BEFORE_FAULT_S = 0.5

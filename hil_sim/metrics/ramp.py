@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from codegen.arrays import BoolArray, FloatArray
 from hil_sim.manoeuvres import DWELL_ACCELERATION, STANDARD_GRAVITY
-from hil_sim.metrics.run import BoolArray, FloatArray, Metric, Run, common
+from hil_sim.metrics.run import Metric, Run, common
 
 FIT_FROM, FIT_TO = 0.1 * STANDARD_GRAVITY, 0.375 * STANDARD_GRAVITY
 """Range of lateral acceleration, in m/s^2, over which a line is fitted (FMVSS 126, S7.6.1); tyres are nearly linear there."""

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim.scenarios import Scenario
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 LookUp = Callable[[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike], npt.NDArray[Any]]
 """The map's steady yaw rate (rad/s) as a function of speed (m/s), front angle (rad) and friction estimate (NaN: unknown)."""
 

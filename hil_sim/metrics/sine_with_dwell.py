@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from codegen.arrays import FloatArray
 from hil_sim.manoeuvres import DWELL_LENGTH
-from hil_sim.metrics.run import FloatArray, Metric, Run, common, spin_time
+from hil_sim.metrics.run import Metric, Run, common, spin_time
 
 BEGINNING_ANGLE = math.radians(5.0)
 """Angle of the steering wheel, in rad, at which the steer begins (S7.11)."""

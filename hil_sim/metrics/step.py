@@ -11,11 +11,12 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import ConfigError
 from codegen.sil.software import Status
 from codegen.vehicle.tyre import AxleTyres
-from hil_sim.metrics.run import FloatArray, Metric, Run, column
+from hil_sim.metrics.run import Metric, Run, column
 
 STEADY_WINDOW = 1.0
 """Time at the end of the run, in s, over which steady values are averaged."""

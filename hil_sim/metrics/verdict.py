@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from codegen.configuration import KM_H
+from codegen.arrays import BoolArray, FloatArray
 from codegen.ecu_map.total import Rule
 from codegen.emit.limiter_cut import limiter_bounds
 from codegen.sil.software import Status
+from codegen.units import KM_H
 from hil_sim.metrics.others import CONE_CLEARANCE
-from hil_sim.metrics.run import BoolArray, FloatArray, Metric, Run
+from hil_sim.metrics.run import Metric, Run
 from hil_sim.metrics.step import slip_bounds
 
 STEADY_ERROR_MAX_PERCENT = 2.0

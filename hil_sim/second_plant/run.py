@@ -9,19 +9,18 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.map_file.map import ReferenceMap
 from codegen.sil.plant import PlantInput, PlantSample
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, Status
+from codegen.units import KM_H
 from hil_sim import manoeuvres
 from hil_sim.manoeuvres import Settings
 from hil_sim.scenarios import Scenario
 from hil_sim.second_plant.plant import LeftModelError, MultiBodyPlant
-
-FloatArray = npt.NDArray[np.float64]
 
 SPEEDS_KM_H = (40.0, 70.0, 100.0)
 SHARES = (0.3, 0.6, 0.9)

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from codegen.configuration import KM_H, Case, Config
+from codegen.configuration import Case, Config
 from codegen.errors import CodegenError
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
+from codegen.units import KM_H
 from hil_sim import manoeuvres
 from hil_sim.manoeuvres import Settings
 from hil_sim.scenarios import Scenario

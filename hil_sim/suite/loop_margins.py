@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.design.margins import Margins, family_margins, nominal_margins
 from codegen.emit.laws import law_of
+from codegen.units import KM_H
 
 SPEEDS_KM_H = (20.0, 25.0, 30.0, 36.0, 42.5, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0)
 """Also between the breakpoints of a schedule."""

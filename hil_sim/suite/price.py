@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from codegen.arrays import FloatArray
 from codegen.sil.software import RECORD_COLUMNS, Software
 from hil_sim.metrics.frequency import FrequencyResponse, frequency_response
-from hil_sim.metrics.run import FloatArray, Run, column, spin_time
+from hil_sim.metrics.run import Run, column, spin_time
 from hil_sim.scenarios import Scenario, find
 from hil_sim.suite.cells import Cell
 from hil_sim.suite.conditions import NOMINAL, Condition

@@ -10,13 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.sil.batch import Lanes
 from codegen.sil.software import Software
 from codegen.tuning.transient import unit_step
+from codegen.units import KM_H
 from codegen.vehicle.plant_car import plant_parameters
 from hil_sim.metrics import evaluate
-from hil_sim.metrics.run import FloatArray, spin_time
+from hil_sim.metrics.run import spin_time
 from hil_sim.metrics.step import StepMetrics, slip_bounds, step_metrics
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cells import DURATION, STEER_TIME, Cell, front_angle

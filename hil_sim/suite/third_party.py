@@ -7,11 +7,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.emit.laws import LAWS
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.sil.software import Software
+from codegen.units import KM_H
 from hil_sim.suite.cells import Cell
 from hil_sim.suite.runs import CellResult, judge
 from hil_sim.suite.subjects import DELAY_SAMPLES, PASSIVE, baseline_configs, of_config, tuned

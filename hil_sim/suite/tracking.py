@@ -7,9 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.design.family import members
-from hil_sim.metrics.run import FloatArray
 from hil_sim.suite.cells import Cell, c1, cells
 from hil_sim.suite.conditions import LAGS, NOMINAL, Condition, conditions
 from hil_sim.suite.limits import Limits

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.sil.plant import PlantSample
 from codegen.sil.software import Software
@@ -59,9 +59,6 @@ class Sensors:
         biased["speed"] = self._errors.speed_factor * plant.speed
         biased["lateral_acceleration"] = lateral_acceleration + self._gravity * math.sin(plant.roll)
         return {name: self._model.measure(name, value) for name, value in biased.items()}
-
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def run(

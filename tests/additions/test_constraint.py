@@ -28,7 +28,7 @@ CHECK = """
 import numpy as np
 
 from codegen.configuration import parse, preset
-from codegen.explore.picture import map_data
+from codegen.explore.explorer import map_data
 from codegen.map_file.bounds import BOUNDS, Binding, binding_text
 from codegen.map_file.map import from_bytes, to_bytes
 from codegen.optimum.solve import solve_case

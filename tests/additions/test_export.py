@@ -87,14 +87,14 @@ COMMANDS = (parameters,)
 SYNOPSIS = "codegen parameters --build DIR -o CSV               name, value, range and unit of each parameter of a build\n"
 
 IMPORTED = "    map_commands,\n    parameters_command,\n    report_command,"
-LISTED = "    fmu_command,\n    parameters_command,\n    doctor_command,\n    completion"
+LISTED = "    export_commands,\n    parameters_command,\n    completion_command,\n)"
 
 
 def test_an_export_touches_at_most_four_files(tree: Copy) -> None:
     tree.add("codegen/export/parameter_table.py", EXPORT)
     tree.add("codegen/cli/parameters_command.py", COMMAND)
     tree.replace("codegen/cli/commands.py", "    map_commands,\n    report_command,", IMPORTED)
-    tree.replace("codegen/cli/commands.py", "    fmu_command,\n    doctor_command,\n    completion", LISTED)
+    tree.replace("codegen/cli/commands.py", "    export_commands,\n    completion_command,\n)", LISTED)
     tree.replace("docs/interface.md", "codegen verify DIR [--quick]", f"{SYNOPSIS}codegen verify DIR [--quick]")
 
     build, output = ROOT / "generated" / "4ws2", tree.root / "parameters.csv"

@@ -1,4 +1,4 @@
-"""A user at the command line: runs commands, and sees what they print, return and leave on disk."""
+"""Fixtures of the command line: run commands and inspect output, exit code and files."""
 
 import hashlib
 import os
@@ -32,7 +32,7 @@ Refused = Callable[..., str]
 
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
-    """`run("build", "--map", path)`: the whole command, in this process."""
+    """Return `run("build", "--map", path)`, which executes a whole command in this process."""
 
     def command(*arguments: object) -> Answer:
         monkeypatch.setattr(sys, "argv", ["codegen", *(str(argument) for argument in arguments)])
@@ -58,14 +58,17 @@ def everything_in(folder: Path) -> dict[str, str]:
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The current folder, empty."""
+    """Return the current folder, which is empty."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.fixture
 def refused(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Refused:
-    """`refused("build", ...)`: exit code 2, nothing on standard output or changed on disk, and one line, which it returns."""
+    """Return `refused("build", ...)`, which checks that a command is rejected and returns its one line of error.
+
+    The exit code must be 2, and neither standard output nor the disk may change.
+    """
     monkeypatch.chdir(tmp_path)
 
     def command(*arguments: object) -> str:
@@ -93,8 +96,8 @@ MAIN = "from codegen.cli import main\nmain()\n"
 
 
 def program(script: str, *arguments: object) -> list[str]:
-    """Return a command line for `codegen ARGUMENTS` as a process of its own, with a script that prepares it and runs MAIN."""
-    # A shell ignores SIGINT in what it runs in the background.
+    """Return the command line of a process that runs a script and then `codegen ARGUMENTS` through MAIN."""
+    # Background jobs of a shell ignore SIGINT.
     start = "import os, signal, sys\nsignal.signal(signal.SIGINT, signal.default_int_handler)\nsys.argv[0] = 'codegen'\n"
     return [sys.executable, "-B", "-c", start + script, *map(str, arguments)]
 

@@ -1,6 +1,6 @@
-"""Bad input at the command line: exit code 2, one line that names the place and the remedy, nothing changed on disk.
+"""Bad input at the command line: exit code 2, one line with location and remedy, no change on disk.
 
-Messages are tested where they are raised; here is one case for each command and for each message of the command line itself.
+Messages are tested where they are raised. Here are one case for each command and each message of the command line itself.
 """
 
 import importlib.util
@@ -25,7 +25,7 @@ REPORT = f"report --map {MAP} -o r.html"
 
 @pytest.fixture
 def files(here: Path) -> None:
-    """A configuration, and files and folders that cannot be used as what the commands take them for."""
+    """Create a configuration, and files and folders of the wrong kind for each command."""
     Path("ars.toml").write_text(configuration.preset_text(), encoding="utf-8")
     for name in ("text.npz", "file.csv"):
         Path(name).write_text("vx, delta_f\n", encoding="utf-8")
@@ -78,7 +78,7 @@ def files(here: Path) -> None:
         ("check folder", "folder: no generated folder"),
     ],
 )
-def test_one_line(refused: Refused, files: None, command: str, words: str) -> None:
+def test_bad_input_gives_one_line(refused: Refused, files: None, command: str, words: str) -> None:
     line = refused(*shlex.split(command))
     assert words in line
     assert "\x1b" not in line
@@ -93,15 +93,15 @@ def test_one_line(refused: Refused, files: None, command: str, words: str) -> No
         (f"explore --map {MAP}", ('kind = "pi"', 'kind = "tracking"'), "ars.toml: controller.tracking.schedule: "),
     ],
 )
-def test_a_configuration(refused: Refused, files: None, command: str, change: tuple[str, str], words: str) -> None:
+def test_an_invalid_configuration_is_rejected(
+    refused: Refused, files: None, command: str, change: tuple[str, str], words: str
+) -> None:
     edit(Path("ars.toml"), change)
     line = refused(*shlex.split(command), "--config", "ars.toml")
     assert "ars.toml" in line and words in line
 
 
-def test_files_of_the_user_in_an_output_folder_stay(
-    run: Run, refused: Refused, here: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_user_files_in_an_output_folder_stay(run: Run, refused: Refused, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(BUILD, "ours")
     monkeypatch.setattr("codegen.emit.build.choose", lambda *_: pytest.fail("the search began before the folder was checked"))
     for folder in ("ours", "theirs"):
@@ -111,7 +111,7 @@ def test_files_of_the_user_in_an_output_folder_stay(
         assert "mine.c" in line or f"{folder}: " in line
 
 
-def test_without_a_compiler(refused: Refused, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_compiler_is_reported(refused: Refused, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", "/nowhere")
     line = refused("sil", "--build", TRACKING)

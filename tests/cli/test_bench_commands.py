@@ -1,4 +1,4 @@
-"""hil, ecu, plant, faults, scenarios and sil --can, and the files that runs are written to."""
+"""hil, ecu, plant, faults, scenarios and sil --can, and the files of runs."""
 
 import json
 import os
@@ -20,7 +20,7 @@ HIL = ("hil", "--build", BUILD, "--bus", "virtual:hil", "--ecu", "cffi", "--lock
 
 @pytest.fixture
 def short(here: Path) -> Path:
-    """A scenario of 1100 cycles in the current folder."""
+    """Write a scenario of 1100 cycles to the current folder."""
     Path("short.toml").write_text('name = "short"\nbase = "step-steer"\nduration_s = 11.0\n', encoding="utf-8")
     return Path("short.toml")
 
@@ -42,7 +42,7 @@ def test_hil_prints_its_figures_and_writes_every_file(run: Run, short: Path) -> 
 def test_sil_through_can_with_faults_and_sensors(run: Run, here: Path) -> None:
     options = ("sil", "--build", BUILD, "--can", "--sensors", "--scenario", "ecu-loss", "--json")
     one, other = (json.loads(run(*options, "--seed", seed).out) for seed in (3, 4))
-    assert one["bus_figures"]["cycles_in_status"]["DEGRADED"] == 2 + 3  # until the messages are valid, and at the loss
+    assert one["bus_figures"]["cycles_in_status"]["DEGRADED"] == 2 + 3  # until the messages are valid, and during the loss
     assert one["metrics"] != other["metrics"]
 
 
@@ -54,7 +54,7 @@ def test_sil_with_the_third_plant(run: Run, here: Path) -> None:
     assert (answer.code, answer.err) == (2, "error: --plant: the bench on a bus drives the two-track car; leave --can out\n")
 
 
-def test_faults_are_a_table_and_as_defined(run: Run) -> None:
+def test_faults_prints_a_table_of_defined_outcomes(run: Run) -> None:
     answer = run("faults", "--build", TRACKING)
     assert answer.code == 0, answer
     lines = answer.out.splitlines()
@@ -62,8 +62,8 @@ def test_faults_are_a_table_and_as_defined(run: Run) -> None:
     assert not any("defined is" in line for line in lines)
 
 
-def test_an_ecu_in_a_process_of_its_own(run: Run, short: Path) -> None:
-    """UDP multicast crosses processes without any CAN."""
+def test_an_ecu_in_its_own_process(run: Run, short: Path) -> None:
+    """UDP multicast connects processes without CAN."""
     address = f"udp_multicast:239.74.164.{2 + os.getpid() % 250}"
     command = program(MAIN, "ecu", "--build", BUILD, "--bus", address, "--lock-step")
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
@@ -79,7 +79,7 @@ def test_an_ecu_in_a_process_of_its_own(run: Run, short: Path) -> None:
 
 
 def test_an_ecu_ends_with_the_process_that_started_it(run: Run) -> None:
-    answer = run("ecu", "--build", BUILD, "--bus", "virtual:alone", "--parent", os.getpid())  # nobody is its own parent
+    answer = run("ecu", "--build", BUILD, "--bus", "virtual:alone", "--parent", os.getpid())  # no process is its own parent
     assert (answer.code, answer.out) == (0, "ready\n")
 
 
@@ -90,7 +90,7 @@ def test_notes_of_a_run(run: Run, short: Path) -> None:
     assert "no command came from any ECU" in answer.err
     assert "FAIL_SAFE" in answer.out
     shutil.copytree(BUILD, "edited")
-    with Path("edited/CMakeLists.txt").open("a", encoding="utf-8") as file:  # no C, so nothing is compiled again
+    with Path("edited/CMakeLists.txt").open("a", encoding="utf-8") as file:  # not C, so nothing is recompiled
         file.write("# by hand\n")
     answer = run("sil", "--scenario", short, "--build", "edited")
     assert answer.code == 0

@@ -1,4 +1,4 @@
-"""The way from a configuration to a run, and what all commands have in common: notes, JSON, help, versions, exit codes."""
+"""From a configuration to a run, and the common behaviour of all commands: notes, JSON, help, versions, exit codes."""
 
 import json
 import re
@@ -15,7 +15,7 @@ from codegen.sil.software import RECORD_COLUMNS
 from .conftest import BUILD, MAP, TRACKING, Run, edit, python
 
 
-def test_from_init_to_a_run(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_from_init_to_run(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert run("init", "my-car", "--preset", "paper").code == 0
     monkeypatch.chdir("my-car")
     assert configuration.load(Path("ars.toml")) == configuration.preset("paper")
@@ -43,8 +43,8 @@ def test_build_check(run: Run, here: Path) -> None:
     assert "src/ars_controller.c" in stale.err
 
 
-def test_check_warns_in_a_line_each_and_with_exit_code_1(run: Run, here: Path) -> None:
-    """A map in km/h is named by `check`, refused by `build` unless told otherwise; a folder of a build has its facts."""
+def test_check_prints_a_line_per_warning_and_returns_1(run: Run, here: Path) -> None:
+    """`check` reports a map in km/h, `build` rejects it unless overridden; a build folder has its facts."""
     assert (run("check", MAP.with_name("4ws2.npz")).code, run("check", TRACKING, "--json").code) == (0, 0)
     speed, angle = np.array([20.0, 60.0, 110.0]), np.array([0.02, 0.05, 0.1])
     np.savez("km-h.npz", vx=speed, delta_f=angle, yaw_rate=np.minimum(np.outer(speed / 12.0, angle), 0.3))
@@ -73,11 +73,11 @@ def test_another_configuration_than_the_one_in_the_map(run: Run, here: Path) -> 
     config.write_text(configuration.preset_text(), encoding="utf-8")
     edit(config, ("integral_gain = 1.0", "integral_gain = 13.0"), ("mass_kg = 2335.07", ""))
     answer = run("build", "--map", MAP, "-o", "own", "--config", config)
-    assert answer.code == 0 and "vehicle.mass_kg" in answer.err  # the paper's mass is taken
+    assert answer.code == 0 and "vehicle.mass_kg" in answer.err  # the paper's mass is used
     assert ".integral_gain = 13.0f" in Path("own/src/ars_calibration.c").read_text(encoding="ascii")
 
 
-def test_a_run_of_edited_c(run: Run, here: Path) -> None:
+def test_a_run_of_edited_c_is_noted(run: Run, here: Path) -> None:
     shutil.copytree(BUILD, "edited")
     source = Path("edited/src/ars_calibration.c")
     text, count = re.subn(r"expected_checksum = 0x[0-9A-F]{8}u", "expected_checksum = 0x12345678u", source.read_text("ascii"))

@@ -1,4 +1,4 @@
-"""Completions offered to a shell: by the classes of click and through the real entry point."""
+"""Shell completion: through the classes of click and through the real entry point."""
 
 from pathlib import Path
 from typing import get_args
@@ -20,7 +20,7 @@ from .conftest import MAIN, Run, python
 
 @pytest.fixture
 def files(here: Path) -> None:
-    """A map, a build, a configuration, and files that no command reads."""
+    """Create a map, a build, a configuration, and files that no command reads."""
     for name in ("4ws2.npz", "my map.npz", "run.csv", "notes.md", ".hidden.npz", "a,b.npz"):
         Path(name).write_text("")
     Path("car.toml").write_text("[cases.mine]\n[cases.4ws-2]\n")
@@ -31,7 +31,7 @@ def files(here: Path) -> None:
 
 
 def offered(shell: str, line: str, monkeypatch: pytest.MonkeyPatch, word: str | None = None) -> list[str]:
-    """The values that the shell gets for a line that ends at the cursor. `word` is the last one as bash splits the line."""
+    """Return the completions for a line that ends at the cursor. `word` is the last word as split by bash."""
     chosen = get_completion_class(shell)
     assert chosen is not None
     words = line.split(" ")
@@ -58,13 +58,13 @@ def offered(shell: str, line: str, monkeypatch: pytest.MonkeyPatch, word: str | 
         ("codegen report --run name=ru", ["name=run.csv"]),
     ],
 )
-def test_what_fits_is_offered(files: None, monkeypatch: pytest.MonkeyPatch, line: str, expected: list[str]) -> None:
+def test_matching_values_are_offered(files: None, monkeypatch: pytest.MonkeyPatch, line: str, expected: list[str]) -> None:
     for shell in completion.SHELLS:
         assert offered(shell, line, monkeypatch) == expected
 
 
-def test_bash_gets_the_part_that_it_takes_for_the_word(monkeypatch: pytest.MonkeyPatch) -> None:
-    """COMP_WORDBREAKS holds ':' and '='. In other shells an option and its value are one word."""
+def test_bash_gets_the_part_after_its_word_break(monkeypatch: pytest.MonkeyPatch) -> None:
+    """COMP_WORDBREAKS contains ':' and '='. In other shells an option and its value are one word."""
     monkeypatch.setattr(values, "can_interfaces", lambda: ["can3"])
     assert offered("fish", "codegen hil --bus s", monkeypatch) == ["socketcan:can3", "socketcan:vcan0"]
     assert offered("bash", "codegen hil --bus socketcan:", monkeypatch, ":") == ["can3", "vcan0"]
@@ -72,7 +72,7 @@ def test_bash_gets_the_part_that_it_takes_for_the_word(monkeypatch: pytest.Monke
     assert offered("zsh", "codegen solve --case=4", monkeypatch) == ["--case=4ws-1", "--case=4ws-2"]
 
 
-def test_names_repeated_for_speed_are_those_of_the_project() -> None:
+def test_names_copied_for_speed_match_the_project() -> None:
     (isa,) = (parameter.type for parameter in cli.commands["sweep"].params if parameter.name == "isa")
     assert isinstance(isa, click.Choice) and tuple(isa.choices) == ISAS
     assert list(values.SCENARIOS) == list(scenarios.BUILT_IN)
@@ -85,7 +85,7 @@ def test_names_repeated_for_speed_are_those_of_the_project() -> None:
 def test_through_the_entry_point(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     printed = {shell: run("completion", shell) for shell in completion.SHELLS}
     assert all(answer.code == 0 and COMPLETION in answer.out for answer in printed.values())
-    monkeypatch.setenv(COMPLETION, "zsh_source")  # click's own way
+    monkeypatch.setenv(COMPLETION, "zsh_source")  # click's own mechanism
     assert printed["zsh"].out == run().out
     asked = {COMPLETION: "bash_complete", "COMP_WORDS": "codegen sil --sc", "COMP_CWORD": "2", "COMP_WORD": "--sc"}
     answer = python(MAIN, **asked)

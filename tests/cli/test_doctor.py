@@ -1,4 +1,4 @@
-"""`codegen doctor`: its findings where something is there, missing, too old or broken."""
+"""`codegen doctor`: findings for present, missing, outdated and broken requirements."""
 
 import json
 import os
@@ -9,7 +9,7 @@ from unittest.mock import Mock, call
 
 import pytest
 
-from codegen.doctor import buses, clock, compiled, packages
+from codegen.doctor import buses, examination
 from codegen.doctor.finding import Finding, State
 from codegen.doctor.requirements import Requirement, extras_of, parse, requirements
 
@@ -18,20 +18,20 @@ from .conftest import ROOT, Run
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
-def test_requirements_are_those_of_the_project() -> None:
+def test_requirements_match_the_project() -> None:
     assert parse('x[more]>=1; python_version < "3.12" and extra == "dev"') == Requirement("x", ">=1", "dev")
     asked, source = requirements()
     always = [parse(line).name for line in PROJECT["dependencies"]]
     assert (source, [each.name for each in asked if not each.extra]) == ("pyproject.toml", always)
     assert extras_of(asked) == [name for name in PROJECT["optional-dependencies"] if name != "all"]
-    assert set(packages.SERVES) == set(always)
-    assert set(packages.EXTRAS) >= PROJECT["optional-dependencies"].keys() - {"all"}
+    assert set(examination.SERVES) == set(always)
+    assert set(examination.EXTRAS) >= PROJECT["optional-dependencies"].keys() - {"all"}
 
 
 def versions(monkeypatch: pytest.MonkeyPatch, **changed: str | None) -> None:
-    """Let packages have another version; None: they are not installed."""
-    real = packages._version
-    monkeypatch.setattr(packages, "_version", lambda name: changed[name] if name in changed else real(name))
+    """Make packages report another version; None: not installed."""
+    real = examination._version
+    monkeypatch.setattr(examination, "_version", lambda name: changed[name] if name in changed else real(name))
 
 
 @pytest.mark.parametrize(
@@ -44,8 +44,8 @@ def versions(monkeypatch: pytest.MonkeyPatch, **changed: str | None) -> None:
 )
 def test_a_needed_package(monkeypatch: pytest.MonkeyPatch, version: str | None, module: str, state: State, words: str) -> None:
     versions(monkeypatch, numpy=version)
-    monkeypatch.setitem(packages.MODULES, "numpy", module)
-    (found,) = packages.needed([Requirement("numpy", ">=2.4,<3"), Requirement("other", "", "dev")])
+    monkeypatch.setitem(examination.MODULES, "numpy", module)
+    (found,) = examination.needed([Requirement("numpy", ">=2.4,<3"), Requirement("other", "", "dev")])
     assert (found.state, found.stops) == (state, True)
     assert found.what.startswith(words)
     assert found.remedy.startswith("pip install ") and found.remedy.endswith(' "numpy>=2.4,<3"')
@@ -53,12 +53,14 @@ def test_a_needed_package(monkeypatch: pytest.MonkeyPatch, version: str | None, 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing is compiled, sent or waited for."""
-    for module, name in ((compiled, "module"), (buses, "socketcan"), (buses, "multicast"), (clock, "punctuality")):
+    """Skip compiling, sending and waiting."""
+    for module, name in ((examination, "module"), (buses, "socketcan"), (buses, "multicast"), (examination, "punctuality")):
         monkeypatch.setattr(module, name, lambda name=name: Finding(name, State.GOOD, "as expected"))
 
 
-def test_the_needs_of_codegen_sil_decide_on_the_exit_code(run: Run, quick: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_requirements_of_codegen_sil_determine_the_exit_code(
+    run: Run, quick: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     versions(monkeypatch, casadi="3.6.0", unicorn=None)
     answer = run("doctor", "--json")
     assert (answer.code, answer.err) == (1, 'error: codegen sil cannot work: casadi; pip install "casadi>=3.8,<4"\n')
@@ -79,7 +81,7 @@ def test_the_needs_of_codegen_sil_decide_on_the_exit_code(run: Run, quick: None,
         (["can0", "vcan0"], State.GOOD, "a frame went through vcan0"),
     ],
 )
-def test_no_frame_goes_out_where_a_car_could_hear_it(
+def test_no_frame_is_sent_on_a_bus_with_a_car(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: list[str], state: State, what: str
 ) -> None:
     for name in names:

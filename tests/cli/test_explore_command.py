@@ -1,4 +1,4 @@
-"""`codegen explore` as its user starts and ends it; the page itself is tested in tests/explore."""
+"""Start and end of `codegen explore`; tests/explore covers the page itself."""
 
 import json
 import os
@@ -21,7 +21,7 @@ pathlib.Path(__file__).with_suffix(".json").write_text(json.dumps(data), encodin
 
 
 def test_it_serves_until_a_signal_and_keeps_its_key_from_other_users(here: Path) -> None:
-    """All users of a computer can read the arguments of a process, so the browser is not started with the key."""
+    """All users of a computer can read process arguments, so the browser's arguments must not contain the key."""
     script = here / "browser.py"
     script.write_text(BROWSER, encoding="utf-8")
     own = {"PYTHONPATH": str(ROOT), "BROWSER": f"{sys.executable} {script} %s", "DISPLAY": ":0", "TMPDIR": str(here)}
@@ -33,7 +33,7 @@ def test_it_serves_until_a_signal_and_keeps_its_key_from_other_users(here: Path)
         assert process.stdout.readline() == "Ctrl-C ends it.\n"
         with urllib.request.urlopen(address, timeout=60) as answer:
             assert b"<title>Explore 4ws2-paper</title>" in answer.read()
-        process.send_signal(signal.SIGINT)  # it ends after the browser has been started, and not before
+        process.send_signal(signal.SIGINT)  # it ends only after the browser has been started
         out, err = process.communicate(timeout=60)
     assert (process.returncode, out, err) == (0, "", "")
     assert set(everything_in(here)) == {"browser.py", "browser.json"}

@@ -1,11 +1,11 @@
-"""`codegen report`: the page that it writes, and its notes."""
+"""`codegen report`: the page and the notes."""
 
 from pathlib import Path
 
 from .conftest import BUILD, MAP, Refused, Run
 
 
-def test_a_map_with_a_run_or_alone(run: Run, refused: Refused, here: Path) -> None:
+def test_a_report_of_a_map_with_and_without_a_run(run: Run, refused: Refused, here: Path) -> None:
     answer = run("report", "--map", MAP, "-o", "report.html")
     assert answer.code == 0, answer
     assert answer.out.startswith("report.html: 14 sections, ")

@@ -22,7 +22,7 @@ CASE = "[cases.4ws-2]\nrear_steering = true\nsideslip_weight_per_s2 = 3000.0\n"
 
 @pytest.fixture
 def maps(here: Path) -> dict[str, Path]:
-    """linear.npz; and nonlinear.npz, which has the same tables and says that they were solved with the other tyre."""
+    """Return linear.npz, and nonlinear.npz with the same tables but marked as solved with the other tyre."""
     (here / "linear.toml").write_text(f'{GRID}[controller]\nkind = "pi"\n{CASE}\n[cases.fws]\nrear_steering = false\n')
     linear = shared.once("show", lambda: solve_case(configuration.load(here / "linear.toml"), "4ws-2"))
     config = linear.config.with_tyre_model("magic-formula")

@@ -1,7 +1,7 @@
-"""Commands that end early: Ctrl-C and other signals, readers that go away; and the files that are left then.
+"""Commands that end early: Ctrl-C, other signals and closed pipes, and the remaining files.
 
-A signal is sent from inside, at a point of the program: no test waits for a time. tests/emit/test_write.py has builds
-that are killed or find the disk full.
+A signal is sent from within at a point of the program, so no test waits for a time. tests/emit/test_write.py covers builds that
+are killed or run out of disk space.
 """
 
 import shutil
@@ -67,8 +67,8 @@ runner.as_completed = waiting
 """
 
 
-def test_ctrl_c_while_checks_run_in_processes_of_their_own(here: Path) -> None:
-    # `spawn` starts the program again in each process, so it must be a file.
+def test_ctrl_c_while_checks_run_in_processes(here: Path) -> None:
+    # `spawn` restarts the program in each process, so it must be a file.
     script = here / "program.py"
     script.write_text("if __name__ == '__main__':\n" + textwrap.indent(f"import os, signal, sys\n{IN_CHECK}{MAIN}", "    "))
     shutil.copytree(BUILD, "build")
@@ -91,7 +91,7 @@ bench._Recorder.close_cycle = ending
 """
 
 
-def test_a_run_that_is_ended_keeps_its_log(here: Path) -> None:
+def test_a_terminated_run_keeps_its_log(here: Path) -> None:
     arguments = ("hil", "--build", BUILD, "--bus", "virtual:x", "--ecu", "cffi", "--lock-step", "--log", "run.asc")
     reset = "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"  # nohup ignores it
     ended = python(reset + IN_RUN + MAIN, *arguments, folder=here)
@@ -108,10 +108,10 @@ os.dup2(write, 1)
 """
 
 
-def test_a_reader_that_went_away_before_the_first_word(tmp_path: Path) -> None:
+def test_a_pipe_closed_before_any_output(tmp_path: Path) -> None:
     ended = python(NO_READER + MAIN, "--help", folder=tmp_path)
     assert (ended.returncode, ended.stderr) == (0, "")
-    # A pipe does not hide a failed check.
+    # A closed pipe does not hide a failed check.
     ended = python(NO_READER + MAIN, "build", "--map", MAP, "--check", "-o", "nowhere", folder=tmp_path)
     assert ended.returncode == 1
     assert ended.stderr and "Traceback" not in ended.stderr and "Broken" not in ended.stderr

@@ -31,7 +31,8 @@ def good() -> SuiteResult:
 
 @pytest.fixture
 def suite(monkeypatch: pytest.MonkeyPatch, here: Path) -> Callable[..., list[Candidate]]:
-    """`suite(result)`: the result of the whole suite, without driving; returns the list of its candidates."""
+    """Return `suite(result)`, which replaces the simulation of the whole suite by a result and returns the list of its
+    candidates."""
 
     def give(result: SuiteResult, **more: Any) -> list[Candidate]:
         seen: list[Candidate] = []
@@ -67,9 +68,7 @@ def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[C
     assert answer.err == f"error: 1 figure is not as asked: {figure}; see the first table\n"
 
 
-def test_limits_of_a_file_and_what_a_missed_one_is_for(
-    run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult
-) -> None:
+def test_limits_from_a_file_and_their_purpose(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:
     wide = tuple(cell_result("tracking", cell, "nominal", sideslip_excess_deg=1.25) for cell in CELLS)
     missed = with_table(good, "tracking", "nominal", wide)
     suite(missed)
@@ -90,7 +89,7 @@ def test_limits_of_a_file_and_what_a_missed_one_is_for(
         ("instructions = 1.5", "mine.toml: instructions: Input should be a valid integer"),
     ],
 )
-def test_a_file_of_limits_that_is_none(refused: Refused, here: Path, text: str, words: str) -> None:
+def test_an_invalid_file_of_limits(refused: Refused, here: Path, text: str, words: str) -> None:
     Path("mine.toml").write_text(text, encoding="utf-8")
     assert words in refused("sil", "--suite", "tracking", "--limits", "mine.toml")
 
@@ -121,5 +120,5 @@ def test_suite_of_random_cars(run: Run, monkeypatch: pytest.MonkeyPatch, here: P
     monkeypatch.setattr(cars, "run_cars", lambda *_: mixed)
     answer = run("sil", "--suite", "cars", "--cars", "3")
     assert answer.code == 1 and "car 2: 2,000 kg" in answer.out
-    told = "error: 1 of 3 cars meet all limits: car 2: overshoot 5.50 % (at most 5 %); car 3: no gains; see the tables"
-    assert answer.err.splitlines()[-1] == told
+    expected = "error: 1 of 3 cars meet all limits: car 2: overshoot 5.50 % (at most 5 %); car 3: no gains; see the tables"
+    assert answer.err.splitlines()[-1] == expected

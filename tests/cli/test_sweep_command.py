@@ -1,4 +1,4 @@
-"""`codegen sweep` as its user types it; the campaign itself is tested in tests/sweep."""
+"""`codegen sweep` at the command line; tests/sweep covers campaigns."""
 
 import json
 from pathlib import Path
@@ -19,7 +19,7 @@ def spec(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def driven(run: Run, spec: Path) -> tuple[Path, Answer]:
-    """The campaign and the command's answer; driven by the first test that needs it."""
+    """Return the campaign and the command's output; the first test that needs it runs the command."""
     if spec not in ANSWERS:
         ANSWERS[spec] = run("sweep", "--spec", spec, "-o", spec.parent / "out")
     return spec.parent / "out", ANSWERS[spec]
@@ -38,7 +38,7 @@ def test_a_campaign(driven: tuple[Path, Answer], run: Run, spec: Path) -> None:
     assert everything_in(folder) == before
 
 
-def test_another_campaign_than_that_of_the_folder_is_refused(driven: tuple[Path, Answer], run: Run, spec: Path) -> None:
+def test_a_folder_with_another_campaign_is_rejected(driven: tuple[Path, Answer], run: Run, spec: Path) -> None:
     folder, _ = driven
     before, isa = everything_in(folder), json.loads((folder / "campaign.json").read_text())["isa"]
     other = "x86-64-v3" if isa == "none" else "none"
@@ -49,7 +49,7 @@ def test_another_campaign_than_that_of_the_folder_is_refused(driven: tuple[Path,
     assert everything_in(folder) == before
 
 
-def test_a_worst_run_again(driven: tuple[Path, Answer], run: Run, spec: Path, tmp_path: Path) -> None:
+def test_replay_of_a_worst_run(driven: tuple[Path, Answer], run: Run, spec: Path, tmp_path: Path) -> None:
     folder, _ = driven
     worst = json.loads((folder / "summary.json").read_text())["scenarios"]["step-steer"]["pi"]["worst"]["overshoot_percent"][0]
     plot, record = tmp_path / "run.png", tmp_path / "run.csv"
@@ -74,7 +74,7 @@ def test_bad_options(refused: Refused, spec: Path, arguments: tuple[object, ...]
     assert words in refused("sweep", "--spec", spec, *arguments)
 
 
-def test_a_spec_that_cannot_be_driven(refused: Refused, here: Path) -> None:
+def test_an_impossible_spec_is_rejected(refused: Refused, here: Path) -> None:
     edit(write_spec(here, samples=8), ('"step-steer", ', '"step-stear", '))
     line = refused("sweep", "--spec", "sweep.toml", "-o", "out")
     assert "sweep.toml: scenarios: there is no scenario 'step-stear'" in line

@@ -1,4 +1,4 @@
-"""`codegen tune`: a map in, the same map with a controller out."""
+"""`codegen tune`: adds a controller to a map."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from codegen.optimum.solve import solve_case
 
 from .conftest import Run, edit, everything_in
 
-# Nine cars and four speeds up to the grid's last: a design in well under a second.
+# Nine cars and four speeds up to the end of the grid: designed in well under a second.
 TUNING = """
 [tuning]
 actuator_lag_s = [0.05]
@@ -26,7 +26,7 @@ NONLINEAR = '\n[cases.nonlinear]\nrear_steering = true\nsideslip_weight_per_s2 =
 
 
 def write_config(*changes: tuple[str, str], grid: tuple[int, int] = (11, 10), more: str = "") -> Path:
-    """The paper's ars.toml with a small family of cars and a small grid, in the current folder."""
+    """Write the paper's ars.toml with a small family of cars and a small grid to the current folder."""
     path = Path("ars.toml")
     path.write_text(configuration.preset_text() + TUNING + more, encoding="utf-8")
     points = (("speed_points = 101", f"speed_points = {grid[0]}"), ("angle_points = 100", f"angle_points = {grid[1]}"))
@@ -40,7 +40,7 @@ def solve(config: Path, case: str = "4ws-2") -> Path:
 
 @pytest.fixture
 def solved(here: Path) -> Path:
-    """A small solved map in the current folder, with the paper's PI."""
+    """Solve a small map in the current folder, with the paper's PI."""
     return solve(write_config())
 
 
@@ -50,7 +50,7 @@ def stored(path: Path) -> Config:
     return config
 
 
-def test_the_map_comes_back_with_gains_and_nothing_else_changed(run: Run, solved: Path) -> None:
+def test_only_the_gains_of_the_map_change(run: Run, solved: Path) -> None:
     before = npz.load(solved)
     answer = run("tune", "--map", solved, "-o", "tuned.npz")
     assert answer.code == 0, answer
@@ -65,7 +65,7 @@ def test_the_map_comes_back_with_gains_and_nothing_else_changed(run: Run, solved
     assert "\n42.5 " in answer.out.partition("response gain s")[2]
     assert weakest(after.config, gains_of(controller.tracking.schedule)).enough
     assert f"\ncontroller.fail_safe.rate_deg_s: {controller.fail_safe.rate_deg_s:g}" in answer.out
-    # Taken out again, the controller is what it was.
+    # Without the added keys, the controller is unchanged.
     before_tracking = before.config.controller.tracking
     was = {
         "kind": "pi",
@@ -77,7 +77,7 @@ def test_the_map_comes_back_with_gains_and_nothing_else_changed(run: Run, solved
     assert after.config.model_copy(update={"controller": controller.model_copy(update=was)}) == before.config
 
 
-def test_demands_that_cannot_be_met_leave_the_map_alone(run: Run, solved: Path, here: Path) -> None:
+def test_unmet_requirements_leave_the_map_unchanged(run: Run, solved: Path, here: Path) -> None:
     wide = write_config(("[-20.0, 15.0]", "[-50.0, 50.0]"))
     before = everything_in(here)
     answer = run("tune", "--map", solved, "--config", wide, "-o", solved)

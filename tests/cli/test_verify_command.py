@@ -1,4 +1,4 @@
-"""`codegen verify` at the command line; the checks themselves are tested in tests/verify."""
+"""`codegen verify` at the command line; tests/verify covers the checks."""
 
 import json
 import shutil

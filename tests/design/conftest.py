@@ -1,4 +1,4 @@
-"""Cars to design for: the committed schedule of the default family, whose design takes seconds, and a small family."""
+"""Cars for the design: the committed schedule of the default family, whose design takes seconds, and a small family."""
 
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,13 @@ SMALL_FAMILY |= {"relaxation_length_m": [0.0, 0.6], "speed_km_h": [15.0, 42.5, 8
 
 
 def small_config(other: dict[str, Any] | None = None, /, **tuning: Any) -> Config:
-    """The default car with a family of 9 (the configured car is not among the combinations), and changes."""
+    """Return the default car with a family of 9, which excludes the configured car, and with changes."""
     return parse({"tuning": {**SMALL_FAMILY, **tuning}, **(other or {})}, "small family")
 
 
 @pytest.fixture(scope="session")
 def committed() -> Schedule:
-    """The schedule of the default configuration; the evidence tier designs it again."""
+    """Return the schedule of the default configuration; the evidence tier repeats its design."""
     config = load(Path(__file__).resolve().parents[2] / "generated/4ws2.npz").config
     assert config is not None and config.controller.tracking.schedule is not None
     return config.controller.tracking.schedule

@@ -1,4 +1,4 @@
-"""The sampled car and its loop by python-control, from blocks: shares no matrix with the code under test."""
+"""The sampled car and its loop in python-control, built from blocks; no matrix is shared with the code under test."""
 
 import control
 import numpy as np
@@ -11,7 +11,8 @@ from codegen.vehicle.single_track import SingleTrack
 def sampled_car(config: Config, member: Member, speed: float, delay: int) -> control.StateSpace:
     """Return the discrete model from commanded rear angle to yaw rate: body and tyres in a loop, actuator and delay in series.
 
-    The tyres see the slip angles of the body, each through a first-order lag of length sigma; the body sees the tyres' forces.
+    The tyres receive the body's slip angles, each through a first-order lag of length sigma; the body receives the tyres'
+    forces.
     """
     car = SingleTrack.from_config(config)
     mass, inertia = car.mass * member.mass_factor, car.yaw_inertia * member.mass_factor
@@ -31,11 +32,11 @@ def sampled_car(config: Config, member: Member, speed: float, delay: int) -> con
         tyres = control.ss(-pace * np.eye(2), pace * np.eye(2), -stiffness, np.zeros((2, 2)))
     else:
         tyres = control.ss([], [], [], -stiffness)
-    # The body with its own tyres around it; the rear angle acts through tyres of its own, which the linear sum allows.
+    # The body in a loop with its tyres; by linearity, the rear angle acts through separate tyres.
     slips_of_body = control.ss([], [], [], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     rolling = control.feedback(body, tyres * slips_of_body, sign=1)
     yaw_rate = control.ss([], [], [], [[0.0, 0.0, 1.0]]) * rolling
-    forces = tyres * control.ss([], [], [], [[0.0], [-1.0]])  # the rear angle lowers the rear slip angle
+    forces = tyres * control.ss([], [], [], [[0.0], [-1.0]])  # the rear angle reduces the rear slip angle
     actuator = control.ss(-1.0 / member.actuator_lag, 1.0 / member.actuator_lag, 1.0, 0.0)
     time = config.controller.sampling_time_s
     sampled = control.c2d(yaw_rate * forces * actuator, time, method="zoh")
@@ -44,7 +45,7 @@ def sampled_car(config: Config, member: Member, speed: float, delay: int) -> con
 
 
 def loop(config: Config, member: Member, speed: float, kp: float, ki: float) -> control.StateSpace:
-    """L = -(Kp + Ki T z/(z - 1)) P."""
+    """Return L = -(Kp + Ki T z/(z - 1)) P."""
     time = config.controller.sampling_time_s
     controller = kp + ki * control.tf([time, 0.0], [1.0, -1.0], time) if ki else control.tf([kp], [1.0], time)
     return -sampled_car(config, member, speed, config.tuning.delay_samples) * control.ss(controller)

@@ -1,4 +1,4 @@
-"""The linearised plant: straight ahead the linear single-track car, in a turn the slope of the plant."""
+"""The linearised plant: the linear single-track car straight ahead, the slope of the plant in a turn."""
 
 import numpy as np
 import pytest
@@ -18,8 +18,9 @@ RELAXED = plants.relaxation(0.4)(CONFIG)
 FREQUENCY = frequency_grid(CONFIG.controller.sampling_time_s)
 SPEEDS = np.array([6.0, 15.0, 33.0, 70.0])
 
-SAME = 1e-9
-"""Relative: both are exact but for rounding; the matrix exponential and the powers of z - 1 lose some six of sixteen digits."""
+RELATIVE_TOLERANCE = 1e-9
+"""Relative tolerance. Only rounding differs; the matrix exponential and the powers of z - 1 lose about six of sixteen
+digits."""
 
 
 @pytest.mark.parametrize(("config", "mass", "friction"), [(CONFIG, 1.0, 0.9), (RELAXED, 1.2, 0.89), (RELAXED, 0.8, 0.3)])
@@ -30,12 +31,13 @@ def test_straight_ahead_it_is_the_single_track_car(config: Config, mass: float, 
     expected = sample(config, (member,), SPEEDS).response(FREQUENCY)[0]
     found = turns.sampled.response(FREQUENCY)
     assert turns.found.all()
-    assert np.abs(found / expected - 1.0).max() < SAME
+    assert np.abs(found / expected - 1.0).max() < RELATIVE_TOLERANCE
     assert not turns.front_angle.any()
 
 
 def test_in_a_turn_it_is_the_slope_of_the_plant() -> None:
-    """The Jacobian of the configuration's own plant (see `tests/vehicle`) at the turn that was found, sampled the same way."""
+    """The reference is the Jacobian of the configuration's plant (see `tests/vehicle`) at the same turn, sampled the same
+    way."""
     change, factor = plants.mass(20.0), 1.2
     speed, friction, share = 20.0, 0.7, 0.5
     turns = linearised(CONFIG, speed, friction, factor, share)
@@ -51,13 +53,13 @@ def test_in_a_turn_it_is_the_slope_of_the_plant() -> None:
         x[PLANT_STATES.index("lateral_speed")] = lateral_speed
         return np.asarray(model.derivative(x, u)).ravel()
 
-    # The lateral speed at which the side forces hold the turn, by bracketing: nothing of Newton's method.
+    # The lateral speed of the steady turn, found by bracketing instead of Newton's method.
     held = brentq(lambda lateral_speed: rates(lateral_speed)[0], -5.0, 5.0, xtol=1e-14)
-    assert abs(rates(held)[1]) < 1e-6  # rad/s^2: the yaw moment is then in balance too
+    assert abs(rates(held)[1]) < 1e-6  # rad/s^2: the yaw moment is then balanced too
     kept = [PLANT_STATES.index(name) for name in ("lateral_speed", "yaw_rate", "rear_angle")]
     slopes = np.array(model.jacobian(x, u)[0])[np.ix_(kept, kept)]
     found = turns.sampled.transition[0]
-    np.testing.assert_allclose(found, expm(slopes * CONFIG.controller.sampling_time_s), rtol=0.0, atol=SAME)
+    np.testing.assert_allclose(found, expm(slopes * CONFIG.controller.sampling_time_s), rtol=0.0, atol=RELATIVE_TOLERANCE)
 
 
 def test_a_turn_beyond_the_grip_is_not_found() -> None:

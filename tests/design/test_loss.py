@@ -1,47 +1,46 @@
-"""Loss of function: which operating points depend on rear steering, and the motion against that of the compiled plant."""
+"""Loss of rear steering: operating points that depend on it, and the motion compared with the compiled plant."""
 
 import json
 import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.design import loss_simulation
 from codegen.design.loss import MODES, LossOfFunction, loss_of_function
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.sil.plant import Plant, PlantInput
+from codegen.units import KM_H
 from tests.optimum.cars import PAPER, changed, paper_map
 
-FloatArray = npt.NDArray[np.float64]
 HOLD, RAMP, ZERO = range(3)
 HUNDREDTH = math.radians(0.01)
 
 
 def bare(reference_map: ReferenceMap, **replaced: Any) -> ReferenceMap:
-    """The arrays that a user's own table has."""
+    """Return a map with only the arrays of a user's table."""
     arrays = {"vx": reference_map.speed, "delta_f": reference_map.front_angle, "yaw_rate": reference_map.yaw_rate}
     return npz.from_arrays({**arrays, "feasible": reference_map.feasible, **replaced}, "test")
 
 
 def small(config: Config, case: str = "4ws-2") -> ReferenceMap:
-    """Two speeds, so that a simulation is short."""
+    """Return a map with two speeds, for a short simulation."""
     grid = {"speed_breakpoints_km_h": [40.0, 94.0], "front_angle_breakpoints_deg": [1.0, 2.0, 3.0, 4.0]}
     return solve_case(changed(config, grid=grid), case)
 
 
 @pytest.fixture(scope="module")
 def lost() -> LossOfFunction:
-    """The result for the paper's 4WS-2."""
+    """Return the result for the paper's 4WS-2."""
     return loss_of_function(paper_map(), PAPER)
 
 
 def test_what_is_feasible_only_with_rear_steering(lost: LossOfFunction) -> None:
-    """The cells of 4WS-2 that FWS does not have."""
+    """These are the cells of 4WS-2 that FWS lacks."""
     steered, passive = paper_map(), paper_map("fws")
     np.testing.assert_array_equal(lost.only_with_rear_steer, steered.feasible & ~passive.feasible)
     assert lost.share_of_grid == pytest.approx((steered.feasible & ~passive.feasible).mean(), rel=1e-12)
@@ -49,12 +48,12 @@ def test_what_is_feasible_only_with_rear_steering(lost: LossOfFunction) -> None:
     for speed, angle, feasible in zip(lost.speed, lost.front_angle, lost.passively_feasible, strict=True):
         row = int(np.flatnonzero(passive.speed == speed)[0])
         last = passive.front_angle[np.flatnonzero(passive.feasible[row])[-1]]
-        if abs(angle - last) > np.diff(passive.front_angle).max():  # the edge itself lies between two cells
+        if abs(angle - last) > np.diff(passive.front_angle).max():  # the edge lies between two cells
             assert feasible == (angle < last)
     assert set(lost.passively_feasible.tolist()) == {True, False}
 
 
-def test_speeds_in_standby_or_without_a_feasible_cell_are_left_out() -> None:
+def test_speeds_in_standby_or_without_a_feasible_cell_are_omitted() -> None:
     reference_map, feasible = small(PAPER, "fws"), small(PAPER, "fws").feasible.copy()
     fast, faster = (
         changed(PAPER, controller={"disable_speed_km_h": speed, "enable_speed_km_h": speed + 2.0}) for speed in (90.0, 97.0)
@@ -66,8 +65,8 @@ def test_speeds_in_standby_or_without_a_feasible_cell_are_left_out() -> None:
     np.testing.assert_array_equal(found.speed, np.full(3, reference_map.speed[0]))
 
 
-def test_a_bare_map_takes_the_rear_angle_of_the_linear_car() -> None:
-    """It is that of the solved map; what depends on the case is unknown; the actuator limits it."""
+def test_a_bare_map_uses_the_rear_angle_of_the_linear_car() -> None:
+    """It equals that of the solved map; quantities of the case are unknown; the actuator limits it."""
     solved, table = (loss_of_function(which, PAPER) for which in (small(PAPER), bare(small(PAPER))))
     unknown = (table.only_with_rear_steer, table.share_of_feasible, table.share_of_grid, table.passively_feasible)
     assert unknown == (None, None, None, None) and table.to_dict()["only_with_rear_steer"] is None
@@ -79,9 +78,9 @@ def test_a_bare_map_takes_the_rear_angle_of_the_linear_car() -> None:
 
 @pytest.mark.parametrize("point", [2, 20])  # 20 km/h; 106 km/h at the edge, which ends in a spin
 def test_against_the_compiled_plant(lost: LossOfFunction, point: int) -> None:
-    """To 0.01 deg, the effect of the command's steps (5 ms) and of sampled maxima; ten times finer than what is reported.
+    """Tolerance 0.01 deg, the effect of command steps of 5 ms and sampled maxima; ten times finer than reported.
 
-    The plant takes steps of 1 ms and comes from straight ahead, unlike the code under test; `tests/vehicle` judges it.
+    The plant has steps of 1 ms and starts straight ahead, unlike the code under test; `tests/vehicle` tests it.
     """
     speed, rear, rate = (float(values[point]) for values in (lost.speed, lost.rear_angle, lost.ramp_rate))
     wheel = float(lost.front_angle[point]) * PAPER.steering.ratio
@@ -102,11 +101,11 @@ def test_against_the_compiled_plant(lost: LossOfFunction, point: int) -> None:
 
 
 def test_zero_is_not_by_itself_a_safe_state(lost: LossOfFunction) -> None:
-    """4 deg in front at 100 km/h or more end in a spin where the rear angle goes to zero at once."""
+    """A front angle of 4 deg at 100 km/h or more ends in a spin if the rear angle drops to zero at once."""
     fast_and_tight = (lost.speed > 100.0 * KM_H) & (lost.front_angle > math.radians(4.0))
     assert fast_and_tight.sum() >= 2 and lost.spins[ZERO, fast_and_tight].all()
     assert lost.settles.all() and not lost.spins[HOLD].any() and not lost.spins[RAMP].any()
-    # The ramp is simulated to its end and beyond: the slowest of these points needs 3.5 deg at 3 deg/s.
+    # The simulation includes the end of the ramp: the slowest of these points needs 3.5 deg at 3 deg/s.
     slowest = np.max(np.abs(lost.rear_angle) / lost.ramp_rate)
     assert lost.horizon == pytest.approx((4.0, 4.0 + slowest, 4.0), rel=1e-12)
     assert slowest == pytest.approx(3.5 / 3.0, abs=0.02)
@@ -121,14 +120,14 @@ def test_the_rate_is_that_of_the_fail_safe() -> None:
 
 
 def test_the_map_decides_what_is_feasible_and_the_configuration_which_car_drives() -> None:
-    """A build may name another car: on a slippery road the same operating points end worse, and are feasible as before."""
+    """A build may name another car: on a slippery road the same operating points end worse, but stay feasible."""
     dry, slippery = (loss_of_function(small(PAPER), config) for config in (PAPER, changed(PAPER, road={"friction": 0.4})))
     np.testing.assert_array_equal(slippery.only_with_rear_steer, dry.only_with_rear_steer)
     assert slippery.sideslip_max[ZERO].max() > dry.sideslip_max[ZERO].max() + math.radians(3.0)
 
 
 def test_where_the_car_does_not_settle_nothing_is_reported() -> None:
-    """Rear wheels turned hard against the front ones at 105 km/h: the car spins before anything is lost."""
+    """The rear wheels are turned hard in opposite phase at 105 km/h: the car spins before the loss."""
     arrays = {"vx": np.array([10.0, 105.0 * KM_H]), "delta_f": np.radians([1.0, 4.0]), "yaw_rate": [[0.05, 0.2], [0.3, 1.0]]}
     table = npz.from_arrays({**arrays, "delta_r": np.radians([[0.0, 0.0], [-3.5, -3.5]])}, "test")
     found = loss_of_function(table, PAPER)
@@ -143,12 +142,12 @@ def test_where_the_car_does_not_settle_nothing_is_reported() -> None:
 
 
 def test_the_step_is_short_enough_for_a_stiff_car(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Against 1 ms. At 5 ms the method would be unstable. Points that spin differ most."""
+    """The reference has steps of 1 ms. At 5 ms the method would be unstable. Points that spin differ most."""
     config = changed(PAPER, plant={"relaxation_length_m": 0.05}, rear_actuator={"lag_s": 0.002})
     usual = loss_of_function(small(config), config)
     assert usual.settles.all()
     monkeypatch.setattr(loss_simulation, "STEP_MAX", 0.001)
-    # Another name for the same case, because results are kept.
+    # Another name for the same case, because results are cached.
     renamed = changed(config, cases={"other": config.cases["4ws-2"].model_dump()})
     fine = loss_of_function(small(renamed, "other"), renamed)
     assert fine.sideslip_max is not usual.sideslip_max

@@ -1,14 +1,13 @@
-"""Margins against python-control and against published figures."""
+"""Stability margins compared with python-control and with published figures."""
 
 import warnings
 from typing import Any
 
 import control
 import numpy as np
-import numpy.typing as npt
 import pytest
 
-from codegen.configuration import KM_H
+from codegen.arrays import FloatArray
 from codegen.design.family import Member, members
 from codegen.design.margins import (
     family_margins,
@@ -17,12 +16,10 @@ from codegen.design.margins import (
     weakest,
 )
 from codegen.design.sampled import frequency_grid, sample
+from codegen.units import KM_H
 
 from .conftest import small_config
 from .oracle import loop
-
-FloatArray = npt.NDArray[np.float64]
-
 
 CARS = [Member(0.05), Member(0.1, 1.2, 1.15, 0.8, 0.6), Member(0.02, 0.8, 0.8, 1.15, 0.3), Member(0.05, relaxation_length=0.6)]
 LOOPS = [
@@ -35,7 +32,7 @@ LOOPS = [
 ]
 """Car, speed in km/h, Kp and Ki."""
 UNSTABLE = {"front": {"cornering_stiffness_n_per_rad": 119_540.0}, "rear": {"cornering_stiffness_n_per_rad": 89_000.0}}
-"""Tyres whose car needs the loop beyond its critical speed, 144 km/h: its gain margin is downwards."""
+"""Tyres whose car needs the loop above its critical speed, 144 km/h: its gain margin is a reduction."""
 
 
 @pytest.mark.parametrize(
@@ -54,17 +51,17 @@ def test_margins_are_those_of_python_control(car: int, speed_km_h: float, kp: fl
     fine = np.geomspace(0.02, np.pi / config.controller.sampling_time_s, 4_000)
     response = control.frequency_response(expected, fine).complex
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of python-control, about what it does with data
+        warnings.simplefilter("ignore")  # python-control warns about its treatment of data
         gain, phase, _, _, _, _ = control.stability_margins(control.frd(response, fine), returnall=True)
-    # 0.02 dB, 0.01 deg, 0.4 %: what the grid of 100 points a decade is good for.
+    # 0.02 dB, 0.01 deg, 0.4 %: the resolution of 100 points per decade.
     smallest = np.abs(20.0 * np.log10(gain)).min() if gain.size else np.inf
     assert found.gain_margin_db[0, 0] == pytest.approx(smallest, abs=0.02)
     assert found.phase_margin_deg[0, 0] == pytest.approx(np.abs(phase).min() if phase.size else np.inf, abs=0.01)
     assert found.sensitivity[0, 0] == pytest.approx((1.0 / np.abs(1.0 + response)).max(), rel=0.004)
 
 
-def test_a_loop_may_end_its_gain_margin_at_half_the_sampling_frequency() -> None:
-    """A quick actuator and no delay: the phase reaches -180 deg at pi/T only, where the command alternates."""
+def test_the_gain_margin_may_be_at_half_the_sampling_frequency() -> None:
+    """With a fast actuator and no delay the phase reaches -180 deg only at pi/T, where the command alternates."""
     config, car, speed, kp = small_config(delay_samples=0), Member(0.002), 120.0 * KM_H, 0.1
     found = loop_margins(sample(config, [car], [speed]), kp, 0.0, frequency_grid(config.controller.sampling_time_s))
     at_end = -kp * sample(config, [car], [speed]).response(np.array([np.pi / config.controller.sampling_time_s]))[0, 0, 0]
@@ -73,7 +70,7 @@ def test_a_loop_may_end_its_gain_margin_at_half_the_sampling_frequency() -> None
 
 
 def test_the_family_is_as_good_as_its_worst_members() -> None:
-    """Compared with its members one by one. One unstable member makes the family unstable."""
+    """Its members are evaluated one by one. One unstable member makes the family unstable."""
     config = small_config(relaxation_length_m=[0.0, 0.3, 0.6], actuator_lag_s=[0.02, 0.1])
     speed, kp, ki = np.array([20.0, 70.0, 120.0]) * KM_H, np.array([0.02, 0.1, 0.12]), np.array([1.5, 0.7, 0.4])
     found, worst = family_margins(config, speed, kp, ki)
@@ -94,8 +91,8 @@ def test_the_family_is_as_good_as_its_worst_members() -> None:
     assert worst.sensitivity[0].actuator_lag == 0.5
 
 
-def test_weakest_finds_a_dip_between_and_reaches_the_largest_speed() -> None:
-    """The PI, three times as strong at one speed in the middle; the published one is weakest at the largest speed."""
+def test_weakest_finds_a_dip_and_reaches_the_largest_speed() -> None:
+    """One PI has three times the gain at a medium speed; the published one is weakest at the largest speed."""
 
     def with_dip(speed: FloatArray) -> tuple[FloatArray, FloatArray]:
         dip = 1.0 + 2.0 * np.exp(-(((speed / KM_H - 60.0) / 8.0) ** 2))

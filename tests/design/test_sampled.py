@@ -1,4 +1,4 @@
-"""The family of cars, and the sampled car against python-control and the closed form of the steady turn."""
+"""The family of cars, and the sampled car compared with python-control and the closed form of the steady turn."""
 
 import itertools
 
@@ -31,17 +31,17 @@ def test_the_frequency_response_is_that_of_python_control(car: int, delay: int) 
     found = sample(config, CARS, SPEEDS).response(frequency)[car]
     for k, speed in enumerate(SPEEDS):
         expected = control.frequency_response(sampled_car(config, CARS[car], speed, delay), frequency).complex
-        # 1e-8: python-control adds the car's states up to 7 without balancing, where the entries differ by 1e5.
+        # 1e-8: python-control combines up to 7 states without balancing, with entries that differ by 1e5.
         np.testing.assert_allclose(found[k], expected, rtol=1e-8, atol=0.0)
 
 
 def test_relaxation_lags_and_keeps_the_closed_form_of_the_steady_turn() -> None:
     config = Config()
     cars = sample(config, [Member(0.05, relaxation_length=sigma) for sigma in (0.0, 0.05, 0.6)], SPEEDS)
-    # Close to neutral steer at 400 km/h two small numbers remain of large ones: six or seven digits are left.
+    # Near neutral steer at 400 km/h, cancellation leaves six or seven digits.
     closed_form = -SingleTrack.from_config(config).yaw_gain(SPEEDS)
     np.testing.assert_allclose(cars.steady_gain(), np.broadcast_to(closed_form, (3, SPEEDS.size)), rtol=1e-6)
-    # Phase at 5 rad/s: later the longer the relaxation length, and without a jump at zero.
+    # The phase lag at 5 rad/s grows with the relaxation length, continuously from zero.
     none, short, long = np.unwrap(np.angle(-cars.response(np.array([5.0])))[..., 0], axis=0)
     assert (long < short).all()
     assert (short < none).all()
@@ -78,10 +78,10 @@ def test_the_default_family_is_all_combinations() -> None:
     found = [
         (m.actuator_lag, m.mass_factor, m.front_stiffness_factor, m.rear_stiffness_factor, m.relaxation_length) for m in family
     ]
-    # The factors come from percents, with one rounding.
+    # The factors are percentages divided by 100, with one rounding.
     assert sorted(found) == [pytest.approx(values, rel=1e-15) for values in sorted(expected)]
     assert family.count(nominal(Config())) == 1
-    # The configured car is a member also where no combination gives it.
+    # The configured car is a member even if no combination equals it.
     config = small_config({"plant": {"relaxation_length_m": 0.25}}, mass_percent=[0.0, 0.0])
     assert len(members(config)) == 9 and members(config).count(Member(0.05, relaxation_length=0.25)) == 1
 
@@ -90,6 +90,6 @@ def test_empty_and_too_long_lists_are_refused() -> None:
     for key in ("actuator_lag_s", "mass_percent", "stiffness_percent", "relaxation_length_m"):
         with pytest.raises(ConfigError, match=rf"^tuning\.{key}: an empty list; list at least one"):
             members(small_config(**{key: []}))
-    # A million combinations of each stiffness: made before the check, they would fill the memory.
+    # A million combinations of each stiffness would fill the memory if made before the check.
     with pytest.raises(ConfigError, match=f"at most {MEMBERS_MAX} are taken; list fewer"):
         members(small_config(stiffness_percent=[0.01 * k for k in range(1000)]))

@@ -1,27 +1,29 @@
-"""The design keeps its demands between its own speeds and members, is the best of its kind, and reports where it fails."""
+"""The design meets its requirements between its own speeds and members, is optimal of its kind, and reports where it fails."""
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from codegen.configuration import KM_H, Config, Schedule
+from codegen.configuration import Config, Schedule
 from codegen.design.family import Member, members, nominal
 from codegen.design.margins import gains_of, loop_margins, nominal_margins
 from codegen.design.sampled import frequency_grid, sample
 from codegen.design.search import Cars, Demands, Shortfall, best_gains
 from codegen.design.tune import BETWEEN, STEP_BEYOND, breakpoints, design, tune
 from codegen.errors import ConfigError
+from codegen.units import KM_H
 
 from .conftest import small_config
 
 FINE = 400
-"""Points per decade of the frequency grid of the check: four times the design's."""
+"""Points per decade of the check's frequency grid: four times the design's."""
 TO_120 = {"controller": {"inputs": {"speed_max_km_h": 120.0}}}
 
 
 def worst(config: Config, family: list[Member], schedule: Schedule, speed_km_h: float) -> tuple[float, float, float]:
-    """Gain margin (dB), phase margin (deg) and sensitivity of a family with a schedule at one speed, on the finer grid."""
+    """Return gain margin (dB), phase margin (deg) and sensitivity of a family with a schedule at one speed, on the finer
+    grid."""
     speed = np.array([speed_km_h * KM_H])
     frequency = frequency_grid(config.controller.sampling_time_s, FINE)
     found = loop_margins(sample(config, family, speed), *gains_of(schedule)(speed), frequency)
@@ -29,20 +31,23 @@ def worst(config: Config, family: list[Member], schedule: Schedule, speed_km_h: 
     return found.gain_margin_db.min(), found.phase_margin_deg.min(), found.sensitivity.max()
 
 
-def check_demands(config: Config, family: list[Member], schedule: Schedule, speed_km_h: float, slack: float = 0.0) -> None:
-    """Require that a family keeps the demands of its configuration at one speed; `slack` in dB, 10 deg and a fifth of one."""
+def check_requirements(config: Config, family: list[Member], schedule: Schedule, speed_km_h: float, slack: float = 0.0) -> None:
+    """Check that a family meets the requirements of its configuration at one speed.
+
+    `slack` is in dB, in units of 10 deg, and in fifths of the sensitivity.
+    """
     gain, phase, peak = worst(config, family, schedule, speed_km_h)
     assert gain >= config.tuning.gain_margin_db - slack
     assert phase >= config.tuning.phase_margin_deg - 10.0 * slack
     assert peak <= config.tuning.sensitivity_max + 0.2 * slack
 
 
-def test_cars_that_are_stable_on_their_own_keep_the_demands_beyond_the_grid(committed: Schedule) -> None:
+def test_cars_that_are_stable_without_control_meet_the_requirements_beyond_the_grid(committed: Schedule) -> None:
     config, rng = Config(), np.random.default_rng(6)
     for speed in rng.uniform(120.0, 400.0, 3):
         sampled = sample(config, members(config), [speed * KM_H])
         family = [member for member, stable in zip(members(config), sampled.open_loop_stable()[:, 0], strict=True) if stable]
-        check_demands(config, family, committed, float(speed))
+        check_requirements(config, family, committed, float(speed))
 
 
 def cars_at(config: Config, speed_km_h: float) -> Cars:
@@ -60,32 +65,32 @@ def test_no_other_gains_have_a_larger_ki(speed_km_h: float) -> None:
     assert not isinstance(found, Shortfall)
     kp, ki = found
     assert cars.worst_for(demands, kp, ki) is None
-    # Every Kp up to four times as large, with a Ki 2 % larger: the refined grid of Kp may miss the top by 1 %.
+    # Every Kp up to four times as large, with a Ki 2 % larger: the refined grid of Kp may miss the maximum by 1 %.
     others = np.linspace(0.0, max(4.0 * kp, 0.3), 400)
     margins = cars.margins(others[:, np.newaxis], 1.02 * ki)
     assert not demands.met(margins).all(axis=-1).any()
 
 
-def test_between_far_breakpoints_the_demands_hold_too() -> None:
-    """From 15 to 120 km/h the gains bend; a straight line fits only with less at its ends."""
+def test_between_distant_breakpoints_the_requirements_are_met_too() -> None:
+    """From 15 to 120 km/h the gains are curved; a straight line fits only with smaller end values."""
     config = small_config(TO_120, speed_km_h=[15.0, 120.0], relaxation_length_m=[0.6])
     schedule = tune(config)
     alone = best_gains(cars_at(config, 120.0), Demands.of(config.tuning, 1), [])
     assert not isinstance(alone, Shortfall)
     assert schedule.integral_gain[-1] < 0.98 * alone[1]
     for speed in np.linspace(15.0, 120.0, 5 * (BETWEEN + 1) + 1):
-        check_demands(config, list(members(config)), schedule, float(speed), 0.05)  # between the speeds that are checked
+        check_requirements(config, list(members(config)), schedule, float(speed), 0.05)  # between the design's own speeds
 
 
-def test_held_gains_below_the_first_breakpoint_keep_stricter_demands_and_are_written_with_their_margins() -> None:
-    """Gains for 80 km/h alone would leave too little at 12 km/h."""
+def test_held_gains_below_the_first_breakpoint_meet_stricter_requirements() -> None:
+    """Gains for 80 km/h alone would have too little margin at 12 km/h."""
     demands = {"gain_margin_db": 10.0, "phase_margin_deg": 55.0, "sensitivity_max": 1.6, "delay_samples": 2}
     config = small_config(TO_120, speed_km_h=[80.0, 120.0], actuator_lag_s=[0.02, 0.1], mass_percent=[-20.0, 20.0], **demands)
     schedule = tune(config)
     for speed in np.linspace(12.0, 80.0, 12):
-        check_demands(config, list(members(config)), schedule, float(speed))
+        check_requirements(config, list(members(config)), schedule, float(speed))
     assert min(schedule.gain_margin_db) < 11.0  # the demands bind
-    # The written margins are those of the written gains, which have four digits, and 0.02 dB, 0.01 deg, 0.006 are for the grid.
+    # The margins are those of the written gains, which have four digits; 0.02 dB, 0.01 deg and 0.006 allow for the grid.
     written = zip(schedule.gain_margin_db, schedule.phase_margin_deg, schedule.sensitivity, strict=True)
     for speed, margins in zip(schedule.speed_km_h, written, strict=True):
         found = worst(config, list(members(config)), schedule, speed)
@@ -120,22 +125,22 @@ def test_too_many_breakpoints_are_refused() -> None:
         tune(small_config(speed_km_h=[float(speed) for speed in range(10, 50)]))
 
 
-def test_where_no_gains_or_no_straight_lines_meet_the_demands_the_speed_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_speed_without_sufficient_gains_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """With half of the rear stiffness the car is unstable far below the grid's end."""
     with pytest.raises(ConfigError) as refused:
         tune(small_config(stiffness_percent=[-50.0, 50.0]))
     text = str(refused.value)
     assert text.startswith("[tuning]: no gains meet the demands at 120 km/h: the car with lag 50 ms, mass 0 %")
     assert all(part in text for part in ("stiffness +50/-50 %", "dB", "narrow the family")) and "\n" not in text
-    monkeypatch.setattr("codegen.design.tune.RESERVES_MAX", 1)  # no further reserve is tried
+    monkeypatch.setattr("codegen.design.tune.RESERVES_MAX", 1)  # no further reserve is tested
     with pytest.raises(ConfigError, match=r"list a breakpoint between them$") as refused:
         tune(small_config())
     start = "tuning.speed_km_h: straight lines between the gains at 15 and 42.5 km/h do not meet the demands: at "
     assert str(refused.value).startswith(start)
 
 
-def test_beyond_the_grid_the_gains_hold_where_they_suit_no_car() -> None:
-    """An oversteering car, late in everything: near the largest speed no gains give it the margins."""
+def test_beyond_the_grid_the_gains_are_held_even_if_insufficient() -> None:
+    """The car oversteers and has slow components: near the largest speed no gains reach the margins."""
     rear = {"cornering_stiffness_n_per_rad": 100_000.0}
     config = small_config(
         {"tyre": {"front": {"cornering_stiffness_n_per_rad": 119_540.0}, "rear": rear}},
@@ -150,7 +155,7 @@ def test_beyond_the_grid_the_gains_hold_where_they_suit_no_car() -> None:
     assert made.counted[-1] == 0
     assert schedule.proportional_gain_s[-1] == schedule.proportional_gain_s[-2]
     assert schedule.integral_gain[-1] == schedule.integral_gain[-2]
-    # The margins of the configured car are written as they are, below the demands.
+    # The margins of the configured car are written although they are below the requirements.
     own = nominal_margins(config, [400.0 * KM_H], schedule.proportional_gain_s[-1:], schedule.integral_gain[-1:])
     assert schedule.gain_margin_db[-1] == pytest.approx(float(own.gain_margin_db[0]), abs=0.006)
     assert schedule.gain_margin_db[-1] < config.tuning.gain_margin_db

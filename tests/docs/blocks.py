@@ -1,12 +1,11 @@
-"""The blocks of code in README and guide: the text between two fences. Its language decides on its use.
+"""Fenced code blocks in README and guide. The language determines their use.
 
-- `console`: lines after `$ ` are run; the lines below are their output, with `...` for anything left out.
-- `sh`: every line is run; `python` is run as a program of its own; `text` is the content of a file or a screen.
-- Any language after `<!-- file: NAME -->`: written to that file.
-- `toml` after `<!-- into: NAME -->`: its keys are put into that ars.toml, which has to stay valid.
-- `c` without a mark: each name of the generated C in it has to be in a header.
+- `console`: lines after `$ ` are run; the lines below are their output, with `...` for omitted text. - `sh`: every line is run;
+`python` is run as a separate program; `text` is the content of a file or a screen. - Any language after `<!-- file: NAME -->`:
+written to that file. - `toml` after `<!-- into: NAME -->`: its keys are added to that ars.toml, which must stay valid. - `c`
+without a mark: each name of the generated C in it must be in a header.
 
-A fence without a language, in README, is `console` where a line starts with `$ `, else `sh`.
+A fence without a language, in README, is `console` if a line starts with `$ `, else `sh`.
 """
 
 import re
@@ -41,19 +40,19 @@ class Block:
 
 @dataclass(frozen=True)
 class Command:
-    """A command of a block, and the output that the page shows, or None."""
+    """A command of a block, and the output shown on the page, or None."""
 
     text: str
     shown: str | None = None
 
     @property
     def plain(self) -> str:
-        """The command without the comment behind it."""
+        """Return the command without its trailing comment."""
         return re.sub(r"\s+#\s.*$", "", self.text).strip()
 
 
 def blocks(page: str) -> list[Block]:
-    """All blocks of a page, in order; directives of Sphinx (`{figure}` and the like) are none."""
+    """Return all blocks of a page, in order, without Sphinx directives (`{figure}` and the like)."""
     found: list[Block] = []
     lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
     number = 0
@@ -83,13 +82,13 @@ def _mark(lines: list[str], before: int) -> tuple[str, str] | None:
 
 
 def commands(block: Block) -> list[Command]:
-    """The commands of a `console` or `sh` block; a backslash at the end of a line joins the next one."""
+    """Return the commands of a `console` or `sh` block; a backslash at the end of a line joins the next one."""
     console, going = block.language == "console", False
     found: list[tuple[list[str], list[str]]] = []  # lines of a command, and of its output
     for line in block.text.splitlines():
         is_output = console and not going and not line.startswith("$ ")
         if is_output:
-            assert found, f"{block.place}: output stands before the first command"
+            assert found, f"{block.place}: output precedes the first command"
             found[-1][1].append(line)
         elif going:
             found[-1][0].append(line)
@@ -100,6 +99,6 @@ def commands(block: Block) -> list[Command]:
 
 
 def matches(shown: str, printed: str) -> bool:
-    """Whether a page shows the printed text; `...` stands for anything, also lines. Blanks at ends of lines do not count."""
+    """Return whether a page shows the printed text; `...` matches any text, including lines. Trailing blanks are ignored."""
     shown, printed = ("\n".join(line.rstrip() for line in text.strip().splitlines()) for text in (shown, printed))
     return re.fullmatch(".*?".join(map(re.escape, shown.split("..."))), printed, re.DOTALL) is not None

@@ -1,4 +1,4 @@
-"""Use of each block of a page: run, written to a file, checked, or left out for a reason in a table here."""
+"""Use of each block of a page: run, written to a file, checked, or skipped for a reason in a table here."""
 
 import contextlib
 import os
@@ -28,15 +28,15 @@ NOT_RUN: Mapping[str, str] = {  # command on the page: reason
     'openocd -f board/YOUR-BOARD.cfg -c "program fw/build/gcc/firmware.elf verify reset exit"': "needs a board and a probe",
     "codegen hil --build generated/4ws2 --bus pcan:PCAN_USBBUS1 --ecu external": "needs a CAN adapter and a board that answers",
 }
-"""Commands that are not run. One that no page has any more is an error."""
+"""Commands that are not run. A command that is on no page is an error."""
 
-INSTEAD: Mapping[str, str] = {  # command: another one that is run in its place
-    "codegen explore --map 4ws2.npz": "test -e ars.toml || codegen init .",  # it does not end; its button writes ars.toml
-    "make sil": "codegen paper -o build",  # the environment that make sets up is there already; this is what it then runs
+REPLACEMENTS: Mapping[str, str] = {  # command: another one that is run in its place
+    "codegen explore --map 4ws2.npz": "test -e ars.toml || codegen init .",  # it runs until stopped; its button writes ars.toml
+    "make sil": "codegen paper -o build",  # make's environment already exists; this is the command it then runs
 }
 
 EXAMPLES = ("codegen hil --build generated/4ws2-paper --bus socketcan:vcan0 --ecu native --log run.blf",)
-"""Commands whose output differs from that on the page: they run in real time."""
+"""Commands whose output differs from the page because they run in real time."""
 
 
 def own_configuration(folder: Path) -> None:
@@ -52,7 +52,7 @@ def import_examples(folder: Path) -> None:
         table = np.where(archive["feasible"], archive["yaw_rate"], np.nan)
         savemat(folder / "b.mat", {"map": {"vx": archive["vx"], "delta_f": archive["delta_f"], "yaw_rate": table.T}})
     own_configuration(folder)
-    for block in blocks("docs/import.md"):  # the page speaks of a file before it shows it
+    for block in blocks("docs/import.md"):  # the page mentions a file before it shows it
         if block.mark is not None:
             write(block, folder)
     for name, data in (("front.tir", "mf61.tir"), ("rear.tir", "pac2002.tir")):
@@ -64,19 +64,19 @@ SETUPS: Mapping[str, Callable[[Path], None]] = {
     "docs/import.md": import_examples,
     "docs/theory-map.md": own_configuration,
 }
-"""Files of the reader's own, with which a page begins."""
+"""Files of the reader that a page requires."""
 
 GROUP, OWN_GROUP = "239.74.163.2", f"239.75.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
-"""The bus of the examples, and this process's own: pages are run side by side."""
+"""Bus of the examples, and this process's own: pages run in parallel."""
 
 PROGRESS = re.compile(r"^\S[^\n]*: \d+ %\n", re.MULTILINE)  # a line of progress without a terminal
 
 
-END = "\x1e"  # stands around the exit code behind the output of each command
+END = "\x1e"  # encloses the exit code after the output of each command
 
 
 class Shell:
-    """bash in `folder`, with `codegen` and `python` of this interpreter; the folder it stands in and its jobs go on."""
+    """A bash in `folder`, with `codegen` and `python` of this interpreter; its current folder and jobs persist."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder / "page"
@@ -101,11 +101,11 @@ class Shell:
 
     def close(self) -> None:
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(self._bash.pid, signal.SIGKILL)  # and what it left in the background
+            os.killpg(self._bash.pid, signal.SIGKILL)  # including its background processes
         self._bash.communicate()
 
     def run(self, command: str) -> tuple[int, str]:
-        """Exit code and output, both streams in the order in which they came."""
+        """Return exit code and output, with both streams in order."""
         assert self._bash.stdin is not None and self._bash.stdout is not None
         whole = subprocess.run(["bash", "-n", "-c", command], capture_output=True, text=True, check=False)
         assert whole.returncode == 0, f"not a whole command: {command}\n{whole.stderr}"
@@ -120,12 +120,12 @@ class Shell:
         return int(code), text
 
     def where(self) -> Path:
-        """The folder in which the shell stands."""
+        """Return the shell's current folder."""
         return Path(self.run("pwd")[1].strip())
 
 
 def run_page(page_blocks: Sequence[Block], folder: Path, setup: Callable[[Path], None] | None = None) -> None:
-    """Run the blocks in order, in one folder and one shell. AssertionError with page and line of the first that fails."""
+    """Run the blocks in order, in one folder and one shell. Raises AssertionError with page and line of the first failure."""
     with contextlib.closing(Shell(folder)) as shell:
         if setup is not None:
             setup(shell.folder)
@@ -144,20 +144,20 @@ def run_page(page_blocks: Sequence[Block], folder: Path, setup: Callable[[Path],
 
 
 def run_command(block: Block, command: Command, shell: Shell) -> None:
-    """Run one command, and compare its output with the page."""
+    """Run one command and compare its output with the page."""
     if command.plain in NOT_RUN:
         return
-    text = INSTEAD.get(command.plain, command.text)
+    text = REPLACEMENTS.get(command.plain, command.text)
     code, printed = shell.run(text.replace(GROUP, OWN_GROUP))
     printed = PROGRESS.sub("", printed).replace(OWN_GROUP, GROUP)
     fails = command.shown is not None and re.search(r"^error: ", command.shown, re.MULTILINE) is not None
     assert (code != 0) == fails, f"{block.place}: {text}: exit code {code}\n{printed}"
     if command.shown is not None and command.plain not in EXAMPLES:
-        assert matches(command.shown, printed), f"{block.place}: {text} prints\n{printed}\nand the page shows\n{command.shown}"
+        assert matches(command.shown, printed), f"{block.place}: {text} printed\n{printed}\nbut the page shows\n{command.shown}"
 
 
 def write(block: Block, folder: Path) -> None:
-    """Write a block to the file that its mark names, or put its keys into it."""
+    """Write a block to the file that its mark names, or add its keys to it."""
     assert block.mark is not None
     kind, name = block.mark
     path = folder / name
@@ -171,7 +171,7 @@ def write(block: Block, folder: Path) -> None:
 
 
 def with_keys(text: str, changes: str) -> str:
-    """Put keys into an ars.toml in place of its own, or behind their table's header, as a reader edits it."""
+    """Return an ars.toml with keys replaced, or added after their table's header, as a reader would edit it."""
     tomllib.loads(changes)
     lines, table = text.splitlines(), ""
     for line in changes.splitlines():

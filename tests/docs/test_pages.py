@@ -1,4 +1,4 @@
-"""README and guide without running them, which tests/evidence/guide does: blocks, commands, links, and reference pages."""
+"""README and guide without running them: blocks, commands, links, and reference pages. tests/evidence/guide runs them."""
 
 import re
 import shlex
@@ -10,7 +10,7 @@ import pytest
 
 from codegen.cli import cli
 from tests.docs.blocks import PAGES, ROOT, blocks, commands
-from tests.docs.page import EXAMPLES, INSTEAD, NOT_RUN
+from tests.docs.page import EXAMPLES, NOT_RUN, REPLACEMENTS
 
 ALL = {page: blocks(page) for page in PAGES}
 COMMANDS = [
@@ -44,11 +44,11 @@ def test_every_block_is_run_written_or_checked() -> None:
     first_lines = [block.text.splitlines()[0] for block in idle if block.mark is None]
     assert first_lines == ["list(APPEND ZEPHYR_EXTRA_MODULES ${CMAKE_CURRENT_SOURCE_DIR}/4ws2)"]  # needs a Zephyr SDK
     every = {command.plain for _, command in COMMANDS}
-    assert [text for table in (NOT_RUN, INSTEAD, EXAMPLES) for text in table if text not in every] == []
+    assert [text for table in (NOT_RUN, REPLACEMENTS, EXAMPLES) for text in table if text not in every] == []
 
 
 def test_every_codegen_command_parses() -> None:
-    """Options and their values are those of the command; nothing is run."""
+    """Options and values are parsed by the command; nothing is run."""
     lines = [(block, command, words) for block, command in COMMANDS for words in words_of(command.plain)]
     calls = [line for line in lines if line[2][:1] == ["codegen"] and line[2][1:] and line[2][1][0] != "-"]
     assert len(calls) > len(PAGES)
@@ -62,7 +62,7 @@ def test_every_codegen_command_parses() -> None:
 
 
 def test_names_in_blocks_of_c_exist() -> None:
-    """Such as in a list of prototypes, which is not compiled. A name that ends in `_` stands for several."""
+    """This includes lists of prototypes, which are not compiled. A name that ends in `_` is a prefix of several."""
     headers = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "generated").glob("*/include/*.h"))
     known = set(NAME_IN_C.findall(headers))
     for block in (block for page in PAGES for block in ALL[page] if block.language == "c" and block.mark is None):

@@ -1,4 +1,4 @@
-"""The total map's rules with the optimum solved at each point, and errors of placed tables against it."""
+"""The total map's rules with the optimum solved at each point, and errors of placed tables relative to it."""
 
 import math
 from collections.abc import Callable
@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.placement import Placed, Request, choose
@@ -20,7 +20,6 @@ from codegen.optimum.solve import solve_case
 from codegen.optimum.turns import passively_feasible, turns_of
 from tests.optimum.cars import changed
 
-FloatArray = npt.NDArray[np.float64]
 Truth = Callable[[FloatArray, FloatArray], FloatArray]
 
 COARSE, FINE = math.radians(0.2), math.radians(0.05)
@@ -29,17 +28,17 @@ ROUNDING = 1e-6
 
 
 def placed(reference_map: ReferenceMap, config: Config, bound: float, tables: int = 1, **changes: Any) -> Placed:
-    """The placed tables of a map for a bound in rad/s."""
+    """Return the placed tables of a map for a bound in rad/s."""
     return choose(reference_map, config, replace(Request(bound, None, "float", ""), **changes), tables, np.float32)
 
 
-def coarsely(config: Config) -> Config:
-    """A configuration with few grid points: the optimum is solved again where it is needed, and the grid only bounds it."""
+def with_coarse_grid(config: Config) -> Config:
+    """Return a configuration with few grid points; the optimum is solved anew at each point, and the grid only bounds it."""
     return changed(config, grid={"speed_points": 21, "front_angle_min_deg": 0.5, "front_angle_points": 20})
 
 
 def truth_of(config: Config, case: str) -> Truth:
-    """The total map's rules, with the optimum solved at each point by the bounded problem and its edges.
+    """Return the total map's rules with the optimum solved at each point by the bounded problem and its edges.
 
     Only the exact solution is shared with the code under test: grip bounds always apply, and there are no tables.
     """
@@ -70,7 +69,7 @@ def truth_of(config: Config, case: str) -> Truth:
 
 
 def random_points(total: TotalMap, seed: int, count: int = 160) -> tuple[FloatArray, FloatArray]:
-    """Speeds and angles over the whole domain, half of them where the cells are."""
+    """Return speeds and angles over the whole domain, half of them within the cells."""
     rng = np.random.default_rng(seed)
 
     def points(axis: FloatArray) -> FloatArray:
@@ -83,13 +82,13 @@ def random_points(total: TotalMap, seed: int, count: int = 160) -> tuple[FloatAr
 
 
 def largest_error(total: TotalMap, truth: Truth, seed: int) -> float:
-    """Largest error of the yaw rate at random points, rad/s."""
+    """Return the largest error of the yaw rate at random points, rad/s."""
     speed, angle = random_points(total, seed)
     return float(np.abs(Lookup.from_map(total)(speed[:, np.newaxis], angle) - truth(speed, angle)).max())
 
 
 def rear_angle_error(found: Placed, config: Config, case: str, storage: Real = np.float32) -> float:
-    """Largest error of the rear angle as a yaw rate (rad/s), at random points where the optimum solved there is feasible."""
+    """Return the largest error of the rear angle as a yaw rate (rad/s), at random points with a feasible optimum."""
     rng = np.random.default_rng(12)
     speed, front_angle = (
         np.sort(rng.uniform(*ends, 300)).astype(storage).astype(np.float64) for ends in (found.own_speed, found.own_front_angle)
@@ -100,13 +99,13 @@ def rear_angle_error(found: Placed, config: Config, case: str, storage: Real = n
     largest = found.total.steering.rear_angle_max
     held = (np.clip(angle, -largest, largest) for angle in (rear_angle.astype(np.float64), optimum.rear_angle))
     error = np.abs(np.subtract(*held))
-    inside = optimum.margin > 1e-9  # rad: at the edge itself rounding decides
+    inside = optimum.margin > 1e-9  # rad: at the edge, rounding decides
     assert inside.mean() > 0.3
     return float((error * problem.car.yaw_gain(speed)[:, np.newaxis])[inside].max())
 
 
 def errors_against_optimum(config: Config, case: str, total: TotalMap) -> tuple[float, float]:
-    """Largest error of the stored yaw rate (rad/s) and rear angle (rad) where the optimum solved there is feasible."""
+    """Return the largest errors of the stored yaw rate (rad/s) and rear angle (rad) where the optimum is feasible."""
     rng = np.random.default_rng(11)
     speed, front_angle = (np.sort(rng.uniform(axis[0], axis[-1], 140)) for axis in breakpoints(config))
     turns, chosen = turns_of(config, config.case(case)), config.case(case)
@@ -114,7 +113,7 @@ def errors_against_optimum(config: Config, case: str, total: TotalMap) -> tuple[
     feasible = optimum.feasible & (passively_feasible(turns, speed, front_angle) if chosen.passive_safe else True)
     assert 0.3 < np.mean(feasible) < 0.9
     stored = Lookup.from_map(total, np.float32).reference(speed[:, np.newaxis], front_angle, math.nan)
-    largest = total.steering.rear_angle_max  # the laws limit it to this
+    largest = total.steering.rear_angle_max  # the control laws' limit
     yaw_rate = np.abs(stored[0] - optimum.yaw_rate)
     rear_angle = np.abs(np.clip(stored[1], -largest, largest) - np.clip(optimum.rear_angle, -largest, largest))
     return float(yaw_rate[feasible].max()), float(rear_angle[feasible].max())

@@ -1,4 +1,4 @@
-"""The total map: each rule by itself, then the properties of the whole, and cases that the passive car could reach."""
+"""The total map: each rule separately, then the properties of the whole, and cases that the passive car could reach."""
 
 import math
 from collections.abc import Mapping
@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import Lookup
@@ -20,7 +20,6 @@ from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import solve_case
 from tests.optimum.cars import CASES, PAPER, SteadyModel, changed, paper_map, paper_total
 
-FloatArray = npt.NDArray[np.float64]
 STOP = math.radians(35.0)
 ROUNDING = 1e-12  # rad/s, of a few operations in double precision on values of order one
 
@@ -32,7 +31,7 @@ def bare(speed: list[float], front_angle: list[float], yaw_rate: Any, feasible: 
 
 
 def passive_gain(config: Config, speed: float) -> float:
-    """Steady yaw rate for each rad of front angle of the car with straight rear wheels, from the CasADi model."""
+    """Return the steady yaw rate per rad of front angle with straight rear wheels, 1/s, from the CasADi model."""
     model = SteadyModel.of(config, config.case("fws"))
     return float(model.turns(speed, 1.0, np.zeros(1)).yaw_rate[0])
 
@@ -56,14 +55,15 @@ def test_linear_from_zero_then_the_passive_slope_then_the_cap() -> None:
         assert total.yaw_rate[row, 3] == pytest.approx(last + passive_gain(PAPER, speed) * (STOP - 0.05), rel=1e-12)
     assert total.lateral_acceleration_cap == pytest.approx(20.0 * 0.18, rel=1e-15)  # the largest in the table
     assert total.friction == PAPER.road.friction
-    # A map that starts at zero gets no second zero; its values there become zero.
+    # A map that starts at zero gets no additional breakpoint; its values there become zero.
     total = extend(bare([0.0, 20.0], [0.0, 0.05], [[0.3, 0.4], [0.01, 0.18]]), PAPER)
     np.testing.assert_array_equal(total.speed, [0.0, 20.0])
     np.testing.assert_array_equal(total.yaw_rate[:, :2], [[0.0, 0.0], [0.0, 0.18]])
 
 
 def test_gaps_between_feasible_cells_are_interpolated_over_the_front_angle() -> None:
-    """Also before the first feasible cell, from zero. The content of infeasible cells has no effect, nor on the cap."""
+    """This includes the range from zero to the first feasible cell. The content of infeasible cells has no effect, not even on
+    the cap."""
     angles = [0.01, 0.02, 0.03, 0.05, 0.06, 0.08]
     feasible = [False, True, False, False, True, False]
     total = extend(bare([10.0, 20.0], angles, [[9.0, 0.1, 9.0, 9.0, 0.3, 9.0]] * 2, [feasible] * 2), PAPER)
@@ -94,14 +94,15 @@ def test_maps_that_cannot_be_extended_are_refused() -> None:
 
 @pytest.fixture(scope="module")
 def narrow() -> tuple[Config, ReferenceMap, TotalMap]:
-    """The paper's car with tight bounds on sideslip and rear angle: those end its front angles at low speed, grip at high."""
+    """Return the paper's car with tight bounds on sideslip and rear angle, which limit it at low speed; grip does at high
+    speed."""
     config = changed(PAPER, limits={"sideslip_max_deg": 1.0, "rear_angle_max_deg": 1.0})
     reference_map = solve_case(config, "4ws-2")
     return config, reference_map, extend(reference_map, config)
 
 
 def test_beyond_the_edges_of_the_continuous_problem(narrow: tuple[Config, ReferenceMap, TotalMap]) -> None:
-    """Edges by linear programming, independent of the exact solution; its tolerance is 1e-7 of a bound."""
+    """The edges come from linear programming, independent of the exact solution; its tolerance is 1e-7 of a bound."""
     config, reference_map, total = narrow
     model = SteadyModel.of(config, config.case("4ws-2"))
     cap = model.problem.lateral_acceleration_cap
@@ -110,7 +111,7 @@ def test_beyond_the_edges_of_the_continuous_problem(narrow: tuple[Config, Refere
     for row in range(0, reference_map.speed.size, 5):
         speed, last = float(reference_map.speed[row]), int(np.flatnonzero(reference_map.feasible[row])[-1])
         front, rear = model.widest_turn(speed)
-        beyond = slice(last + 2, None)  # the total map has the zero column before
+        beyond = slice(last + 2, None)  # the total map has a zero column first
         edge_rate = float(model.turns(speed, front, np.array([rear])).yaw_rate[0])
         if math.isclose(edge_rate * speed, cap, rel_tol=1e-6):
             expected, letter = np.full(total.front_angle[beyond].shape, cap / speed), Rule.HOLD
@@ -124,7 +125,7 @@ def test_beyond_the_edges_of_the_continuous_problem(narrow: tuple[Config, Refere
 
 
 def with_safe_cases(**tables: Mapping[str, Any]) -> Config:
-    """The paper's car with passively safe cases beside the usual ones, and other tables replaced in part."""
+    """Return the paper's car with passively safe cases in addition to the usual ones, and other tables partly replaced."""
     safe = {f"safe-{name}": {**case.model_dump(mode="json"), "passive_safe": True} for name, case in PAPER.cases.items()}
     return changed(PAPER, cases=safe, **tables)
 
@@ -133,9 +134,9 @@ CONFIG = with_safe_cases()
 
 
 @pytest.fixture(scope="module")
-def every(narrow: tuple[Config, ReferenceMap, TotalMap]) -> Mapping[str, TotalMap]:
-    """Also a map with sideslip-limited edges, one whose feasible angles end before the first breakpoint, a passively safe one
-    and a bare one with holes of all kinds over uneven axes."""
+def maps(narrow: tuple[Config, ReferenceMap, TotalMap]) -> Mapping[str, TotalMap]:
+    """Return several maps: sideslip-limited edges, feasible angles that end before the first breakpoint, passively safe, and a
+    bare one with holes of all kinds over uneven axes."""
     speed = np.array([4.0, 8.0, 9.0, 12.0, 20.0, 30.0, 45.0])
     angles = np.radians([0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0])
     yaw_rate = np.minimum(np.outer([passive_gain(PAPER, float(v)) for v in speed], 1.2 * angles), 6.0 / speed[:, np.newaxis])
@@ -158,21 +159,25 @@ WHOLE = (*CASES, "narrow", "late", "safe", "holes")
 SPECIAL = np.array([0.0, -0.0, 1e-45, -1e-45, 1e-38, 1.0, -1.0, 3.4e38, -3.4e38, np.inf, -np.inf, np.nan], dtype=np.float32)
 
 
-def dense(breakpoints: FloatArray, top: float, count: int) -> FloatArray:
-    """Points from 0 to `top`, evenly, and each breakpoint with its close neighbours on both sides."""
+def dense_points(breakpoints: FloatArray, top: float, count: int) -> FloatArray:
+    """Return evenly spaced points from 0 to `top`, and each breakpoint with its close neighbours on both sides."""
     near = [breakpoints * (1.0 + sign * width) for sign in (-1.0, 1.0) for width in (1e-15, 1e-9)]
     return np.unique(np.concatenate([np.linspace(0.0, top, count), breakpoints, *near]))
 
 
 @pytest.mark.parametrize("name", WHOLE)
-def test_total(every: Mapping[str, TotalMap], name: str) -> None:
-    """Finite, zero where it must be, rising with the front angle, odd, never above the cap: densely and at random."""
-    total = every[name]
+def test_the_total_map_is_finite_odd_rising_and_capped(maps: Mapping[str, TotalMap], name: str) -> None:
+    """The map is finite, zero where it must be, rising with the front angle, odd and never above the cap, at dense and random
+    points."""
+    total = maps[name]
     assert np.all(np.isfinite(total.yaw_rate)) and total.yaw_rate.min() >= 0.0
     assert total.speed[0] == total.front_angle[0] == 0.0
     assert set(np.unique(total.rule)) <= {str(rule) for rule in RULE_TEXT} == {str(rule) for rule in Rule}
     cap = total.lateral_acceleration_cap
-    speed, angle = dense(total.speed, 3.0 * total.speed[-1], 400), dense(total.front_angle, 1.1 * total.front_angle[-1], 400)
+    speed, angle = (
+        dense_points(total.speed, 3.0 * total.speed[-1], 400),
+        dense_points(total.front_angle, 1.1 * total.front_angle[-1], 400),
+    )
     rate = Lookup.from_map(total, np.float64)(speed[:, np.newaxis], angle)
     assert np.diff(rate, axis=1).min() >= -ROUNDING
     assert np.all(rate * speed[:, np.newaxis] <= cap)
@@ -190,7 +195,7 @@ def test_total(every: Mapping[str, TotalMap], name: str) -> None:
 
 @pytest.mark.parametrize("case", ["fws", "4ws-1", "4ws-2"])
 def test_the_feasible_cells_are_those_of_the_passive_car(case: str) -> None:
-    """Rear steering takes no cell away, so these are all cells of the FWS map; and there the optimum is unchanged."""
+    """Rear steering removes no cell, so these are all cells of the FWS map, with the optimum unchanged."""
     left, whole = solve_case(CONFIG, f"safe-{case}"), paper_map(case)
     np.testing.assert_array_equal(left.feasible, paper_map("fws").feasible)
     for name in ("yaw_rate", "sideslip", "rear_angle", "active"):
@@ -199,7 +204,7 @@ def test_the_feasible_cells_are_those_of_the_passive_car(case: str) -> None:
         assert not np.any(np.nan_to_num(values[~left.feasible]))
 
 
-def test_the_option_is_named_where_it_leaves_nothing() -> None:
+def test_the_option_is_named_if_no_cell_is_left() -> None:
     """At 9.5 deg and more the rear wheels must help at any speed of the grid."""
     with pytest.raises(MapError, match=r"^\[cases\.safe-4ws-2\]\.passive_safe: .*without rear steering.*; .*false"):
         solve_case(with_safe_cases(grid={"front_angle_min_deg": 9.5}), "safe-4ws-2")
@@ -207,9 +212,10 @@ def test_the_option_is_named_where_it_leaves_nothing() -> None:
 
 @pytest.mark.parametrize("case", ["safe-4ws-1", "safe-4ws-2"])
 def test_beyond_its_edge_the_passive_slope_from_where_the_passive_car_ends(case: str) -> None:
-    """From the edge on the continuous problem: from the last cell below it, the reference would step from speed to speed.
+    """It starts at the edge of the continuous problem: from the last cell below it, the reference would jump between speeds.
 
-    Also where grip ends the passive car: the optimum there is mostly below what grip allows, and must not jump up to that.
+    This includes edges where grip limits the passive car: the optimum is mostly below the grip limit and must not jump up to
+    it.
     """
     reference_map = solve_case(CONFIG, case)
     total = extend(reference_map, CONFIG)

@@ -1,4 +1,4 @@
-"""The NumPy lookup against SciPy's interpolator, its bound on the rounding error, and its axes. tests/sil compares the C."""
+"""The NumPy lookup compared with SciPy's interpolator, its rounding error bound, and its axes. tests/sil compares the C."""
 
 import itertools
 from collections.abc import Mapping
@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
+from codegen.arrays import FloatArray
 from codegen.ecu_map.axis import Axis
 from codegen.ecu_map.extend import TotalMap, extend
 from codegen.ecu_map.lookup import AxisConstants, Lookup, Real, error_bound
 from codegen.map_file import map as npz
 from tests.optimum.cars import PAPER, paper_total
 
-FloatArray = npt.NDArray[np.float64]
 REALS: tuple[Real, ...] = (np.float32, np.float64)
 
 
@@ -27,8 +27,8 @@ def bare(speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray) -> To
 
 
 @pytest.fixture(scope="module")
-def every() -> Mapping[str, TotalMap]:
-    """The paper's map; a smooth table over uneven axes; random numbers, in which no cell is like another."""
+def maps() -> Mapping[str, TotalMap]:
+    """Return the paper's map, a smooth table over uneven axes, and a table of random numbers."""
     rng = np.random.default_rng(20_240_617)
     speed = np.array([4.0, 7.0, 7.5, 12.0, 20.0, 33.0, 50.0])
     front_angle = np.radians([0.3, 1.0, 1.2, 4.0, 9.0])
@@ -42,7 +42,7 @@ def every() -> Mapping[str, TotalMap]:
 
 
 def interpolate(total: TotalMap, speed: Any, front_angle: Any, friction: float | None = None) -> FloatArray:
-    """The rule in double precision by SciPy: clamp, interpolate, cap, sign."""
+    """Return the rule in double precision by SciPy: clamp, interpolate, cap, sign."""
     v, magnitude = np.maximum(np.asarray(speed, dtype=np.float64), 0.0), np.abs(np.asarray(front_angle, dtype=np.float64))
     table = RegularGridInterpolator((total.speed, total.front_angle), total.yaw_rate)
     inside = np.stack([np.minimum(v, total.speed[-1]), np.minimum(magnitude, total.front_angle[-1])], axis=-1)
@@ -54,8 +54,10 @@ def interpolate(total: TotalMap, speed: Any, front_angle: Any, friction: float |
 
 
 def points(total: TotalMap, count: int, real: Real, seed: int) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Random pairs in and around the table, in the given precision: a quarter each anywhere, beside breakpoints (a few units
-    in the last place), where the cap begins, and at small values."""
+    """Return random pairs in and around the table, in the given precision.
+
+    A quarter each: anywhere, next to breakpoints (a few units in the last place), where the cap begins, and at small values.
+    """
     rng = np.random.default_rng(seed)
     quarter = count // 4
     v = rng.uniform(-5.0, 1.5 * total.speed[-1], count)
@@ -72,9 +74,9 @@ def points(total: TotalMap, count: int, real: Real, seed: int) -> tuple[npt.NDAr
 
 @pytest.mark.parametrize("name", ["4ws-2", "uneven", "rough"])
 @pytest.mark.parametrize("real", REALS)
-def test_against_scipy_within_the_error_bound(every: Mapping[str, TotalMap], name: str, real: Real) -> None:
+def test_against_scipy_within_the_error_bound(maps: Mapping[str, TotalMap], name: str, real: Real) -> None:
     """The bound adds worst cases that do not coincide; it is at most 50 times the largest error in single precision."""
-    total = every[name]
+    total = maps[name]
     v, angle = points(total, 200_000, real, 2)
     found = Lookup.from_map(total, real)(v, angle)
     assert found.dtype == real
@@ -87,7 +89,8 @@ def test_against_scipy_within_the_error_bound(every: Mapping[str, TotalMap], nam
 
 @pytest.mark.parametrize("friction", [0.0, 0.45, 0.9, 1.2, -1.0])
 def test_friction_scales_the_cap(friction: float) -> None:
-    """Less than the map's own (0.9) lowers it in proportion; more does not raise it; an unknown one (NaN) is the map's own."""
+    """A friction below the map's own (0.9) lowers the cap in proportion; a higher one does not raise it; NaN means the map's
+    own."""
     total = paper_total()
     v, angle = points(total, 20_000, np.float64, 3)
     found = Lookup.from_map(total, np.float64)(v, angle, friction)
@@ -106,8 +109,8 @@ def test_friction_scales_the_cap(friction: float) -> None:
         ([0.0, 1.0, 2.0, 3.0, 9.0], False, True, 1.0),
         ([0.0, 5.0, 5.5, 6.0, 6.5, 40.0], True, True, 0.5),
         ([0.0, 2.0], False, False, 2.0),
-        ([0.0, 2.0, 3.0], True, False, 1.0),  # one cell of the two is the core
-        # Uneven: one odd cell that is not at an end, two odd cells at one end.
+        ([0.0, 2.0, 3.0], True, False, 1.0),  # one of the two cells is the core
+        # Uneven: one different cell away from the ends, two different cells at one end.
         ([0.0, 1.0, 2.0, 3.5, 4.5], False, False, None),
         ([0.0, 0.5, 1.0, 1.5, 3.0, 5.0], False, False, None),
     ],
@@ -129,7 +132,7 @@ def test_search_steps_reach_every_cell_and_no_further(n: int) -> None:
     assert not axis.even
     steps = axis.search_steps
     assert all(a == 2 * b for a, b in itertools.pairwise(steps)) and steps[-1] == 1
-    assert sum(steps) >= n - 2 > sum(steps) // 2  # reaches the last cell without a step to spare
+    assert sum(steps) >= n - 2 > sum(steps) // 2  # reaches the last cell with no step to spare
     cell, _ = AxisConstants(axis, np.float64).locate(axis.breakpoints[:-1])
     np.testing.assert_array_equal(cell, np.arange(n - 1))
 

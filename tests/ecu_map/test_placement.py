@@ -1,4 +1,4 @@
-"""Chosen breakpoints: the bound holds at random points against the optimum solved there.
+"""Chosen breakpoints: the bound holds at random points relative to the optimum solved there.
 
 The evidence tier places more maps, with narrow bounds.
 """
@@ -27,13 +27,13 @@ BARE_BOUND = math.radians(4.0)
 
 @functools.cache
 def surface() -> ReferenceSurface:
-    """The surface of the paper's 4WS-2."""
+    """Return the surface of the paper's 4WS-2."""
     return reference_surface_of(paper_map(), PAPER)
 
 
 @functools.cache
 def bare() -> ReferenceMap:
-    """A user's table: every tenth speed and every fourteenth angle of the paper's map."""
+    """Return a user's table: every tenth speed and every fourteenth angle of the paper's map."""
     solved, cells = paper_map(), (slice(None, None, 10), slice(None, None, 14))
     arrays: dict[str, npt.NDArray[np.generic]] = {"vx": solved.speed[cells[0]], "delta_f": solved.front_angle[cells[1]]}
     return from_arrays({**arrays, "yaw_rate": solved.yaw_rate[cells], "feasible": solved.feasible[cells]}, "bare")
@@ -41,7 +41,7 @@ def bare() -> ReferenceMap:
 
 @pytest.mark.parametrize("fault", ["none", "a number", "a speed moved"])
 def test_the_measured_error_is_that_at_random_points(fault: str) -> None:
-    """A table on a tenth of the paper's breakpoints, which has an error of its own, with and without a fault in it."""
+    """The table has a tenth of the paper's breakpoints and thus an error, with and without a planted fault."""
     total, kept = paper_total(), np.r_[0, 1:102:10]
     speed, front_angle = total.speed[kept], total.front_angle[kept]
     table = {name: getattr(total, name)[np.ix_(kept, kept)] for name in ("yaw_rate", "rear_angle", "rule")}
@@ -59,7 +59,7 @@ def test_the_measured_error_is_that_at_random_points(fault: str) -> None:
     assert 0.9 * measured.yaw_rate_whole < seen < measured.yaw_rate_whole + ROUNDING
 
 
-def test_a_bare_table_is_measured_against_its_own_interpolation() -> None:
+def test_a_bare_table_is_compared_with_its_own_interpolation() -> None:
     total = extend(bare(), PAPER, PAPER.steering.front_angle_stop)
     own = Lookup.from_map(total, np.float64)
     uneven = Maker(reference_surface_of(bare(), PAPER), Target(1, np.float32, "float")).for_error(BARE_BOUND, ("uneven",))
@@ -69,7 +69,7 @@ def test_a_bare_table_is_measured_against_its_own_interpolation() -> None:
     assert Rule.CONTINUED.value not in uneven.total.rule
 
 
-def test_an_edited_map_is_a_table() -> None:
+def test_an_edited_map_counts_as_a_table() -> None:
     solved = paper_map()
     yaw_rate, feasible = solved.yaw_rate.copy(), solved.feasible.copy()
     yaw_rate[50, 20] *= 0.9
@@ -84,4 +84,4 @@ def test_an_edited_map_is_a_table() -> None:
     of_safe = reference_surface_of(solve_case(safe, "safe"), safe)
     speed, angle = np.linspace(0.0, 33.0, 40), np.linspace(0.0, 0.6, 50)
     found, expected = of_safe.layers[-1].truth(speed, angle)[0], truth_of(safe, "safe")(speed, angle)
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)  # the edge is 1e-12 of itself inside
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)  # the edge is moved inside by 1e-12 of its value

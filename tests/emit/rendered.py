@@ -1,4 +1,4 @@
-"""Generated files of the kinds of controller, not compiled; rendered once for all workers."""
+"""Generated files of every kind of controller, not compiled; rendered once for all workers."""
 
 import functools
 from pathlib import Path
@@ -15,7 +15,7 @@ EACH_KIND_AND_DOUBLE: tuple[tuple[Kind, Precision], ...] = (*((kind, "single") f
 
 @functools.cache
 def rendered(kind: Kind, precision: Precision = "single") -> Folder:
-    """The build of a kind around the paper's map."""
+    """Return the build of a kind with the paper's map."""
     make = functools.partial(_render, kind, precision)
     folder: Folder = shared.once(f"rendered {kind} {precision}", make)
     return folder
@@ -26,6 +26,6 @@ def _render(kind: Kind, precision: Precision) -> Folder:
 
 
 def laid_out(folder: Folder, at: Path) -> Path:
-    """Write a folder and return where."""
+    """Write a folder and return its path."""
     write_folder(folder, at)
     return at

@@ -24,7 +24,7 @@ def test_the_example_runs(tmp_path: Path, kind: Kind, precision: Precision) -> N
     assert result.stderr == ""
 
 
-def test_every_input_makes_another_build_id() -> None:
+def test_every_input_changes_the_build_id() -> None:
     config, options, inputs = builds.CONFIG, BuildOptions("4ws2"), BuildInputs("4ws2.npz", "0" * 64, "map")
     changed = [replace(options, **{name: value}) for name, value in (("name", "x"), ("prefix", "x"), ("precision", "double"))]
     ids = {_build_id(config, each, inputs) for each in (options, *changed)}

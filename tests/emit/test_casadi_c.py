@@ -1,6 +1,6 @@
-"""The printer of CasADi functions: every operation against the CasADi virtual machine, in double precision.
+"""The C printer of CasADi functions: every operation compared with the CasADi virtual machine, in double precision.
 
-The dynamics that it prints in either precision are judged by `tests.sil.suite_dynamics`.
+`tests.sil.suite_dynamics` tests the printed dynamics in both precisions.
 """
 
 from typing import Any
@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from codegen.arrays import FloatArray
 from codegen.emit.casadi_c import function_body
 from codegen.sil.compile import Library, compile_library
 
-FloatArray = npt.NDArray[np.float64]
-
 X = ca.SX.sym("x", 3)
-"""Arguments of every expression here: two numbers of any sign and one that is not negative."""
+"""Arguments of every expression: two numbers of any sign and one nonnegative number."""
 A, B, P = X[0], X[1], X[2]
 
 EXACT: dict[str, Any] = {
@@ -35,7 +34,7 @@ def function_of(expression: Any, name: str = "f") -> Any:
 
 
 def compiled(functions: dict[str, Any]) -> Library:
-    """C functions `name(const double *x, double *y, int count)` over rows of arguments."""
+    """Return a library of C functions `name(const double *x, double *y, int count)` over rows of arguments."""
     header, source = [], ['#include "sample.h"', "#include <math.h>"]
     for name, function in functions.items():
         size_in, size_out = function.numel_in(0), function.numel_out(0)
@@ -54,7 +53,7 @@ def library() -> Library:
 
 
 def call(library: Library, name: str, x: FloatArray, size_out: int = 1) -> FloatArray:
-    """Rows of results of a compiled function."""
+    """Return the rows of results of a compiled function."""
     result, ffi = np.empty((len(x), size_out)), library.ffi
     given = ffi.from_buffer("double[]", np.ascontiguousarray(x))
     getattr(library.lib, f"at_{name}")(given, ffi.from_buffer("double[]", result, require_writable=True), len(x))
@@ -62,8 +61,10 @@ def call(library: Library, name: str, x: FloatArray, size_out: int = 1) -> Float
 
 
 def arguments() -> FloatArray:
-    """Numbers of ten decades and both signs, pairs of equal ones, zeros (of one sign: which zero a minimum of two takes is
-    left open by the standard)."""
+    """Return numbers of ten decades and both signs, pairs of equal ones, and zeros.
+
+    The zeros have one sign, because the standard does not define which zero a minimum of two returns.
+    """
     rng = np.random.default_rng(5)
     x = rng.normal(size=(2_000, 3)) * 10.0 ** rng.uniform(-5.0, 5.0, size=(2_000, 3))
     x[::10, 1] = x[::10, 0]
@@ -74,12 +75,12 @@ def arguments() -> FloatArray:
 
 
 def machine(expression: Any, x: npt.NDArray[Any]) -> FloatArray:
-    """The CasADi virtual machine over rows."""
+    """Return the rows of results of the CasADi virtual machine."""
     return np.array(function_of(expression).map(len(x))(x.T)).T
 
 
 def same_bits(left: npt.NDArray[Any], right: npt.NDArray[Any]) -> bool:
-    """Equal as numbers, and zeros of equal sign; any NaN is as good as another."""
+    """Return whether two arrays are equal, including the sign of zeros; any NaN equals another."""
     return bool(np.array_equal(left, right, equal_nan=True) and np.array_equal(np.signbit(left), np.signbit(right)))
 
 
@@ -89,15 +90,15 @@ def test_an_operation_has_the_bits_of_the_machine(library: Library, name: str) -
     assert same_bits(call(library, name, x), machine((EXACT | LIBRARY)[name], x))
 
 
-def test_values_that_are_overwritten_and_shared_keep_their_meaning() -> None:
-    """CasADi reuses its work registers, and may store an output before it goes on."""
+def test_overwritten_and_shared_registers_keep_their_values() -> None:
+    """CasADi reuses its work registers, and may store an output early."""
     s = A * B
     t = ca.sin(s) + P
     matrix = ca.vertcat(ca.horzcat(s, t, s + t), ca.horzcat(t * t, 1.5, s - t))
     matrix[0, 1] = A
     x = arguments()
     library = compiled({"matrix": function_of(matrix)})
-    function = function_of(matrix)  # its results are stored by columns
+    function = function_of(matrix)  # column-major results
     expected = np.array([np.array(function(row)).ravel(order="F") for row in x[:200]])
     assert same_bits(call(library, "matrix", x[:200], 6), expected)
 

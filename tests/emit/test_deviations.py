@@ -1,4 +1,4 @@
-"""`deviations.md` reads back, and has no idle entry; `tests/verify` compares it with the lines and with analysers."""
+"""Reading `deviations.md` back: no entry is idle. `tests/verify` compares it with the code and the analysers."""
 
 import functools
 from collections.abc import Mapping
@@ -11,8 +11,8 @@ from tests.emit.rendered import KINDS, rendered
 
 
 @functools.cache
-def made(kind: Kind) -> Mapping[str, bytes]:
-    """Files of a build. The map of kind "tracking" is uneven and for two frictions."""
+def files_of(kind: Kind) -> Mapping[str, bytes]:
+    """Return the files of a build. The map of kind "tracking" is uneven and for two frictions."""
     if kind != "tracking":
         return rendered(kind).files
     config = builds.CONFIGS[kind]
@@ -21,8 +21,8 @@ def made(kind: Kind) -> Mapping[str, bytes]:
 
 
 def test_the_rows_of_a_build_read_back_and_every_entry_has_one_and_a_reason() -> None:
-    rows = {kind: list(deviations(made(kind))) for kind in KINDS}
+    rows = {kind: list(deviations(files_of(kind))) for kind in KINDS}
     for kind, wanted in rows.items():
-        assert [row for _, row in read_deviations(made(kind)[FILE].decode("ascii"))] == wanted
+        assert [row for _, row in read_deviations(files_of(kind)[FILE].decode("ascii"))] == wanted
     assert {row.rule for found in rows.values() for row in found} == {entry.rule for entry in ENTRIES}
     assert all(len(entry.reason.split()) > 5 for entry in ENTRIES)

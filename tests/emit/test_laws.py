@@ -1,4 +1,4 @@
-"""The kinds of controller: each is complete, accepts what a configuration may hold, and reports what it lacks."""
+"""The kinds of controller: each is complete, accepts every valid configuration, and reports missing settings."""
 
 import subprocess
 from pathlib import Path
@@ -20,14 +20,14 @@ from tests.optimum.cars import PAPER, changed
 
 
 def tracking(**keys: Any) -> Config:
-    """The configuration of kind "tracking" with some keys of [controller.tracking] changed."""
+    """Return the configuration of kind "tracking" with some keys of [controller.tracking] changed."""
     data = builds.TRACKING_CONFIG.model_dump()
     data["controller"]["tracking"].update(keys)
     return Config.model_validate(data)
 
 
 def selftest_passes(files: Folder, at: Path) -> bool:
-    """Whether the self-test of a build, compiled without optimisation, passes: it checks each parameter's range."""
+    """Return whether the self-test of a build passes, compiled without optimisation; it checks each parameter's range."""
     folder = laid_out(files, at / "build")
     (at / "main.c").write_text('#include "ars_controller.h"\nint main(void) { return ars_selftest() ? 0 : 1; }\n')
     command = [*compiler_command(), "-std=c99", "-ffp-contract=off", f"-I{folder / 'include'}", str(at / "main.c")]
@@ -36,7 +36,7 @@ def selftest_passes(files: Folder, at: Path) -> bool:
     return subprocess.run([at / "program"], check=False).returncode == 0
 
 
-ENDS: dict[str, tuple[float, float]] = {
+LIMIT_VALUES: dict[str, tuple[float, float]] = {
     "lead_s": (-0.2, 0.2),
     "lead_max_deg": (0.0, 10.0),
     "response_ahead_s": (0.0, 1.0),
@@ -57,13 +57,13 @@ ENDS: dict[str, tuple[float, float]] = {
         (1, "double", ([60.0, 120.0], "off", "off", 1.0)),
     ],
 )
-def test_the_ends_of_what_a_configuration_takes_are_valid_parameters(
+def test_the_limits_of_a_configuration_are_valid_parameters(
     tmp_path: Path, end: int, precision: Precision, limits: tuple[Any, ...]
 ) -> None:
-    """All at one end together: neither the units' factors nor the rounding to the target may lead outside."""
+    """All limits are used together: neither unit conversion nor rounding to the target's precision may leave the range."""
     speeds = ([1.0, 1.1], [400.0, 500.0])[end]
     schedule = {"speed_km_h": speeds, "proportional_gain_s": [(0.0, 2.0)[end]] * 2, "integral_gain": [(0.01, 20.0)[end]] * 2}
-    data = tracking(schedule=schedule, **{name: ends[end] for name, ends in ENDS.items()}).model_dump()
+    data = tracking(schedule=schedule, **{name: ends[end] for name, ends in LIMIT_VALUES.items()}).model_dump()
     data["controller"] |= {"rear_angle_error_max_deg": (0.1, 20.0)[end], "friction_min": (0.02, 0.5)[end]}
     keys = ("opposite_phase_speed_km_h", "opposite_phase_max_deg", "rear_rate_max_deg_s", "in_phase_from_front_angle_deg")
     data["limiter"] = dict(zip(keys, limits, strict=True))
@@ -81,7 +81,7 @@ def test_tracking_without_a_schedule_is_refused_with_the_remedy() -> None:
 
 
 def test_the_gains_for_the_margins_are_those_of_the_c() -> None:
-    """Interpolated between the breakpoints and held beyond them, as the generated law does."""
+    """They are interpolated between the breakpoints and held beyond them, like the generated law."""
     speed = np.array([1.0, 7.0, 9.0, 20.0, 33.0, 60.0])
     gains = LAWS["tracking"].gains(builds.TRACKING_CONFIG)
     assert gains is not None
@@ -113,7 +113,7 @@ def test_the_gains_for_the_margins_are_those_of_the_c() -> None:
         ),
     ],
 )
-def test_a_controller_that_takes_the_map_for_a_fault_is_refused(controller: dict[str, Any], words: str) -> None:
+def test_a_controller_that_would_reject_the_map_as_a_fault_is_refused(controller: dict[str, Any], words: str) -> None:
     config = changed(PAPER, grid={"speed_max_km_h": 90.0}, controller=controller)
     with pytest.raises(BuildError, match=words):
         builds.render(solve_case(config, "4ws-2"), config)

@@ -1,4 +1,4 @@
-"""The limiter's bound from the car, and what it cuts off a map."""
+"""The limiter's bound derived from the car, and the part of a map that it cuts off."""
 
 import math
 from dataclasses import replace
@@ -7,20 +7,21 @@ import numpy as np
 import pytest
 
 from codegen import configuration
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.emit.limiter_cut import LimiterCut, cut_text
 from codegen.emit.limiter_view import opposite_phase_max, opposite_phase_speeds_km_h
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.car import car_warnings
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.plants import changed
 
 FIXED = [50.0, 62.0, 80.0, 110.0, 160.0, 400.0]
-"""km/h: breakpoints of a table that does not know the car."""
+"""km/h: breakpoints of a table that is independent of the car."""
 
 
 def car(rear_deg: float, **limiter: object) -> Config:
-    """A short car with this much rear steering, in the map and at the actuator."""
+    """Return a short car with this much rear steering, in the map and at the actuator."""
     return changed(
         configuration.preset("recommended"),
         {
@@ -33,7 +34,7 @@ def car(rear_deg: float, **limiter: object) -> Config:
 
 
 @pytest.mark.parametrize("rear_deg", [0.5, 3.5, 5.0, 12.0])
-def test_bound_from_the_car_frees_the_whole_angle_at_low_speed(rear_deg: float) -> None:
+def test_the_bound_from_the_car_allows_the_whole_angle_at_low_speed(rear_deg: float) -> None:
     config = car(rear_deg)
     speeds, bounds = np.array(opposite_phase_speeds_km_h(config)) * KM_H, np.array(opposite_phase_max(config))
     single, wanted = SingleTrack.from_config(config), config.limiter.opposite_phase_lateral_acceleration_m_s2
@@ -65,7 +66,8 @@ def test_an_oversteering_car_keeps_an_angle_for_its_feedback_and_is_warned_of() 
 
 
 def test_share_of_the_map_that_the_limiter_cuts() -> None:
-    """A table from 50 km/h on cuts the map at low speed (the bound there holds below); the bound from the car cuts nothing."""
+    """A table that starts at 50 km/h holds its first bound below and cuts the map there; the bound from the car cuts
+    nothing."""
     fixed = car(5.0, opposite_phase_speed_km_h=FIXED)
     made = solve_case(changed(fixed, {"grid": {"speed_points": 21, "front_angle_points": 20}}), "4ws-2")
     found = LimiterCut.of_map(made, fixed)
@@ -76,7 +78,7 @@ def test_share_of_the_map_that_the_limiter_cuts() -> None:
     assert found.cells >= (outside > 1e-6).sum() > 20
     assert found.largest == pytest.approx((outside * gain[below, np.newaxis]).max(), rel=1e-12)
     assert f"{found.cells} of {found.of} feasible cells" in cut_text(found.to_dict())
-    # A bare table is taken to steer as the linear car does, for which this map is solved.
+    # A bare table is assumed to steer like the linear car, for which this map is solved.
     assert LimiterCut.of_map(replace(made, rear_angle=None), fixed).cells == found.cells
     nothing = LimiterCut.of_map(made, car(5.0))
     assert (nothing.cells, nothing.largest, cut_text(nothing.to_dict())) == (0, 0.0, "nothing")

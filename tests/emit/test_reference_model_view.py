@@ -1,4 +1,4 @@
-"""The reference model's view: the table of a tyre's curve and its stated error, and the step of any plausible car."""
+"""The reference model's view: the table of a tyre curve with its stated error, and the step of any plausible car."""
 
 import dataclasses
 import math
@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from codegen.emit.reference_model_view import SIDESLIP_MAX, FloatArray, tabulate
+from codegen.arrays import FloatArray
+from codegen.emit.reference_model_view import SIDESLIP_MAX, tabulate
 from codegen.errors import BuildError
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
@@ -22,13 +23,13 @@ SHAPES = [(c, e) for c in (0.5, 1.3, 2.5) for e in (-20.0, -0.5, 0.5, 0.99, 1.0)
 
 
 def tyre(shape_factor: float = 1.3, curvature_factor: float = -0.5) -> MagicFormulaTyre:
-    """The paper's front tyre with another curve."""
+    """Return the paper's front tyre with another curve."""
     front = AxleTyres.from_config(CONFIG).front
     return dataclasses.replace(front, shape_factor=shape_factor, curvature_factor=curvature_factor)
 
 
 def axle_curve(of: MagicFormulaTyre, x: Any, loss: float) -> Any:
-    """The curve c itself: the root of loss s c^2 + c = s with s = sin(C atan(x - E (x - atan x)))."""
+    """Return the curve c: the root of loss s c^2 + c = s with s = sin(C atan(x - E (x - atan x)))."""
     s = np.sin(of.shape_factor * np.arctan(x - of.curvature_factor * (x - np.arctan(x))))
     return 2.0 * s / (1.0 + np.sqrt(1.0 + 4.0 * loss * s * s))
 
@@ -36,30 +37,30 @@ def axle_curve(of: MagicFormulaTyre, x: Any, loss: float) -> Any:
 @pytest.mark.parametrize("loss", [0.0, 0.2, -0.1])
 @pytest.mark.parametrize(("c", "e"), SHAPES)
 def test_the_stated_error_holds_and_is_not_far_above(c: float, e: float, loss: float) -> None:
-    """Check other points than the search: evenly spaced ones, and geometric ones far out."""
+    """The points differ from those of the search: evenly spaced ones, and geometric ones far out."""
     table, curve, step = tabulate(tyre(c, e), loss), TableCurve.of(tyre(c, e), np.float64, loss), 1e-7
     x = np.concatenate([np.linspace(0.0, 40.0, 60_007), np.geomspace(1e-5, 1e6, 40_003)])
     (value, slope), (ahead, _) = curve(x), curve(x + step)
     error = float(np.abs(value - axle_curve(tyre(c, e), x, loss)).max())
     assert error <= table.error <= 1.05 * error
     assert table.values[0] == 0.0 and np.array_equal(curve(-x)[0], -value)
-    # The difference quotient is off by half a step of the second derivative, 2 slope / (x + compression), and by rounding.
+    # The difference quotient errs by half a step of the second derivative, 2 slope / (x + compression), and by rounding.
     off = np.abs(np.maximum((ahead - value) / step, 0.0) - slope)
     assert (off <= 1.01 * step * slope / table.compression + 4.0 * np.finfo(float).eps / step)[x < 40.0].all()
 
 
 def test_a_curve_that_no_table_keeps_is_refused() -> None:
-    """A curve steeper than any tyre of a configuration is not built."""
+    """The curve is steeper than any tyre of a configuration."""
     with pytest.raises(BuildError, match=r"tyre\.front: no table of 512 cells follows the tyre's curve within 0\.001"):
         tabulate(tyre(1.3, -1e6), where="tyre.front")
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_step_is_stable_and_accurate_from_the_enabling_speed_for_any_plausible_car(seed: int) -> None:
-    """States up to 6 degrees and 45 deg/s end in one turn, and a ramp of 0.2 s to 4 degrees follows the exact solution.
+    """States up to 6 degrees and 45 deg/s converge to one turn, and a ramp of 0.2 s to 4 degrees follows the exact solution.
 
-    The yaw rate is off by at most 0.15 % of its peak for 60 cars; twice that is allowed. The slowest mode of a car
-    decays within some 0.1 s at the enabling speed, and by far more than to 1e-6 in 2 s.
+    For 60 cars the error of the yaw rate is at most 0.15 % of its peak; twice that is allowed. The slowest mode of a car decays
+    within about 0.1 s at the enabling speed, and by far more than to 1e-6 in 2 s.
     """
     config = random_cars(DEVELOPMENT_SEED, seed + 1)[seed]
     model, period, friction = SecondReferenceModel(config, np.float64), config.controller.sampling_time_s, config.road.friction

@@ -1,4 +1,4 @@
-"""The section macros of the generated code: everything that the linker places can be placed."""
+"""The section macros of the generated code: the linker can place every function and object."""
 
 import subprocess
 from pathlib import Path
@@ -14,7 +14,7 @@ KINDS = {"CODE": ".mine.code", "CONST": ".mine.const", "CALIBRATION": ".mine.cal
 
 
 def placed(source: Path, folder: Path, level: str, out: Path) -> dict[str, set[str]]:
-    """Section -> names of the functions and objects in it."""
+    """Return the names of functions and objects by section."""
     macros = [f'-DARS_SECTION_{kind}=__attribute__((section("{name}")))' for kind, name in KINDS.items()]
     command = [*compiler_command(), "-std=c99", level, *macros, f"-I{folder / 'include'}", "-c", str(source), "-o", str(out)]
     subprocess.run(command, check=True, capture_output=True)
@@ -27,7 +27,7 @@ def placed(source: Path, folder: Path, level: str, out: Path) -> dict[str, set[s
     return found
 
 
-def test_every_function_and_object_can_be_placed_by_what_it_is(tmp_path: Path) -> None:
+def test_every_function_and_object_has_the_section_of_its_kind(tmp_path: Path) -> None:
     # Breakpoints in memory too.
     grid = builds.CONFIG.grid.model_copy(update={"speed_breakpoints_km_h": [20.0, 30.0, 50.0, 120.0], "front_angle_points": 10})
     config = builds.CONFIG.model_copy(update={"grid": grid})
@@ -40,11 +40,12 @@ def test_every_function_and_object_can_be_placed_by_what_it_is(tmp_path: Path) -
     # Static ones are numbered.
     table = {kind: {name.partition(".")[0] for name in names} for kind, names in found["map"].items()}
     assert {"ars_map_yaw_rate", "interpolate"} <= table[KINDS["CODE"]]
-    assert "lateral_acceleration_cap" in table[KINDS["CONST"]]
     assert KINDS["CALIBRATION"] not in table
+    assert "sampling_time" in {name.partition(".")[0] for name in found["controller"][KINDS["CONST"]]}
     map_names = {f"ars_map_{each}" for each in ("speed_breakpoints", "front_angle_breakpoints", "yaw_rate_table")}
     assert found["calibration"] == {
-        KINDS["CALIBRATION"]: {"ars_parameters_default", "ars_epk", "ars_calibration_expected_checksum", *map_names}
+        KINDS["CALIBRATION"]: {"ars_parameters_default", "ars_epk", "ars_calibration_expected_checksum", *map_names},
+        KINDS["CONST"]: {"ars_constants"},
     }
     example = placed(sources / "example/example_main.c", sources, "-O0", tmp_path / "example.o")
     assert example[KINDS["STATE"]] == {"controller"}

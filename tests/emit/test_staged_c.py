@@ -1,4 +1,4 @@
-"""A CasADi function in stages and for lanes: right against the CasADi machine, each stage only what changes there."""
+"""A CasADi function in stages and lanes: equal to the CasADi machine, with each stage depending only on its arguments."""
 
 import re
 from typing import Any
@@ -13,7 +13,7 @@ STAGES = {"car": ["p"], "step": ["u"], "rate": ["x"]}
 
 
 def everything() -> Any:
-    """Each operation that the plant has, over arguments of all stages."""
+    """Return an expression with each operation of the plant, over arguments of all stages."""
     p, u, x = (ca.SX.sym(name, size) for name, size in SIZES.items())
     slow = p[0] * p[1] + 2.0
     per_step = ca.fmax(u[0] / p[0], -slow) * p[2]
@@ -23,7 +23,7 @@ def everything() -> Any:
     return ca.Function("everything", [p, u, x], [results], ["p", "u", "x"], ["y"])
 
 
-def test_each_stage_reads_its_arguments_and_what_is_held() -> None:
+def test_each_stage_reads_its_arguments_and_stored_values() -> None:
     car, step, rate = staged_body(everything(), STAGES)
     assert set(re.findall(r"\b(\w+)\[", "".join(car.body))) == {"p", "held_car", "at"}
     assert "x[" not in "".join(step.body)

@@ -1,4 +1,4 @@
-"""The files by which a C project takes a build over: GNU make here, CMake and Zephyr's CMake in tests/evidence/toolchains."""
+"""Files for use in a C project: GNU make here, CMake and Zephyr's CMake in tests/evidence/toolchains."""
 
 import functools
 import os
@@ -62,7 +62,7 @@ def done(result: subprocess.CompletedProcess[str]) -> str:
 
 
 def project(folder: Path, files: dict[str, str], *prefixes: str) -> Path:
-    """Write a project with these files, and beside them a build for each prefix in a folder of its name."""
+    """Write a project with these files, and for each prefix a build in a folder of that name."""
     folder.mkdir(parents=True)
     for prefix in prefixes:
         write_folder(made(prefix), folder / prefix)
@@ -75,7 +75,7 @@ def project(folder: Path, files: dict[str, str], *prefixes: str) -> Path:
 
 
 def test_a_fresh_make_project_needs_two_lines(tmp_path: Path) -> None:
-    """They may stand first: the default goal stays, and so does the project's own compilation."""
+    """They may come first: the default goal and the project's own compilation stay unchanged."""
     folder = project(tmp_path / "a plain project", {"Makefile": MAKE_LINES + MAKE_HELLO, "main.c": SELFTEST_MAIN}, "ars")
     before = sorted((folder / "ars").rglob("*"))
     output = done(run(["make"], folder)).splitlines()
@@ -85,7 +85,7 @@ def test_a_fresh_make_project_needs_two_lines(tmp_path: Path) -> None:
     for line in compiled:
         assert ("-ffp-contract=off" in line) == ("ars/src/" in line), line
         assert ("-std=c99" in line) == ("ars/src/" in line), line
-    assert len(compiled) == len([path for path in made().files if path.startswith("src/")])  # main.c, and not the dynamics
+    assert len(compiled) == len([path for path in made().files if path.startswith("src/")])  # plus main.c, minus the dynamics
     assert "up to date" in done(run(["make"], folder))
     header = folder / "ars" / "include" / "ars_sections.h"
     newer = (folder / "hello").stat().st_mtime + 2.0
@@ -93,7 +93,7 @@ def test_a_fresh_make_project_needs_two_lines(tmp_path: Path) -> None:
     assert "ars_map.c" in done(run(["make", "-n"], folder))
 
 
-def test_objects_of_two_builds_with_dynamics_go_where_the_project_wants_them(tmp_path: Path) -> None:
+def test_objects_of_two_builds_with_dynamics_go_to_the_project_s_folder(tmp_path: Path) -> None:
     out = tmp_path / "out"
     lines = "include ../ecu/ars/ars.mk\nhello: $(ARS_OBJECTS)\n"
     both = lines + "hello: $(ARS_DYNAMICS_OBJECTS)\nLDLIBS += -lm\n" + lines.replace("ars", "rws").replace("ARS", "RWS")
@@ -129,7 +129,7 @@ def test_the_zephyr_module_names_files_of_the_build() -> None:
 
 
 def kconfig(folder: Path, prefix: str = "ars", minimal: bool = False, **values: str) -> dict[str, str]:
-    """Return the values of the module's symbols, inside a tree that has what Zephyr has around them."""
+    """Return the values of the module's symbols, in a tree with the symbols that Zephyr provides."""
     folder.mkdir(exist_ok=True)
     (folder / "Kconfig.module").write_bytes(made(prefix).files["zephyr/Kconfig"])
     (folder / "Kconfig").write_text(

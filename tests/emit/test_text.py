@@ -1,4 +1,4 @@
-"""Words and numbers as C text: nothing that a user names can end a comment, and every number reads back to its bits."""
+"""Words and numbers as C text: no user text can end a comment, and every number reads back to its bits."""
 
 import numpy as np
 import pytest

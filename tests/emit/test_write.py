@@ -1,4 +1,4 @@
-"""Writing a generated folder: whole or not at all, and nothing of the user's is ever touched."""
+"""Writing a generated folder: complete or not at all, without touching files of the user."""
 
 import errno
 import itertools
@@ -37,7 +37,7 @@ Tree = dict[str, bytes | str | None]
 
 
 def tree(folder: Path) -> Tree:
-    """All below `folder`: bytes of files, targets of links, None for folders."""
+    """Return the content of `folder`: bytes of files, targets of links, None for folders."""
     found: Tree = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
@@ -48,49 +48,49 @@ def tree(folder: Path) -> Tree:
     return found
 
 
-def expected(folder: Folder, beside: dict[str, bytes] | None = None) -> Tree:
-    files: Tree = {**folder.content(), **(beside or {})}
+def expected(folder: Folder, siblings: dict[str, bytes] | None = None) -> Tree:
+    files: Tree = {**folder.content(), **(siblings or {})}
     return dict.fromkeys((str(parent) for path in folder.files for parent in Path(path).parents[:-1]), None) | files
 
 
 def stamps(folder: Path) -> dict[str, tuple[int, int, int]]:
-    """Inode and times of everything at and below `folder`: changes with any write, also of the same bytes."""
+    """Return inode and times of `folder` and its content: they change with any write, even of the same bytes."""
     facts = {str(path): os.lstat(path) for path in (folder, *folder.rglob("*"))}
     return {path: (fact.st_ino, fact.st_mtime_ns, fact.st_ctime_ns) for path, fact in facts.items()}
 
 
 @pytest.fixture
 def target(tmp_path: Path) -> Path:
-    """A folder with the old build, in a folder that holds nothing else."""
+    """Return a folder with the old build, in a folder with no other content."""
     place = tmp_path / "out" / "4ws2"
     write_folder(OLD, place)
     return place
 
 
-def ended() -> int:
-    """Return the number of a process that has ended."""
+def finished_process() -> int:
+    """Return the number of a finished process."""
     process = subprocess.Popen(["true"])
     process.wait()
     return process.pid
 
 
-def beside(target: Path) -> list[str]:
+def siblings(target: Path) -> list[str]:
     return sorted(path.name for path in target.parent.iterdir() if path != target)
 
 
 def no_exchange(one: Path, other: Path) -> None:
-    raise OSError(errno.ENOSYS, "no such call here")
+    raise OSError(errno.ENOSYS, "unsupported call")
 
 
 @pytest.fixture(params=["exchange", "renames"])
 def swap(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Both ways to swap: the one system call, and two renames where there is no such call."""
+    """Select how folders are swapped: by one system call, or by two renames where that call is missing."""
     if request.param == "renames":
         monkeypatch.setattr(write, "_exchange", no_exchange)
     return str(request.param)
 
 
-# What is written
+# Content
 
 
 def test_a_path_or_fact_that_is_reserved_or_leaves_the_folder_is_a_fault_of_the_program() -> None:
@@ -111,7 +111,7 @@ def test_new_folder_with_missing_parents(tmp_path: Path, swap: str) -> None:
     place = tmp_path / "a" / "b" / "4ws2"
     assert write_folder(OLD, place) is True
     assert tree(place) == expected(OLD)
-    assert beside(place) == []
+    assert siblings(place) == []
     plain = tmp_path / "plain"
     plain.mkdir(0o750)
     assert write_folder(OLD, plain) is True  # an empty folder is used and keeps its mode
@@ -126,8 +126,8 @@ def test_unchanged_build_touches_nothing_and_a_changed_one_replaces_all(target: 
     assert stamps(target.parent) == before
     assert write_folder(NEW, target) is True
     assert tree(target) == expected(NEW)  # without the stale verification
-    assert beside(target) == []
-    (target / "README.md").write_bytes(b"odd\n")  # of the size of what stood there
+    assert siblings(target) == []
+    (target / "README.md").write_bytes(b"odd\n")  # same size as before
     assert write_folder(NEW, target) is True
     assert tree(target) == expected(NEW)
     assert write_folder(Folder(NEW.files, {"prefix": "other"}), target) is True
@@ -141,7 +141,7 @@ def test_a_link_to_a_folder_is_followed(target: Path, tmp_path: Path) -> None:
     assert link.is_symlink() and tree(target) == expected(NEW)
 
 
-# What is not ours
+# Files of others
 
 
 def plant_file(place: Path, name: str) -> None:
@@ -149,7 +149,7 @@ def plant_file(place: Path, name: str) -> None:
     (place / name).write_bytes(b"dear to its owner\n")
 
 
-THINGS: dict[str, Callable[[Path], object]] = {
+FOREIGN_CONTENT: dict[str, Callable[[Path], object]] = {
     "file": lambda path: path.write_bytes(b"dear to its owner\n"),
     "folder": Path.mkdir,
     "link to a file": lambda path: path.symlink_to("../README.md"),
@@ -159,12 +159,14 @@ THINGS: dict[str, Callable[[Path], object]] = {
 NAMES = ("a/b/c/mine.c", "src/verify.json", "src/manifest.json")
 
 
-@pytest.mark.parametrize(("name", "thing"), [*(("src/mine", thing) for thing in THINGS), *((name, "file") for name in NAMES)])
+@pytest.mark.parametrize(
+    ("name", "thing"), [*(("src/mine", thing) for thing in FOREIGN_CONTENT), *((name, "file") for name in NAMES)]
+)
 def test_foreign_content_is_named_and_kept(target: Path, name: str, thing: str) -> None:
     (target / name).parent.mkdir(parents=True, exist_ok=True)
-    THINGS[thing](target / name)
+    FOREIGN_CONTENT[thing](target / name)
     before = stamps(target.parent)
-    for folder in (NEW, OLD):  # also where the build itself would change nothing
+    for folder in (NEW, OLD):  # even if the build would change nothing
         with pytest.raises(BuildError) as caught:
             write_folder(folder, target)
         assert f"holds '{name}'," in caught.value.what
@@ -173,14 +175,14 @@ def test_foreign_content_is_named_and_kept(target: Path, name: str, thing: str) 
 
 
 @pytest.mark.parametrize("thing", ["link to a file", "pipe", "link to a folder of files"])
-def test_a_name_of_ours_does_not_make_another_thing_ours(target: Path, tmp_path: Path, thing: str) -> None:
+def test_a_name_of_ours_does_not_make_other_content_ours(target: Path, tmp_path: Path, thing: str) -> None:
     plant_file(tmp_path, "user/ars_map.c")
     shutil.rmtree(target / "src")
     if thing == "link to a folder of files":
         (target / "src").symlink_to(tmp_path / "user")
     else:
         (target / "src").mkdir()
-        THINGS[thing](target / "src" / "ars_map.c")
+        FOREIGN_CONTENT[thing](target / "src" / "ars_map.c")
     before = stamps(tmp_path)
     with pytest.raises(BuildError, match="holds 'src"):
         write_folder(NEW, target)
@@ -191,7 +193,7 @@ def manifest_text(**changes: object) -> bytes:
     return json.dumps({**json.loads(render_manifest(OLD)), **changes}).encode()
 
 
-NOT_OURS = {
+FOREIGN_MANIFESTS = {
     "huge": render_manifest(OLD),
     "cut short": render_manifest(OLD)[:-30],
     "not text": b"\xff\xfe\x00\xd8",
@@ -204,11 +206,11 @@ NOT_OURS = {
 }
 
 
-@pytest.mark.parametrize("kind", NOT_OURS)
+@pytest.mark.parametrize("kind", FOREIGN_MANIFESTS)
 def test_a_manifest_that_is_not_ours_owns_nothing(target: Path, kind: str) -> None:
-    (target / MANIFEST).write_bytes(NOT_OURS[kind])
+    (target / MANIFEST).write_bytes(FOREIGN_MANIFESTS[kind])
     if kind == "huge":
-        os.truncate(target / MANIFEST, MANIFEST_BYTES_MAX + 1)  # sparse: takes no space, and is not read to its end
+        os.truncate(target / MANIFEST, MANIFEST_BYTES_MAX + 1)  # sparse: takes no space, and is not read completely
     before = stamps(target.parent)
     for call in (lambda: read_manifest(target), lambda: verify_hashes(target)):
         with pytest.raises(BuildError, match="codegen build") as caught:
@@ -221,7 +223,7 @@ def test_a_manifest_that_is_not_ours_owns_nothing(target: Path, kind: str) -> No
 
 def test_a_manifest_that_is_missing_or_no_file_is_refused_without_waiting(target: Path) -> None:
     (target / MANIFEST).unlink()
-    with pytest.raises(BuildError, match=r"holds 'README\.md'"):  # whatever its names, the folder is not ours
+    with pytest.raises(BuildError, match=r"holds 'README\.md'"):  # even with our names, the folder is not ours
         write_folder(OLD, target)
     for place in (target, target / "nowhere", target / "README.md"):
         with pytest.raises(BuildError, match=r"no generated folder.*codegen build"):
@@ -236,7 +238,7 @@ def test_target_that_is_no_folder(tmp_path: Path, thing: str) -> None:
     place = tmp_path / "out" / "4ws2"
     place.parent.mkdir()
     (tmp_path / "README.md").write_bytes(b"dear to its owner\n")
-    THINGS[thing](place)
+    FOREIGN_CONTENT[thing](place)
     before = stamps(tmp_path)
     for target in (place, Path("/")):
         with pytest.raises(BuildError, match="not a folder"):
@@ -247,7 +249,7 @@ def test_target_that_is_no_folder(tmp_path: Path, thing: str) -> None:
     assert stamps(tmp_path) == before
 
 
-def test_what_appears_at_the_last_moment_is_put_back(target: Path, monkeypatch: pytest.MonkeyPatch, swap: str) -> None:
+def test_content_that_appears_at_the_last_moment_is_restored(target: Path, monkeypatch: pytest.MonkeyPatch, swap: str) -> None:
     exchange, calls = write._exchange, []
 
     def late(one: Path, other: Path) -> None:
@@ -260,10 +262,10 @@ def test_what_appears_at_the_last_moment_is_put_back(target: Path, monkeypatch: 
     with pytest.raises(BuildError, match=r"holds 'src/late\.c'"):
         write_folder(NEW, target)
     assert tree(target) == expected(OLD, {"src/late.c": b"dear to its owner\n"})
-    assert beside(target) == []
+    assert siblings(target) == []
 
 
-# A build that fails
+# Failing builds
 
 
 def test_every_file_and_folder_is_on_the_disk_before_the_swap(target: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -282,11 +284,11 @@ def test_every_file_and_folder_is_on_the_disk_before_the_swap(target: Path, monk
 
 
 STEPS = ("mkdir", "fsync", "rename", "unlink", "rmdir")
-"""Calls of `os` that change the disk. `write._exchange` and half of `write._write_file` are steps as well."""
+"""Functions of `os` that change the disk. `write._exchange` and half of `write._write_file` are steps as well."""
 
 
 def step_by_step(patch: Callable[[Any, str, Any], None], at_step: Callable[[], None]) -> None:
-    """Make each step of `write_folder` call `at_step` first; a file's write calls it with half of the file written."""
+    """Make each step of `write_folder` call `at_step` first; writing a file calls it after half of the content."""
 
     def before(call: Callable[..., Any]) -> Callable[..., Any]:
         def wrapped(*args: Any, **kwargs: Any) -> Any:
@@ -310,7 +312,7 @@ def step_by_step(patch: Callable[[Any, str, Any], None], at_step: Callable[[], N
 
 
 def fail_at(step: int, error: BaseException, target: Path) -> tuple[bool, BaseException | None]:
-    """Build the new one with `error` raised at `step`, from 1 on; return whether it came that far, and what it raised."""
+    """Write the new build with `error` raised at `step`, counted from 1; return whether it got that far, and the exception."""
     steps = mock.Mock(side_effect=[*[None] * (step - 1), error, *[None] * 1000])
     with pytest.MonkeyPatch.context() as patch:
         step_by_step(patch.setattr, steps)
@@ -340,24 +342,24 @@ def test_failure_at_any_step(tmp_path: Path, swap: str, error: BaseException) ->
             was_old += 1
             assert isinstance(raised, BuildError if isinstance(error, OSError) else type(error))
             assert type(error) is not OSError or str(raised) == f"{target}: {FULL}"
-            assert beside(target) == [], f"step {step} leaves something"
+            assert siblings(target) == [], f"step {step} leaves files"
         else:
             # The new folder is in its place: only the removal of the old one can have failed.
             was_new += 1
-            assert found == expected(NEW), f"step {step} leaves a mixture"
+            assert found == expected(NEW), f"step {step} leaves a mixed folder"
             assert raised is None if isinstance(error, OSError) else raised is None or type(raised) is type(error)
             write_folder(NEW, target)
-            assert beside(target) == [], f"what step {step} left is not cleaned"
-    # The manifest, three files and the folders around them: at least that many steps stand before the swap, as many
-    # removals as there are files after it.
+            assert siblings(target) == [], f"the files left at step {step} are not removed"
+    # Before the swap there is at least one step for the manifest, each of three files and their folders; after it, a removal
+    # for each file.
     assert was_old >= 10 and was_new >= 5
-    for step in range(1, 12):  # parents that were made for a build that fails go again
+    for step in range(1, 12):  # parents created for a failing build are removed
         (tmp_path / f"kept {step}").mkdir()
         _, raised = fail_at(step, error, tmp_path / f"kept {step}" / "a" / "b" / "4ws2")
         assert raised is None or tree(tmp_path / f"kept {step}") == {}, f"step {step}"
 
 
-# A build that is killed
+# Killed builds
 
 
 def kill_at(step: int) -> Callable[[], None]:
@@ -380,13 +382,13 @@ def test_kill_at_any_step(tmp_path: Path, way: str, monkeypatch: pytest.MonkeyPa
             write_folder(NEW, target)
             os._exit(0)
         status = os.waitpid(child, 0)[1]
-        found, left = tree(target), beside(target)
+        found, left = tree(target), siblings(target)
         standing.append("old" if found == old else "new" if found == expected(NEW) else "a mixture" if found else "none")
         assert all(name.startswith(".4ws2.codegen-tmp-") for name in left)
         assert found or any(tree(target.parent / name) == old for name in left), "the old folder is lost"
         write_folder(NEW, target)
         assert tree(target) == expected(NEW)
-        assert beside(target) == []
+        assert siblings(target) == []
     assert status == 0
     # In order: the old folder up to the swap, the new one after it; between two renames, and only there, none.
     none = ["none"] if way == "renames" else []
@@ -396,16 +398,16 @@ def test_kill_at_any_step(tmp_path: Path, way: str, monkeypatch: pytest.MonkeyPa
 
 
 def test_folder_moved_aside_by_a_killed_build_comes_back_even_if_the_next_build_fails(target: Path) -> None:
-    target.rename(target.with_name(f".4ws2.codegen-tmp-{ended()}-old"))
+    target.rename(target.with_name(f".4ws2.codegen-tmp-{finished_process()}-old"))
     _, raised = fail_at(6, NO_SPACE, target)
     assert isinstance(raised, BuildError)
     assert tree(target) == expected(OLD)
-    assert beside(target) == []
+    assert siblings(target) == []
 
 
 def test_leftovers_of_dead_builds_go_and_other_things_stay(target: Path, tmp_path: Path) -> None:
-    dead, other, out = ended(), tmp_path / "other build", target.parent
-    for name in (f"{dead}", f"{dead}-old", f"{os.getpid()}"):  # the last: a namesake in a container
+    dead, other, out = finished_process(), tmp_path / "other build", target.parent
+    for name in (f"{dead}", f"{dead}-old", f"{os.getpid()}"):  # the last: the same process number in a container
         write_folder(NEW, out / f".4ws2.codegen-tmp-{name}")
     stay = [f".other.codegen-tmp-{dead}", ".4ws2.codegen-tmp-x", f"4ws2.codegen-tmp-{dead}", ".4ws2.codegen-tmp-0"]
     with subprocess.Popen(["cat"], stdin=subprocess.PIPE) as alive:
@@ -414,11 +416,11 @@ def test_leftovers_of_dead_builds_go_and_other_things_stay(target: Path, tmp_pat
             write_folder(NEW, out / name)
         for folder in (OLD, NEW):  # the first changes nothing
             write_folder(folder, target)
-            assert beside(target) == sorted(stay)
+            assert siblings(target) == sorted(stay)
             assert tree(target) == expected(folder)
         assert all(tree(out / name) == expected(NEW) for name in stay)
     write_folder(NEW, target)
-    assert beside(target) == sorted(stay[:-1])
+    assert siblings(target) == sorted(stay[:-1])
     leftover, link = (out / f".4ws2.codegen-tmp-{dead}{end}" for end in ("", "-old"))
     for place in (leftover, other):
         write_folder(OLD, place)
@@ -432,10 +434,10 @@ def test_leftovers_of_dead_builds_go_and_other_things_stay(target: Path, tmp_pat
     assert tree(target) == tree(other) == expected(OLD)
 
 
-# Builds at once
+# Concurrent builds
 
 
-def test_builds_at_once_leave_one_of_them_whole(tmp_path: Path, swap: str) -> None:
+def test_concurrent_builds_leave_one_complete(tmp_path: Path, swap: str) -> None:
     target = tmp_path / "4ws2"
     folders = [Folder({f"src/{n}.c": b"%d" % n, f"only{n}/x.h": b"%d" % n, "both": b"%d" % n}, {}) for n in range(4)]
 
@@ -446,7 +448,7 @@ def test_builds_at_once_leave_one_of_them_whole(tmp_path: Path, swap: str) -> No
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(build, range(4)))
     assert tree(target) in [expected(folder) for folder in folders]
-    assert beside(target) == []
+    assert siblings(target) == []
 
 
 # Checking

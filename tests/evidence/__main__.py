@@ -1,7 +1,7 @@
-"""`python -m tests.evidence [PART…] [--quick] [--changed] [--check]`: run parts of the evidence and record what they show.
+"""`python -m tests.evidence [PART…] [--quick] [--changed] [--check]`: run parts of the evidence and record their results.
 
-Without names all parts run. A part that was killed goes on where it was. Exit code 1: a part fails, a required tool is missing,
-or with --check a record does not match what is there. 2: bad input. 130: Ctrl-C.
+Without names all parts run. An interrupted part resumes. Exit code 1: a part fails, a required tool is missing, or with --check
+a record is out of date. 2: bad input. 130: Ctrl-C.
 """
 
 import argparse
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None, parts: Sequence[Part] = PARTS, 
         changed = [part for part in parts if not Record.read(part, records).is_current("full")]
         chosen = [part for part in parts if part in changed or part.name in options.parts]
     for part in chosen:
-        Record.read(part, records)  # a file that is no record is an error before the run, not after it
+        Record.read(part, records)  # report an invalid record before the run
     rows: list[tuple[Part, Outcome, float]] = []
     missing = {part.name: part.missing_tools() for part in chosen}
     for line in (f"{name}: not run: {tool}" for name, tools in missing.items() for tool in tools):
@@ -88,7 +88,7 @@ def _options(arguments: Sequence[str] | None, known: Sequence[str]) -> argparse.
 
 
 def _check(parts: Sequence[Part], records: Path) -> int:
-    """Report the records that do not speak of what is there, and those of no part: 1 if there is one."""
+    """Report outdated records, and records without a part; return 1 if there are any."""
     wrong, match_count = [], 0
     for part in parts:
         try:
@@ -108,7 +108,7 @@ def _check(parts: Sequence[Part], records: Path) -> int:
 
 
 def run_part(part: Part, effort: Effort) -> tuple[Outcome, float]:
-    """Run one part: its outcome and duration in s, with that of the runs that were cut short.
+    """Run one part; return its outcome and its duration in s, including interrupted runs.
 
     A missing tool and a build that cannot be tested are outcomes too.
     """
@@ -125,7 +125,7 @@ def run_part(part: Part, effort: Effort) -> tuple[Outcome, float]:
         outcome = Outcome(part.shows, "", Verdict.NOT_RUN, (str(error),))
     except CodegenError as error:
         return Outcome(part.shows, "", Verdict.FAILED, (str(error),)), time.time() - begun
-    if outcome.verdict is not Verdict.NOT_RUN:  # finished: the next run begins anew
+    if outcome.verdict is not Verdict.NOT_RUN:  # finished: the next run starts over
         for suffix in (*STEPS, ".clock"):
             scratch.with_suffix(suffix).unlink(missing_ok=True)
     return outcome, time.time() - begun
@@ -144,12 +144,12 @@ def _seconds_before(scratch: Path) -> float:
 
 
 if __name__ == "__main__":
-    faulthandler.enable()  # a part that brings the process down leaves its place
+    faulthandler.enable()  # print the stack if a part crashes the process
     try:
         sys.exit(main())
     except CodegenError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
-        print("interrupted; the same command goes on where it was", file=sys.stderr)
+        print("interrupted; run the same command to resume", file=sys.stderr)
         sys.exit(130)

@@ -1,4 +1,4 @@
-"""Part "builds": every check of `codegen verify` on the committed builds. The full form leaves its record in each build."""
+"""Part "builds": every check of `codegen verify` on the committed builds. A full run stores its record in each build."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +16,7 @@ THREAD_COUNT = 2
 
 
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
-    """Run the checks, two at a time, those that take longest first."""
+    """Run the checks, two at a time, slowest first."""
     subjects = {folder: Subject.read(folder) for folder in folders}
     chosen = sorted(
         (check for check in CHECKS if check.quick or not effort.quick), key=lambda one: SLOWEST_FIRST.index(one.name)

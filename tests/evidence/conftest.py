@@ -1,4 +1,4 @@
-"""Resume of the evidence: tests that passed in an earlier run of the same code are not run again."""
+"""Resume of the evidence: skip tests that passed in an earlier run of the same code."""
 
 import os
 from pathlib import Path
@@ -8,14 +8,14 @@ import pytest
 from tests.evidence.pytest_part import PROGRESS_VARIABLE, end_with_parent
 
 PASSED = Path(os.environ[PROGRESS_VARIABLE]) if PROGRESS_VARIABLE in os.environ else None
-"""File of the ids of the tests that have passed."""
+"""File with the ids of passed tests."""
 
 if "PYTEST_XDIST_WORKER" in os.environ:
-    end_with_parent()  # by itself a worker goes on for up to 15 s
+    end_with_parent()  # otherwise a worker continues for up to 15 s
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Write the tests that pass to the file; in the process that starts the workers, for all of them."""
+    """Append passed tests to the file, in the process that starts the workers."""
     if PASSED and "PYTEST_XDIST_WORKER" not in os.environ and report.when == "call" and report.passed:
         with PASSED.open("a", encoding="utf-8") as stream:
             stream.write(f"{report.nodeid}\n")

@@ -1,4 +1,4 @@
-"""The parts of the evidence: what each shows, what it is about and the code that it runs.
+"""Parts of the evidence: what each shows, its subject and the code that it runs.
 
 A part is either a module with `run(folders, effort, progress) -> Outcome` or a folder of pytest files of the same name. Its
 record names the hashes of its subject and of its own code; if either changes, the record is out of date.
@@ -26,7 +26,7 @@ PACKAGES = {
     "llvm-cov-19": "llvm-19",
     "arm-none-eabi-gcc": "gcc-arm-none-eabi",
 }
-"""Debian's packages with a program, where their names differ."""
+"""Debian packages of programs with another name."""
 
 Run = Callable[[Sequence[Path], Effort, Progress], Outcome]
 
@@ -38,11 +38,11 @@ class Part:
     Attributes:
         name: name on the command line and of the record.
         shows: what it shows if it passes, one sentence without its full stop.
-        subject: patterns of the files that it is about, relative to the checkout.
+        subject: patterns of the tested files, relative to the checkout.
         module: module with `run`; empty for a folder of pytest files of the part's name.
-        runs: patterns of code outside `tests` that it runs, beside its subject.
-        worker_count: processes that share the tests of a folder; 0 for none beside pytest itself.
-        tools: programs that it needs beside a C compiler.
+        runs: patterns of further code outside `tests` that it runs.
+        worker_count: processes that share the tests of a folder; 0 for none besides pytest itself.
+        tools: programs that it needs besides a C compiler.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Part:
 
     @property
     def own(self) -> tuple[str, ...]:
-        """Patterns of the code that it runs, relative to the checkout; what this imports from `tests` belongs to it too."""
+        """Patterns of its own code, relative to the checkout; imports from `tests` are added."""
         *folder, module = self.module.split(".") if self.module else ["tests", "evidence", self.name, ""]
         by_pytest = () if self.module else ("tests/conftest.py", "tests/evidence/conftest.py", "tests/evidence/pytest_part.py")
         return ("/".join(folder) + ("/*" if len(folder) > 2 else f"/{module}.py"), *by_pytest, *self.runs)
@@ -76,14 +76,14 @@ class Part:
 
 
 def matching(patterns: Iterable[str], root: Path = ROOT) -> set[Path]:
-    """Return all files that match one of the patterns; compiled Python is left out."""
+    """Return all files that match one of the patterns, except compiled Python."""
     return {path for pattern in patterns for path in root.glob(pattern) if path.is_file() and "__pycache__" not in path.parts}
 
 
 def with_imports(files: set[Path], root: Path = ROOT) -> set[Path]:
-    """Return files and all modules of `tests` that they import, directly or not, with the data that lie beside those modules.
+    """Return files, all modules of `tests` that they import, directly or not, and the data next to those modules.
 
-    This module is left out: its patterns show in the hashes, and another sentence in it does not make a record wrong.
+    This module is excluded: its patterns affect the hashes anyway, and rewording a sentence does not outdate a record.
     """
     todo, found = set(files), set[Path]()
     while todo:
@@ -122,12 +122,12 @@ def hash_of(files: Iterable[Path], root: Path = ROOT) -> str:
 
 C = ("generated/4ws2*/include/*", "generated/4ws2*/src/*")
 CONFIG = ("codegen/configuration/**/*",)
-"""The configuration. It reaches the committed C through `generated` alone, so the parts about that C leave it out."""
+"""The configuration. It reaches the committed C only through `generated`, so the parts about that C exclude it."""
 MAPS = ("codegen/map_file/*", "codegen/optimum/*", "codegen/ecu_map/*", "codegen/vehicle/**/*", *CONFIG)
 GENERATOR = ("templates/**/*", "codegen/emit/**/*", *MAPS)
 TUNING = ("codegen/design/*", "codegen/tuning/*")
 COMMANDS = ("codegen/*.py", "codegen/[!e]*/**/*", "codegen/ex*/**/*", "hil_sim/**/*")
-"""What the commands run, without `codegen/emit`: `make test` compares the output of that byte by byte."""
+"""Code that the commands run, except `codegen/emit`, whose output `make test` compares byte by byte."""
 SIL = ("codegen/sil/*", "codegen/verify/law/*")
 VERIFY = ("codegen/verify/**/*", "templates/verify/*")
 FUZZING = ("templates/verify/*", "codegen/verify/fuzzing/*", "codegen/verify/sanitizers/*")
@@ -135,51 +135,51 @@ ALL_CHECKS = (
     "all checks of `codegen verify` pass on both committed builds: compilers, static analysis, processor in the loop, budgets, "
     "control law, proof, sanitizers, fuzzing"
 )
-MUTATION = "the tests of the C see every small fault in it, or it is argued why no input can show it"
-FAULTS = "a fault that is planted in the C fails just those checks of `codegen verify` that are there for it"
-FINDS = "each check of `codegen verify` finds what it is there for, in every kind of controller"
-MCDC = "in the tests of the C every condition decides by itself"
+MUTATION = "the tests of the C detect every small fault in it, or an argument shows that no input can reveal it"
+FAULTS = "each fault planted in the C fails exactly the responsible checks of `codegen verify`"
+FINDS = "each check of `codegen verify` finds its kinds of faults, in every kind of controller"
+MCDC = "in the tests of the C every condition alone determines a result"
 HELPERS = "helpers of one argument are right for all 2^32 inputs"
 FUZZED = "libFuzzer, guided by coverage, finds no crash and no broken bound"
 KINDS = "the checks of the C pass for every kind of controller, precision, map and storage"
 TOOLCHAINS = "the C builds and runs with other compilers, in CMake and Make projects, and as firmware in QEMU"
-IPOPT = "the optimum is that of IPOPT and of a search by brute force, on whole grids and for random cars"
-DRIVES = "long closed-loop suites, a second plant and campaigns end as they should"
-LOADERS = "damaged files of every kind are read, or answered in one line"
+IPOPT = "IPOPT and a brute-force search find the same optimum, on whole grids and for random cars"
+DRIVES = "long closed-loop suites, a second plant and campaigns give the expected results"
+LOADERS = "damaged files of every kind are read, or rejected in one line"
 INSTALL = "wheel, source distribution and make targets work in a fresh environment"
 BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*", *C, *CONFIG)
 DRIVEN = ("codegen/sweep/**/*", "codegen/report/paper.py", "hil_sim/**/*", "generated/4ws2*/src/*", *TUNING, *CONFIG)
 FIRMWARE = ("make", "arm-none-eabi-gcc", "qemu-system-arm")
 PAGES = ("codegen/report/**/*", "codegen/explore/**/*", "templates/report/*", "templates/explore/*", *TUNING, *CONFIG)
-HERE = "tests.evidence"
+PACKAGE = "tests.evidence"
 PARTS = (
-    Part("builds", ALL_CHECKS, ("generated/4ws2*/manifest.json", *C), f"{HERE}.builds", VERIFY),
+    Part("builds", ALL_CHECKS, ("generated/4ws2*/manifest.json", *C), f"{PACKAGE}.builds", VERIFY),
     Part("verify", FINDS, VERIFY),
-    Part("mutation", MUTATION, (*C, "generated/*.npz"), f"{HERE}.mutation.mutation", SIL),
-    Part("faults", FAULTS, C, f"{HERE}.faults.planted", VERIFY),
+    Part("mutation", MUTATION, (*C, "generated/*.npz"), f"{PACKAGE}.mutation.mutation", SIL),
+    Part("faults", FAULTS, C, f"{PACKAGE}.faults.planted", VERIFY),
     Part(
         "coverage",
-        "the tests of the C run every line and every branch of it",
+        "the tests of the C execute its every line and branch",
         C,
-        f"{HERE}.coverage.coverage",
+        f"{PACKAGE}.coverage.coverage",
         SIL,
         tools=("gcc", "gcov"),
     ),
-    Part("mcdc", MCDC, C, f"{HERE}.coverage.mcdc", SIL, tools=("clang-19", "llvm-profdata-19", "llvm-cov-19")),
-    Part("exhaustive", HELPERS, C, f"{HERE}.exhaustive.exhaustive", ("codegen/verify/sanitizers/*",)),
-    Part("libfuzzer", FUZZED, C, f"{HERE}.libfuzzer.libfuzzer", FUZZING, tools=("clang-19",)),
+    Part("mcdc", MCDC, C, f"{PACKAGE}.coverage.mcdc", SIL, tools=("clang-19", "llvm-profdata-19", "llvm-cov-19")),
+    Part("exhaustive", HELPERS, C, f"{PACKAGE}.exhaustive.exhaustive", ("codegen/verify/sanitizers/*",)),
+    Part("libfuzzer", FUZZED, C, f"{PACKAGE}.libfuzzer.libfuzzer", FUZZING, tools=("clang-19",)),
     Part("kinds", KINDS, GENERATOR, runs=SIL),
     Part("toolchains", TOOLCHAINS, (*GENERATOR, "codegen/export/**/*"), runs=SIL, tools=("cmake", *FIRMWARE)),
     Part("ipopt", IPOPT, (*MAPS, "codegen/design/*")),
     Part("drives", DRIVES, DRIVEN, runs=SIL),
     Part(
         "vcan", "the bench works on real SocketCAN", BENCH, runs=SIL, worker_count=0
-    ),  # one guest for all tests, which go by its clock
-    Part("loaders", LOADERS, COMMANDS, f"{HERE}.loaders.cases"),
+    ),  # one guest for all tests, which use its clock
+    Part("loaders", LOADERS, COMMANDS, f"{PACKAGE}.loaders.cases"),
     Part("browser", "report and explorer work in a browser", PAGES, tools=("chromium",)),
     Part(
         "guide",
-        "the commands of README and guide run, and print what stands there",
+        "the commands of README and guide run and print the output shown",
         ("README.md", "docs/*.md", *COMMANDS),
         tools=FIRMWARE,
     ),

@@ -7,7 +7,7 @@ from typing import Any
 
 
 class Progress:
-    """Results of finished steps by key, one JSON line each, in a file whose name holds the hash of all that they depend on."""
+    """Results of finished steps by key, one JSON line each, in a file named by the hash of all inputs."""
 
     def __init__(self, path: Path | None = None) -> None:
         self._path = path
@@ -17,11 +17,11 @@ class Progress:
                 try:
                     step = json.loads(line)
                 except ValueError:
-                    continue  # the line that a kill cut short
+                    continue  # a line truncated by a kill
                 self._done[step["key"]] = step["value"]
 
     def get(self, key: str) -> Any:
-        """Return the result of a finished step, None for any other."""
+        """Return the result of a finished step, None if it has not finished."""
         return self._done.get(key)
 
     def keep(self, key: str, value: Any) -> None:

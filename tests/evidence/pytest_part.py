@@ -1,6 +1,6 @@
-"""A part that is a folder of pytest files: run by pytest in a process of its own, resumed where it was killed.
+"""A part that is a folder of pytest files: run by pytest in its own process, resumed after a kill.
 
-That process ends with the one that started it, so that a second run does not meet the tests of a first that was killed.
+That process ends with its parent, so that a second run does not overlap the tests of a killed first one.
 """
 
 import ctypes
@@ -15,21 +15,21 @@ from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.parts import ROOT, Part
 
 PROGRESS_VARIABLE = "ARS_EVIDENCE_PASSED"
-"""Environment variable with the file of the tests that have passed; `tests/evidence/conftest.py` reads and extends it."""
+"""Environment variable with the file of passed tests; `tests/evidence/conftest.py` reads and extends it."""
 
 PR_SET_PDEATHSIG = 1
 """From the kernel's linux/prctl.h."""
 
 
 def run(part: Part, effort: Effort, passed: Path) -> Outcome:
-    """Run the tests of a part except those that passed in an earlier run of the same code: `passed` is their file."""
+    """Run the tests of a part except those that passed in an earlier run of the same code, listed in the file `passed`."""
     passed.parent.mkdir(parents=True, exist_ok=True)
-    result = passed.with_suffix(".xml")  # in the checkout, where a guest may write too
+    result = passed.with_suffix(".xml")  # in the checkout, which a guest can write to
     result.unlink(missing_ok=True)
     command = [sys.executable, "-m", "pytest", "-q", f"--junitxml={result}", *(["-m", "not long"] if effort.quick else [])]
     command += ["-n", str(part.worker_count), str(part.folder)]
     environment = os.environ | {PROGRESS_VARIABLE: str(passed)}
-    environment.pop("PYTEST_XDIST_WORKER", None)  # this pytest is no worker, even where a worker runs the part
+    environment.pop("PYTEST_XDIST_WORKER", None)  # this pytest is no worker, even if a worker starts the part
     done = subprocess.run(command, cwd=ROOT, env=environment, check=False, preexec_fn=end_with_parent)
     if not result.is_file():
         return Outcome(part.shows, "no result", Verdict.FAILED, (f"pytest ended with exit code {done.returncode}",))
@@ -47,13 +47,13 @@ def run(part: Part, effort: Effort, passed: Path) -> Outcome:
 
 
 def end_with_parent() -> None:
-    """Have the kernel kill this process when its parent ends, in whatever way."""
+    """Request that the kernel kills this process when its parent ends for any reason."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _read(result: Path) -> tuple[list[str], list[str]]:
-    """Return the failed tests, each with the first line of its message, and the reasons of skipped ones."""
+    """Return the failed tests with the first line of their messages, and the reasons of skipped ones."""
     failed, skipped = [], []
     for case in ElementTree.parse(result).iter("testcase"):
         name = f"{case.get('classname')}.{case.get('name')}"

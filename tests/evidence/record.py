@@ -1,4 +1,4 @@
-"""Records of the evidence: one JSON file for each part, committed, with the last full run and the last quick one."""
+"""Records of the evidence: one committed JSON file for each part, with the last full run and the last quick one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KEYS = {"hashes", "verdict", "figure", "findings", "figures", "tools", "duration
 
 
 def common_tools() -> dict[str, str]:
-    """Return the versions of what every part runs with."""
+    """Return the versions of the tools of every part."""
     compiler = compiler_command()
     answer = subprocess.run([*compiler, "--version"], capture_output=True, text=True, check=False).stdout.partition("\n")[0]
     return {"Python": platform.python_version(), "C compiler": answer}
@@ -30,14 +30,15 @@ def common_tools() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Record:
-    """The record of a part. `runs` holds a run by its form, as JSON values."""
+    """Record of a part. `runs` holds a run by its form, as JSON values."""
 
     part: Part
     runs: dict[str, dict[str, Any]]
 
     @classmethod
     def read(cls, part: Part, folder: Path = RECORDS) -> Record:
-        """Read the record of a part; without a file it has no runs. Raises CodegenError: the file is not a record of it."""
+        """Read the record of a part; without a file it has no runs. Raises CodegenError: the file is not a record of the
+        part."""
         path = folder / f"{part.name}.json"
         if not path.is_file():
             return cls(part, {})
@@ -51,11 +52,11 @@ class Record:
 
     @functools.cached_property
     def hashes(self) -> dict[str, str]:
-        """Hashes of what is there now."""
+        """Current hashes."""
         return self.part.hashes()
 
     def fault(self, form: str) -> str:
-        """Why a run of this form does not speak of what is there: empty if it passed on it."""
+        """Return why a run of this form is no current evidence; empty if it passed on the current files."""
         if form not in self.runs:
             return "there is none"
         run = self.runs[form]
@@ -64,22 +65,22 @@ class Record:
         return ", and ".join(filter(None, (verdict, f"{' and '.join(changed)} changed since" if changed else "")))
 
     def is_current(self, form: Form) -> bool:
-        """Whether a run of this form passed on what is there now."""
+        """Return whether a run of this form passed on the current files."""
         return not self.fault(form)
 
     @property
     def best(self) -> Form | None:
-        """The form of the run that speaks best for the part: a current one before others, a full one before a quick one."""
+        """Return the form of the best run: current before outdated, full before quick."""
         forms: list[Form] = [form for form in FORMS if form in self.runs]
         return min(forms, key=lambda form: bool(self.fault(form)), default=None)
 
     @property
     def matches(self) -> bool:
-        """Whether a full or a quick run passed on what is there now, so that the record speaks of it."""
+        """Return whether a full or a quick run passed on the current files."""
         return any(map(self.is_current, FORMS))
 
     def keep(self, form: Form, outcome: Outcome, hashes: dict[str, str], seconds: float, folder: Path = RECORDS) -> None:
-        """Write a run, with `Part.hashes` when it began, into the record; the run of the other form stays."""
+        """Store a run with the `Part.hashes` at its start; the run of the other form stays."""
         self.runs[form] = {
             "hashes": hashes,
             "verdict": str(outcome.verdict),

@@ -66,7 +66,7 @@ class Client:
         return f"127.0.0.1:{self.server.server_port}"
 
     def ask(self, method: str, path: str, body: bytes | None = None, **headers: str | None) -> Answer:
-        """Send one request; a header of None is left out."""
+        """Send one request; a header of None is omitted."""
         length = {} if body is None else {"Content_Length": str(len(body))}
         with closing(http.client.HTTPConnection("127.0.0.1", self.server.server_port, timeout=60)) as connection:
             connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
@@ -78,14 +78,14 @@ class Client:
             return Answer(answer.status, dict(answer.getheaders()), answer.read())
 
     def post(self, path: str, data: object, **headers: str | None) -> Answer:
-        """Send JSON, or bytes as they are, with the headers of the page."""
+        """Send JSON, or bytes unchanged, with the headers of the page."""
         usual = {"Content_Type": "application/json", "X_Explore_Key": self.server.key}
         return self.ask("POST", path, data if isinstance(data, bytes) else json.dumps(data).encode(), **(usual | headers))
 
 
 @pytest.fixture
 def client(pi: Explorer, tmp_path: Path) -> Iterator[Client]:
-    """A server whose button writes to `tmp_path`."""
+    """Provide a client of a server whose button writes to `tmp_path`."""
     with ExploreServer(pi, Target(tmp_path / "ars.toml", preset_bases())) as server:
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()

@@ -1,4 +1,4 @@
-"""Controls and figures of the page, against the functions of the project and against a fresh build of the same settings."""
+"""Controls and figures of the page compared with the project's functions and with a fresh build of the same settings."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from codegen.configuration import KM_H
 from codegen.design.margins import family_margins, nominal_margins
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.laws import law_of
@@ -17,13 +16,14 @@ from codegen.map_file.road import on_road
 from codegen.optimum.solve import solve_case
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import compile_build
+from codegen.units import KM_H
 from hil_sim.scenarios import SCENARIOS
 from tests.report.figures import unpacked
 
 TIGHT = {"limits.sideslip_max_deg": 0.5, "limits.lateral_acceleration_max_g": 0.3}
 
 
-def test_the_map_is_that_of_codegen_solve(pi: Explorer) -> None:
+def test_the_map_equals_that_of_codegen_solve(pi: Explorer) -> None:
     moved = {"lambda": 150.0, "limits.sideslip_max_deg": 2.0}
     shown = pi.picture(moved)["map"]
     expected = solve_case(pi.configured(moved), pi.case)
@@ -63,7 +63,7 @@ PARTS = ("map", "cut", "step", "margins")
         ("step.road_percent", 60.0, {"step"}),
     ],
 )
-def test_each_setting_changes_its_parts_alone(pi: Explorer, key: str, value: float, parts: set[str]) -> None:
+def test_each_setting_changes_only_its_parts(pi: Explorer, key: str, value: float, parts: set[str]) -> None:
     """The start values are shown next to the settings."""
     before, after = pi.picture({}), pi.picture({key: value})
     if not key.startswith("step."):
@@ -72,8 +72,8 @@ def test_each_setting_changes_its_parts_alone(pi: Explorer, key: str, value: flo
     assert {part for part in PARTS if json.dumps(before[part]) != json.dumps(after[part])} == parts
 
 
-def test_nothing_remains_of_the_settings_before(pi: Explorer) -> None:
-    """The first of two moves leaves the start, so that everything kept is computed again; stale parts show at the second."""
+def test_earlier_settings_leave_nothing_behind(pi: Explorer) -> None:
+    """The first of two changes recomputes everything cached; the second reveals stale parts."""
     values = {"road.friction": (0.7, 0.5), "step.speed_km_h": (60.0, 80.0), "step.angle_deg": (60.0, 30.0)}
     values |= {"step.road_percent": (80.0, 60.0), "controller.integral_gain": (0.4, 0.2)}
     for key, (one, other) in values.items():
@@ -85,9 +85,9 @@ def test_nothing_remains_of_the_settings_before(pi: Explorer) -> None:
 
 def test_the_figures_of_the_step(pi: Explorer) -> None:
     shown = pi.picture({})["step"]["figures"]
-    # The PI follows the cap of the map, (slip bound of the tyre over slip for each m/s^2) / speed, to the end.
+    # The PI follows the cap of the map, (slip bound of the tyre / slip per m/s^2) / speed, to the end.
     cap = pi.calibration(pi.start).total.lateral_acceleration_cap / (42.5 * KM_H)
-    # An integrator: after 3 s an error of some 0.1 % remains.
+    # The integrator leaves an error of some 0.1 % after 3 s.
     assert np.radians(shown["now"]["yaw_rate_steady_deg_s"]) == pytest.approx(cap, rel=5e-3)
     assert shown["passive"]["rear_angle_peak_deg"] == 0.0
     assert shown["passive"]["sideslip_peak_deg"] > shown["now"]["sideslip_peak_deg"]
@@ -105,7 +105,7 @@ def test_margins_are_those_of_the_design(tracking: Explorer) -> None:
     gains = law_of(config).gains(config)
     speed = np.array(shown["speed_km_h"]) * KM_H
     expected = nominal_margins(config, speed, *gains(speed))
-    # Two digits of km/h are sent: 1e-4 of a speed at the least, and margins change no faster than a few percent for each.
+    # Speeds have two decimals of km/h, at least 1e-4 of a speed, and margins change by only a few percent for each percent.
     np.testing.assert_allclose(shown["gain_db"], expected.gain_margin_db, rtol=1e-3)
     np.testing.assert_allclose(shown["phase_deg"], expected.phase_margin_deg, rtol=1e-3)
     assert shown["worst"]["gain_db"] == pytest.approx(min(shown["gain_db"]), abs=0.01)
@@ -118,7 +118,7 @@ def test_the_margins_of_the_family_are_those_of_codegen_tune(tracking: Explorer)
     speed = np.array(shown["speed_km_h"])[[0, -1]] * KM_H
     expected, _ = family_margins(tracking.start, speed, *gains(speed))
     np.testing.assert_allclose(np.array(shown["gain_db"])[[0, -1]], expected.gain_margin_db, rtol=1e-3)
-    # The tuned gains keep the required margins up to the end of the map.
+    # The tuned gains meet the required margins up to the end of the map.
     assert min(shown["gain_db"]) >= 8.0
     assert min(shown["phase_deg"]) >= 45.0
     assert shown["cars"] == 243
@@ -133,18 +133,18 @@ GAINS = {"pi": {"controller.integral_gain": 0.3}, "tracking": {"integral_percent
 
 
 @pytest.mark.parametrize("kind", ["pi", "tracking"])
-def test_settings_run_as_a_fresh_build_of_them_bit_for_bit(kind: str, request: pytest.FixtureRequest) -> None:
+def test_settings_run_like_a_fresh_build_bit_for_bit(kind: str, request: pytest.FixtureRequest) -> None:
     explorer: Explorer = request.getfixturevalue(kind)
     config = explorer.configured({"lambda": 200.0, **LIMITS, **FRICTION, **GAINS[kind]})
     calibration = explorer.calibration(config)
     folder = build(solve_case(config, explorer.case), config, BuildOptions("fresh"), BuildInputs("map.npz", "0" * 64, "map"))
     fresh = ClosedLoop(compile_build(folder.files, folder.manifest))
-    # The step is within the map; the second scenario slides beyond it, on a road with less friction than the map's.
+    # The step stays within the map; the second scenario leaves it, on a road with less friction than the map's.
     for scenario in (SCENARIOS["step-steer"], SCENARIOS["low-friction"]):
         inputs = scenario.inputs(config)
         fresh.reset()
         expected = fresh.run(inputs)
-        assert np.ptp(expected[:, 3]) > 0.1  # rad/s: the car does turn
+        assert np.ptp(expected[:, 3]) > 0.1  # rad/s: the car turns
         np.testing.assert_array_equal(explorer.run(calibration, inputs), expected)
 
 
@@ -158,7 +158,7 @@ def test_threads_do_not_share_settings(pi: Explorer) -> None:
     assert all(np.array_equal(run, expected[k % 2]) for k, run in enumerate(runs))
 
 
-def test_each_setting_reaches_its_key_alone(pi: Explorer, tracking: Explorer) -> None:
+def test_each_setting_changes_only_its_key(pi: Explorer, tracking: Explorer) -> None:
     assert tracking.configured(start_values(tracking.controls)) is tracking.start
     data = pi.start.model_dump(mode="json")
     data["cases"]["4ws-2"]["sideslip_weight_per_s2"] = 100.0
@@ -166,11 +166,11 @@ def test_each_setting_reaches_its_key_alone(pi: Explorer, tracking: Explorer) ->
     data["controller"]["integral_gain"] = 0.25
     found = pi.configured({"lambda": 100.0, "limits.rear_angle_max_deg": 2.0, "controller.integral_gain": 0.25})
     assert found.model_dump(mode="json") == data
-    assert pi.configured({"road.friction": 0.5}) == on_road(pi.start, 0.5)  # the tyres stay as they are
+    assert pi.configured({"road.friction": 0.5}) == on_road(pi.start, 0.5)  # the tyres are unchanged
     before = tracking.start.controller.tracking.schedule
     after = tracking.configured({"proportional_percent": 50.0}).controller.tracking.schedule
     assert before is not None and after is not None
-    # Six digits are kept of each product.
+    # Each product has six digits.
     assert after.proportional_gain_s == pytest.approx([0.5 * gain for gain in before.proportional_gain_s], rel=1e-5)
     assert after.integral_gain == before.integral_gain
     assert (before.gain_margin_db is None, after.gain_margin_db) == (False, None)  # the margins of other gains

@@ -16,8 +16,8 @@ from codegen.explore.toml_file import Target
 from .conftest import Answer, Client
 
 GOOD = {"page": 1, "number": 1, "values": {}}
-QUESTIONS = ("/api/picture", "/api/family", "/api/write")
-# Of every answer, with the start of their values.
+ENDPOINTS = ("/api/picture", "/api/family", "/api/write")
+# Headers of every response, with the start of their values.
 HEADERS = {"Content-Security-Policy": "default-src 'none'", "X-Content-Type-Options": "nosniff", "Cache-Control": "no-store"}
 
 
@@ -52,7 +52,7 @@ def test_the_parts_of_the_page_load_nothing_else(client: Client) -> None:
 
 @pytest.mark.parametrize("host", ["evil.example:{port}", "127.0.0.1:1", "localhost", "", None])
 def test_another_host_name_is_refused(client: Client, host: str | None) -> None:
-    """A foreign name can be made to point to 127.0.0.1 (DNS rebinding)."""
+    """DNS rebinding can make a foreign name resolve to 127.0.0.1."""
     named = host if host is None else host.format(port=client.server.server_port)
     page = client.ask("GET", f"/?key={client.server.key}", Host=named)
     assert page.status == 421
@@ -72,14 +72,14 @@ def test_errors_of_the_library_have_the_headers_of_every_answer(client: Client, 
     assert (body == "") == (method == "HEAD")
 
 
-def test_a_question_needs_the_key_and_its_own_origin(client: Client, tmp_path: Path) -> None:
+def test_a_request_needs_the_key_and_its_own_origin(client: Client, tmp_path: Path) -> None:
     wrong: list[dict[str, str | None]] = [{"X_Explore_Key": None}, {"X_Explore_Key": "guess"}]
     wrong += [{"Origin": "http://evil.example"}, {"Origin": "null"}]
-    for path in QUESTIONS:
+    for path in ENDPOINTS:
         for headers in wrong:
             assert client.post(path, GOOD, **headers).status == 403
         assert list(tmp_path.iterdir()) == []
-    for path in QUESTIONS:
+    for path in ENDPOINTS:
         assert client.post(path, GOOD, Origin=f"http://{client.host}").status == 200
     assert client.post("/api/picture", GOOD, Host=f"localhost:{client.server.server_port}").status == 200
 
@@ -95,11 +95,11 @@ def test_no_path_leads_to_a_file(client: Client, tmp_path: Path) -> None:
     assert (answer.status, answer.body) == (400, b"this is no address\n")
 
 
-def test_a_body_that_is_no_json_object_is_refused(client: Client) -> None:
+def test_a_body_that_is_not_a_json_object_is_rejected(client: Client) -> None:
     for body in (b"", b"{", b"[1]", b'"x"', b"\xff", b"[" * 30000, b"null"):
         check_refused(client.post("/api/picture", body), 400, "JSON")
     check_refused(client.post("/api/picture", GOOD, Content_Type="text/plain"), 415, "application/json")
-    # A superscript is a digit for Python, and no number; Python converts 4300 digits at most.
+    # Python counts a superscript as a digit but not as a number, and converts at most 4300 digits.
     keyed = {"Content_Type": "application/json", "X_Explore_Key": client.server.key}
     for length in (None, "-1", "many", str(BODY_MAX + 1), "²", "9" * 5000):
         answer = client.ask("POST", "/api/picture", None, **keyed, Content_Length=length)
@@ -117,12 +117,12 @@ def test_a_body_that_is_no_json_object_is_refused(client: Client) -> None:
     ],
 )
 def test_bad_values_give_one_line(client: Client, tmp_path: Path, values: str, text: str) -> None:
-    for path in QUESTIONS:
+    for path in ENDPOINTS:
         check_refused(client.post(path, f'{{"page": 1, "number": 1, "values": {values}}}'.encode()), 422, text)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_picture_is_strict_json_and_only_the_newest_request_of_a_page_gets_one(client: Client) -> None:
+def test_a_picture_is_strict_json_and_only_for_the_newest_request(client: Client) -> None:
     data = json.loads(client.post("/api/picture", GOOD).body, parse_constant=pytest.fail)
     assert set(data) == {"map", "cut", "step", "margins", "warnings", "took_ms"}
     client.server.newest.came(7, 5)
@@ -131,7 +131,7 @@ def test_a_picture_is_strict_json_and_only_the_newest_request_of_a_page_gets_one
     check_refused(client.post("/api/picture", {"page": "7", "number": 5, "values": {}}), 400, "whole numbers")
     for page in range(1000):
         client.server.newest.came(page, 3)
-    assert len(client.server.newest.numbers) <= 64  # many pages take no memory
+    assert len(client.server.newest.numbers) <= 64  # many pages need no memory
 
 
 def test_a_port_in_use_gives_one_line(pi: Explorer, client: Client, tmp_path: Path) -> None:

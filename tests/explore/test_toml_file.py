@@ -21,7 +21,7 @@ def sha(path: Path) -> str:
 
 
 def refusal(target: Target, config: configuration.Config) -> Existing:
-    """Return the question before a file is replaced; the file stays as it is."""
+    """Return the question before a file is replaced, and check that the file is unchanged."""
     before = target.path.read_bytes()
     with pytest.raises(Existing) as caught:
         target.write(config, None)
@@ -49,7 +49,7 @@ def test_an_existing_file_is_replaced_only_on_confirmation_and_keeps_its_comment
     assert "# Measured by Ann.\n[limits]" in target.path.read_text(encoding="utf-8")
 
 
-def test_a_confirmation_is_for_the_file_that_was_seen(pi: Explorer, tmp_path: Path) -> None:
+def test_a_confirmation_holds_only_for_the_unchanged_file(pi: Explorer, tmp_path: Path) -> None:
     target = Target(tmp_path / "ars.toml")
     target.path.write_text("old", encoding="utf-8")
     seen = sha(target.path)
@@ -63,7 +63,7 @@ def test_a_confirmation_is_for_the_file_that_was_seen(pi: Explorer, tmp_path: Pa
     assert not target.path.exists()
 
 
-def test_a_file_of_another_car_or_none_at_all_is_replaced_whole(pi: Explorer, tmp_path: Path) -> None:
+def test_a_file_of_another_car_is_replaced_completely(pi: Explorer, tmp_path: Path) -> None:
     target = Target(tmp_path / "ars.toml")
     target.path.write_text(configuration.preset_text().replace("2335.07", "1500.0"), encoding="utf-8")
     question = refusal(target, pi.start)
@@ -91,7 +91,7 @@ def test_links_folders_and_builds_are_refused(pi: Explorer, tmp_path: Path) -> N
     assert not build.exists()
 
 
-def test_the_button_through_the_server(client: Client, tmp_path: Path) -> None:
+def test_the_server_writes_the_file(client: Client, tmp_path: Path) -> None:
     written = client.post("/api/write", {"values": MOVED, "replaces": None})
     assert written.status == 200
     path = tmp_path / "ars.toml"

@@ -1,4 +1,4 @@
-"""FMUs under test, and one interface to instances of both versions of the standard."""
+"""FMUs under test, and one interface for instances of both versions of the standard."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FROM_SIL = {
     "yaw_moment": "yaw_moment_n_m",
     "inhibit": "inhibit",
 }
-"""Columns of a scenario and the inputs that they are; friction_estimate apart."""
+"""Columns of a scenario and the FMU inputs they become, except friction_estimate."""
 
 OUTPUTS = tuple(name for name in RECORD_COLUMNS if name not in ("time_s", "speed_m_s"))
 """Columns of a run that a loop computes."""
@@ -42,20 +42,20 @@ OUTPUTS = tuple(name for name in RECORD_COLUMNS if name not in ("time_s", "speed
 
 @functools.cache
 def software(kind: str) -> Software:
-    """The SIL of a committed build."""
+    """Return the SIL of a committed build."""
     return load(BUILDS[kind])
 
 
 @functools.cache
 def inputs(kind: str, scenario: str, *, held: bool = False) -> np.ndarray:
-    """Rows of the scenario, one a plant step; `held`: those at the samples, each for a whole sample."""
+    """Return the scenario's rows, one per plant step; `held`: those at the samples, each repeated for a whole sample."""
     rows = find(scenario).inputs(software(kind).config)
     return np.repeat(rows[::STEPS_PER_SAMPLE], STEPS_PER_SAMPLE, axis=0) if held else rows
 
 
 @functools.cache
 def recorded(kind: str, scenario: str, *, held: bool = False) -> np.ndarray:
-    """The run of the SIL, columns RECORD_COLUMNS."""
+    """Return the SIL's run, columns RECORD_COLUMNS."""
     return ClosedLoop(software(kind)).run(inputs(kind, scenario, held=held))
 
 
@@ -64,7 +64,7 @@ def column(record: np.ndarray, name: str) -> np.ndarray:
 
 
 def loop_inputs(row: Iterable[float]) -> dict[str, float]:
-    """A row of a scenario as the inputs of a loop."""
+    """Return a row of a scenario as the inputs of a loop."""
     given = dict(zip(INPUT_COLUMNS, row, strict=True))
     estimate = given.pop("friction_estimate")
     known = bool(np.isfinite(estimate))
@@ -74,7 +74,7 @@ def loop_inputs(row: Iterable[float]) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Made:
-    """An FMU in a file, and unpacked."""
+    """An FMU file and its unpacked content."""
 
     fmu: Fmu
     path: Path
@@ -88,14 +88,14 @@ class Made:
 
 @functools.cache
 def made(what: What, version: Version, kind: str = "tracking") -> Made:
-    """The FMU of a committed build, compiled once for all workers."""
+    """Return the FMU of a committed build, compiled once for all workers."""
     name = f"{kind}-{what}-{version}"
-    with shared.alone(f"unpacked fmu {name}") as folder:
+    with shared.locked(f"unpacked fmu {name}") as folder:
         return unpacked(folder, name, shared.once(f"fmu {name}", lambda: make_fmu(BUILDS[kind], what, version)))
 
 
 def unpacked(folder: Path, name: str, fmu: Fmu) -> Made:
-    """An FMU in a file of that name, and unpacked beside it."""
+    """Return an FMU in a file of that name, unpacked next to it."""
     path, place = folder / f"{name}.fmu", folder / name
     if not place.exists():
         folder.mkdir(exist_ok=True)
@@ -109,13 +109,13 @@ def text_of(made: Made, path: str) -> str:
 
 
 def listed_sources(made: Made) -> list[str]:
-    """The C files that the FMU lists for a simulator to compile."""
+    """Return the C files that the FMU lists for compilation by a simulator."""
     path, tag = ("modelDescription.xml", "File") if made.version == "2" else ("sources/buildDescription.xml", "SourceFile")
     return [element.attrib["name"] for element in ET.fromstring(text_of(made, path)).iter(tag)]
 
 
 class Slave:
-    """One instance; `messages` holds its log. It is freed with this object."""
+    """One FMU instance; `messages` holds its log. It is freed with this object."""
 
     def __init__(self, made: Made, name: str = "one") -> None:
         self.messages: list[str] = []
@@ -144,7 +144,7 @@ class Slave:
         weakref.finalize(self, self.fmu.freeInstance)
 
     def start(self, values: Mapping[str, float] | None = None, start: float = 0.0, stop: float | None = None) -> Slave:
-        """Through the initialization."""
+        """Initialise the instance."""
         self.set(values or {})
         if self.made.version == "2":
             self.fmu.setupExperiment(startTime=start, stopTime=stop)
@@ -182,7 +182,7 @@ class Slave:
 
 
 def drive(slave: Slave, rows: np.ndarray, size: float, names: Iterable[str] = OUTPUTS) -> np.ndarray:
-    """Outputs at each sample of the controller, the inputs of that time set, as the SIL records them."""
+    """Return the outputs at each sample of the controller, with the inputs of that time set, as in the SIL's record."""
     names = tuple(names)
     per_step = round(size / STEP)
     seen = []

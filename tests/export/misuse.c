@@ -1,6 +1,6 @@
 /*
- * A simulator that does everything wrong, and then a run: compiled with the sources of a loop, and in the long tier with the
- * sanitizers. FMI is 2 or 3; the argument is the GUID or instantiation token.
+ * A simulator that misuses every function and then runs. Compiled with the sources of a loop, in the long tier with sanitizers.
+ * FMI is 2 or 3; the argument is the GUID or instantiation token.
  */
 #include <math.h>
 #include <stdarg.h>
@@ -20,7 +20,7 @@ static void want(int condition, int line)
 #define WANT(condition) want((condition), __LINE__)
 #define REFUSED(call) want((call) == ERROR, __LINE__)
 
-/* One face for both versions. */
+/* One interface for both versions. */
 #if FMI == 2
 #include "fmi2Functions.h"
 typedef fmi2Component instance_t;
@@ -109,7 +109,7 @@ static instance_t make(const char *name, const char *token, bool events, size_t 
 
 #endif
 
-#define CALL(name) FMI_(name) /* once more, for names that are macros */
+#define CALL(name) FMI_(name) /* a second expansion, for names that are macros */
 
 static void misuse(instance_t c)
 {
@@ -206,7 +206,7 @@ int main(int count, char **arguments)
     WANT(make("one", NULL, &functions) == NULL);
     WANT(fmi2Instantiate("one", fmi2ModelExchange, token, NULL, &none, 0, 0) == NULL);
     use_and_free(make("one", token, &functions));
-    use_and_free(make("two", token, &none)); /* no functions at all: its own memory, silence */
+    use_and_free(make("two", token, &none)); /* no callbacks: its own memory, no log */
 #else
     WANT(make("", token, false, 0u) == NULL);
     WANT(make("one", NULL, false, 0u) == NULL);

@@ -1,4 +1,4 @@
-"""The A2L: read by independent readers, and compared with the addresses and numbers that a program itself prints."""
+"""The A2L: read by independent readers, and compared with the addresses and numbers that a program prints."""
 
 import json
 import os
@@ -60,7 +60,7 @@ SHOWN
 
 
 def objects(text: str) -> dict[str, tuple[str, str, int]]:
-    """Kind, link and address by name, read as text."""
+    """Return kind, link and address by name, parsed from text."""
     found = {}
     for block in OBJECT.finditer(text):
         link = re.search(r'SYMBOL_LINK "([^"]*)"', block[0])
@@ -72,7 +72,7 @@ def objects(text: str) -> dict[str, tuple[str, str, int]]:
 
 @dataclass(frozen=True)
 class Linked:
-    """A program that the build is linked into, and the A2L of the two."""
+    """A program with the linked build, and their A2L."""
 
     program: Path
     elf: Elf
@@ -84,7 +84,7 @@ class Linked:
 
 
 def compiled(build_path: Path, folder: Path, main: str, *flags: str) -> Path:
-    """A program of a build's sources and a main."""
+    """Return a program compiled from a build's sources and a main."""
     (folder / "main.c").write_text(main, encoding="ascii")
     sources = [str(path) for path in sorted((build_path / "src").glob("*.c"))]
     program = folder / "program"
@@ -105,7 +105,7 @@ def tracking(tmp_path_factory: pytest.TempPathFactory) -> Linked:
 
 
 def test_every_address_and_its_bytes_are_those_of_the_program(tracking: Linked) -> None:
-    """The program itself prints, for each object, its address and what stands there; the ELF holds the same bytes."""
+    """The program prints the address and content of each object; the ELF holds the same bytes."""
     printed = subprocess.run([tracking.program], check=True, capture_output=True, text=True).stdout
     read = {name: (int(address, 16), bytes.fromhex(content)) for name, address, content in map(str.split, printed.splitlines())}
     assert read.keys() == tracking.objects.keys() and len(read) > 40
@@ -123,7 +123,7 @@ def test_every_address_and_its_bytes_are_those_of_the_program(tracking: Linked) 
 
 
 def test_independent_readers_see_the_same_objects(tracking: Linked, tmp_path: Path) -> None:
-    """a2ltool finds no fault, also in the build's own A2L. pya2l: every object is in a group, has its address and its unit."""
+    """a2ltool finds no fault, in the build's own A2L either. pya2l: every object is in a group, with its address and unit."""
     read_strictly(tracking.filled.text, tmp_path)
     read_strictly((BUILD / "ars.a2l").read_text(encoding="ascii"), tmp_path)
     filled, read = tmp_path / "filled.a2l", tmp_path / "read.json"
@@ -144,12 +144,12 @@ def test_independent_readers_see_the_same_objects(tracking: Linked, tmp_path: Pa
 
 
 def tools() -> dict[str, str]:
-    """The environment, with the programs that were installed with this Python."""
+    """Return the environment with the programs installed with this Python."""
     return {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
 
 
 def read_strictly(text: str, folder: Path) -> None:
-    """a2ltool reports no problem."""
+    """Check that a2ltool reports no problem."""
     (folder / "checked.a2l").write_text(text, encoding="ascii")
     command = ["a2ltool", "--check", "--strict", str(folder / "checked.a2l")]
     answer = subprocess.run(command, capture_output=True, text=True, env=tools())
@@ -157,7 +157,7 @@ def read_strictly(text: str, folder: Path) -> None:
 
 
 def test_the_orientation_of_the_map(tracking: Linked) -> None:
-    """In ASAP2, ROW_DIR places the neighbours along the first axis, which is the front angle, side by side."""
+    """ROW_DIR in ASAP2 stores neighbours along the first axis, the front angle, consecutively."""
     text, solved = tracking.filled.text, refmap.load(GENERATED / "4ws2.npz")
     block = re.search(r"/begin CHARACTERISTIC ars.map.yaw_rate .*?/end CHARACTERISTIC", text, re.DOTALL)
     assert block is not None and "FNC_VALUES 1 FLOAT32_IEEE ROW_DIR DIRECT" in text
@@ -184,7 +184,7 @@ EMPTY = "int main(void) { return 0; }\n"
 TASKS = '#include "ars_task.h"\nars_task_t one, two[2];\nint main(void) { return one.started || two[1].started; }\n'
 
 
-UNFIT: dict[str, Callable[[Path], Path]] = {
+UNSUITABLE: dict[str, Callable[[Path], Path]] = {
     "not an ELF": lambda folder: BUILD / "README.md",
     "no symbols": lambda folder: compiled(BUILD, folder, EMPTY, "-s"),
     "no debug information": lambda folder: compiled(BUILD, folder, EMPTY, "-g0"),
@@ -193,16 +193,16 @@ UNFIT: dict[str, Callable[[Path], Path]] = {
 }
 
 
-@pytest.mark.parametrize("words", UNFIT)
-def test_a_program_that_does_not_fit(tmp_path: Path, words: str) -> None:
+@pytest.mark.parametrize("words", UNSUITABLE)
+def test_a_program_of_another_build_is_rejected(tmp_path: Path, words: str) -> None:
     with pytest.raises(BuildError) as caught:
-        fill(BUILD, Elf.read(UNFIT[words](tmp_path)))
+        fill(BUILD, Elf.read(UNSUITABLE[words](tmp_path)))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_a_damaged_program_is_one_line(tracking: Linked) -> None:
-    """Cut anywhere, or with bytes changed: it is read, or refused as damaged."""
+def test_a_damaged_program_is_reported_in_one_line(tracking: Linked) -> None:
+    """Truncated or with changed bytes, it is read or rejected as damaged."""
     content, rng = tracking.program.read_bytes(), np.random.default_rng(11)
     refused = 0
     for k in range(60):
@@ -227,18 +227,18 @@ def test_one_of_several_instances_is_chosen(tmp_path: Path) -> None:
 
 
 def test_a_frozen_calibration_is_still_the_same_build(tracking: Linked) -> None:
-    """Other numbers in the map, and its checksum with them: the program is still the one that the build was linked into."""
+    """The map and its checksum have changed: the program still belongs to the linked build."""
     content = bytearray(tracking.program.read_bytes())
     place = tracking.elf.place("ars_calibration_expected_checksum")
     assert place is not None
     stored = tracking.elf.bytes_at(place.address, 4)
     assert stored is not None
-    content = content.replace(stored, b"\x12\x34\x56\x78")  # the self-test knows it too
+    content = content.replace(stored, b"\x12\x34\x56\x78")  # the self-test contains it too
     assert fill(BUILD, Elf("frozen", bytes(content))).places == tracking.filled.places
 
 
-def test_what_a_program_lacks_is_left_out(tracking: Linked, tmp_path: Path) -> None:
-    """A program without a task and a controller has the calibration alone."""
+def test_missing_objects_are_omitted(tracking: Linked, tmp_path: Path) -> None:
+    """A program without task and controller has only the calibration."""
     main = '#include "ars_controller.h"\nint main(void) { return ars_selftest() ? 0 : 1; }\n'
     filled = fill(BUILD, Elf.read(compiled(BUILD, tmp_path, main)))
     measured = {name for name, (kind, _, _) in tracking.objects.items() if kind == "MEASUREMENT"}

@@ -30,8 +30,8 @@ def made(name: str = "4ws2-paper") -> Project:
 
 
 @pytest.mark.parametrize("name", ["4ws2-paper", "4ws2"])
-def test_the_expected_frames_are_those_of_the_task_fed_with_the_trace(name: str) -> None:
-    """The trace and the answers, read back from the files, against the task through cffi."""
+def test_the_task_answers_the_trace_with_the_expected_frames(name: str) -> None:
+    """Trace and responses are read from the files and compared with the task through cffi."""
     files = made(name).folder.files
     rows = re.findall(r"\{ (\d+)u, (0x\w+)u, (\d)u, \{ (.*) \} \}", files["src/trace.c"].decode())
     expected = files["expected.txt"].decode().splitlines()
@@ -61,7 +61,7 @@ def test_the_same_build_gives_the_same_bytes_which_name_the_build(tmp_path: Path
 # --- the command ----------------------------------------------------------------------------------------------------
 
 
-def test_a_project_is_written_again_only_where_it_differs(run: Run, tmp_path: Path) -> None:
+def test_only_changed_files_of_a_project_are_rewritten(run: Run, tmp_path: Path) -> None:
     assert run("firmware", "--build", BUILD, "-o", tmp_path / "fw").code == 0
     before = everything_in(tmp_path)
     assert "(unchanged)" in run("firmware", "--build", BUILD, "-o", tmp_path / "fw").out
@@ -73,7 +73,7 @@ def test_a_project_is_written_again_only_where_it_differs(run: Run, tmp_path: Pa
     assert "| changed after the build | `README.md` |" in (tmp_path / "fw" / "README.md").read_text()
 
 
-def test_builds_and_outputs_that_do_not_fit(refused: Refused, tmp_path: Path) -> None:
+def test_unsuitable_builds_and_outputs_are_rejected(refused: Refused, tmp_path: Path) -> None:
     write_folder(prepare(GENERATED / "4ws2-paper.npz", precision="double").folder, tmp_path / "double")
     line = refused("firmware", "--build", tmp_path / "double", "-o", tmp_path / "fw")
     assert "computes in double precision" in line and "--precision single" in line
@@ -82,7 +82,7 @@ def test_builds_and_outputs_that_do_not_fit(refused: Refused, tmp_path: Path) ->
         assert reason in refused("firmware", "--build", BUILD, "-o", tmp_path / output)
 
 
-def test_work_of_the_user_in_the_project(refused: Refused, tmp_path: Path) -> None:
+def test_user_files_in_the_project_are_kept(refused: Refused, tmp_path: Path) -> None:
     fw = tmp_path / "fw"
     write_folder(made().folder, fw)
     board = fw / "src" / "board_mps2_an386.c"
@@ -96,7 +96,7 @@ def test_work_of_the_user_in_the_project(refused: Refused, tmp_path: Path) -> No
     assert f"it holds build/, which its Makefile made; run `make -C {fw} clean`" in refused(*command)
 
 
-def test_tools_that_are_missing(refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_tools_are_named(refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command = ("firmware", "--build", BUILD, "-o", tmp_path / "fw", "--run")
     found = {"make", image.QEMU}
     monkeypatch.setattr(image.shutil, "which", lambda name: name if name in found else None)

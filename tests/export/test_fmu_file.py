@@ -1,4 +1,4 @@
-"""The FMU file: reproducible bytes, its description, sources that compile alone, and the command that writes it."""
+"""The FMU file: reproducible bytes, its description, self-contained sources, and the command that writes it."""
 
 import importlib.util
 import json
@@ -36,7 +36,7 @@ def test_the_same_bytes_twice_and_a_token_that_follows_the_sources(tmp_path: Pat
     elsewhere = Path(shutil.copytree(BUILDS["tracking"], tmp_path / "another place"))
     (tmp_path / "scratch").mkdir()
     monkeypatch.setenv("TMPDIR", str(tmp_path / "scratch"))
-    monkeypatch.setattr("tempfile.tempdir", None)  # read again
+    monkeypatch.setattr("tempfile.tempdir", None)  # evaluated again
     again = make_fmu(elsewhere, "controller", "2")
     assert again.content == made("controller", "2").fmu.content
     with (elsewhere / "src" / "ars_controller.c").open("a", encoding="ascii") as source:
@@ -47,7 +47,7 @@ def test_the_same_bytes_twice_and_a_token_that_follows_the_sources(tmp_path: Pat
 
 
 @each_version
-def test_the_archive_holds_no_time_or_place_and_what_the_standard_asks_for(version: Version) -> None:
+def test_the_archive_is_anonymous_and_has_the_required_content(version: Version) -> None:
     known = made("loop", version)
     with zipfile.ZipFile(known.path) as archive:
         entries = archive.infolist()
@@ -106,12 +106,12 @@ def test_every_parameter_starts_at_the_value_of_the_build(version: Version) -> N
 
 
 @each_version
-def test_the_plant_says_what_follows_at_once(version: Version) -> None:
+def test_the_plant_lists_its_direct_dependencies(version: Version) -> None:
     structure = {
         unknown.variable.name: {variable.name for variable in unknown.dependencies}
         for unknown in made("plant", version).description.outputs
     }
-    # No output follows the rear command or the steering wheel without a step in between: no algebraic loop with a controller.
+    # No output depends directly on the rear command or the steering wheel: no algebraic loop with a controller.
     assert set().union(*structure.values()) == {"speed_m_s", "friction"}
     slave = Slave(made("plant", version)).start({"speed_m_s": 20.0, "steering_wheel_command_rad": 0.8})
     slave.step(0.3)
@@ -127,7 +127,7 @@ def test_the_plant_says_what_follows_at_once(version: Version) -> None:
 
 @each_version
 def test_the_sources_compile_alone(version: Version, tmp_path: Path) -> None:
-    """The binary made from the FMU's own list of sources, by a compiler and nothing else."""
+    """The binary is made from the FMU's own list of sources with a plain compiler."""
     known, again = made("loop", version), tmp_path / "again"
     shutil.copytree(known.folder, again)
     (library,) = (path for path in (again / "binaries").rglob("*") if path.is_file())

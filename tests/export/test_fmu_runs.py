@@ -1,6 +1,6 @@
-"""FMUs run in fmpy against the software in the loop: the bits must be the same, so no difference here has a tolerance.
+"""FMUs run in fmpy and compared with the software in the loop, bit for bit, without tolerances.
 
-One kind and one scenario; tests/evidence/toolchains runs the same tests with the others.
+These are one kind and one scenario; tests/evidence/toolchains runs the same tests with the others.
 """
 
 import fmpy
@@ -26,14 +26,14 @@ def expected(kind: str, scenario: str, names: tuple[str, ...] = OUTPUTS, *, held
 
 
 @each_version
-def test_the_validation_of_fmpy_finds_no_fault(version: Version) -> None:
+def test_fmpy_validates_the_files(version: Version) -> None:
     for what in ("controller", "plant", "loop"):
         assert validate_fmu(str(made(what, version).path)) == []
 
 
 @one_run
 @each_version
-def test_the_loop_as_a_simulator_runs_it(version: Version, kind: str, scenario: str) -> None:
+def test_the_loop_in_a_simulator(version: Version, kind: str, scenario: str) -> None:
     rows = fmus.inputs(kind, scenario)
     names = {"speed_m_s": 0, "steering_wheel_command_rad": 1, "friction": 2, "yaw_moment_n_m": 4}
     given = np.zeros(len(rows), dtype=[(name, np.float64) for name in ("time", *names)])
@@ -43,10 +43,10 @@ def test_the_loop_as_a_simulator_runs_it(version: Version, kind: str, scenario: 
     folder, stop = str(made("loop", version, kind).folder), len(rows) * STEP
     result = fmpy.simulate_fmu(folder, stop_time=stop, output_interval=STEP, input=given, output=OUTPUTS)
     got = np.stack([np.asarray(result[name], dtype=np.float64) for name in OUTPUTS], axis=1)
-    # The columns of these inputs do not jump but for the steering wheel, which no output follows at once.
+    # These inputs are continuous except for the steering wheel, on which no output depends directly.
     wanted = expected(kind, scenario)
     assert np.array_equal(got[:-1:STEPS_PER_SAMPLE], wanted)
-    assert np.ptp(wanted[:, OUTPUTS.index("rear_angle_rad")]) > 0.01  # rad: the controller is at work
+    assert np.ptp(wanted[:, OUTPUTS.index("rear_angle_rad")]) > 0.01  # rad: the controller is active
     silent = Slave(made("loop", version, kind)).start()
     fmus.drive(silent, rows, STEP, ())
     assert silent.row() == got[-1].tolist()  # reading outputs changes nothing
@@ -54,8 +54,8 @@ def test_the_loop_as_a_simulator_runs_it(version: Version, kind: str, scenario: 
 
 @one_run
 @each_version
-def test_plant_and_controller_wired_together_are_the_loop(version: Version, kind: str, scenario: str) -> None:
-    """The loop holds its inputs over a longer step, as the SIL does with such inputs."""
+def test_plant_and_controller_connected_equal_the_loop(version: Version, kind: str, scenario: str) -> None:
+    """The loop holds its inputs over a longer step, like the SIL with such inputs."""
     plant = Slave(made("plant", version, kind)).start()
     controller = Slave(made("controller", version, kind)).start()
     assert controller.row(COMMANDS) == [0.0, 0.0, 2.0]  # before the first sample: STANDBY
@@ -79,7 +79,7 @@ def test_plant_and_controller_wired_together_are_the_loop(version: Version, kind
 
 
 @each_version
-def test_a_parameter_tuned_in_a_run_acts_as_in_the_controller(version: Version) -> None:
+def test_a_parameter_tuned_during_a_run_acts_as_in_the_controller(version: Version) -> None:
     rows = expected("tracking", "sine-with-dwell", MEASURED)
     software = fmus.software("tracking")
     slave, twin = Slave(made("controller", version)).start(), software.controller()
@@ -94,7 +94,7 @@ def test_a_parameter_tuned_in_a_run_acts_as_in_the_controller(version: Version) 
         command = twin.step(Measurement(*row))
         wanted.append([command.rear_angle, command.yaw_rate_reference, float(command.status)])
     assert np.array_equal(got, wanted)
-    assert not np.array_equal(wanted, expected("tracking", "sine-with-dwell", COMMANDS))  # the change is seen
+    assert not np.array_equal(wanted, expected("tracking", "sine-with-dwell", COMMANDS))  # the change has an effect
 
 
 @each_version

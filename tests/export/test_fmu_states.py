@@ -1,4 +1,4 @@
-"""States of an FMU saved, restored and carried as bytes; several instances; refused calls and their messages."""
+"""States of an FMU saved, restored and serialised; several instances; rejected calls and their messages."""
 
 import math
 import subprocess
@@ -20,20 +20,20 @@ MIDDLE = 57
 
 
 def refused(slave: Slave, call: Callable[..., object], *arguments: object) -> str:
-    """Check that a call fails; return the message that it logs."""
+    """Check that a call fails and return the message that it logs."""
     with pytest.raises(FMICallException):
         call(*arguments)
     return slave.messages[-1]
 
 
-def go_on(slave: Slave, beside: Slave | None = None) -> list[list[float]]:
+def continue_run(slave: Slave, other: Slave | None = None) -> list[list[float]]:
     rows = []
     for k in range(400):
         if k == 100:
             slave.set({"steering_wheel_command_rad": -0.9, "friction": 0.7})
-        if beside:
-            beside.set({"steering_wheel_command_rad": math.sin(0.05 * k), "inhibit": k % 7 == 0})
-            beside.step(STEP)
+        if other:
+            other.set({"steering_wheel_command_rad": math.sin(0.05 * k), "inhibit": k % 7 == 0})
+            other.step(STEP)
         slave.step(STEP)
         rows.append(slave.row())
     return rows
@@ -45,7 +45,7 @@ def go_on(slave: Slave, beside: Slave | None = None) -> list[list[float]]:
     [("loop", "steering_wheel_command_rad"), ("plant", "steering_wheel_command_rad"), ("controller", "front_angle_rad")],
 )
 def test_a_run_continues_from_a_saved_state_with_the_same_bits(what: What, name: str, version: Version) -> None:
-    """In the same instance, and in another one to which the state goes as bytes."""
+    """The state is restored in the same instance, and serialised into another one."""
     step = SAMPLE if what == "controller" else STEP
     outputs = [v.name for v in made(what, version).description.modelVariables if v.causality == "output"]
 
@@ -67,12 +67,12 @@ def test_a_run_continues_from_a_saved_state_with_the_same_bits(what: What, name:
     assert bytes(slave.fmu.serializeFMUState(slave.fmu.getFMUState())) == content
     assert drive(slave, 150) == first
     other = Slave(made(what, version), "other")
-    other.restore(other.fmu.deserializeFMUState(content), time)  # the initialization is behind it with the state
+    other.restore(other.fmu.deserializeFMUState(content), time)  # the state includes the initialisation
     assert drive(other, 150) == first
 
 
 @each_version
-def test_a_state_that_is_none_is_refused(version: Version) -> None:
+def test_an_invalid_state_is_rejected(version: Version) -> None:
     slave, plant = (Slave(made(what, version)).start() for what in ("loop", "plant"))
     slave.step(STEP)
     content, foreign = (bytes(each.fmu.serializeFMUState(each.fmu.getFMUState())) for each in (slave, plant))
@@ -85,17 +85,17 @@ def test_a_state_that_is_none_is_refused(version: Version) -> None:
 
 
 @each_version
-def test_instances_know_nothing_of_each_other_nor_of_a_run_before_their_reset(version: Version) -> None:
+def test_instances_are_independent_and_reset_completely(version: Version) -> None:
     alone, one, two = (Slave(made("loop", version), name) for name in ("alone", "one", "two"))
-    wanted = go_on(alone.start(TURN))
+    wanted = continue_run(alone.start(TURN))
     one.start(TURN)
     two.start({"speed_m_s": 33.0, "friction": 0.4, "parameters.lead_smoothing": 0.2})
-    assert go_on(one, two) == wanted
+    assert continue_run(one, two) == wanted
     one.set({"parameters.rear_angle_max": 0.03, "inhibit": True})
     one.fmu.terminate()
     one.fmu.reset()
     one.start(TURN, start=-3.7, stop=-3.3)
-    assert go_on(one) == wanted
+    assert continue_run(one) == wanted
     assert "after the stop time" in refused(one, one.step, STEP)
 
 
@@ -103,7 +103,7 @@ NO_MULTIPLE = "no whole multiple of 0.001 s"
 
 
 @each_version
-def test_a_step_that_cannot_be_is_refused_and_not_done(version: Version) -> None:
+def test_an_impossible_step_is_rejected_and_not_executed(version: Version) -> None:
     slave = Slave(made("loop", version)).start(TURN)
     before = slave.row()
     cases = [(0.0, size, NO_MULTIPLE) for size in (0.0105, 0.0004, 0.0, -0.001, math.nan, math.inf)]
@@ -112,18 +112,18 @@ def test_a_step_that_cannot_be_is_refused_and_not_done(version: Version) -> None
         assert message in refused(slave, slave.fmu.doStep, time, size)
         assert slave.get("time_s") == 0.0
         assert slave.row() == before
-    slave.fmu.doStep(0.0, STEP)  # and it goes on
+    slave.fmu.doStep(0.0, STEP)  # it still works
     controller = Slave(made("controller", version)).start()
     assert refused(controller, controller.step, STEP) == "a step of 0.001 s is no whole multiple of 0.01 s"
 
 
 @each_version
-def test_times_that_were_added_up_are_taken(version: Version) -> None:
+def test_accumulated_times_are_accepted(version: Version) -> None:
     slave, time = Slave(made("plant", version)).start(TURN), 0.0
     for _ in range(3000):
         slave.fmu.doStep(time, STEP)
         time += STEP
-    assert time != 3000 * STEP  # what adding up makes of it
+    assert time != 3000 * STEP  # rounding of the sum
     assert slave.get("time_s") == pytest.approx(3.0, abs=1e-12)
 
 
@@ -151,7 +151,7 @@ def test_parameters_that_are_not_valid_stop_the_step(version: Version, what: Wha
 
 
 @each_version
-def test_values_that_are_none_are_refused(version: Version) -> None:
+def test_invalid_values_are_rejected(version: Version) -> None:
     slave = Slave(made("loop", version)).start(TURN)
     cases = {
         "speed_m_s": (math.nan, math.inf, -0.1, 151.0),
@@ -179,13 +179,13 @@ def misuse(version: Version, folder: Path, *flags: str) -> subprocess.CompletedP
 
 
 @each_version
-def test_a_simulator_that_does_everything_wrong_meets_errors(version: Version, tmp_path: Path) -> None:
+def test_a_misbehaving_simulator_gets_errors(version: Version, tmp_path: Path) -> None:
     answer = misuse(version, tmp_path)
     assert answer.returncode == 0, answer.stderr
 
 
 @each_version
-def test_what_is_called_out_of_turn_is_refused(version: Version) -> None:
+def test_calls_out_of_order_are_rejected(version: Version) -> None:
     slave = Slave(made("controller", version))
     for call in (lambda: slave.step(SAMPLE), slave.fmu.exitInitializationMode, slave.fmu.terminate):
         refused(slave, call)

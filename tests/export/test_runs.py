@@ -1,4 +1,4 @@
-"""A run as MF4, Parquet and CSV: read back by other readers, bit for bit, with names, units and the texts of the status."""
+"""A run as MF4, Parquet and CSV: read back by other readers, bit for bit, with names, units and status texts."""
 
 import csv
 import json
@@ -24,7 +24,7 @@ SAMPLES = 3000
 
 @pytest.fixture(scope="module")
 def record() -> np.ndarray:
-    """Numbers that a careless format loses, each in each column; every status."""
+    """Return numbers that a lossy format changes, each in each column, and every status."""
     record = np.random.default_rng(7).normal(size=(SAMPLES, len(RECORD_COLUMNS)))
     record[:, 0] = 0.01 * np.arange(SAMPLES)
     for column in range(1, len(RECORD_COLUMNS) - 1):
@@ -62,7 +62,7 @@ def test_parquet_by_pyarrow(record: np.ndarray, tmp_path: Path) -> None:
     save(record, tmp_path / "run.parquet")
     table = parquet.read_table(tmp_path / "run.parquet")
     assert table.column_names == list(RECORD_COLUMNS)
-    assert [column.null_count for column in table.columns] == [0] * len(RECORD_COLUMNS)  # NaN is a number here
+    assert [column.null_count for column in table.columns] == [0] * len(RECORD_COLUMNS)  # NaN is a value, not null
     for number, name in enumerate(RECORD_COLUMNS[:-1]):
         assert same_bits(table.column(name).to_numpy(), record[:, number])
     assert str(table.schema.field("status").type) == "uint8"
@@ -86,22 +86,20 @@ def test_csv_by_the_standard_library(record: np.ndarray, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("suffix", [".mf4", ".parquet", ".csv"])
 def test_equal_runs_give_equal_bytes(record: np.ndarray, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """At another time and place, of another user."""
+    """They are written at another time, in another folder, by another user."""
     save(record, tmp_path / f"one{suffix}")
     real = time.time
     monkeypatch.setattr(time, "time", lambda: real() + 86_400.0)
     monkeypatch.setenv("USER", "another")
     monkeypatch.chdir(tmp_path)
-    save(record.copy(order="F"), Path(f"other{suffix.upper()}"))  # capitals are the same extension
+    save(record.copy(order="F"), Path(f"other{suffix.upper()}"))  # extensions ignore case
     content = (tmp_path / f"one{suffix}").read_bytes()
     assert content == Path(f"other{suffix.upper()}").read_bytes()
     assert str(tmp_path).encode() not in content
 
 
 @pytest.mark.parametrize(("package", "suffix"), [("asammdf", ".mf4"), ("pyarrow", ".parquet")])
-def test_a_package_that_is_missing_and_an_ending_without_a_format(
-    monkeypatch: pytest.MonkeyPatch, package: str, suffix: str
-) -> None:
+def test_a_missing_package_and_an_unknown_extension(monkeypatch: pytest.MonkeyPatch, package: str, suffix: str) -> None:
     monkeypatch.setitem(sys.modules, package, None)
     message = rf'{package}, which writes {suffix}, is missing; pip install "ars-codegen\[tools\]"'
     with pytest.raises(CodegenError, match=message):

@@ -1,4 +1,4 @@
-"""Coverage, MC/DC and libFuzzer as parts of the evidence: what their reports say is missing or wrong is a finding."""
+"""Coverage, MC/DC and libFuzzer as parts of the evidence: gaps and faults in their reports become findings."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from tests.evidence.libfuzzer import libfuzzer
 
 
 def test_lines_and_branches_that_do_not_run_are_findings() -> None:
-    """From the report of gcovr, which the part alone runs: it needs gcc."""
+    """The input is a report of gcovr, which only the part itself runs because it needs gcc."""
     counts = {3: (2, [1, 0]), 4: (0, [0, 0]), 5: (1, [])}
     lines = [{"line_number": line, "count": count, "branches": [{"count": each} for each in branches]}
              for line, (count, branches) in counts.items()]  # fmt: skip
@@ -41,7 +41,7 @@ INFO: Loaded 1 modules   (457 inline 8-bit counters): 457 [0x5581, 0x5589),
 """
 
 
-def test_figures_are_those_of_the_last_line_and_findings_the_property_the_error_or_the_exit_code() -> None:
+def test_figures_and_findings_of_a_report_of_libfuzzer() -> None:
     assert libfuzzer.read(REPORT, 0) == libfuzzer.Run(3000, 272, 457, ())
     broken = REPORT + "property not held: status has a name (5, 4)\n==1== ERROR: libFuzzer: deadly signal\n"
     assert libfuzzer.read(broken, 77).findings == ("property not held: status has a name (5, 4)",)

@@ -1,4 +1,4 @@
-"""The evidence: parts run alone, resume, and leave records that say what they are about."""
+"""The evidence: parts run alone, resume, and leave records that name their subject."""
 
 import json
 import os
@@ -30,7 +30,7 @@ Make = Callable[..., Part]
 
 @pytest.fixture
 def part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
-    """Return a part whose module gives an outcome or raises an error, about a file that a test can change."""
+    """Return a part with a given outcome or error, whose subject is a file that a test can change."""
     (tmp_path / "subject.c").write_text("int a;\n", encoding="ascii")
     monkeypatch.setattr("tests.evidence.parts.ROOT", tmp_path)
     monkeypatch.setattr(
@@ -71,7 +71,7 @@ def test_bad_input_is_an_error_of_one_line(part: Make, tmp_path: Path, words: li
         command.main(words, [part(AssertionError("it ran"))], tmp_path)
 
 
-def test_the_check_counts_records_that_are_there(part: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_check_counts_existing_records(part: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main(["--check"], [], tmp_path) == 0
     assert capsys.readouterr().out == "0 records match what is there\n"
 
@@ -135,7 +135,7 @@ def test_a_failed_run_is_recorded_and_a_missing_tool_is_not(
     assert not Record.read(failed, tmp_path).matches
 
 
-def test_the_duration_counts_the_runs_that_were_cut_short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_duration_includes_interrupted_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now, steps = [100.0], tmp_path / "sample.jsonl"
     monkeypatch.setattr(command.time, "time", lambda: now[0])
     for begun, last_step, before in ((100.0, 130.0, 0.0), (500.0, 520.0, 30.0), (900.0, 0.0, 50.0), (990.0, 0.0, 50.0)):
@@ -146,7 +146,7 @@ def test_the_duration_counts_the_runs_that_were_cut_short(tmp_path: Path, monkey
             os.utime(steps, (last_step, last_step))
 
 
-def test_folders_of_runs_that_were_killed_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_folders_of_killed_runs_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setenv(shared.VARIABLE, "")
     shared.begin()
@@ -193,7 +193,7 @@ def test_a_folder_of_tests_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Linux ends a process with its parent")
 def test_a_folder_of_tests_ends_with_its_run(tmp_path: Path) -> None:
-    """A run is killed while its test waits; the test holds a pipe open until its process ends."""
+    """A run is killed while its test waits; the test keeps a pipe open until its process ends."""
     os.mkfifo(pipe := tmp_path / "pipe")
     (tmp_path / "test_sample.py").write_text(
         f"import pathlib, signal\n\ndef test():\n    with pathlib.Path({str(pipe)!r}).open('wb', 0) as stream:\n"
@@ -214,7 +214,7 @@ run(Part("sample", "", (), worker_count=0), Effort(), Part.folder / "passed")
         assert select.select([end], [], [], 60.0)[0] and not end.read(1), "the test goes on"
 
 
-def test_the_code_of_a_part_is_what_it_imports_from_the_tests(tmp_path: Path) -> None:
+def test_the_code_of_a_part_includes_its_imports_from_the_tests(tmp_path: Path) -> None:
     written = {
         "tests/evidence/a/test_a.py": "import tests.b.one\n\ndef test():\n    from tests import c\n",
         "tests/b/one.py": "from .two import x\nimport codegen.errors",
@@ -229,8 +229,8 @@ def test_the_code_of_a_part_is_what_it_imports_from_the_tests(tmp_path: Path) ->
     assert {path.relative_to(tmp_path).as_posix() for path in found} == written.keys()
 
 
-def test_each_part_is_there() -> None:
-    """Its patterns name files, a record names the part, and no module of the project is left out."""
+def test_each_part_is_complete() -> None:
+    """Its patterns match files, a record names the part, and no module of the project is missing."""
     left = matching(["codegen/**/*.py", "hil_sim/**/*.py"])
     for part in PARTS:
         for pattern in (*part.subject, *part.own):

@@ -1,4 +1,4 @@
-"""The exhaustive part of the evidence: each claim finds a planted fault, and no helper is left out."""
+"""The exhaustive part of the evidence: each claim finds a planted fault, and no helper is missing."""
 
 import shutil
 from concurrent.futures import Future
@@ -38,7 +38,7 @@ FAULTS = [
     ("e2e", "0xFEu, 0xD9u, 0xC4u", "0xFEu, 0xD9u, 0xC5u", {"ars_e2e_crc"}),
     ("reference_model", "0.86316043f", "0.85316043f", {"front_curve", "rear_curve"}),
 ]
-"""Unit, text, replacement, and beginnings of the names of the claims that must fail."""
+"""Unit, text, replacement, and prefixes of the names of the claims that must fail."""
 
 
 def changed(folder: Path, tmp_path: Path, *changes: tuple[str, str, str]) -> Path:
@@ -54,12 +54,12 @@ def changed(folder: Path, tmp_path: Path, *changes: tuple[str, str, str]) -> Pat
 
 
 def failed(outcome: Outcome) -> set[str]:
-    """Unit and function of the claims that do not hold."""
+    """Return unit and function of the claims that do not hold."""
     places = (finding.split(": ", 2)[:2] for finding in outcome.findings)
     return {f"{Path(path).stem.removeprefix('ars_')}: {text.split()[0]}" for path, text in places}
 
 
-def test_planted_faults_fail_their_claims_and_no_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_planted_faults_fail_exactly_their_claims(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     planted, steps = changed(TRACKING, tmp_path, *(fault[:3] for fault in FAULTS)), tmp_path / "steps"
     outcome = exhaustive.run([planted], Effort(quick=True), Progress(steps))
     expected = {f"{unit}: {name}" for unit, _, _, names in FAULTS for name in names}
@@ -68,7 +68,7 @@ def test_planted_faults_fail_their_claims_and_no_others(tmp_path: Path, monkeypa
     assert any("src/ars_can.c:75: undefined behaviour: " in finding for finding in outcome.findings)
     start = "4ws2/src/ars_limiter.c: ars_limiter_init of 0x3F800000 (1): itself, or zero beyond one radian: 0, not 1; "
     assert any(finding.startswith(start) for finding in outcome.findings)
-    # Finished claims are not judged again.
+    # Finished claims are not run again.
     monkeypatch.setattr(exhaustive, "compile_program", None)
     assert exhaustive.run([planted], Effort(quick=True), Progress(steps)) == outcome
 
@@ -92,7 +92,7 @@ def test_one_wrong_input_in_a_vectorized_block_is_found(tmp_path: Path) -> None:
     claims = [named["limiter", "magnitude"], named["limiter", "clamp"]]
     program: Future[Path] = Future()
     program.set_result(exhaustive.compile_program(find_compiler(), source, "src/ars_limiter.c", claims, tmp_path))
-    number = 0xFFFFFFFF - 0xC0400000  # of the bits of -3
+    number = 0xFFFFFFFF - 0xC0400000  # the bits of -3
     piece = (number - 5_000, number + 5_000, 1)
     finding = "of 0xC0400000 (-3): the number without its sign: -3, not 3"
     assert [exhaustive._run(program, k, piece) for k in (0, 1)] == [(10_000, 1, [finding]), (10_000, 0, [])]

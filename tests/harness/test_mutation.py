@@ -1,4 +1,4 @@
-"""The mutation campaign: it kills, it sees a missing test, it counts, and it accepts only what is argued."""
+"""The mutation campaign: it kills mutants, detects a missing test, counts, and accepts only listed equivalents."""
 
 import ctypes
 import os
@@ -34,7 +34,7 @@ def test_the_project_s_tests_kill_a_sample_and_a_killed_run_resumes(tmp_path: Pa
     assert len(tally.judged) == SAMPLE < len(tally.exist) and tally.faults == []
     assert sum(one.by != SURVIVED for one in tally.judged) >= SAMPLE - 2, "some are equivalent"
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    path.write_text("".join(lines[:-3]) + lines[-3][:20], encoding="utf-8")  # a kill cuts the last line
+    path.write_text("".join(lines[:-3]) + lines[-3][:20], encoding="utf-8")  # a kill truncates the last line
     again = campaign(["4ws2-paper"], (E2E,), lambda *_: (), SAMPLE, Progress(path))
     assert [one.mutant.key for one in again.judged] == [one.mutant.key for one in tally.judged], "the same mutants each time"
     assert [one.by for one in again.judged[:-3]] == [one.by for one in tally.judged[:-3]], "judged before the kill"
@@ -42,7 +42,7 @@ def test_the_project_s_tests_kill_a_sample_and_a_killed_run_resumes(tmp_path: Pa
 
 
 def judged_by(judge: Callable[[int], None], most: int = 1) -> Tally:
-    """Judge mutants by their number alone, 0 for the unaltered unit in the library of its mutants."""
+    """Judge mutants by their number alone, 0 for the original unit in the library of its mutants."""
 
     def run(case: Case) -> None:
         judge(case.mutated.number if case.mutated is not None else 0)
@@ -50,7 +50,7 @@ def judged_by(judge: Callable[[int], None], most: int = 1) -> Tally:
     return campaign(["4ws2-paper"], (E2E,), lambda *_: [Judge("judge", run)], most)
 
 
-def test_a_loop_without_end_and_a_crash_kill_and_a_fault_of_the_machine_or_the_unaltered_c_does_not() -> None:
+def test_endless_loops_and_crashes_kill_but_faults_of_machine_or_original_c_do_not() -> None:
     def loop_or_crash(number: int) -> None:
         while number > 0:
             if number % 2:
@@ -63,7 +63,7 @@ def test_a_loop_without_end_and_a_crash_kill_and_a_fault_of_the_machine_or_the_u
     def refuse(number: int) -> None:
         raise AssertionError("always")
 
-    assert {one.by for one in judged_by(loop_or_crash, 3).judged} == {"a loop without end", "SIGABRT"}
+    assert {one.by for one in judged_by(loop_or_crash, 3).judged} == {"an endless loop", "SIGABRT"}
     with pytest.raises(RuntimeError, match="disk full"):
         judged_by(break_the_machine)
     outcome = outcome_of(judged_by(refuse), ())
@@ -71,22 +71,22 @@ def test_a_loop_without_end_and_a_crash_kill_and_a_fault_of_the_machine_or_the_u
     assert outcome.findings == ("4ws2-paper: unaltered, it fails judge: AssertionError always",)
 
 
-def test_a_judge_that_kills_nothing_is_found() -> None:
+def test_an_ineffective_judge_is_found() -> None:
     blind = Judge("blind", lambda case: None)
     tally = campaign(["4ws2-paper"], (CALIBRATION,), lambda kind, path: [judges_of(kind, path)[0], blind])
     assert tally.powerless == ["blind"]
 
 
-def made(fates: str) -> Tally:
+def made(letters: str) -> Tally:
     """Return a tally by letters: k for killed, s for survived."""
-    mutants = [Mutant(Key("src/a.c", "f", "deletion", f"x = {k}"), k + 1, 0, "") for k in range(len(fates))]
+    mutants = [Mutant(Key("src/a.c", "f", "deletion", f"x = {k}"), k + 1, 0, "") for k in range(len(letters))]
     judged = [
-        Judged("4ws2-paper", one, "a test" if letter == "k" else SURVIVED) for one, letter in zip(mutants, fates, strict=True)
+        Judged("4ws2-paper", one, "a test" if letter == "k" else SURVIVED) for one, letter in zip(mutants, letters, strict=True)
     ]
     return Tally([("4ws2-paper", one) for one in mutants], judged)
 
 
-def test_argued_mutants_may_survive_as_long_as_they_are_few_and_the_list_holds_nothing_else() -> None:
+def test_a_few_listed_equivalents_may_survive() -> None:
     tally, few = made("s" + "k" * 39), made("sss" + "k" * 18)
     argued = [Equivalent("4ws2-paper", Key("src/a.c", "f", "deletion", f"x = {k}"), "no input can tell") for k in range(41)]
     passed = outcome_of(tally, argued[:1], least=40)
@@ -103,7 +103,7 @@ def test_argued_mutants_may_survive_as_long_as_they_are_few_and_the_list_holds_n
 
 
 def test_all_mutants_of_a_unit_compile_to_one_library_that_selects_one(tmp_path: Path) -> None:
-    """Constants and functions alike; number 0 is the unaltered unit."""
+    """This includes constants and functions; number 0 is the original unit."""
     text = b"static const int gain = 2;\nint twice(int x);\nint twice(int x)\n{\n    return gain * x;\n}\n"
     unit = Unit.read("src/small.c", {"src/small.c": text})
     mutants = mutants_of(unit)
@@ -112,14 +112,14 @@ def test_all_mutants_of_a_unit_compile_to_one_library_that_selects_one(tmp_path:
     subprocess.run(command, cwd=tmp_path, check=True)
     found = {}
     for number in range(len(mutants) + 1):
-        library = ctypes.CDLL(shutil.copy(tmp_path / "small.so", tmp_path / f"{number}.so"))  # a library selects once
+        library = ctypes.CDLL(shutil.copy(tmp_path / "small.so", tmp_path / f"{number}.so"))  # a library can select only once
         library.mutant_select(number)
         found[mutants[number - 1].key.operator if number else "unaltered"] = library.twice(10)
     wanted = {"constant: 2 to 3": 30, "constant: 2 to 1": 10, "arithmetic: * to /": 0, "unaltered": 20}
     assert found == wanted
 
 
-def test_each_mutant_of_a_unit_is_one_change_with_a_name_of_its_own() -> None:
+def test_each_mutant_is_one_change_with_a_unique_name() -> None:
     unit = Unit.read("src/ars_limiter.c", Subject.read(FOLDERS[1]).files)
     before = unit.text()
     mutants = mutants_of(unit)

@@ -1,4 +1,4 @@
-"""The paper's build, on disk and compiled, and patience with a busy machine."""
+"""The paper's build, on disk and compiled, and longer timeouts for busy machines."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def software() -> Software:
 
 
 @pytest.fixture(autouse=True)
-def patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Raise the limits of time: machines that run tests are busy, and only a failure waits this long."""
+def long_timeouts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Raise time limits: test machines are busy, and only a failure waits this long."""
     for module, name in ((ecu_process, "START_TIMEOUT"), (ecu_process, "STOP_TIMEOUT"), (bench, "ANSWER_TIMEOUT")):
         monkeypatch.setattr(module, name, 300.0)

@@ -1,4 +1,4 @@
-"""Recordings made by hand."""
+"""Synthetic recordings."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from codegen.sil.software import RECORD_COLUMNS
 
 
 def record(duration: float, **columns: Any) -> np.ndarray:
-    """A recording of 10 ms rows; each column a value, or a function of time."""
+    """Return a recording with rows of 10 ms; each column is a value or a function of time."""
     time = np.arange(round(duration / 0.01)) * 0.01
     made = np.zeros((len(time), len(RECORD_COLUMNS)))
     for name, values in {"time_s": time, "speed_m_s": 20.0, **columns}.items():
@@ -17,7 +17,7 @@ def record(duration: float, **columns: Any) -> np.ndarray:
 
 
 def spun(made: np.ndarray, since: float) -> np.ndarray:
-    """The recording of a car that spins from a time (s) on."""
+    """Return the recording of a car that spins from a time (s) on."""
     spinning = made.copy()
     for name in ("sideslip_rad", "slip_rear_rad"):
         spinning[made[:, 0] >= since - 1e-9, RECORD_COLUMNS.index(name)] = 0.3

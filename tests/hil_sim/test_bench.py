@@ -1,4 +1,4 @@
-"""The bench: the same bits on every bus, the actuator's own reactions, and errors where something is missing."""
+"""The bench: the same bits on every bus, the actuator's own reactions, and errors for missing nodes."""
 
 import math
 import os
@@ -33,29 +33,29 @@ from hil_sim.suite.plants import changed
 
 
 def short(duration: float = 2.0, *faults: Fault) -> Scenario:
-    """The paper's step, early."""
+    """Return the paper's step, with an early start."""
     return replace(find("step-steer"), duration=duration, steer_time=0.2, drive=manoeuvres.step(0.2), faults=faults)
 
 
 def multicast(third: int) -> BusAddress:
-    """A group of this process: tests may run side by side."""
+    """Return a group of this process, so that tests can run in parallel."""
     return BusAddress("udp_multicast", f"239.74.{third}.{2 + os.getpid() % 250}")
 
 
 @pytest.fixture
 def channel(request: pytest.FixtureRequest) -> BusAddress:
-    """A virtual bus of this test alone."""
+    """Return a virtual bus for this test only."""
     return BusAddress("virtual", request.node.nodeid)
 
 
 @pytest.fixture(scope="module")
 def wanted(software: Software) -> np.ndarray:
-    """The run in C as a whole, through frames."""
+    """Return the record of the whole run in C, through frames."""
     return ClosedLoop(software, LoopOptions(through_can=True)).run(short().inputs(software.config))
 
 
 def test_in_process_and_on_a_virtual_bus(software: Software, channel: BusAddress, wanted: np.ndarray) -> None:
-    """Python's codec and protection on the car's side, the C on the other; strangers' frames change nothing.
+    """Python's codec and protection on the car's side talk to the C; foreign frames change nothing.
 
     Those have 29-bit identifiers, are remote or error frames, or have wrong lengths.
     """
@@ -92,27 +92,25 @@ def test_the_passive_car_and_a_delayed_command(software: Software) -> None:
     assert np.array_equal(result.record, loop.run(short().inputs(config)))
 
 
-def test_every_cycle_is_counted_and_equals_that_in_lock_step(
-    software: Software, channel: BusAddress, wanted: np.ndarray
-) -> None:
+def test_every_cycle_is_counted_and_equals_lock_step(software: Software, channel: BusAddress, wanted: np.ndarray) -> None:
     with EcuThread(software, channel, lock_step=False), Bus(channel) as bus:
         result = run_in_real_time(PlantNode(software.config, short(0.5)), bus)
     assert len(result.record) == 50
     assert (result.received["lost"], result.send_errors) == (0, 0)
-    # Up to the first cycle without a command of its own, or with two.
+    # Until the first cycle without exactly one command.
     answered = np.isfinite(result.response) & (result.diagnostics == 0)
     same = len(answered) if answered.all() else int(np.argmin(answered))
     assert np.array_equal(result.record[:same], wanted[:same])
 
 
-def test_late_cycles_are_counted_not_made_up_for_and_without_an_ecu_the_actuator_holds(
+def test_late_cycles_are_counted_and_without_an_ecu_the_actuator_holds(
     software: Software, channel: BusAddress, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A clock that jumps by 35 ms in one cycle: three deadlines are gone, and the rest keeps distance and phase."""
+    """A clock jumps by 35 ms in one cycle: three deadlines are lost, the others keep period and phase."""
     sent: list[float] = []
 
     class Clock:
-        """Time that passes only where somebody waits."""
+        """Clock that advances only when someone waits."""
 
         now = 100.0
 
@@ -168,14 +166,14 @@ def test_an_ecu_process_that_ends(software: Software, monkeypatch: pytest.Monkey
 
 
 def test_it_returns_to_zero_where_configured(software: Software) -> None:
-    """`fault_catalogue` judges how it holds and takes control again."""
+    """`fault_catalogue` covers holding and recovery."""
     config = changed(software.config, {"rear_actuator": {"on_command_loss": "return", "return_rate_deg_s": 2.0}})
     result = run_in_process(PlantNode(config, short(2.5, Fault("ecu-restart", 1.0, 1.0))), software)
     commands, step = column(result.record, "rear_angle_command_rad"), math.radians(2.0) * 0.01
     assert (commands[100:103] == commands[99]).all() and commands[99] != 0.0
-    assert np.diff(np.abs(commands[102:110])) == pytest.approx(-step)  # the third lost sample is the last that is held
+    assert np.diff(np.abs(commands[102:110])) == pytest.approx(-step)  # the third lost sample is the last one held
     returned = np.flatnonzero(np.abs(commands[102:200]) < step)
-    assert not commands[102 + returned[0] + 1 : 200].any()  # at zero, it stays there
+    assert not commands[102 + returned[0] + 1 : 200].any()  # it stays at zero
 
 
 def test_a_restarted_node_counts_from_zero(software: Software) -> None:
@@ -186,11 +184,11 @@ def test_a_restarted_node_counts_from_zero(software: Software) -> None:
         node.receive(Frame(command.id, protect(command.e2e_data_id, (cycle + 7 * (cycle > 40)) % 15, angle)))
         node.finish(cycle)
     assert counters[32:] == [[2, 2], *[[]] * 10, [0, 0], [1, 1]]
-    assert node.received == Received(commands=35, refused=0, cycles_without=10, lost=0)  # its receiver begins anew too
+    assert node.received == Received(commands=35, refused=0, cycles_without=10, lost=0)  # its receiver restarts too
 
 
 def frames_of_each_task(clocks: Clocks, cycles: int, seed: int = 0) -> list[int]:
-    """How many frames of a message each start of the task finds."""
+    """Return how many frames of a message each start of the task finds."""
     found, waiting = [], 0
     for starts in clocks.task_starts(cycles, 0.01, seed):
         waiting += 1
@@ -204,7 +202,7 @@ def test_two_clocks_give_0_1_or_2_frames_and_lose_none(software: Software, wante
     # A car that is 1 % fast gains a cycle in a second; the clocks tick together in the middle of the run.
     assert Counter(frames_of_each_task(Clocks(drift_ppm=1e4), 200)) == {1: 198, 2: 1}
     assert Counter(frames_of_each_task(Clocks(drift_ppm=-1e4), 200))[0] == 2
-    # Jitter alone decides which comes first, so a quarter of the cycles has none: 500 +- 4 standard deviations of 19.
+    # Only jitter decides the order, so a quarter of the cycles has none: 500 +- 4 standard deviations of 19.
     counts = Counter(frames_of_each_task(Clocks(jitter_ms=0.7), 2000))
     assert set(counts) == {0, 1, 2} and abs(counts[0] - 500) < 77 and abs(counts[0] - counts[2]) <= 1
 
@@ -212,7 +210,7 @@ def test_two_clocks_give_0_1_or_2_frames_and_lose_none(software: Software, wante
     one, again, other = (run_through_can(software, uneven, seed=seed) for seed in (3, 3, 4))
     assert np.array_equal(one.record, again.record) and not np.array_equal(one.record, other.record)
     assert (one.received["lost"], one.received["refused"]) == (0, 0)
-    # A command acts from when it comes: at the end of a cycle that is a sample of delay.
+    # A command acts when it arrives: at the end of a cycle that is one sample of delay.
     node = PlantNode(software.config, short())
     node.task_starts = [(0.01,)] * node.cycles
     late = ClosedLoop(software, LoopOptions(through_can=True, delay_samples=1)).run(short().inputs(software.config))
@@ -221,7 +219,7 @@ def test_two_clocks_give_0_1_or_2_frames_and_lose_none(software: Software, wante
     assert not np.array_equal(found, wanted)
 
 
-def test_two_clocks_where_they_have_no_meaning(software: Software, channel: BusAddress) -> None:
+def test_two_clocks_are_rejected_where_they_have_no_meaning(software: Software, channel: BusAddress) -> None:
     uneven = replace(short(), clocks=Clocks(jitter_ms=0.7))
     with pytest.raises(CodegenError, match="two clocks"):
         run(software, uneven)
@@ -231,8 +229,8 @@ def test_two_clocks_where_they_have_no_meaning(software: Software, channel: BusA
         PlantNode(software.config, replace(short(), clocks=Clocks(jitter_ms=5.0)))
 
 
-def test_sensors(software: Software) -> None:
-    """A seed decides; noise has its size, and one sensor leaves the others alone; delay and resolution."""
+def test_sensor_noise_delay_and_resolution(software: Software) -> None:
+    """The seed determines the run; noise has its amplitude; sensors are independent; delay and resolution act."""
 
     def sensors(**changes: float) -> SensorModel:
         return SensorModel(changed(software.config, {"sensors": {"yaw_rate": changes}}).sensors, 1)
@@ -251,13 +249,13 @@ def test_sensors(software: Software) -> None:
 
 
 def test_multicast_groups_are_kept_apart() -> None:
-    """Linux would hand over the frames of each group that anybody has joined."""
+    """Linux would otherwise deliver the frames of every joined group."""
     one, other = multicast(166), multicast(167)
     with Bus(one) as sender, Bus(one) as member, Bus(other) as stranger:
         assert sender.send(Frame(0x123, b"hello"))
         heard = member.receive(2.0)
         assert heard is not None and heard.data == b"hello"
-        assert stranger.receive(0.0) is None  # what the member has got would be here as well
+        assert stranger.receive(0.0) is None  # the member's frame would arrive here too
 
 
 @pytest.mark.parametrize(

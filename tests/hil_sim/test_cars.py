@@ -1,4 +1,4 @@
-"""Random cars: the draw, and cells that are driven at once."""
+"""Random cars: the draw, and batches of cells."""
 
 from dataclasses import replace
 
@@ -16,19 +16,19 @@ from hil_sim.suite.subjects import of_config, passive_of
 from tests import builds
 
 
-def test_a_car_is_its_seed_and_number_and_plausible() -> None:
+def test_a_car_follows_from_seed_and_number_and_is_plausible() -> None:
     found = random_cars(DEVELOPMENT_SEED, 40)
     assert random_cars(DEVELOPMENT_SEED, 3) == found[:3] and random_cars(TEST_SEED, 1)[0] not in found
     assert len({config.vehicle.mass_kg for config in found}) == 40
     for config in found:
         assert MASS_KG[0] <= config.vehicle.mass_kg <= MASS_KG[1]
         assert SingleTrack.from_config(config).critical_speed * 3.6 > 1.2 * config.grid.speed_max_km_h
-        # It slides before it tips over: half a track over the centre of gravity's height is more than the tyres' peak.
+        # It slides before it rolls over: half the track over the height of the centre of gravity exceeds the tyres' peak.
         assert 0.5 * config.vehicle.track_m / config.vehicle.cg_height_m > 1.1 * config.road.friction
 
 
-def test_cells_driven_at_once_are_those_driven_alone() -> None:
-    """To a millionth: what differs is the rounding of the batch, see `codegen.sil.batch.DIFFERENCE_MAX`."""
+def test_cells_in_a_batch_equal_single_runs() -> None:
+    """Tolerance 1e-6: only the batch's rounding differs, see `codegen.sil.batch.DIFFERENCE_MAX`."""
     subject = of_config("tracking", builds.paper_map(), builds.TRACKING_CONFIG)
     points = cells(subject.config, subject.config.case("4ws-2"), SPEEDS_KM_H[::3], SHARES[:2])
     under = [each for each in CONDITIONS if each.name in ("mass-plus-20", "relaxation-300", "friction-60-exact", "friction-60")]
@@ -44,7 +44,7 @@ def test_cells_driven_at_once_are_those_driven_alone() -> None:
             assert [getattr(found, name) for name in names] == pytest.approx([getattr(alone, name) for name in names], abs=1e-6)
 
 
-def test_a_car_that_cannot_be_tuned_is_told() -> None:
+def test_a_car_that_cannot_be_tuned_is_reported() -> None:
     config = random_cars(DEVELOPMENT_SEED, 1)[0]
     result = examine(7, changed(config, {"tuning": {"mass_percent": []}, "grid": {"speed_points": 5}}), Limits())
     assert not result.passed and "an empty list" in result.error and result.title.startswith("car 7: ")

@@ -1,4 +1,4 @@
-"""Frames in Python and in C: cantools, reading the generated DBC, is the oracle for both."""
+"""Frames in Python and in C: cantools with the generated DBC is the oracle for both."""
 
 import dataclasses
 import functools
@@ -18,7 +18,7 @@ from hil_sim.codec import PAYLOADS, Codec, Payload
 from tests import builds
 
 OTHER = {
-    # Motorola byte order, odd lengths, offsets of both signs, factors whose inverse is no whole number, other identifiers.
+    # Motorola byte order, odd lengths, offsets of both signs, factors with a fractional inverse, other identifiers.
     "vehicle_motion": {
         "name": "Motion2",
         "id": 0x7FF,
@@ -49,7 +49,8 @@ OTHER = {
 
 
 class Variant:
-    """One message of a configuration in three ways: Python's codec, the generated C, and cantools on the generated DBC."""
+    """A message of a configuration in three implementations: Python's codec, the generated C, and cantools on the generated
+    DBC."""
 
     def __init__(self, spec: str, role: str) -> None:
         config, self.real = builds.CONFIG, np.float32
@@ -70,7 +71,7 @@ class Variant:
         self.protection = {self.message.crc_name: 0, self.message.counter_name: 0}
 
     def oracle_encode(self, payload: Payload) -> bytes:
-        """Bytes by cantools. The DBC has no limits, "not available" and qualifier: they are set here."""
+        """Return cantools' bytes. The DBC lacks limits, "not available" and qualifier: they are set here."""
         codes: dict[str, Any] = dict(self.protection)
         available = {name: not math.isnan(getattr(payload, name)) for name in self.reals}
         for name, signal in self.signals.items():
@@ -87,7 +88,7 @@ class Variant:
         return self.known.encode(codes, scaling=False, strict=True)
 
     def oracle_decode(self, data: bytes) -> dict[str, float]:
-        """cantools' values by the names of the fields."""
+        """Return cantools' values by field name."""
         codes = self.known.decode(data, decode_choices=False, scaling=False)
         values = self.known.decode(data, decode_choices=False)
         fields = {name: float(values[signal.name]) for name, signal in self.signals.items()}
@@ -113,12 +114,12 @@ class Variant:
         assert self.codec.encode(payload) == self.c_encode(payload) == self.oracle_encode(payload), payload
 
     def edges(self, signal: RealSignal) -> Iterator[float]:
-        """Limits, halves beside them, small codes, exact and other ties, their neighbours, and values that are no numbers."""
+        """Yield limits, halves next to them, small codes, exact and other ties, their neighbours, and special values."""
         limits = np.finfo(self.real)
         yield from (math.nan, math.inf, -math.inf, 0.0, -0.0)
         yield from (float(limits.smallest_subnormal), -float(limits.tiny), float(limits.max))
         low, high = signal.raw_low, signal.raw_high
-        # 12.5, 37.5 steps of 0.005 m/s are exact in binary.
+        # 12.5 and 37.5 steps of 0.005 m/s are exact in binary.
         codes = [
             code + part for code in (low, low + 1, *range(-3, 4), 1234, high // 2, high - 1, high) for part in (-0.5, 0, 0.5)
         ]
@@ -130,17 +131,17 @@ class Variant:
 
 
 def each_message(test: Any) -> Any:
-    """Run a test on each message of the preset (single precision) and of OTHER (double precision)."""
+    """Run a test for each message of the preset (single precision) and of OTHER (double precision)."""
     return pytest.mark.parametrize("role", PAYLOADS)(pytest.mark.parametrize("spec", ["preset", "other"])(test))
 
 
 variant = functools.cache(Variant)
 
 
-# Rounding of the arithmetic does not decide about a code: in double precision ours is that of cantools, step by step; in
-# single precision the preset's product is exact, for it has no offset and its factors' inverses are whole numbers.
+# Rounding of the arithmetic never changes a code. In double precision it equals that of cantools, step by step. In
+# single precision the preset's product is exact, because it has no offset and its factors' inverses are integers.
 @each_message
-def test_edge_values_are_encoded_as_the_oracle_does(spec: str, role: str) -> None:
+def test_edge_values_are_encoded_like_the_oracle(spec: str, role: str) -> None:
     one = variant(spec, role)
     nothing = one.payload(**dict.fromkeys(one.reals, math.nan))
     for name, signal in one.reals.items():
@@ -150,7 +151,7 @@ def test_edge_values_are_encoded_as_the_oracle_does(spec: str, role: str) -> Non
 
 @each_message
 @given(frame=st.binary(min_size=8, max_size=8))
-def test_random_frames_are_decoded_as_the_oracle_does_and_come_back(spec: str, role: str, frame: bytes) -> None:
+def test_random_frames_are_decoded_like_the_oracle_and_encode_back(spec: str, role: str, frame: bytes) -> None:
     one = variant(spec, role)
     ours = one.codec.decode(one.message.id, frame)
     assert isinstance(ours, one.payload)
@@ -160,9 +161,9 @@ def test_random_frames_are_decoded_as_the_oracle_does_and_come_back(spec: str, r
         value = float(getattr(ours, name))
         if name not in one.reals:
             assert value == expected, name
-        elif spec == "preset":  # correctly rounded by either
+        elif spec == "preset":  # correctly rounded by both
             assert np.float32(value).tobytes() == np.float32(expected).tobytes() or math.isnan(value + expected), name
-        else:  # a rounded inverse, a quotient and a sum: a unit in the last place each
+        else:  # rounded inverse, quotient and sum: a unit in the last place each
             eps = 2.0**-52
             assert value == pytest.approx(expected, rel=2 * eps, abs=2 * eps * abs(one.reals[name].offset), nan_ok=True), name
     if not any(math.isnan(getattr(ours, name)) for name in one.reals):

@@ -73,13 +73,14 @@ def test_receiver(settings: tuple[int, int, int], events: str, expected: str) ->
 
 
 def states(events: str, **settings: int) -> str:
-    """First letter of the state after each cycle, "x" for INVALID; "o" is a good frame, "d" a damaged one, "b" both."""
+    """Return the first letter of the state after each cycle, "x" for INVALID; "o" is a good frame, "d" a damaged one, "b"
+    both."""
     supervision = Supervision(E2e(**settings))
     return "".join("nivx"[supervision.step(event in "ob", event in "db")] for event in events)
 
 
-# PRS_E2EProtocol, figure of E2E_SMCheck, by hand. The default window of 6 cycles: 2 good ones for VALID and to stay there, 3
-# damaged ones at most, 3 good ones and at most 2 damaged ones for VALID again.
+# Worked out from PRS_E2EProtocol, figure of E2E_SMCheck. The default window has 6 cycles: VALID needs 2 good ones and
+# at most 3 damaged ones; to become VALID again, 3 good ones and at most 2 damaged ones.
 @pytest.mark.parametrize(
     ("events", "expected"),
     [
@@ -96,7 +97,7 @@ def test_state_machine(events: str, expected: str) -> None:
     assert states(events) == expected
 
 
-def test_intermittent_loss_of_any_pattern_ends_the_valid_state_within_the_window() -> None:
+def test_any_pattern_of_loss_ends_the_valid_state_within_the_window() -> None:
     settings = E2e()
     size, least = settings.window_size, settings.min_ok_state_valid
     for bits in range(1 << size):
@@ -104,7 +105,7 @@ def test_intermittent_loss_of_any_pattern_ends_the_valid_state_within_the_window
         after = states("o" * 20 + 5 * pattern)[20:]
         if pattern.count("o") < least:
             assert "v" not in after[size - 1 :], pattern
-        else:  # of any window of such a pattern as many are good
+        else:  # every window of such a pattern has as many good ones
             assert set(after) == {"v"}, pattern
     # Three of four lost: 60 ms with a cycle of 10 ms.
     assert states("ooo" + "---o" * 5)[3:].index("x") == settings.window_size - 1

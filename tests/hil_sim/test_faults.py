@@ -1,4 +1,4 @@
-"""Faults on the bus: the injector's effect on frames and values, and the defined end of every fault."""
+"""Faults on the bus: the injector's effect on frames and values, and the defined outcome of every fault."""
 
 import math
 import typing
@@ -33,18 +33,18 @@ def injector(*faults: Fault) -> Injector:
 
 
 def fault(kind: FaultKind, start: int = 2, count: int = 3, **more: object) -> Fault:
-    """A fault from cycle `start` on, for `count` cycles."""
+    """Return a fault from cycle `start` on, for `count` cycles."""
     return Fault(kind, start * PERIOD, count * PERIOD, **more)
 
 
 def frames(cycle: int) -> list[Frame]:
-    """Frames of the car in a cycle: the number of the cycle is in the last byte."""
+    """Return the car's frames of a cycle, with the number of the cycle in the last byte."""
     data = bytes([0] * 7 + [cycle])
     return [Frame(message.id, protect(message.e2e_data_id, cycle % 15, data)) for message in (MOTION, CONDITIONS)]
 
 
 def numbers(faulty: Injector, message: int = MOTION.id) -> list[list[int]]:
-    """Cycle numbers of the frames of one message, by the cycle in which they were sent."""
+    """Return the cycle numbers of the frames of one message, by the cycle in which they were sent."""
     sent = [faulty.outgoing(cycle, frames(cycle)) for cycle in range(8)]
     return [[frame.data[7] for frame in group if frame.id == message] for group in sent]
 
@@ -58,16 +58,16 @@ LOST = [[0], [1], [], [], [], [5], [6], [7]]
         ([], [[cycle] for cycle in range(8)]),
         ([fault("drop")], LOST),
         ([fault("bus-down")], LOST),
-        # In the order in which they fall due, the older first.
+        # In the order in which they are due, older first.
         ([fault("delay", cycles=4)], [[0], [1], [], [], [], [5], [2, 6], [3, 7]]),
         ([fault("duplicate")], [[0], [1], [2, 2], [3, 3], [4, 4], [5], [6], [7]]),
-        # A frame comes after its successor; none is lost when the fault ends in between.
+        # A frame follows its successor; none is lost if the fault ends between them.
         ([fault("reorder")], [[0], [1], [], [3, 2], [], [5, 4], [6], [7]]),
         ([fault("reorder", count=4)], [[0], [1], [], [3, 2], [], [5, 4], [6], [7]]),
         ([fault("burst")], [[0], [1], [], [2, 3], [], [4, 5], [6], [7]]),
-        # A dropped frame does not come back in another order.
+        # A dropped frame does not reappear in another order.
         ([fault("drop"), fault("reorder", 0, 10)], [[], [1, 0], [], [], [], [], [6, 5], []]),
-        # A bus that is down keeps no delayed frame.
+        # A bus that is down discards delayed frames.
         ([fault("bus-down"), fault("delay", 0, 2, cycles=3)], [[], [], *LOST[2:]]),
     ],
 )
@@ -88,7 +88,7 @@ def test_only_the_named_message_is_affected() -> None:
     assert injector(fault("drop", message=COMMAND.name)).outgoing(2, frames(2)) == frames(2)
 
 
-def test_corrupt_flips_one_bit_and_a_frozen_counter_is_that_of_the_frame_before() -> None:
+def test_corrupt_flips_one_bit_and_a_frozen_counter_repeats() -> None:
     for frame, right in zip(injector(fault("corrupt")).outgoing(2, frames(2)), frames(2), strict=True):
         assert (int.from_bytes(frame.data) ^ int.from_bytes(right.data)).bit_count() == 1
     faulty = injector(fault("freeze-counter", 15))
@@ -111,12 +111,12 @@ def test_values() -> None:
         assert injector(faulty).signals(cycle, MOTION.name, VALUES) == pytest.approx({**VALUES, "speed": speed}, nan_ok=True)
 
 
-def test_foreign_traffic_fills_the_bus_and_no_more() -> None:
+def test_foreign_traffic_exactly_fills_the_bus() -> None:
     group = injector(fault("foreign-traffic")).outgoing(2, frames(2))
     own = {MOTION.id, CONDITIONS.id, COMMAND.id}
     assert [frame for frame in group if frame.id in own and not frame.extended] == frames(2)
     room = PERIOD * CAN.bitrate_kbit_s * 1e3 / FRAME_BITS_MAX
-    assert room - 1 < len(group) + 1 <= room  # one more is the command
+    assert room - 1 < len(group) + 1 <= room  # plus one: the command
     assert any(frame.extended for frame in group)
     assert any(frame.remote for frame in group)
     assert {frame.id < MOTION.id for frame in group if not frame.extended} == {True, False}
@@ -163,7 +163,7 @@ def loss(software: Software) -> BenchResult:
     [
         ("rear_angle_command_rad", lambda values: 3.0 * values, ["beyond 3.5 deg"]),
         ("rear_angle_rad", lambda values: 5.0 * values, ["faster than 30 deg/s"]),
-        # As at a recovery that starts from another angle.
+        # Like a recovery that starts from another angle.
         ("rear_angle_command_rad", lambda values: np.where(np.arange(len(values)) == 101, 0.02, values), ["deg at once"]),
         (
             "status",

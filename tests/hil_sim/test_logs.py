@@ -23,7 +23,7 @@ from hil_sim.frames import Frame
 from hil_sim.logs import BusLog
 
 START = 1_700_000_000.123
-"""2023-11-14 22:13:20.123 UTC: whole milliseconds, which every format holds; a first digit that is not zero after the point."""
+"""2023-11-14 22:13:20.123 UTC: whole milliseconds, which every format can store, with a nonzero first decimal."""
 
 DBC = """VERSION ""
 BU_: Plant Ecu
@@ -34,7 +34,8 @@ formats = pytest.mark.parametrize("extension", ["blf", "asc", "log", "mf4"])
 
 
 def some_frames(count: int = 400) -> list[tuple[Frame, bool]]:
-    """All kinds of frames with every length, times in whole microseconds: exact in each format; the first is not at zero."""
+    """Return all kinds of frames with every length and times in whole microseconds, exact in each format; the first is not at
+    zero."""
     source = random.Random(20230714)
     frames, now = [], 500_000
     for number in range(count):
@@ -52,13 +53,13 @@ def some_frames(count: int = 400) -> list[tuple[Frame, bool]]:
 
 
 def signal_frames() -> list[tuple[Frame, bool]]:
-    """A second of the message of the DBC, 10 ms apart."""
+    """Return one second of the DBC's message, 10 ms apart."""
     encode = cantools.database.load_string(DBC).encode_message
     return [(Frame(0x101, encode(0x101, {"Speed": k * 0.5}), 0.02 + k / 100), True) for k in range(100)]
 
 
 def write(path: Path, frames: list[tuple[Frame, bool]], error: BaseException | None = None, **options: Any) -> Path:
-    """Log frames; the run then ends with an error, if there is one."""
+    """Log frames; the run then ends with the error, if given."""
     with BusLog(path, **{"start": START, **options}) as log:
         for frame, received in frames:
             log.write(frame, received)
@@ -68,35 +69,35 @@ def write(path: Path, frames: list[tuple[Frame, bool]], error: BaseException | N
 
 
 def read(path: Path) -> list[can.Message]:
-    """Messages with times from the start of the run, as python-can has them."""
+    """Return messages with times from the start of the run, read by python-can."""
     reader: Any = can.LogReader(path)
     offset = START if path.suffix in (".log", ".mf4") else 0.0
     if path.suffix == ".blf":
-        reader.start_timestamp = 0.0  # else added to each time, and with it 0.2 us of rounding
+        reader.start_timestamp = 0.0  # otherwise added to each time, with 0.2 us of rounding
     messages = list(reader)
     for message in messages:
         message.timestamp -= offset
     return messages
 
 
-# python-can adds the Unix time of the start to times of candump and MF4: a float64 near 1.7e9 is 0.24 us apart, and both it
-# and START are rounded. BLF is read without that, to half a nanosecond; ASC exactly (six decimals of whole microseconds).
+# python-can adds the Unix time of the start to times of candump and MF4. The spacing of float64 near 1.7e9 is 0.24 us, and both
+# the time and START are rounded. BLF is accurate to half a nanosecond, ASC exact (six decimals of whole microseconds).
 TIME_TOLERANCE = {".blf": 0.6e-9, ".asc": 1e-12, ".log": 0.3e-6, ".mf4": 0.3e-6}
 
 
 @formats
-def test_frames_come_back(tmp_path: Path, extension: str) -> None:
+def test_frames_read_back(tmp_path: Path, extension: str) -> None:
     frames = some_frames()
     path = write(tmp_path / f"run.{extension}", frames)
     messages = read(path)
-    if extension == "mf4":  # three groups, merged by time: frames of the same time may change places
+    if extension == "mf4":  # three groups, merged by time: the order of simultaneous frames is free
         messages.sort(key=lambda one: (round(one.timestamp, 6), one.is_error_frame, one.is_remote_frame))
         frames.sort(key=lambda one: (one[0].time, one[0].error, one[0].remote))
     for message, (frame, received) in zip(messages, frames, strict=True):
         assert message.timestamp == pytest.approx(frame.time, rel=0, abs=TIME_TOLERANCE[path.suffix])
         assert message.is_error_frame == frame.error
         if frame.error:
-            continue  # ASC says no more of it than that
+            continue  # ASC stores no more of it
         assert (message.arbitration_id, message.is_extended_id) == (frame.id, frame.extended)
         assert (message.is_remote_frame, message.dlc) == (frame.remote, len(frame.data))
         assert message.is_rx == received
@@ -107,11 +108,11 @@ def test_frames_come_back(tmp_path: Path, extension: str) -> None:
 
 
 def test_a_long_blf_has_every_frame_and_the_times_of_start_and_end(tmp_path: Path) -> None:
-    """BLF packs frames into containers; one that is cut between two must be whole in the end."""
+    """BLF packs frames into containers; a frame split between two must be restored."""
     frames = [(Frame(number % 0x800, number.to_bytes(8, "big"), number / 1000), True) for number in range(5000)]
     messages = read(write(tmp_path / "run.blf", frames))
     assert [int.from_bytes(one.data, "big") for one in messages] == list(range(5000))
-    # All of them are multiples of 1 ms, of which many are no float64: none may come out 1 ns early.
+    # All are multiples of 1 ms, many of which are not exact in float64: none may be 1 ns early.
     assert all(math.isclose(one.timestamp, number / 1000, rel_tol=0, abs_tol=0.1e-9) for number, one in enumerate(messages))
     with can.BLFReader(tmp_path / "run.blf") as reader:
         assert reader.start_timestamp == START
@@ -119,8 +120,8 @@ def test_a_long_blf_has_every_frame_and_the_times_of_start_and_end(tmp_path: Pat
 
 
 @pytest.fixture
-def auckland(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A time zone that is not UTC: 13 h ahead in November."""
+def other_time_zone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Set a time zone other than UTC: 13 h ahead in November."""
     monkeypatch.setenv("TZ", "NZDT-13")
     time.tzset()
     yield
@@ -128,7 +129,7 @@ def auckland(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     time.tzset()
 
 
-@pytest.mark.usefixtures("auckland")
+@pytest.mark.usefixtures("other_time_zone")
 def test_lines_of_asc(tmp_path: Path) -> None:
     path = write(tmp_path / "run.asc", signal_frames(), start=START - 0.118, channel="my bus")  # .005: 5 ms are not .5 s
     lines = path.read_text().splitlines()
@@ -141,7 +142,7 @@ def test_lines_of_asc(tmp_path: Path) -> None:
 
 def test_lines_of_candump(tmp_path: Path) -> None:
     expected = {
-        "(1700000000.123000) can7 001# R": (Frame(0x1, b"", -0.25), True),  # before the start counts as the start
+        "(1700000000.123000) can7 001# R": (Frame(0x1, b"", -0.25), True),  # times before the start become the start
         "(1700000000.123001) can7 101#01AB T": (Frame(0x101, b"\x01\xab", 0.000001), False),
         "(1700000001.123000) can7 00000007#09 R": (Frame(0x7, b"\x09", 1.0, extended=True), True),
         "(1700000001.623000) can7 007#R3 R": (Frame(0x7, bytes(3), 1.5, remote=True), True),
@@ -152,10 +153,10 @@ def test_lines_of_candump(tmp_path: Path) -> None:
     assert path.read_text().splitlines() == list(expected)
     with path.open() as file:
         parsed = [frame for _, frame in Parser(file).iterlines() if frame is not None]
-    assert [one.frame_id for one in parsed] == [0x1, 0x101, 0x7, 0x7]  # cantools leaves errors out
+    assert [one.frame_id for one in parsed] == [0x1, 0x101, 0x7, 0x7]  # cantools skips error frames
 
 
-def test_mf4_gives_physical_signals_by_the_database_inside(tmp_path: Path) -> None:
+def test_mf4_gives_physical_signals_by_its_embedded_database(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mf4", signal_frames(), dbc=DBC.encode())
     with asammdf.MDF(path) as log:
         assert log.start_time == datetime.fromtimestamp(START, UTC)
@@ -163,11 +164,11 @@ def test_mf4_gives_physical_signals_by_the_database_inside(tmp_path: Path) -> No
         assert log.attachments[0].extract() == DBC.encode()
         one = log.get("Speed")
         assert one.unit == "m/s"
-        assert one.timestamps.tolist() == [0.02 + cycle / 100 for cycle in range(100)]  # float64, as it was given
+        assert one.timestamps.tolist() == [0.02 + cycle / 100 for cycle in range(100)]  # float64, unchanged
         assert one.samples.tolist() == pytest.approx([0.5 * cycle for cycle in range(100)], abs=1e-12)
 
 
-@pytest.mark.usefixtures("auckland")
+@pytest.mark.usefixtures("other_time_zone")
 @formats
 def test_without_a_wall_clock_logs_repeat(tmp_path: Path, extension: str, monkeypatch: pytest.MonkeyPatch) -> None:
     first = write(tmp_path / f"first.{extension}", some_frames(), start=None, dbc=DBC.encode()).read_bytes()
@@ -192,7 +193,7 @@ def test_an_interrupted_run_leaves_its_log(
         synchronise(handle)
 
     monkeypatch.setattr(os, "fsync", interrupted)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a shell runs in the background
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background jobs of a shell
     try:
         with pytest.raises((interruption, KeyboardInterrupt)):
             write(path, some_frames(), interruption("stop"))
@@ -204,7 +205,7 @@ def test_an_interrupted_run_leaves_its_log(
 
 @pytest.fixture
 def full_disk() -> Iterator[None]:
-    """No file grows beyond 2 kB: a write that fails for real, as on a full disk."""
+    """Limit files to 2 kB, so that writes really fail, as on a full disk."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (2048, limits[1]))
     yield
@@ -216,7 +217,7 @@ def full_disk() -> Iterator[None]:
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (CodegenError("no answer"), "no answer"),  # the error of the run comes first; Ctrl-C explains nothing
+        (CodegenError("no answer"), "no answer"),  # the run's error comes first; Ctrl-C has no message
         (KeyboardInterrupt(), r"run\.\w+: the log cannot be written \(File too large\); check that"),
         (None, r"run\.\w+: the log cannot be written \(File too large\); check that"),
     ],
@@ -227,13 +228,13 @@ def test_a_full_disk_is_one_error_and_the_old_file_stays(
     path = tmp_path / f"run.{extension}"
     path.write_text("old content")
     with pytest.raises(CodegenError, match=words):
-        # Where the run has an error: more than 2 kB, and no more than buffers hold until the end.
+        # With a failing run: more than 2 kB, but no more than the buffers hold until the end.
         write(path, some_frames(150 if error else 2000), error)
     assert path.read_text() == "old content"
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_what_cannot_be_a_log_is_refused_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_invalid_log_is_rejected_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("run", "run.blf.gz", ".blf"):
         with pytest.raises(CodegenError, match=r"one of \.blf, \.asc, \.log, \.mf4"):
             BusLog(tmp_path / name)

@@ -1,4 +1,4 @@
-"""Figures of runs against recordings made by hand; recordings on disk."""
+"""Figures of runs compared with synthetic recordings; recordings on disk."""
 
 import math
 from dataclasses import replace
@@ -41,7 +41,7 @@ def check(found: RunMetrics, rel: float = 1e-6, **expected: float | bool | None)
 
 
 def spinning(sign: float = 1.0, degrees: float = 12.0, rear: float = -8.0) -> np.ndarray:
-    """Sideslip that rises evenly from 3 s on to `degrees` at 4 s, as does the slip of the rear axle."""
+    """Return a recording whose sideslip rises linearly from 3 s to `degrees` at 4 s, as does the rear axle's slip."""
     ramp = {"sideslip_rad": degrees, "slip_rear_rad": rear}
     columns = {name: lambda t, end=end: sign * np.interp(t, [3.0, 4.0], [0.0, end * DEGREE]) for name, end in ramp.items()}
     return record(6.0, status=0.0, yaw_rate_rad_s=0.3, front_angle_rad=0.05, **columns)
@@ -62,10 +62,10 @@ def test_a_spin_has_its_time_and_no_number_after_it(sign: float) -> None:
 def test_a_spin_needs_ten_degrees_and_a_sliding_rear_axle() -> None:
     assert spin_time(spinning(degrees=9.99)) is None
     assert spin_time(spinning(degrees=10.5)) is not None
-    # Rolling through a tight turn: the sideslip of the geometry, and no slip.
+    # Rolling through a tight turn: geometric sideslip without tyre slip.
     assert spin_time(spinning(degrees=20.0, rear=1.0)) is None
     made = record(6.0)
-    made[400:, RECORD_COLUMNS.index("yaw_rate_rad_s")] = math.nan  # a run out of all numbers counts as a spin
+    made[400:, RECORD_COLUMNS.index("yaw_rate_rad_s")] = math.nan  # a run that leaves the finite numbers counts as a spin
     assert spin_time(made) == pytest.approx(4.0)
 
 
@@ -75,18 +75,18 @@ def test_a_spin_needs_ten_degrees_and_a_sliding_rear_axle() -> None:
         (lambda t: 0.5 - 0.015 * ((t > 3.995) & (t < 4.995)), 4.0),  # a late dip of 3 % counts
         (lambda t: 0.5 - 0.005 * ((t > 3.995) & (t < 4.995)), 0.2),  # one of 1 % does not
         (lambda t: 0.0 * t, 0.0),  # a car that never steers has settled at once
-        (lambda t: 0.5 + 0.011 * np.sin(12.0 * t), None),  # it swings to the end
+        (lambda t: 0.5 + 0.011 * np.sin(12.0 * t), None),  # it oscillates to the end
     ],
 )
-def test_settling_is_to_the_last_time_outside(wave: object, settling_time: float | None) -> None:
+def test_settling_ends_at_the_last_time_outside(wave: object, settling_time: float | None) -> None:
     found = step_metrics(record(6.0, yaw_rate_rad_s=lambda t: np.where(t < 1.2, 0.0, wave(t))), 1.0)
     assert found.settling_time_s == (None if settling_time is None else pytest.approx(settling_time))
     assert found.settled == (settling_time is not None)
 
 
 @signs
-def test_ramp(sign: float) -> None:
-    """80 km/h; lateral acceleration 0.1 m/s^2 more each second, an understeering car that bends beyond 4 m/s^2."""
+def test_understeer_of_a_ramp(sign: float) -> None:
+    """80 km/h; lateral acceleration rises by 0.1 m/s^2 per second; the car understeers progressively beyond 4 m/s^2."""
     speed, gradient = 80.0 / 3.6, 0.002
 
     def ramp(share: float) -> RunMetrics:
@@ -107,7 +107,7 @@ def test_ramp(sign: float) -> None:
 
 
 def dwell_record(sign: float = 1.0, ratios: tuple[float, float] = (30.0, -5.0), lateral: float = LATERAL) -> np.ndarray:
-    """Steering of the standard from 1 s on; the yaw rate falls to its second peak, -0.5 rad/s, at 2.2 s.
+    """Return a recording of the standard's steering from 1 s on; the yaw rate falls to its second peak, -0.5 rad/s, at 2.2 s.
 
     `ratios` are the yaw rates 1.00 s and 1.75 s after the end of steering, in % of that peak.
     """
@@ -122,7 +122,7 @@ def dwell_record(sign: float = 1.0, ratios: tuple[float, float] = (30.0, -5.0), 
 
 
 @signs
-def test_sine_with_dwell(sign: float) -> None:
+def test_sine_with_dwell_figures(sign: float) -> None:
     times = sine_with_dwell.steering_times(run_of("sine-with-dwell", dwell_record(sign)))
     assert times is not None
     # The wheel reaches 5 of 80 deg after asin(1/16) / (2 pi 0.7); between 10 ms rows the sine is straight within 1e-6 s.
@@ -147,7 +147,7 @@ def test_sine_with_dwell(sign: float) -> None:
         ((34.0, 19.0), 3.1, 2335.0, 6.0, False),  # 1.77 m
         ((34.0, 19.0), 3.1, 3600.0, 6.0, True),  # a heavy car must reach 1.52 m
         ((34.0, 19.0), 2.6, 3600.0, 6.0, False),  # 1.49 m
-        # A run that ends between the two times passes nothing, and fails where it has failed.
+        # A run that ends between the two times cannot pass; it fails if the first criterion failed.
         ((34.0, 19.0), LATERAL, 2335.0, END + 1.5, None),
         ((36.0, 19.0), LATERAL, 2335.0, END + 1.5, False),
     ],
@@ -162,7 +162,7 @@ def test_criteria_of_the_standard(
 
 
 def test_frequency_response_of_a_known_filter() -> None:
-    """A first-order lag with a dead time of five rows, as the sampled recurrence has it."""
+    """The filter is a sampled first-order lag with a dead time of five rows."""
     wheel = find("sine-sweep").inputs(CONFIG)[::10, 1]
     lag, gain, rows = 0.15, 0.4, 5
     pole = math.exp(-0.01 / lag)
@@ -174,21 +174,21 @@ def test_frequency_response_of_a_known_filter() -> None:
     assert found is not None
     z = np.exp(2j * np.pi * found.frequency * 0.01)
     exact = gain * (1.0 - pole) * z ** -(1.0 + rows) / (1.0 - pole / z)
-    # Of the band that is averaged only the curvature over 3 % of its frequency is left, and at the ends the fading.
+    # Averaging leaves only the curvature over 3 % of the frequency, and the fading at the ends.
     assert found.gain == pytest.approx(np.abs(exact), rel=2e-3)
     assert found.phase == pytest.approx(np.unwrap(np.angle(exact)), abs=5e-3)
     fine = np.geomspace(0.2, 3.5, 10_000)
     values = gain * (1.0 - pole) / np.abs(1.0 - pole * np.exp(-2j * np.pi * fine * 0.01))
     bandwidth = fine[np.argmax(values < values[0] * 10.0 ** (-3.0 / 20.0))]
     assert found.where_gain_falls(frequency.BANDWIDTH_SHARE) == pytest.approx(bandwidth, rel=2e-3)
-    # A car that does not fall off has no bandwidth, and one that stands still no gain.
+    # A car with a constant gain has no bandwidth, and one at rest has no gain.
     rigid = record(len(wheel) * 0.01, front_angle_rad=wheel / RATIO, yaw_rate_rad_s=0.3 * wheel)
     check(figures("sine-sweep", rigid), bandwidth_3_db_hz=None, yaw_rate_gain_per_s=0.3)
     check(figures("sine-sweep", record(85.0)), yaw_rate_gain_per_s=None)
 
 
 def test_corner() -> None:
-    """A fault from 3 to 4 s; degraded from 3.05 s on, fail-safe, control again from 4.2 s on."""
+    """A fault lasts from 3 to 4 s: degraded from 3.05 s, then fail-safe, in control again from 4.2 s."""
     made = record(
         8.0,
         yaw_rate_rad_s=lambda t: 0.2 + np.where((t >= 3.0) & (t < 5.0), 0.05, 0.0),
@@ -196,7 +196,7 @@ def test_corner() -> None:
         status=lambda t: np.where(t < 3.045, 0.0, np.where(t < 3.085, 3.0, np.where(t < 4.195, 4.0, 1.0))),
     )
     found = figures("ecu-loss", made, faults=(Fault("drop", 3.0, 1.0),))
-    check(found, 0.03, yaw_rate_deviation_deg_s=math.degrees(0.05))  # one row of 51 before is after
+    check(found, 0.03, yaw_rate_deviation_deg_s=math.degrees(0.05))  # one of 51 earlier rows is later
     check(found, 1e-3, rear_angle_deviation_deg=math.degrees(0.01))
     check(found, rear_rate_abs_max_deg_s=math.degrees(0.02), not_controlled_s=4.2 - 3.05, recovery_s=0.2)
 
@@ -205,7 +205,7 @@ def test_path_of_a_circle() -> None:
     radius, rate = 50.0, 0.4
     heading, _, offset = others.path(run_of("split-friction", record(4.0, speed_m_s=radius * rate, yaw_rate_rad_s=rate)))
     assert heading[-1] == pytest.approx(rate * 3.99)
-    # The trapezoidal rule over 10 ms: (0.4 * 0.01)^2 / 12 of the whole.
+    # Relative error of the trapezoidal rule over 10 ms: (0.4 * 0.01)^2 / 12.
     assert offset[-1] == pytest.approx(radius * (1.0 - math.cos(rate * 3.99)), rel=1e-5)
 
 
@@ -216,7 +216,7 @@ def test_control_begins_and_ends_at_the_thresholds(software: Software) -> None:
     assert found["control_begins_km_h"] == pytest.approx(15.0, abs=0.05)
     assert found["control_ends_km_h"] == pytest.approx(12.0, abs=0.05)
     without = evaluate(scenario, CONFIG, {"passive": record(6.0, status=2.0)})
-    assert not any("control" in title for title, _, _ in without.rows)  # figures that no car has are left out
+    assert not any("control" in title for title, _, _ in without.rows)  # figures that no car has are omitted
 
 
 def test_a_car_at_rest_has_figures_and_no_recording_has_none() -> None:

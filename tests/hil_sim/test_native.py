@@ -23,7 +23,7 @@ def run(*command: str | Path) -> tuple[int, str, str]:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, build_folder: Path) -> Path:
-    """A build, and a cache of the test's own."""
+    """Return a build, with a separate cache for the test."""
     monkeypatch.setenv("ARS_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("CC", raising=False)
     return Path(shutil.copytree(build_folder, tmp_path / "build"))
@@ -70,17 +70,17 @@ def test_it_is_compiled_once_and_depends_on_no_folder(
     assert [path.relative_to(folder) for path in sorted(folder.rglob("*"))] == [
         path.relative_to(build_folder) for path in sorted(build_folder.rglob("*"))
     ]
-    assert list((tmp_path / "cache").iterdir()) == [program]  # no scratch is left
+    assert list((tmp_path / "cache").iterdir()) == [program]  # no temporary file is left
     whole = program.read_bytes()
     program.write_bytes(whole[:1000])  # a damaged program is compiled again
     assert native.compile_ecu(build_folder).read_bytes() == whole
-    monkeypatch.setattr(native, "_compile", lambda *_: pytest.fail("compiled again"))
+    monkeypatch.setattr(native, "_compile", lambda *_: pytest.fail("recompiled"))
     assert native.compile_ecu(folder) == program
     command = native.command(folder, "vcan3", lock_step=True, parent=12, xcp=True)
     assert command == [str(program), "--lock-step", "--xcp", "--parent", "12", "vcan3"]
 
 
-def test_its_name_depends_on_sources_and_compiler(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_its_cache_name_depends_on_sources_and_compiler(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(native, "_compile", lambda *given: given[-1])
     names = {native.compile_ecu(folder)}
     for path in ("linux/ars_ecu.c", "src/ars_task.c", "include/ars_can.h"):

@@ -17,7 +17,7 @@ from tests import builds
 CONFIG = builds.CONFIG
 HALF_WIDTH = 0.5 * (1.627 + 0.25)
 LANES = ((0.0, 12.0, -1.157, 1.157), (25.5, 36.5, 2.157, 5.034), (49.0, 61.0, -1.843, 1.157))
-"""By hand, for a car of 1.877 m: begin and end, right and left edge in m, each to 0.5 mm."""
+"""Lanes for a car of 1.877 m, calculated to 0.5 mm: begin and end, right and left edge, in m."""
 
 
 def test_the_car_on_its_path_stays_within_the_lanes_touches_their_ends_and_goes_round_cones() -> None:
@@ -37,8 +37,8 @@ def test_the_car_on_its_path_stays_within_the_lanes_touches_their_ends_and_goes_
     assert at_cones == pytest.approx((HALF_WIDTH + 0.3) * np.array([0, -1, 1, -1, 1, -1, 1, 0]))
 
 
-def test_the_driver_takes_the_held_angle_that_comes_closest_to_the_path() -> None:
-    """Against the same linear car, integrated in small steps."""
+def test_the_driver_holds_the_angle_that_comes_closest_to_the_path() -> None:
+    """The reference is the same linear car, integrated in small steps."""
     speed, start = 20.0, (3.0, 0.2, 0.01)
     car, followed = SingleTrack.from_config(CONFIG), paths.slalom(CONFIG, 10.0)
     hands = paths.PreviewDriver(CONFIG, followed, speed, paths.DELAY_S)  # one period of delay
@@ -63,19 +63,19 @@ def test_the_driver_takes_the_held_angle_that_comes_closest_to_the_path() -> Non
 
 
 @pytest.mark.parametrize("name", PATH_SCENARIOS)
-def test_every_way_of_driving_has_the_same_driver_and_a_path_error(name: str, software: Software) -> None:
+def test_every_loop_has_the_same_driver_and_a_path_error(name: str, software: Software) -> None:
     scenario = find(name)
     alone, on_bus = run(software, scenario, controlled=False), passive(software.config, scenario)
     assert np.array_equal(alone[:, :-1], on_bus[:, :-1])
     short = replace(scenario, duration=3.0)
     one, two = (column(made, "front_angle_rad") for made in (run(software, short), run_through_can(software, short).record))
-    assert one == pytest.approx(two, abs=2e-3)  # the steps of the frames are all that differs: 1e-4 rad of 0.1 rad, and back
+    assert one == pytest.approx(two, abs=2e-3)  # only the quantisation of the frames differs: 1e-4 rad of 0.1 rad
 
     straight = alone.copy()
     straight[:, 3:7] = 0.0
     figures = evaluate(scenario, software.config, {"driven": alone, "straight": straight}).runs
     assert figures["driven"]["path_error_rms_m"] < figures["driven"]["path_error_max_m"]
-    # A car that goes straight on is off by the path itself: the offset of the lanes, the way round a cone.
+    # A car that drives straight on deviates by the path itself: the offset of the lanes, the distance around a cone.
     largest = {"double-lane-change": 0.5 * (2.3147 + 2.877) + 1.0, "slalom": HALF_WIDTH + 0.3}[name]
     assert figures["straight"]["path_error_max_m"] == pytest.approx(largest, abs=1e-3)
     over = {"double-lane-change": LANES[1][2] + HALF_WIDTH, "slalom": HALF_WIDTH}[name]

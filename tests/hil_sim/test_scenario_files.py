@@ -1,4 +1,4 @@
-"""The user's own scenarios: recordings and scenario files, and the one line for each error in them."""
+"""User scenarios: recordings and scenario files, and the one-line error for each mistake in them."""
 
 import math
 from pathlib import Path
@@ -45,12 +45,12 @@ def refusal(name: str) -> str:
     return line
 
 
-def test_own_recording_comes_out_as_it_went_in(software: Software) -> None:
+def test_a_user_s_recording_is_reproduced(software: Software) -> None:
     first = run(software, find("step-steer"))
     save_csv(first, Path("run.csv"))
     again = run(software, find("run.csv"))
     assert again.shape == first.shape
-    # The front angle passes the steering's lag of 5 ms a second time: behind by that much, 0.1 deg at 22.5 deg/s.
+    # The front angle passes the steering's lag of 5 ms a second time: 0.1 deg at 22.5 deg/s.
     np.testing.assert_allclose(again[:, 2], first[:, 2], atol=math.radians(0.15))
     np.testing.assert_allclose(again[-100:, 3], first[-100:, 3], rtol=1e-3)
 
@@ -62,7 +62,7 @@ def test_values_between_rows_are_linear_and_flags_are_held() -> None:
         'b,3.1,20,1.0,0.5,nan,100,1\r\n"c, d",3.3,20,1.0,0.5,0.6,100,0\r\n\r\n'
     )
     speed, wheel, friction, estimate, moment, inhibit = find(written(text)).inputs(CONFIG).T
-    # Rows at 0, a little over 0.1 (3.1 - 3.0) and 0.3 s; the last one is held for as long as rows are apart, at most 0.1 s.
+    # Rows at 0, slightly over 0.1 (3.1 - 3.0) and 0.3 s; the last one is held for one row interval, at most 0.1 s.
     assert (speed[50], wheel[50], friction[50], moment[50]) == pytest.approx((15.0, 0.5, 0.7, 50.0))
     assert speed[300:].tolist() == [20.0] * 100
     assert inhibit.tolist() == [0.0] * 100 + [1.0] * 200 + [0.0] * 100
@@ -70,7 +70,7 @@ def test_values_between_rows_are_linear_and_flags_are_held() -> None:
     assert estimate[300] == pytest.approx(0.6)
 
 
-def test_file_that_is_none_or_too_long() -> None:
+def test_a_missing_or_too_long_file() -> None:
     Path("folder.csv").mkdir()
     Path("latin.csv").write_bytes(b"time_s,\xe9\n")
     with Path("huge.csv").open("wb") as file:
@@ -90,7 +90,7 @@ def fault(kind: str, *lines: str) -> str:
     return "\n".join([BASE, "[[faults]]", f'kind = "{kind}"', "start_s = 11.0", "duration_s = 0.5", *lines, ""])
 
 
-def test_scenario_file_changes_what_it_names() -> None:
+def test_a_scenario_file_changes_only_its_keys() -> None:
     values = "speed_km_h = 60\nsteering_wheel_angle_deg = -45.0\nfriction = 0.6\nfriction_estimate = 0.7\nduration_s = 12.0\n"
     scenario = toml(BASE + values)
     inputs = scenario.inputs(CONFIG)
@@ -147,11 +147,11 @@ def test_faults_of_a_scenario_file() -> None:
     ],
 )
 def test_file_that_cannot_be_used(text: str, words: str) -> None:
-    """Scenario files have a name; all others are recordings."""
+    """Scenario files are recognised by their name; all others are recordings."""
     assert words in refusal(written(text, "mine.toml" if text.startswith("name = ") else "mine.csv"))
 
 
-def test_a_file_without_a_name_is_called_as_it_is(tmp_path: Path) -> None:
+def test_a_file_without_a_name_is_named_by_its_path(tmp_path: Path) -> None:
     path = tmp_path / "wet-turn.toml"
     path.write_text('base = "step-steer"\nfriction = 0.5\n', encoding="utf-8")
     assert scenario_files.load(path, CONFIG).name == "wet-turn"

@@ -1,4 +1,4 @@
-"""Scenarios: their effect on the car, worked out from the car, with the numbers of their standards."""
+"""Scenarios: their effect on the car, with the numbers of their standards."""
 
 import json
 import math
@@ -28,7 +28,7 @@ def column(name: str, signal: str, config: Config = CONFIG) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_each_scenario_drives_and_has_its_figures(name: str, software: Software) -> None:
+def test_each_scenario_runs_and_has_its_figures(name: str, software: Software) -> None:
     scenario = replace(find(name), faults=())
     inputs = scenario.inputs(CONFIG)
     assert inputs.shape == (round(scenario.duration * 1000), len(INPUT_COLUMNS))
@@ -39,7 +39,7 @@ def test_each_scenario_drives_and_has_its_figures(name: str, software: Software)
     assert ((friction >= 0.3) & (friction <= 0.9)).all()
     assert np.isnan(estimate).all() or (estimate == 0.5).all()
     assert (np.abs(moment) < 1e4).all() and not inhibit.any()
-    # Something happens from the named time on, and not before.
+    # Inputs change from the stated time on, and not before.
     assert np.flatnonzero(np.abs(wheel) + np.abs(moment))[0] == pytest.approx(1000.0 * scenario.steer_time, abs=2.0)
     runs = {name: run(software, scenario, controlled=name == "controlled") for name in ("controlled", "passive")}
     found = evaluate(scenario, CONFIG, runs)
@@ -49,7 +49,7 @@ def test_each_scenario_drives_and_has_its_figures(name: str, software: Software)
     assert figures["passive"]["rear_angle_max_deg"] in (0.0, None)
 
 
-def test_sine_with_dwell_is_the_standards() -> None:
+def test_sine_with_dwell_follows_the_standard() -> None:
     wheel = column("sine-with-dwell", "steering_wheel_command")
     # By hand: L/v^2 + K = 3.14/22.22^2 - 1.3e-5 rad s^2/m, times 0.3 * 9.80665 m/s^2, times 13.33: 14.26 deg for 0.3 g.
     assert wheel.max() == pytest.approx(5.0 * 14.26 * DEGREE, rel=1e-3)
@@ -57,7 +57,7 @@ def test_sine_with_dwell_is_the_standards() -> None:
     period = 1.0 / 0.7
     dwell = 1.0 + 0.75 * period
     for time, expected in {1.0: 0.0, 1.0 + period / 4: 1.0, 1.0 + period / 2: 0.0, dwell: -1.0, dwell + 0.49: -1.0}.items():
-        # A row lies up to half a millisecond from the moment: 0.7 Hz turns through 0.0022 of the amplitude in that time.
+        # A row is up to half a millisecond away, in which 0.7 Hz changes by 0.0022 of the amplitude.
         assert unit[round(1000.0 * time)] == pytest.approx(expected, abs=0.0025), time
     assert unit[round(1000.0 * (1.0 + period + 0.5)) + 1 :].max() == 0.0 == unit[:1000].min()
     assert np.ptp(unit[round(1000 * dwell) + 1 : round(1000 * (dwell + 0.5)) - 1]) == pytest.approx(0.0)
@@ -81,11 +81,11 @@ def test_split_friction_is_the_difference_of_the_front_wheels(software: Software
     assert moment[2500:5000] == pytest.approx(braking.yaw_moment)
     assert (speed[2000] - speed[5000]) / 3.0 == pytest.approx(braking.deceleration)
     assert column("split-friction", "friction")[0] == pytest.approx(0.6)
-    # The car turns to the left, where the road grips.
+    # The car turns to the left, the side with grip.
     assert run(software, find("split-friction"), controlled=False)[300:500, 3].min() > 0.0
 
 
-def test_what_cannot_be_driven_is_refused(software: Software) -> None:
+def test_an_impossible_scenario_is_rejected(software: Software) -> None:
     lost = find("ecu-loss")
     assert len(run(software, lost, controlled=False)) == 1400
     tail_heavy = changed(CONFIG, {"vehicle": {"cg_to_front_axle_m": 2.0, "cg_to_rear_axle_m": 1.0}})

@@ -1,6 +1,6 @@
-"""The third party's multi-body car: its rear-steer hook against the untouched model, against itself, and its cells.
+"""The third-party multi-body car: its rear-steer hook, compared with the original model and with itself, and its cells.
 
-Longer drives on it, against linear theory and in closed loop, are in `tests/evidence/drives/test_second_plant.py`.
+Longer drives, compared with linear theory and in closed loop, are in `tests/evidence/drives/test_second_plant.py`.
 """
 
 import copy
@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Status
+from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.metrics import column, spin_time
 from hil_sim.second_plant import MultiBodyPlant, car_of, cells, package, published, run
@@ -42,7 +43,7 @@ def car() -> RearSteeredCar:
 
 
 def turning_state(car: RearSteeredCar, seed: int) -> list[float]:
-    """A car in a turn, every state of it disturbed."""
+    """Return a state in a turn with every component disturbed."""
     rng = np.random.default_rng(seed)
     state = np.array(car.straight_ahead(float(rng.uniform(8.0, 35.0))))
     state += rng.uniform(-1.0, 1.0, len(state)) * 0.01
@@ -61,23 +62,23 @@ def test_the_hook_changes_no_bit_without_rear_angle_and_nothing_outside_itself(c
         assert car.derivative(state, 0.1, -0.5, rear_angle=0.05) != straight
         assert car.derivative(state, 0.1, -0.5) == straight
         assert state == kept
-        state[25] = -1.0  # a wheel that the model holds stays held
+        state[25] = -1.0  # the model holds a wheel with a negative speed
         assert car.derivative(state, 0.0, 0.0, rear_angle=0.05)[25] == 0.0
     assert vars(module) == before
     assert vars(tyres) == functions
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_rear_wheels_steer_as_the_front_wheels_of_the_model_do(seed: int) -> None:
-    """A car whose rear half is its front half, seen in a mirror: turned rear wheels do what turned front wheels do.
+def test_rear_wheels_steer_like_the_model_s_front_wheels(seed: int) -> None:
+    """The car's rear half mirrors its front half: turned rear wheels act like turned front wheels.
 
-    Exchanging front and rear exchanges left and right and turns the yaw rate around. The front is the third party's own code.
+    Exchanging front and rear exchanges left and right and reverses the yaw rate. The front is the third party's own code.
     """
     parameters = published()
     axles = ("a b", "T_f T_r", "K_sf K_sr", "K_sdf K_sdr", "K_tsf K_tsr", "D_f D_r", "m_uf m_ur", "I_uf I_ur")
     for front, rear in (names.split() for names in axles):
         setattr(parameters, rear, getattr(parameters, front))
-    parameters.K_lt = 0.0  # takes the force in the axes of the wheel at the front, of the car at the rear
+    parameters.K_lt = 0.0  # uses wheel axes for the force at the front, car axes at the rear
     car = RearSteeredCar(parameters)
     rng = np.random.default_rng(seed)
     angle, yaw_rate, side = rng.uniform(-0.1, 0.1), rng.uniform(-0.3, 0.3), rng.uniform(-0.5, 0.5)
@@ -87,8 +88,8 @@ def test_rear_wheels_steer_as_the_front_wheels_of_the_model_do(seed: int) -> Non
     steered_rear[5], steered_rear[10], steered_rear[23:27] = -yaw_rate, side, spin[[3, 2, 1, 0]]
     front_rates = car.derivative(steered_front, 0.0, 0.0)
     rear_rates = car.derivative(steered_rear, 0.0, 0.0, rear_angle=angle)
-    exact = {"rel": 1e-9, "abs": 1e-9}  # rounding only: the sums are taken in another order
-    # The acceleration along the car has a part of the turning frame, r v.
+    exact = {"rel": 1e-9, "abs": 1e-9}  # only rounding: the order of the sums differs
+    # The longitudinal acceleration has a term of the rotating frame, r v.
     assert front_rates[3] - yaw_rate * side == pytest.approx(rear_rates[3] + yaw_rate * side, **exact)
     assert front_rates[5] == pytest.approx(-rear_rates[5], **exact)
     assert front_rates[15] + yaw_rate * 20.0 == pytest.approx(rear_rates[20] - yaw_rate * 20.0, **exact)
@@ -97,13 +98,13 @@ def test_rear_wheels_steer_as_the_front_wheels_of_the_model_do(seed: int) -> Non
 
 
 def test_friction_scales_the_force_and_a_yaw_moment_turns_to_the_left(car: RearSteeredCar) -> None:
-    # One wheel turned in a car that rolls straight ahead: no load has moved yet.
+    # One turned wheel in a car that rolls straight ahead: no load transfer yet.
     state = car.straight_ahead(20.0)
     dry, wet = (car.derivative(state, 0.0, 0.0, 0.05, friction)[20] for friction in (1.0, 0.5))
     assert wet == pytest.approx(0.5 * dry, rel=1e-12)
     left, none = (car.derivative(state, 0.0, 0.0, 0.0, 1.0, moment)[5] for moment in (500.0, 0.0))
     assert left - none == pytest.approx(500.0 / published().I_z, rel=1e-9)  # axes of the package: z down
-    # The plant relates the road to the friction of the tyre data.
+    # The plant scales the road by the friction of the tyre data.
     plant, nominal = MultiBodyPlant(config(), 20.0), published().tire.p_dy1
     plant.advance([PlantInput(20.0, math.radians(30.0), 0.0, nominal)] * 100)
     dry, wet = (plant.sample(PlantInput(20.0, 0.0, 0.0, friction)).lateral_acceleration for friction in (nominal, 0.4))
@@ -111,11 +112,11 @@ def test_friction_scales_the_force_and_a_yaw_moment_turns_to_the_left(car: RearS
     assert wet == pytest.approx(0.4 / nominal * dry, rel=1e-9)
 
 
-def test_actuators_are_those_of_our_own_plant() -> None:
+def test_actuators_equal_those_of_our_own_plant() -> None:
     ours, theirs = Plant(config()), MultiBodyPlant(config(), 20.0)
     for command in (math.radians(5.0), math.radians(-1.0)):
         acting = PlantInput(20.0, math.radians(30.0), command, config().road.friction)
-        for _ in range(16):  # long enough for rate, lag and angle to be the limit in turn
+        for _ in range(16):  # long enough for rate, lag and angle to limit in turn
             for plant in (ours, theirs):
                 plant.advance([acting] * 10)
             here, there = ours.sample(acting), theirs.sample(acting)
@@ -129,13 +130,13 @@ def test_the_configuration_of_each_published_car_has_its_tyres_and_mass(number: 
     parameters = published(number)
     car = car_of(parameters, builds.CONFIG)
     tyres, tyre, weight = AxleTyres.from_config(car), parameters.tire, parameters.m * 9.81
-    # Both wheels of both axles carry the car, and this tyre's stiffness is its load times -p_ky1.
+    # The four wheels carry the car, and this tyre's stiffness is its load times -p_ky1.
     total = 2.0 * (tyres.front.cornering_stiffness + tyres.rear.cornering_stiffness)
-    assert total == pytest.approx(-tyre.p_ky1 * weight, rel=1e-5)  # m is rounded, and the slope taken over 0.01 deg
+    assert total == pytest.approx(-tyre.p_ky1 * weight, rel=1e-5)  # m is rounded, and the slope is taken over 0.01 deg
     slip = np.linspace(-0.3, 0.3, 61)
     own = package.module("utils.tire_model").formula_lateral
     theirs = [-own(float(value), 0.0, tyres.front.static_load, tyre)[0] for value in slip]
-    # The load differs: ours takes the axle's mass for part of the body, 3 % at the most; so does B, and the peak not at all.
+    # The load differs by up to 3 %, because ours counts the axle's mass as body, and so does B; the peak does not.
     np.testing.assert_allclose(tyres.front.force(slip), theirs, rtol=0.03)
     assert 0.5 < car.vehicle.front_roll_share < 0.8
     others = {"vehicle", "tyre", "road"}
@@ -168,7 +169,7 @@ def test_a_run_that_leaves_the_model_ends_as_a_spin(monkeypatch: pytest.MonkeyPa
     assert np.isfinite(record[:10]).all() and np.isnan(record[10:, 1:-1]).all()
 
 
-def test_what_cannot_be_driven_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_impossible_run_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     parameters, base = published(), config()
     with pytest.raises(CodegenError, match=r"no multi-body car 4; known: 1 \(Ford Escort\), 2 \(BMW 320i\)"):
         published(4)

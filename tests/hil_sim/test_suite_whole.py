@@ -1,6 +1,6 @@
-"""The controller under test and its baselines, and the parts that the whole suite is made of.
+"""The controller under test and its baselines, and the parts of the whole suite.
 
-The whole suite, driven, is in `tests/evidence/drives/test_suite_drives.py`.
+The whole suite runs in `tests/evidence/drives/test_suite_drives.py`.
 """
 
 import math
@@ -46,7 +46,7 @@ def written(at: Path, reference_map: ReferenceMap, config: Config) -> Path:
 
 @pytest.fixture
 def tuned(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fixed schedule stands in for the design of gains."""
+    """Replace the gain design by a fixed schedule."""
     tracking = {"controller": {"tracking": {"schedule": builds.SCHEDULE}}}
     for module in (candidate, third_party):
         monkeypatch.setattr(module, "tuned", lambda _, config, steps=None: changed(config, tracking))
@@ -77,7 +77,7 @@ def test_baselines_keep_the_users_sampling_time() -> None:
     )
     for config in (*baseline_configs(quick).values(), recommended_config(quick)):
         assert config.controller.sampling_time_s == 0.005
-        assert configuration.parse(config.model_dump(), "test") == config  # and are consistent as a whole
+        assert configuration.parse(config.model_dump(), "test") == config  # and the whole is consistent
 
 
 @pytest.mark.usefixtures("tuned")
@@ -117,7 +117,7 @@ def test_a_stack_stays_a_stack_and_a_build_that_cannot_be_solved_again_is_refuse
             of_folder(tmp_path)
 
 
-def test_background_calls_and_their_errors_come_back_and_its_processes_end(tmp_path: Path) -> None:
+def test_background_returns_results_and_errors_and_ends_its_processes(tmp_path: Path) -> None:
     with Background() as background:
         root, refused = background.call(math.sqrt, 9.0), background.call(configuration.load, tmp_path / "ars.toml")
         assert root.get() == 3.0
@@ -131,8 +131,8 @@ def test_background_calls_and_their_errors_come_back_and_its_processes_end(tmp_p
 
 @pytest.mark.usefixtures("tuned")
 @pytest.mark.parametrize("kind", ["tracking", "pi"])
-def test_a_job_is_for_a_car_of_its_own(monkeypatch: pytest.MonkeyPatch, kind: Kind) -> None:
-    """Solved, tuned and built for the third party's car; here the paper's with more mass stands in for it."""
+def test_a_job_uses_its_own_car(monkeypatch: pytest.MonkeyPatch, kind: Kind) -> None:
+    """It is solved, tuned and built for the third party's car, here replaced by a heavier paper car."""
     heavy = changed(of_kind(SMALL, kind), {"vehicle": {"mass_kg": 2500.0}})
     monkeypatch.setattr(second_plant, "published", lambda: "parameters")
     monkeypatch.setattr(second_plant, "car_of", lambda parameters, base: heavy if parameters == "parameters" else base)
@@ -147,13 +147,13 @@ def test_a_job_is_for_a_car_of_its_own(monkeypatch: pytest.MonkeyPatch, kind: Ki
     jobs = third_party.jobs({kind: of_kind(BEST, kind)}, "4ws-2")
     assert list(jobs) == [kind, PASSIVE]
     assert [job() for job in jobs.values()] == [("driven",), ("driven",)]
-    assert seen == [(heavy, kind, True, True), (heavy, "pi", True, False)]  # a car without control needs no tuning
+    assert seen == [(heavy, kind, True, True), (heavy, "pi", True, False)]  # a passive car needs no tuning
 
 
-class AtOnce(nullcontext):
-    """Stands in for Background: calls in this process, at `get`."""
+class SynchronousBackground(nullcontext):
+    """Replacement for Background that runs calls in this process, at `get`."""
 
-    def __enter__(self) -> "AtOnce":
+    def __enter__(self) -> "SynchronousBackground":
         return self
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -162,7 +162,7 @@ class AtOnce(nullcontext):
 
 @pytest.mark.parametrize("installed", [True, False])
 def test_the_whole_collects_its_parts(monkeypatch: pytest.MonkeyPatch, installed: bool) -> None:
-    """A figure that cannot be measured leaves a note; here a result without drives stands in for those of the suite."""
+    """A figure that cannot be measured leaves a note. Results without simulation replace those of the suite."""
 
     def refuse(*given: Any) -> Any:
         raise CodegenError("not installed", where="ziglang", remedy="install it")
@@ -170,7 +170,7 @@ def test_the_whole_collects_its_parts(monkeypatch: pytest.MonkeyPatch, installed
     tested = of_config("pi", builds.paper_map(), PAPER)
     bare = SuiteResult("pi", ("pi",), (), (), "", {"pi": {}}, {"pi": {}}, (), {}, {}, {})
     monkeypatch.setattr(Candidate, "line_up", lambda self, steps: LineUp(tested, (), PAPER.case("4ws-2"), ("a note",)))
-    monkeypatch.setattr(whole, "Background", AtOnce)
+    monkeypatch.setattr(whole, "Background", SynchronousBackground)
     monkeypatch.setattr(whole, "run_suite", lambda *given, progress: (progress("x", 0, 1), bare)[1])
     monkeypatch.setattr(third_party, "available", lambda: installed)
     monkeypatch.setattr(third_party, "jobs", lambda contenders, case: {"pi": refuse})

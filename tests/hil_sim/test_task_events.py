@@ -1,6 +1,6 @@
-"""Events of the task in closed loop: none without cause, and the end of a bus that loses most of its samples.
+"""Events of the task in closed loop: none without a cause, and the outcome of a bus that loses most samples.
 
-`tests/sil` compares when each of them comes with a second implementation.
+`tests/sil` compares the time of each event with a second implementation.
 """
 
 from dataclasses import replace
@@ -41,7 +41,7 @@ def test_three_of_four_samples_lost_end_in_the_fail_safe(software: Software) -> 
 
 @pytest.mark.parametrize("lag", [0.02, 0.1])
 def test_a_healthy_car_shows_none(lag: float) -> None:
-    """With an actuator twice as slow or fast as configured, in every scenario and with two clocks."""
+    """The actuator is twice as slow or fast as configured, in every scenario and with two clocks."""
     software = builds.of_kind("tracking").software
     config = changed(software.config, {"rear_actuator": {"lag_s": lag}})
     for name, scenario in SCENARIOS.items():

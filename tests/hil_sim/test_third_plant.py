@@ -1,4 +1,5 @@
-"""The third plant: our own where nothing differs, each difference against its own closed form, and a repeatable run."""
+"""The third plant: equal to our own without its differences, each difference compared with a closed form, and a repeatable
+run."""
 
 import math
 from collections.abc import Sequence
@@ -30,25 +31,25 @@ def turn(plant: Plant, rear: float = 0.0, seconds: float = 3.0, wheel: float = m
     return acting
 
 
-def test_without_differences_it_turns_as_our_own_plant() -> None:
-    """Stiff springs and short relaxation change the way to the steady turn; the same load moves in it."""
+def test_without_differences_it_turns_like_our_own_plant() -> None:
+    """Stiff springs and short relaxation change the transient; the steady load transfer is the same."""
     ours, theirs = Plant(CONFIG), RollPlant(CONFIG, NONE)
     one, other = (plant.sample(turn(plant, math.radians(-1.0))) for plant in (ours, theirs))
-    # The body still rolls by 1/20 of 4 deg/g, whose weight moves 0.3 % more load, of which the forces see a tenth.
+    # The body still rolls by 1/20 of 4 deg/g, which adds 0.3 % of load transfer; a tenth of it affects the forces.
     assert other.yaw_rate == pytest.approx(one.yaw_rate, rel=3e-4)
     assert other.sideslip_angle == pytest.approx(one.sideslip_angle, abs=math.radians(0.005))
 
 
-def test_roll_is_to_the_outside_and_as_large_as_asked() -> None:
+def test_roll_is_outward_and_as_large_as_configured() -> None:
     plant = RollPlant(CONFIG)
     car = plant.sample(turn(plant, seconds=6.0))
     assert car.lateral_acceleration > 2.0
-    # Gravity goes with the sine: 3e-4 less at 2 deg.
+    # Gravity acts with the sine: 3e-4 less at 2 deg.
     assert plant.roll == pytest.approx(DEFAULT.roll_per_lateral_acceleration * car.lateral_acceleration, rel=1e-3)
 
 
 def angles(plant: RollPlant, commands: Sequence[float]) -> list[tuple[float, float]]:
-    """Motor and rear wheels, rad, after each ms."""
+    """Return motor and rear wheel angles, rad, after each ms."""
     found = []
     for command in commands:
         acting = PlantInput(20.0, 0.0, command, FRICTION)
@@ -57,22 +58,22 @@ def angles(plant: RollPlant, commands: Sequence[float]) -> list[tuple[float, flo
     return found
 
 
-def test_the_actuator_overshoots_as_one_of_second_order_and_has_play() -> None:
+def test_the_actuator_is_of_second_order_with_play() -> None:
     plant, small = RollPlant(CONFIG), math.radians(0.5)
     motor, wheels = np.array(angles(plant, [small] * 1000)).T
     damping = 0.5 / math.sqrt(DEFAULT.motor_fraction)
     overshoot = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2))
     assert motor.max() / small - 1.0 == pytest.approx(overshoot, rel=0.01)  # a peak between two steps: 1e-5
-    assert motor[-1] - wheels[-1] < DEFAULT.play  # the motor came back from its peak within the play
+    assert motor[-1] - wheels[-1] < DEFAULT.play  # the motor returned from its peak within the play
     held = wheels[-1]
     _, wheels = np.array(angles(plant, [small - 0.5 * DEFAULT.play] * 500)).T
     assert (wheels == held).all()
     motor, wheels = np.array(angles(plant, [0.0] * 1000)).T
-    back = overshoot * (small - 0.5 * DEFAULT.play)  # so far the motor went beyond zero, and came back within the play
+    back = overshoot * (small - 0.5 * DEFAULT.play)  # the motor passes zero by this much and returns within the play
     assert wheels[-1] - motor[-1] == pytest.approx(DEFAULT.play - back, rel=0.01)
 
 
-def test_sensors_have_a_bias_each_and_see_samples_of_any_age() -> None:
+def test_each_sensor_has_a_bias_and_samples_of_varying_age() -> None:
     table: dict[str, dict[str, float]] = dict.fromkeys(("front_angle", "rear_angle"), SILENT)
     table |= {"speed": {"noise_km_h": 0.0, "resolution_km_h": 0.0}}
     table |= {"yaw_rate": {"noise_deg_s": 0.0, "resolution_deg_s": 0.0, "delay_samples": 0}}

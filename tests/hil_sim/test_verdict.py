@@ -1,4 +1,4 @@
-"""The verdict on a run: whether the car follows its map, and what acted."""
+"""The verdict on a run: whether the car follows its map, and which limits acted."""
 
 import re
 from typing import Any
@@ -17,7 +17,7 @@ STEADY = {"settled": True, "map_error_percent": 0.4, "map_overshoot_percent": 1.
 
 
 def judged(values: dict[str, Any], statuses: dict[Status, int], spun_at: float | None = None) -> str:
-    """The verdict on 100 samples, TRACKING but for some."""
+    """Return the verdict on 100 samples, all TRACKING except `statuses`."""
     made = record(1.0)
     first = 0
     for status, count in statuses.items():
@@ -81,14 +81,14 @@ def test_a_spin_comes_first() -> None:
     ],
 )
 def test_the_limit_that_acted_is_named(command: Any, achieved: Any, front_angle: float, name: str) -> None:
-    """At 108 km/h the bound against the front wheels is near 0.7 deg; in phase it is 2.3 deg at a front angle of 0.01 rad."""
+    """At 108 km/h the bound in opposite phase is near 0.7 deg; in phase it is 2.3 deg at a front angle of 0.01 rad."""
     angles = {"rear_angle_command_rad": command, "rear_angle_rad": achieved, "front_angle_rad": front_angle}
     made = record(1.0, speed_m_s=30.0, status=float(Status.LIMITED), **angles)
     text = verdict(Run(made[50:], find("step-steer"), preset("recommended")), (), None)
     assert re.search(rf"a limit acted in 50 of 50 samples \(.*{name} (49|50)\b", text)
 
 
-def test_samples_beyond_the_edge_of_the_map_are_counted_and_the_farthest_is_named() -> None:
+def test_samples_beyond_the_edge_of_the_map_are_counted() -> None:
     rules = ["zzzz", "zsss", "zssh"]
     covers = coverage(
         {

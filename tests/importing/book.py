@@ -1,7 +1,7 @@
-"""The Magic Formula written from the books a second time, apart from the product: shifts, both sides, one slip at a time.
+"""An independent implementation of the Magic Formula from the books: shifts, both sides, one slip at a time.
 
 `mf6` is H. B. Pacejka, Tire and Vehicle Dynamics, 3rd edition, 4.E19 to 4.E30 at zero camber and spin; `mf5` is the lateral
-force at pure slip of MF-Tyre 5.2 and of PAC2002. Coefficients are written out here as numbers, in SI units.
+force at pure slip of MF-Tyre 5.2 and of PAC2002. Coefficients are given here as numbers in SI units.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ PAC2002 = {
     **{"PCY1": 1.32, "PDY1": -0.98, "PDY2": 0.15, "PEY1": -0.85, "PEY2": -0.42, "PEY3": 0.11, "PKY1": -23.5, "PKY2": 1.93},
     **{"PHY1": 0.0031, "PHY2": -0.0012, "PVY1": 0.021, "PVY2": -0.014},
 }
-MF52 = {  # the file is in kN and degrees
+MF52 = {  # the file uses kN and degrees
     **ONES,
     **{"FNOMIN": 4600.0, "PCY1": 1.41, "PDY1": 1.05, "PDY2": -0.12, "PEY1": 0.35, "PEY2": -0.6, "PEY3": -0.3},
     **{"PKY1": 0.36 / radians(1.0), "PKY2": 1.6, "PHY1": radians(0.12), "PHY2": radians(0.05), "PVY1": -0.02, "PVY2": 0.01},
@@ -33,7 +33,7 @@ MF62 = {**MF61, "PKY4": 2.05, "INFLPRES": 2.9, "NOMPRES": 2.6, "PEY3": -0.22, "P
 
 
 def mf5(p: Coefficients, alpha: float, load: float) -> float:
-    """Fy in N at a slip angle in rad and a load in N, in the axes of the file."""
+    """Return Fy in N at a slip angle in rad and a load in N, in the axes of the file."""
     fz0 = p["FNOMIN"] * p["LFZO"]
     dfz = (load - fz0) / fz0
     shift = (p["PHY1"] + p["PHY2"] * dfz) * p["LHY"]
@@ -47,7 +47,7 @@ def mf5(p: Coefficients, alpha: float, load: float) -> float:
 
 
 def mf6(p: Coefficients, alpha: float, load: float) -> float:
-    """The same for 6.1 and 6.2."""
+    """Return the same as `mf5` for versions 6.1 and 6.2."""
     fz0 = p["LFZO"] * p["FNOMIN"]
     dfz, dpi = (load - fz0) / fz0, (p["INFLPRES"] - p["NOMPRES"]) / p["NOMPRES"]
     k = p["PKY1"] * fz0 * (1.0 + p["PPY1"] * dpi) * p["LKY"]
@@ -61,6 +61,6 @@ def mf6(p: Coefficients, alpha: float, load: float) -> float:
 
 
 def shifts(p: Coefficients, load: float) -> tuple[float, float]:
-    """SHy in rad and SVy in N."""
+    """Return SHy in rad and SVy in N."""
     dfz = load / (p["LFZO"] * p["FNOMIN"]) - 1.0
     return (p["PHY1"] + p["PHY2"] * dfz) * p["LHY"], load * (p["PVY1"] + p["PVY2"] * dfz) * p["LVY"] * p["LMUY"]

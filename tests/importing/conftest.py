@@ -1,4 +1,4 @@
-"""The user at the command line of tests/cli, here too."""
+"""Fixtures of the command line from tests/cli."""
 
 from tests.cli.conftest import refused, run
 

@@ -1,4 +1,4 @@
-"""Maps from MATLAB files and text tables: round trips, the committed map in every form, and the messages for bad files."""
+"""Maps from MATLAB files and text tables: round trips, the committed map in every form, and messages for bad files."""
 
 import contextlib
 import hashlib
@@ -61,7 +61,7 @@ def message(path: Path, units: str | None = None, rows: Any = None, **names: str
 
 @pytest.fixture
 def table(tmp_path: Path) -> Callable[[str], Path]:
-    """Write a text table and return its path."""
+    """Return a function that writes a text table and returns its path."""
 
     def write(text: str) -> Path:
         path = tmp_path / "x.csv"
@@ -76,7 +76,7 @@ def table(tmp_path: Path) -> Callable[[str], Path]:
 
 @pytest.mark.parametrize("is_struct", [False, True])
 def test_the_committed_map_returns_from_a_matlab_file(tmp_path: Path, is_struct: bool) -> None:
-    """In km/h, deg and deg/s. The struct has its table transposed, and names that lack one unit."""
+    """The units are km/h, deg and deg/s. The struct's table is transposed, and its names lack one unit."""
     solved, path = npz.load(COMMITTED), tmp_path / "map.mat"
     v, d, r = solved.speed * 3.6, np.degrees(solved.front_angle), np.degrees(solved.yaw_rate)
     if is_struct:
@@ -85,7 +85,7 @@ def test_the_committed_map_returns_from_a_matlab_file(tmp_path: Path, is_struct:
         savemat(path, {"v": v, "df": d, "r": r}, format="4")
     made = import_map(path, Choices({}, "vx=km/h" if is_struct else ALL_THREE))
     again = made.reference_map
-    # Conversion out of SI and back rounds each value twice by 2^-53. Three roundings are allowed.
+    # Conversion from SI and back rounds each value twice by 2^-53. Three roundings are allowed.
     for key in ("speed", "front_angle", "yaw_rate"):
         np.testing.assert_allclose(getattr(again, key), getattr(solved, key), rtol=3 * 2.0**-52, atol=0.0, equal_nan=True)
     np.testing.assert_array_equal(again.feasible, solved.feasible)
@@ -169,7 +169,7 @@ SPELLINGS = {
     "v [m/s] \\ df [rad] : r [rad/s],0.1,0.2\n5,0.1,0.2\n9,0.2,0.3\n": None,
     "NaN 0.1 0.2\n5 0.1 0.2\n9 0.2 0.3\n": UNITS,  # writematrix([NaN df; vx' r])
     "% on dry asphalt\nm/s\\rad  .1  .2\n5  0,1  0,2\n9  0,2  0,3\n": UNITS,  # a comma between spaces is a decimal comma
-    "\x1c\n;0.1;0.2\n;;\n5;0.1;0.2\n9;0.2;0.3\n;;\n": UNITS,  # a line of rare white space is empty
+    "\x1c\n;0.1;0.2\n;;\n5;0.1;0.2\n9;0.2;0.3\n;;\n": UNITS,  # a line of unusual white space is empty
     '"sep=,"\nv (m/s; dry),df,r\n5,0.1,0.1\n5,0.2,0.2\n9,0.1,0.2\n9,0.2,0.3\n': UNITS,
     "v;df;r;feasible\nm/s;rad;rad/s;-\n5;0,1;0,1;1\n5;0,2;0,2;1\n9;0,1;0,2;1\n9;0,2;0,3;1\n": None,
     "v {m/s}\tdf in rad\tr (rad/s)\n5\t1d-1\t0.1\n5\t0.2\t0.2\n9\t0.1\t0.2\n9\t0.2\t0.3\n": None,
@@ -177,7 +177,7 @@ SPELLINGS = {
 
 
 @pytest.mark.parametrize("text", SPELLINGS)
-def test_spellings_of_one_table(table: Callable[[str], Path], text: str) -> None:
+def test_equivalent_spellings_of_one_table(table: Callable[[str], Path], text: str) -> None:
     made = import_map(table(text), Choices({}, SPELLINGS[text])).reference_map
     np.testing.assert_array_equal(made.speed, [5.0, 9.0])
     np.testing.assert_array_equal(made.front_angle, [0.1, 0.2])
@@ -246,7 +246,7 @@ def test_an_implausible_unit_is_rejected_with_the_likely_one(table: Callable[[st
 
 @pytest.fixture
 def matlab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
-    """Stand in for the reader of MATLAB files, which `test_mat` checks: the next import finds these arrays."""
+    """Replace the reader of MATLAB files, which `test_mat` tests: the next import gets these arrays."""
 
     def file_with(**arrays: Any) -> Path:
         found = mat.Contents({name: np.atleast_2d(array) for name, array in arrays.items()}, ())

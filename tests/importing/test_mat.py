@@ -43,7 +43,7 @@ def python(text: str) -> tuple[str, ...]:
 
 @pytest.mark.parametrize("packed", [False, True])
 def test_every_kind_and_shape_is_read_back(packed: bool) -> None:
-    """Texts, cells and structs with more than one level are left out; names that `numpy.savez` reserves are kept."""
+    """Texts, cells and nested structs are omitted; names that `numpy.savez` reserves are kept."""
     arrays = {
         f"{kind}_{number}": (np.arange(np.prod(shape)).reshape(shape) * (1 + 1j if kind == "c16" else 1)).astype(kind)
         for kind in KINDS
@@ -73,7 +73,7 @@ def test_version_4_and_the_other_byte_order() -> None:
     assert {name: array.tolist() for name, array in found.items()} == {"v": [[2.5]]}
 
 
-def test_a_file_that_unpacks_to_too_much_is_rejected() -> None:
+def test_a_file_with_too_much_content_is_rejected() -> None:
     data = saved({"m": {"v": np.broadcast_to(np.uint8(0), (65, 2**20))}}, do_compression=True)
     assert "over 64 MiB unpacked" in message(data[: 2**20 - 1])
 
@@ -92,7 +92,7 @@ WHOLE = saved({"vx": np.arange(5.0), "yaw_rate": np.ones((5, 4)), "m": {"vx": np
 PACKED = saved({"vx": np.arange(5.0), "yaw_rate": np.ones((5, 4))}, do_compression=True)
 VERSION_4 = saved({"vx": np.arange(5.0), "yaw_rate": np.ones((5, 4))}, format="4")
 TYPE_OF_NUMBERS = 176
-"""Offset in WHOLE. SciPy 1.17.1 uses the type of an element as an index without a check, and crashes."""
+"""Offset in WHOLE. SciPy 1.17.1 uses the type of an element as an unchecked index and crashes."""
 CRASHING = WHOLE[:TYPE_OF_NUMBERS] + b"\xd8" + WHOLE[TYPE_OF_NUMBERS + 1 :]
 
 
@@ -115,7 +115,7 @@ def test_random_damage_is_read_or_rejected(whole: bytes) -> None:
 
 NOT_RUN = "SciPy, which reads it, cannot be run"
 BOUND = f"import runpy; runpy.run_path({mat_child.__file__!r})['_bound_process']()"
-"""Linux alone enforces the bound on memory."""
+"""Only Linux enforces the memory limit."""
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ BOUND = f"import runpy; runpy.run_path({mat_child.__file__!r})['_bound_process']
         (python(f"{BOUND}; bytes(2**29); bytes(5 * 2**28)"), "MemoryError" if sys.platform == "linux" else "no answer"),
     ],
 )
-def test_every_end_of_the_process_gives_one_line(
+def test_every_failure_of_the_process_gives_one_line(
     monkeypatch: pytest.MonkeyPatch, program: tuple[str, ...], expected: str
 ) -> None:
     monkeypatch.setattr(mat, "READER", program)

@@ -1,4 +1,4 @@
-"""Tyres from property files of four versions, against the formula written a second time (`book`)."""
+"""Tyres from property files of four versions, compared with an independent implementation of the formula (`book`)."""
 
 import math
 import tomllib
@@ -24,7 +24,7 @@ FILES = {
     "mf61.tir": ("MF 6.1", book.mf6, book.MF61, -1.0),
     "mf62.tir": ("MF 6.2", book.mf6, book.MF62, -1.0),
 }
-"""File -> version, formula and coefficients of `book`, and the sign of the force in the file's axes."""
+"""Version, formula and coefficients of `book`, and the sign of the force in the file's axes, by file."""
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def car(tmp_path: Path) -> Path:
 
 
 def peak_factor(p: book.Coefficients) -> float:
-    """Scaling and inflation pressure: what multiplies the peak of a file."""
+    """Return the factor of a file's peak: scaling and inflation pressure."""
     pressure = p["INFLPRES"] / p["NOMPRES"] - 1.0 if "NOMPRES" in p else 0.0
     return p["LMUY"] * (1.0 + p.get("PPY3", 0.0) * pressure + p.get("PPY4", 0.0) * pressure**2)
 
@@ -45,7 +45,7 @@ def tyres_of(made: TyreImport) -> AxleTyres:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_curve_and_figures_are_those_of_a_left_and_a_right_tyre_together(name: str, car: Path) -> None:
+def test_curve_and_figures_average_a_left_and_a_right_tyre(name: str, car: Path) -> None:
     version, force, p, sign = FILES[name]
     made = import_tyres([DATA / name], car)
     tyres, loads = tyres_of(made), static_wheel_loads(configuration.parse(tomllib.loads(made.text), "made"))
@@ -58,14 +58,14 @@ def test_curve_and_figures_are_those_of_a_left_and_a_right_tyre_together(name: s
     for axle, tyre, bound, load in zip(made.axles, (tyres.front, tyres.rear), bounds, loads, strict=True):
         assert (axle.version, axle.load) == (version, load)
         assert (axle.horizontal_shift, axle.vertical_shift) == pytest.approx(book.shifts(p, load), rel=1e-9)
-        # The error of the difference is of the order of (B 1e-5)^2 = 1e-7; the tangent of 6.1 and nine written digits are less.
+        # The error of the difference is about (B 1e-5)^2 = 1e-7; the tangent of 6.1 and nine written digits add less.
         assert tyre.cornering_stiffness == pytest.approx(float(pair(np.array([1e-5]), load)[0]) / 1e-5, rel=1e-6)
         for largest, figure in ((bound, axle.worst), (axle.slip_at_peak or math.radians(20.0), axle.worst_to_peak)):
             slips = np.linspace(0.0, largest, 301)
             difference = np.max(np.abs(tyre.force(slips) - pair(slips, load))) / axle.peak
-            # The grid is coarser than that of the figure; up to the peak the curves differ more.
+            # This grid is coarser than that of the figure, and the curves differ more up to the peak.
             assert difference == pytest.approx(figure, abs=1e-6 if figure == axle.worst else 1e-4)
-        assert axle.worst < 5e-4  # what remains: one E for both sides, the slip for its tangent
+        assert axle.worst < 5e-4  # remaining causes: one E for both sides, slip instead of its tangent
         assert axle.slip_bound == pytest.approx(bound)
         slips = np.linspace(0.0, math.radians(45.0), 4501)
         forces = pair(slips, load)
@@ -80,7 +80,7 @@ def test_curve_and_figures_are_those_of_a_left_and_a_right_tyre_together(name: s
             assert figure == pytest.approx(kept / slope - 1.0, abs=1e-5)
 
 
-def test_the_road_can_give_the_peak(car: Path) -> None:
+def test_the_friction_of_the_road_can_set_the_peak(car: Path) -> None:
     assert any("--peak road takes the road's instead" in note for note in import_tyres([DATA / "mf52.tir"], car).notes)
     made = import_tyres([DATA / "mf52.tir"], car, "road")
     tyre = tyres_of(made).rear
@@ -93,7 +93,7 @@ def test_neither_side_has_a_curvature_factor_above_1(car: Path, tmp_path: Path) 
     text = (DATA / "mf52.tir").read_text(encoding="utf-8")
     (tmp_path / "steep.tir").write_text(text.replace("pey1 = 0.35", "pey1 = 1.0"), encoding="utf-8")
     for axle in import_tyres([tmp_path / "steep.tir"], car).axles:
-        # E (1 + 0.3) is above 1 there, E (1 - 0.3) is not.
+        # E (1 + 0.3) exceeds 1 there, E (1 - 0.3) does not.
         other = 0.7 * (1.0 - 0.6 * (axle.load / 4600.0 - 1.0))
         assert axle.values["curvature_factor_e"] == pytest.approx(0.5 * (1.0 + other), rel=1e-8)  # nine digits
 
@@ -106,11 +106,11 @@ def test_two_files_are_front_and_rear_and_only_their_keys_change(run: Run, car: 
     assert answer.code == 0, answer.err
     kept = [line for line in new.read_text(encoding="utf-8").split("\n") if not line.startswith("# imported from ")]
     changed = [(one, other) for one, other in zip(before.split("\n"), kept, strict=True) if one != other]
-    assert len(changed) == 10  # five keys on each axle; the shifts were zero and stay so
+    assert len(changed) == 10  # five keys for each axle; the shifts stay zero
     for part, mark in ((0, "="), (2, "#")):
         assert all(one.partition(mark)[part] == other.partition(mark)[part] for one, other in changed)
     assert run("import", *files, "--config", new, "-o", again).code == 0
-    assert again.read_bytes() == new.read_bytes()  # the remark is not written twice
+    assert again.read_bytes() == new.read_bytes()  # the comment is not repeated
 
 
 CAR = "[vehicle]\nmass_kg = 1500.0\ncg_to_front_axle_m = 1.2\n"
@@ -127,7 +127,7 @@ def test_a_stiffness_factor_is_replaced_and_missing_tables_are_added(car: Path) 
     assert "[road] # dry\nfriction = 1.0\n" in text
 
 
-def test_new_keys_and_tables_leave_the_comments_of_the_next_table_with_it() -> None:
+def test_new_keys_and_tables_keep_comments_with_their_table() -> None:
     text = "[a]\nx = 1.0 # m\nold = 2.0 # s\n\n# of b\n[b]\ny = [1, 2]\n"
     edited = toml_edit.replace_values(text, "a", {"x": 3.0, "new": 4.0, "z": [5.0]}, {"old": "new"}, "made by hand")
     assert edited == "[a]\n# made by hand\nx = 3.0 # m\nnew = 4.0 # s\nz = [5.0]\n\n# of b\n[b]\ny = [1, 2]\n"

@@ -1,4 +1,4 @@
-"""The `.npz` contract: what is read, what is refused with which message, and that saving is atomic and repeatable."""
+"""The `.npz` contract: valid content, rejected content with its message, and atomic, repeatable saving."""
 
 import io
 import json
@@ -28,7 +28,7 @@ TABLES = ("speed", "front_angle", "yaw_rate", "feasible", "sideslip", "rear_angl
 
 
 def plain_arrays() -> Arrays:
-    """A small map as another tool would make it: 4 speeds, 3 front angles, the passive car with a cap at 5 m/s^2."""
+    """Return a small map from another tool: 4 speeds, 3 front angles, the passive car with a cap at 5 m/s^2."""
     speed = np.array([5.0, 10.0, 20.0, 30.0])
     front_angle = np.array([0.01, 0.05, 0.1])
     yaw_rate = np.minimum(np.outer(speed / 3.14, front_angle), 5.0 / speed[:, np.newaxis])
@@ -36,7 +36,7 @@ def plain_arrays() -> Arrays:
 
 
 def solved_arrays() -> Arrays:
-    """The same with everything that the optimisation adds; the last cell is infeasible."""
+    """Return the same map with everything that the optimisation adds; the last cell is infeasible."""
     arrays = plain_arrays()
     feasible = np.ones((4, 3), dtype=bool)
     feasible[3, 2] = False
@@ -59,10 +59,10 @@ def write(path: Path, arrays: Arrays) -> Path:
 
 
 def packed(members: list[tuple[str, bytes]], compression: int = zipfile.ZIP_STORED) -> bytes:
-    """An archive with these members."""
+    """Return an archive with these members."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", compression) as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about a name that is there twice
+        warnings.simplefilter("ignore")  # about a duplicate name
         for name, data in members:
             file.writestr(name, data)
     return stream.getvalue()
@@ -87,7 +87,7 @@ def test_three_arrays_are_a_map(tmp_path: Path) -> None:
     assert loaded.meta == {} and not loaded.solved
 
 
-def test_a_solved_map_is_read_whole() -> None:
+def test_a_solved_map_is_read_completely() -> None:
     arrays = solved_arrays()
     loaded = refmap.from_arrays(arrays, "test")
     for name, key in zip(TABLES, ("vx", "delta_f", "yaw_rate", "feasible", "beta", "delta_r", "active"), strict=True):
@@ -102,7 +102,7 @@ def test_a_solved_map_is_read_whole() -> None:
 
 @pytest.mark.parametrize("dtype", ["<f4", ">f8", np.longdouble, np.uint8, ">i2"])
 def test_numbers_of_any_kind_order_and_compression_become_float64(dtype: Any, tmp_path: Path) -> None:
-    """Infeasible cells may hold any content, and unknown keys are ignored."""
+    """Infeasible cells may have any content, and unknown keys are ignored."""
     arrays = solved_arrays()
     arrays["vx"], arrays["feasible"] = arrays["vx"].astype(dtype), arrays["feasible"].astype(dtype)
     arrays["yaw_rate"][3, 2], arrays["beta"][3, 2] = np.inf, 1e9
@@ -180,7 +180,7 @@ def fail_with(error: BaseException) -> None:
 
 
 def check_refused(path: Path, place: str, fault: str, remedy: str) -> None:
-    """Loading fails with one line that begins with the file, and leaves the file alone."""
+    """Check that loading fails with one line that starts with the file name, and leaves the file unchanged."""
     with pytest.raises(MapError) as caught:
         refmap.load(path)
     error = caught.value
@@ -196,7 +196,7 @@ def test_refused_with_place_and_remedy(change: Change, place: str, fault: str, r
     check_refused(write(tmp_path / "map.npz", arrays), place, fault, remedy)
 
 
-def test_what_is_no_readable_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreadable_files_are_rejected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     check_refused(tmp_path / "none.npz", "", "No such file", "codegen solve")
     check_refused(tmp_path, "", "not a file", ".npz")
     os.mkfifo(tmp_path / "pipe.npz")  # opening it would wait for a writer
@@ -208,7 +208,7 @@ def test_what_is_no_readable_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def changed_bytes(data: bytes, signature: bytes, offset: int, new: bytes) -> bytes:
-    """Data with some bytes replaced at an offset from the first place of a signature."""
+    """Return data with bytes replaced at an offset from the first occurrence of a signature."""
     start = data.index(signature) + offset
     return data[:start] + new + data[start + len(new) :]
 
@@ -231,7 +231,7 @@ def test_damaged_files_are_refused(data: bytes, place: str, fault: str, tmp_path
 
 
 def test_over_64_mib_unpacked_is_refused_from_the_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A few kilobytes that unpack to 65 MiB: refused before anything is unpacked, whatever the key."""
+    """The file has a few kilobytes and unpacks to 65 MiB: it is rejected before anything is unpacked, whatever the key."""
     path = tmp_path / "map.npz"
     path.write_bytes(packed([*PLAIN, ("extra.npy", bytes(65 * 2**20))], zipfile.ZIP_DEFLATED))
     monkeypatch.setattr(zipfile.ZipFile, "open", None)
@@ -253,7 +253,7 @@ def test_round_trip(arrays: Callable[[], Arrays], tmp_path: Path) -> None:
 
 
 def test_the_same_map_gives_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither the clock, the memory layout, the sign of a NaN nor the order of meta shows in the file."""
+    """The file is independent of the clock, the memory layout, the sign of a NaN and the order of meta."""
     first = solved_map()
     assert first.sideslip is not None
     meta = dict(reversed(list(first.meta.items())))

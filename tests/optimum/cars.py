@@ -1,4 +1,4 @@
-"""The paper's car and maps, random cars, and a solution of the steady turn that shares nothing with the closed forms.
+"""The paper's car and maps, random cars, and a solution of the steady turn independent of the closed forms.
 
 The equations of `SteadyModel` come from the CasADi model through its Jacobian, the slip angles from their definitions.
 """
@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pytest
 from scipy.optimize import linprog
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config, parse, preset
 from codegen.ecu_map.extend import TotalMap, extend
 from codegen.map_file.map import Binding, ReferenceMap
@@ -24,8 +25,6 @@ from codegen.vehicle.dynamics import Model, single_track
 from codegen.vehicle.single_track import SingleTrack
 from tests import shared
 
-FloatArray = npt.NDArray[np.float64]
-
 CASE = "random"
 PAPER = preset()
 CASES = ("fws", "4ws-1", "4ws-2")
@@ -33,18 +32,18 @@ CASES = ("fws", "4ws-1", "4ws-2")
 
 @functools.cache
 def paper_map(case: str = "4ws-2") -> ReferenceMap:
-    """One of the paper's cases on the default grid of 101 by 100."""
+    """Return one of the paper's cases on the default grid of 101 by 100."""
     return solve_case(PAPER, case)
 
 
 @functools.cache
 def paper_total(case: str = "4ws-2") -> TotalMap:
-    """The extension of `paper_map`."""
+    """Return the extension of `paper_map`."""
     return extend(paper_map(case), PAPER)
 
 
 def changed(config: Config, **tables: Mapping[str, Any]) -> Config:
-    """A configuration with some keys of some tables replaced; tables inside tables as a whole."""
+    """Return a configuration with some keys of some tables replaced; nested tables are replaced completely."""
     data = config.model_dump(mode="json")
     for name, changes in tables.items():
         data[name] |= changes
@@ -52,20 +51,20 @@ def changed(config: Config, **tables: Mapping[str, Any]) -> Config:
 
 
 def nonlinear(config: Config, case: str) -> Config:
-    """A configuration with the nonlinear tyre in one case."""
+    """Return a configuration with the nonlinear tyre in one case."""
     return changed(config, cases={case: {**config.cases[case].model_dump(mode="json"), "tyre_model": "magic-formula"}})
 
 
 @functools.cache
 def nonlinear_map(case: str = "4ws-2") -> ReferenceMap:
-    """The map of one of the paper's cases with the nonlinear tyre, on the default grid."""
+    """Return the map of one of the paper's cases with the nonlinear tyre, on the default grid."""
     return shared.once(f"nonlinear map {case}", lambda: solve_case(nonlinear(PAPER, case), case))  # type: ignore[no-any-return]
 
 
 def random_config(rng: np.random.Generator, *, rear_steering: bool | None = None) -> Config:
-    """A car between a small one and a van with any sensible tyres, limits and weight, and a grid of 4 by 4 cells.
+    """Return a car between a small one and a van with plausible tyres, limits and weight, and a grid of 4 by 4 cells.
 
-    About half of the cars oversteer; their grids end below the critical speed. By default, one in seven steers no rear wheels.
+    About half of the cars oversteer; their grids end below the critical speed. By default, one in seven has no rear steering.
     """
 
     def draw(low: float, high: float) -> float:
@@ -98,7 +97,7 @@ def random_config(rng: np.random.Generator, *, rear_steering: bool | None = None
         "cases": {
             CASE: {
                 "rear_steering": steers if rear_steering is None else rear_steering,
-                # From where sideslip is all but free (the objective is concave) to where it is all that counts.
+                # From nearly free sideslip (the objective is concave) to sideslip as the only objective.
                 "sideslip_weight_per_s2": 10.0 ** draw(-2.0, 4.5),
             }
         },
@@ -121,16 +120,16 @@ class Turns:
 
     sideslip: FloatArray
     yaw_rate: FloatArray
-    used: dict[Binding, FloatArray]  # share of each constraint's bound that is used; 1 is the bound itself
+    used: dict[Binding, FloatArray]  # used fraction of each constraint's bound
 
     @property
     def feasible(self) -> npt.NDArray[np.bool_]:
-        """Whether each turn violates no constraint."""
+        """Return whether each turn satisfies every constraint."""
         result: npt.NDArray[np.bool_] = np.all([share <= 1.0 for share in self.used.values()], axis=0)
         return result
 
     def objective(self, weight: float) -> FloatArray:
-        """-r^2 + weight beta^2."""
+        """Return -r^2 + weight beta^2."""
         return -(self.yaw_rate**2) + weight * self.sideslip**2
 
 
@@ -143,7 +142,7 @@ class SteadyModel:
 
     @classmethod
     def of(cls, config: Config, case: Case) -> Self:
-        """The car and the bounds of one case."""
+        """Return the car and the bounds of one case."""
         return cls(single_track(config, "linear"), SteadyTurnProblem.from_config(config, case))
 
     def turns(self, speed: float, front_angle: float, rear_angle: FloatArray) -> Turns:
@@ -165,8 +164,10 @@ class SteadyModel:
         return Turns(sideslip, yaw_rate, used)
 
     def scan(self, speed: float, front_angle: float, points: int = 4_001) -> tuple[float, float] | None:
-        """(rear angle, objective) of the best of `points` rear angles, refined thrice around the best and around both ends of
-        the feasible ones; None where none is feasible."""
+        """Return (rear angle, objective) of the best of `points` rear angles; None if none is feasible.
+
+        The scan is refined three times around the best point and both ends of the feasible range.
+        """
         limit = self.problem.rear_angle_max
         rear = np.linspace(-limit, limit, points) if limit > 0.0 else np.zeros(1)
         first, best, last = self._feasible_best(speed, front_angle, rear)
@@ -184,7 +185,7 @@ class SteadyModel:
         return min(found, key=lambda candidate: candidate[1])
 
     def _feasible_best(self, speed: float, front_angle: float, rear: FloatArray) -> tuple[tuple[float, float] | None, ...]:
-        """First, best and last feasible rear angle of a list, each with its objective."""
+        """Return the first, best and last feasible rear angle of a list, each with its objective."""
         turns = self.turns(speed, front_angle, rear)
         inside = np.flatnonzero(turns.feasible)
         if not inside.size:
@@ -194,7 +195,7 @@ class SteadyModel:
         return tuple((float(rear[k]), float(value[k])) for k in chosen)
 
     def widest_turn(self, speed: float) -> tuple[float, float]:
-        """The largest feasible front angle and the rear angle (rad) that goes with it, by linear programming."""
+        """Return the largest feasible front angle and its rear angle (rad), by linear programming."""
         problem = self.problem
         bounds = (problem.sideslip_max, problem.lateral_acceleration_max, problem.front_slip_max, problem.rear_slip_max)
         columns = []
@@ -215,10 +216,9 @@ class SteadyModel:
 def check_against_scan(model: SteadyModel, speeds: FloatArray, angles: FloatArray) -> None:
     """Compare the exact solution with a brute-force scan of the independent model.
 
-    The scan starts at a spacing of 2 limit / 4000, so it may miss an interval that is narrower; it ends below 1e-12 rad.
-    Near the vertex of a parabola the objective does not resolve the rear angle better than the root of the rounding error
-    (1e-8 rad), and the yaw gain reaches 30/s: hence 1e-6 rad/s. The objective itself agrees to 1e-8 of the larger of one and
-    its size.
+    The scan starts at a spacing of 2 limit / 4000, so it may miss a narrower interval; it ends below 1e-12 rad. Near the vertex
+    of a parabola the objective resolves the rear angle only to the square root of the rounding error (1e-8 rad), and the yaw
+    gain reaches 30/s: hence 1e-6 rad/s. The objective itself agrees to 1e-8 of the larger of one and its size.
     """
     problem = model.problem
     found = exact.solve(problem, speeds, angles)

@@ -1,35 +1,33 @@
-"""The exact solution: against the paper, a brute-force scan of an independent model and IPOPT, and where feasibility ends."""
+"""The exact solution compared with the paper, a brute-force scan of an independent model and IPOPT, and the limit of
+feasibility."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
-from codegen.configuration import KM_H
 from codegen.errors import ConfigError, MapError
 from codegen.map_file.map import Binding
 from codegen.optimum import exact, ipopt
 from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
 from codegen.optimum.solve import solve_case
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from tests.optimum.cars import CASE, PAPER, SteadyModel, changed, check_against_scan, random_config
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @pytest.mark.parametrize(("case", "printed"), [("fws", 15.35), ("4ws-1", 26.82), ("4ws-2", 21.35)])
 def test_yaw_rates_of_the_papers_table(case: str, printed: float) -> None:
-    """The table names 43.9 km/h and fits 43.35 km/h better: most likely it was read one grid column off its label."""
+    """The table names 43.9 km/h but fits 43.35 km/h better, probably one grid column off its label."""
     problem = SteadyTurnProblem.from_config(PAPER, PAPER.case(case))
     for speed_km_h, tolerance in ((43.9, 0.02), (43.35, 0.006)):
         found = exact.solve(problem, np.array([speed_km_h * KM_H]), np.radians([4.0])).yaw_rate[0, 0]
         assert math.degrees(found) == pytest.approx(printed, rel=tolerance)
 
 
-def test_binding_sets_are_those_of_the_definitions() -> None:
-    """Slips and angles of the independent model decide, but for bounds used to within a tenth of the tolerance of it."""
+def test_binding_sets_follow_their_definitions() -> None:
+    """Slips and angles of the independent model decide, except within a tenth of the tolerance around it."""
     rng = np.random.default_rng(20_240_611)
     seen = 0
     for _ in range(60):
@@ -56,7 +54,7 @@ def test_brute_force_on_random_cars() -> None:
 
 
 def test_a_left_turn_even_without_a_weight_on_sideslip() -> None:
-    """If grip limits the turn to both sides, -r^2 is equal to the right and to the left: rounding must not choose."""
+    """If grip limits the turn to both sides, -r^2 is equal on the right and the left: rounding must not choose."""
     rng = np.random.default_rng(20_240_613)
     for _ in range(100):
         config = random_config(rng, rear_steering=True)
@@ -66,7 +64,7 @@ def test_a_left_turn_even_without_a_weight_on_sideslip() -> None:
 
 
 def test_ipopt_solves_a_map_without_the_closed_forms(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The tolerance is the agreement required of the two methods; evidence compares whole grids."""
+    """The tolerance is the required agreement of the two methods; evidence compares whole grids."""
     grid = {"speed_breakpoints_km_h": [40.0, 90.0], "front_angle_breakpoints_deg": [1.0, 2.0, 9.0]}
     config, calls = changed(PAPER, grid=grid), list[tuple[int, int]]()
     expected = solve_case(config, "4ws-2")
@@ -91,8 +89,7 @@ def test_a_point_that_ipopt_cannot_finish_is_an_error_not_an_infeasible_cell(mon
 
 @pytest.mark.parametrize("rear_steering", [False, True])
 def test_the_edge_is_where_feasibility_ends(rear_steering: bool) -> None:
-    """Just inside feasible and just outside not, by a part in 1e9; the edge itself against linear programming, whose
-    tolerance is 1e-7 of a bound."""
+    """Points 1e-9 inside are feasible, 1e-9 outside infeasible. Linear programming gives the edge to 1e-7 of a bound."""
     rng = np.random.default_rng(20_240_614)
     grip_limited: list[bool] = []
     for _ in range(40):
@@ -113,7 +110,7 @@ def test_the_edge_is_where_feasibility_ends(rear_steering: bool) -> None:
 
 
 def test_speeds_beyond_the_critical_one_are_refused() -> None:
-    """A car with soft rear tyres; its critical speed is vx^2 = L/-K, from the definitions."""
+    """The car has soft rear tyres; its critical speed is vx^2 = L/-K, by definition."""
     tyre = {"front": {"cornering_stiffness_n_per_rad": 120e3}, "rear": {"cornering_stiffness_n_per_rad": 90e3}}
     vehicle = PAPER.vehicle
     understeer = vehicle.mass_kg / vehicle.wheelbase * (vehicle.cg_to_rear_axle_m / 240e3 - vehicle.cg_to_front_axle_m / 180e3)

@@ -1,4 +1,4 @@
-"""The map on the plant's own steady turns: against a dense search, IPOPT and the plant. The evidence tier drives more of it."""
+"""Maps of the plant's own steady turns compared with a dense search, IPOPT and the plant. The evidence tier tests more."""
 
 import functools
 import math
@@ -32,7 +32,8 @@ from tests.optimum.cars import CASE, PAPER, changed, nonlinear, paper_map
 
 
 def test_against_a_dense_search() -> None:
-    """Check a random cell, and a heavy car whose rear tyre hardly rises at its bound, so that stability ends the curve."""
+    """The cases are a random cell, and a heavy car whose rear tyre is nearly flat at its bound, so that stability ends the
+    curve."""
     rng = np.random.default_rng(100)
     light, heavy = random_car(rng), random_car(np.random.default_rng([1, 14]))
     anywhere = random_cells(NonlinearTurns.from_config(light, light.cases[CASE]), light, rng, 1)
@@ -41,11 +42,11 @@ def test_against_a_dense_search() -> None:
         found = NonlinearTurns.from_config(config, config.cases[CASE]).at(speed, front_angle)
         assert best.feasible == found.feasible[0]
         assert not best.feasible or abs(best.yaw_rate - found.yaw_rate[0]) < SAME
-    assert best.feasible and found.active == 0  # no bound of the problem: the margin of stability
+    assert best.feasible and found.active == 0  # the stability margin, not a bound of the problem
 
 
 def test_against_ipopt() -> None:
-    """A part of the grid. IPOPT ends within 1e-12 of its scaled variables."""
+    """Only a part of the grid is compared. IPOPT converges to 1e-12 of its scaled variables."""
     config = nonlinear(PAPER, "4ws-2")
     turns = NonlinearTurns.from_config(config, config.case("4ws-2"))
     speed, front_angle = (axis[20::40] for axis in breakpoints(config))
@@ -65,14 +66,14 @@ COMMITTED = Path(__file__).resolve().parents[2] / "generated/4ws2.npz"
 
 @functools.cache
 def tracking_config() -> Config:
-    """The tuned gains of the committed build, whose map has the nonlinear tyre."""
+    """Return the tuned gains of the committed build, whose map has the nonlinear tyre."""
     config = load(COMMITTED).config
     assert config is not None
     return config
 
 
 def tracking(trim_percent: float | None = None) -> Config:
-    """The recommended controller on the paper's car with its tuned gains; by default its own trim."""
+    """Return the recommended controller on the paper's car with its tuned gains; by default with its own trim."""
     config = tracking_config()
     if trim_percent is None:
         return config
@@ -81,12 +82,12 @@ def tracking(trim_percent: float | None = None) -> Config:
 
 
 def with_car(reference_map: ReferenceMap, config: Config) -> ReferenceMap:
-    """The same map with another controller in its configuration."""
+    """Return the same map with another controller in its configuration."""
     return replace(reference_map, config=config, meta={**reference_map.meta, "configuration": config.model_dump(mode="json")})
 
 
 def test_on_linear_tyres_the_default_trim_is_enough() -> None:
-    """The reference model exceeds the map by what the last cell makes of its kink alone."""
+    """The reference model exceeds the map only near the kink in the last cell."""
     config, linear = tracking_config(), paper_map()
     total = extend(linear, config, config.steering.front_angle_stop)
     assert model_excess(linear, total, config).percent <= preset("recommended").controller.tracking.trim_max_percent == 1.0
@@ -94,7 +95,7 @@ def test_on_linear_tyres_the_default_trim_is_enough() -> None:
 
 @pytest.mark.parametrize("number", range(3))
 def test_the_reference_model_has_the_steady_yaw_rate_of_the_plant(number: int) -> None:
-    """Up to 99 % of the edge: three cars differ by up to 0.45 %, and would by up to 9 % without load transfer."""
+    """Up to 99 % of the edge, three cars differ by up to 0.45 %; without load transfer it would be 9 %."""
     config = random_cars(DEVELOPMENT_SEED, number + 1)[number].with_tyre_model("magic-formula")
     turns = NonlinearTurns.from_config(config, config.cases["4ws-2"])
     speed = np.repeat([15.0, 24.0, 33.0], 3)
@@ -129,14 +130,14 @@ CONFIG = changed(PAPER, grid={"speed_points": 11, "front_angle_min_deg": 0.5, "f
 
 @functools.cache
 def solved(tyre: str) -> ReferenceMap:
-    """The 4WS-2 map with one of the two tyre models."""
+    """Return the 4WS-2 map with one of the two tyre models."""
     if tyre == "linear":
         return solve_case(CONFIG, "4ws-2")
     return shared.once("slip use", lambda: solve_case(nonlinear(CONFIG, "4ws-2"), "4ws-2"))
 
 
 def plant_percent(found: ReferenceMap, i: int, j: int) -> np.ndarray:
-    """Front and rear slip of a cell in percent: lateral speed and rear angle for which the plant's own derivatives vanish."""
+    """Return front and rear slip of a cell in percent, at the lateral speed and rear angle of the plant's steady turn."""
     model, tyres, speed = two_track(CONFIG), AxleTyres.from_config(CONFIG), found.speed[i]
     inputs = {"speed": speed, "friction": CONFIG.road.friction}
     u = [inputs.get(name, 0.0) for name in PLANT_INPUTS]
@@ -149,7 +150,7 @@ def plant_percent(found: ReferenceMap, i: int, j: int) -> np.ndarray:
     def rates(unknown: np.ndarray) -> np.ndarray:
         return np.asarray(model.derivative(state(unknown), u)).ravel()[:2]
 
-    start = np.array([math.tan(found.sideslip[i, j]), found.rear_angle[i, j]])  # another steady turn slides
+    start = np.array([math.tan(found.sideslip[i, j]), found.rear_angle[i, j]])  # avoids the sliding steady turn
     steady = fsolve(rates, start, xtol=1e-12)
     assert np.abs(rates(steady if found.tyre_model == "linear" else start)).max() < 1e-7  # m/s^2, rad/s^2
     slips = np.abs(np.asarray(model.output(state(steady), u)).ravel()[-2:])
@@ -158,7 +159,7 @@ def plant_percent(found: ReferenceMap, i: int, j: int) -> np.ndarray:
 
 @pytest.mark.parametrize("tyre", ["linear", "nonlinear"])
 def test_the_slip_is_that_of_the_plants_steady_turn(tyre: str) -> None:
-    """The linear map exceeds its bounds; the nonlinear one is that turn itself and meets them, where they bind exactly."""
+    """The linear map exceeds its bounds; the nonlinear one meets them exactly where they bind."""
     found = solved(tyre)
     used = slip_use(found)
     assert not used.unreached.any()

@@ -1,4 +1,4 @@
-"""A stack of maps for several frictions: the physics of another road, solving, and the contract of the file."""
+"""A stack of maps for several frictions: the physics of another road, solving, and the file contract."""
 
 import io
 import math
@@ -27,7 +27,7 @@ STACKED = solve_stack(CONFIG, "4ws-2", FRICTION)
 
 
 def assert_same_tables(one: ReferenceMap, other: ReferenceMap) -> None:
-    """Require equal tables, bit for bit."""
+    """Check that tables are equal bit for bit."""
     for name in TABLES:
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
@@ -41,11 +41,11 @@ def test_the_tyre_of_another_road_is_the_same_tyre(friction: float) -> None:
         assert other.cornering_stiffness == pytest.approx(friction / 0.9 * tyre.cornering_stiffness, rel=1e-14)
         for load in (None, 2_000.0):
             np.testing.assert_array_equal(other.force(SLIPS, load), tyre.force(SLIPS, load, friction))
-    # The slip at which the formula leaves its tangent does not depend on its height.
+    # The slip at which the formula departs from its tangent does not depend on its peak.
     assert (there.front_slip_bound, there.rear_slip_bound) == (nominal.front_slip_bound, nominal.rear_slip_bound)
 
 
-def test_the_map_is_that_of_the_design_friction_and_the_layers_are_below() -> None:
+def test_the_map_has_the_design_friction_and_the_layers_are_below() -> None:
     alone = solve_case(CONFIG, "4ws-2")
     assert_same_tables(STACKED, alone)
     assert [layer.friction for layer in STACKED.layers] == [0.3, 0.5, 0.7]
@@ -86,13 +86,13 @@ def test_a_stack_that_no_file_can_hold_is_refused_before_it_is_solved(monkeypatc
 
 
 def arrays_of(reference_map: ReferenceMap) -> Arrays:
-    """The content of the file, writable."""
+    """Return the content of the file, writable."""
     with np.load(io.BytesIO(npz.to_bytes(reference_map)), allow_pickle=False) as file:
         return {key: np.array(file[key]) for key in file.files}
 
 
 def test_the_stack_only_adds_keys_to_the_file_and_is_read_again() -> None:
-    """All others are, byte for byte, those of the map without it."""
+    """All other keys equal those of the map without it, byte for byte."""
     alone, found = arrays_of(replace(STACKED, layers=())), arrays_of(STACKED)
     plain = ["vx", "delta_f", "yaw_rate", "beta", "delta_r", "feasible", "active"]
     assert list(found) == [*plain, "friction", *(f"friction_{key}" for key in plain[2:]), "meta"]
@@ -130,7 +130,7 @@ def test_a_bare_map_may_have_a_stack() -> None:
 
 
 REFUSED: list[tuple[Change, str, str, str]] = [
-    # (change, place, words of the fault, words of the remedy); the faults of one table are asked in test_map.py
+    # (change, place, words of the fault, words of the remedy); test_map.py tests the faults of one table
     (drop("friction"), "friction", "missing", "friction_yaw_rate, or leave out friction_yaw_rate, friction_beta"),
     (drop("friction_delta_r"), "friction_delta_r", "missing", "delta_r for each friction"),
     (put("friction", lambda a: 100.0 * a), "friction[0]", "30 is outside 0.05 to 1.5", "such as 0.3"),

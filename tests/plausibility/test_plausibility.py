@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.cli.check_command import check
+from codegen.cli.check_commands import check
 from codegen.configuration import Config, preset
 from codegen.emit.from_files import prepare
 from codegen.errors import CheckFailed, CodegenError
@@ -27,7 +27,7 @@ COARSE = {"grid": {"speed_points": 7, "front_angle_points": 8}}
 
 
 def hatchback(**tables: Any) -> Config:
-    """A front-heavy car of 1,450 kg with 60 kN/rad for each tyre: 1.3 deg/g of understeer."""
+    """Return a front-heavy car of 1,450 kg with 60 kN/rad per tyre: 1.3 deg/g of understeer."""
     tyre = {"cornering_stiffness_n_per_rad": 60e3}
     vehicle = {"mass_kg": 1450.0, "yaw_inertia_kg_m2": 2300.0, "cg_height_m": 0.52, "track_m": 1.52}
     arms = {"cg_to_front_axle_m": 1.05, "cg_to_rear_axle_m": 1.55}
@@ -65,7 +65,7 @@ def test_a_plausible_car_has_no_warning(number: int) -> None:
         ),
     ],
 )
-def test_a_slip_in_the_configuration_is_found(tables: dict[str, Any], words: str) -> None:
+def test_a_mistake_in_the_configuration_is_found(tables: dict[str, Any], words: str) -> None:
     assert car_warnings(hatchback()) == ()
     assert any(re.search(words, text) for text in car_warnings(hatchback(**tables)))
 
@@ -80,7 +80,7 @@ def test_handling_is_that_of_the_linear_car() -> None:
 
 
 def test_a_map_beyond_the_actuator_or_the_tyres_is_found() -> None:
-    """The warnings name the share of cells beyond the actuator, and the slip; the facts, the constraints that are active."""
+    """The warnings give the fraction of cells beyond the actuator, and the slip; the facts, the active constraints."""
     config = hatchback(limits={"rear_angle_max_deg": 5.0})
     found = list(map_warnings(solve_case(config, "4ws-2"), hatchback()))
     assert any(
@@ -94,7 +94,7 @@ def test_a_map_beyond_the_actuator_or_the_tyres_is_found() -> None:
 
 
 @pytest.mark.parametrize("tyre_model", ["linear", "magic-formula"])
-def test_the_front_steered_car_that_a_map_is_compared_with_keeps_the_same_bounds(tyre_model: Any) -> None:
+def test_the_front_steered_car_of_the_comparison_has_the_same_bounds(tyre_model: Any) -> None:
     config = hatchback().with_tyre_model(tyre_model)
     steered, straight = solve_case(config, "4ws-2"), solve_case(config, "fws")
     less = steered.feasible & (steered.yaw_rate < 0.99 * straight.yaw_rate)
@@ -111,18 +111,18 @@ def test_a_map_of_the_nonlinear_tyre_that_exceeds_its_slip_bounds_is_solved_agai
     assert "solve it again" in text and "magic-formula" not in text
 
 
-def test_a_limiter_that_is_from_the_car_already_has_another_remedy() -> None:
+def test_a_limiter_derived_from_the_car_has_another_remedy() -> None:
     config = hatchback(limiter={"opposite_phase_lateral_acceleration_m_s2": 1.0})
     (text,) = map_warnings(solve_case(config, "4ws-2"), config)
     assert "raise limiter.opposite_phase_lateral_acceleration_m_s2 (it is 1)" in text
 
 
-def test_a_neutral_car_has_neither_speed() -> None:
+def test_a_neutral_car_has_no_critical_or_characteristic_speed() -> None:
     arm = {"cg_to_front_axle_m": 1.3, "cg_to_rear_axle_m": 1.301}
     assert str(Handling.from_config(hatchback(vehicle=arm))) == "understeer gradient 0.00 deg/g, neutral"
 
 
-def test_a_value_next_to_a_limit_has_the_digits_that_show_it() -> None:
+def test_a_value_close_to_a_limit_has_enough_digits() -> None:
     assert (distinct(1.9, 1.5), distinct(1.5004, 1.5), distinct(0.5996, 0.6)) == ("1.9", "1.5004", "0.5996")
     assert distinct(2360.0, 100.0) == "2400"
 
@@ -144,7 +144,7 @@ def test_a_gain_schedule_of_another_car_is_found() -> None:
 
 
 def test_wrong_units_and_a_transposed_table_are_named() -> None:
-    """The paper's map: a cell of 0.8 g becomes 2.9 g with km/h for m/s."""
+    """The paper's map: with km/h instead of m/s a cell of 0.8 g becomes 2.9 g."""
     own = npz.load(GENERATED / "4ws2-paper.npz")
     assert beyond_grip(own) == ""
     assert "is vx in km/h?" in beyond_grip(replace(own, speed=3.6 * own.speed))
@@ -155,7 +155,7 @@ def test_wrong_units_and_a_transposed_table_are_named() -> None:
     assert "transpose yaw_rate: its rows are speeds" in beyond_grip(turned)
 
 
-def test_committed_files_and_a_build_that_was_changed(tmp_path: Path) -> None:
+def test_committed_files_and_a_modified_build(tmp_path: Path) -> None:
     found = check_path(GENERATED / "4ws2.npz")
     assert (found.kind, found.warnings) == ("map", ())
     assert found.facts["turns_less_percent"] == pytest.approx(12.73)
@@ -189,7 +189,7 @@ def test_margins_of_an_unstable_loop_name_the_speeds() -> None:
 
 
 def bare_map(folder: Path, scale: float = 1.0, speed_scale: float = 1.0) -> Path:
-    """Save the speeds, front angles and yaw rates alone of the recommended map, without gaps."""
+    """Save only speeds, front angles and yaw rates of the recommended map, without gaps."""
     own = npz.load(GENERATED / "4ws2.npz")
     last = np.nanmax(own.yaw_rate, axis=1, keepdims=True)
     yaw_rate = scale * np.where(own.feasible, own.yaw_rate, last)
@@ -199,7 +199,7 @@ def bare_map(folder: Path, scale: float = 1.0, speed_scale: float = 1.0) -> Path
 
 
 def test_only_the_cause_is_reported_for_a_bare_map(tmp_path: Path) -> None:
-    """Its rear angles are not known, so there is no warning about the limiter; wrong units hide whatever follows from them."""
+    """Its rear angles are unknown, so there is no warning about the limiter; wrong units suppress their consequences."""
     (margins,) = check_path(bare_map(tmp_path)).warnings
     assert margins.startswith('the feedback of kind "pi" has little margin from 107 km/h')
     assert "; lower its gains, or use" in margins  # the map reaches 120 km/h, so the largest speed cannot be lowered
@@ -207,7 +207,7 @@ def test_only_the_cause_is_reported_for_a_bare_map(tmp_path: Path) -> None:
     assert "is vx in km/h?" in units
 
 
-def test_what_a_build_refuses_is_a_warning_of_its_map(tmp_path: Path) -> None:
+def test_reasons_to_reject_a_build_are_warnings_of_its_map(tmp_path: Path) -> None:
     path = bare_map(tmp_path, scale=0.0)
     with pytest.raises(CodegenError) as refused:
         prepare(path)
@@ -231,26 +231,26 @@ GRID = "[grid]\nspeed_points = 7\nfront_angle_points = 8\n"
         ("[controller]\nenable_speed_km_h = 70.0\n", "controller.enable_speed_km_h: 70 km/h is more than half"),
     ],
 )
-def test_inputs_that_cut_into_the_map_are_found_in_configuration_and_map(tmp_path: Path, text: str, place: str) -> None:
+def test_input_limits_inside_the_map_are_found_in_configuration_and_map(tmp_path: Path, text: str, place: str) -> None:
     path = configured(tmp_path, GRID + text)
     for found in (check_path(path), check_path(GENERATED / "4ws2.npz", path)):
         (warning,) = found.warnings
         assert place in warning
 
 
-def test_a_limit_above_the_actuators_is_reported_once(tmp_path: Path) -> None:
+def test_a_limit_above_that_of_the_actuator_is_reported_once(tmp_path: Path) -> None:
     (text,) = check_path(configured(tmp_path, f"{GRID}[limits]\nrear_angle_max_deg = 5.0\n")).warnings
     assert "limits.rear_angle_max_deg = 5 is above rear_actuator.angle_max_deg = 3.5" in text
 
 
-def test_values_that_stand_in_for_missing_keys_are_one_note(tmp_path: Path) -> None:
+def test_defaults_for_missing_keys_are_one_note(tmp_path: Path) -> None:
     found = check_path(configured(tmp_path, GRID))
     assert found.warnings == ()
     (note,) = [text for text in found.notes if "stands in" in text]
     assert "vehicle.mass_kg" in note and "tyre.rear" in note
 
 
-def test_another_configuration_belongs_to_a_map(tmp_path: Path) -> None:
+def test_another_configuration_requires_a_map(tmp_path: Path) -> None:
     with pytest.raises(CodegenError, match="only a map is checked with another configuration"):
         check_path(GENERATED / "4ws2", configured(tmp_path, GRID))
 

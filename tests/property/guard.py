@@ -1,6 +1,6 @@
-"""A bound on the memory of a loader of arbitrary files: no more than the size limits of its files allow.
+"""Memory limit for loaders of arbitrary files: no more than the size limits of their files allow.
 
-The timeout of every test checks that a loader ends.
+The timeout of every test checks that a loader terminates.
 """
 
 import contextlib
@@ -12,7 +12,7 @@ MEMORY_MAX = 64 * 2**20
 
 @contextlib.contextmanager
 def bounded(memory_max: int = MEMORY_MAX) -> Iterator[None]:
-    """Fail if the block allocates more bytes at a time than `memory_max`."""
+    """Fail if the block has more than `memory_max` bytes allocated at a time."""
     tracemalloc.start()
     try:
         yield

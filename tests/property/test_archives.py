@@ -1,4 +1,4 @@
-"""The loader of maps against bytes that change again and again, and against well-formed but wrong headers."""
+"""The loader of maps with repeatedly damaged bytes and with well-formed but wrong headers."""
 
 import re
 import struct
@@ -33,7 +33,7 @@ ARCHIVES = (archive({key: MEMBERS[key] for key in PLAIN}), archive(MEMBERS, zipf
 
 
 def check(data: bytes) -> None:
-    """Load a map. The result is a complete map or one line of error."""
+    """Load a map. The result must be a complete map or one line of error."""
     with bounded():
         try:
             loaded = refmap.from_bytes(data, "fuzz")
@@ -50,14 +50,14 @@ def check(data: bytes) -> None:
 
 PLACE = st.floats(0.0, 1.0, exclude_max=True)
 SIGNATURES = (b"PK\x03\x04", b"PK\x01\x02", b"PK\x05\x06", b"\x93NUMPY", b"'descr'", b"'shape'")
-"""Starts of the fields that hold sizes."""
+"""Beginnings of the fields that hold sizes."""
 SHORT = (0, 1, 2, 0x7FFF, 0xFFFF)
 FIELDS = [struct.pack("<H", one) for one in SHORT]
 FIELDS += [struct.pack("<I", one) for one in (*SHORT, 0x7FFF_FFFF, 0x8000_0000, 0xFFFF_FFFF)]
 
 
 class ChangedArchive(RuleBasedStateMachine):
-    """One archive, changed at any place. Each change is checked."""
+    """One archive, changed at random places. Each change is checked."""
 
     data = bytearray(ARCHIVES[0])
 
@@ -117,9 +117,9 @@ def test_wrong_headers(key: str, header: str, version: bytes, claimed: int | Non
 
 @pytest.mark.parametrize(("key", "kind"), [("vx", np.int8), ("feasible", np.bool_)])
 def test_narrow_numbers_do_not_unpack_to_more_than_the_limit(key: str, kind: type) -> None:
-    """A file of some kB unpacks to 60 MiB of one-byte numbers; as real numbers they would take eight times as many bytes.
+    """A file of some kB unpacks to 60 MiB of one-byte numbers; as real numbers they would need eight times as many bytes.
 
-    The limit holds for the bytes that are read and for the arrays made from them, and 4 MiB are for the rest.
+    The limit covers the bytes read and the arrays made from them; 4 MiB are for the rest.
     """
     arrays = {key: ARRAYS[key] for key in PLAIN} | {key: np.ones(60 * 2**20, dtype=kind)}
     data = archive({key: npy(array) for key, array in arrays.items()}, zipfile.ZIP_DEFLATED)

@@ -1,6 +1,6 @@
-"""The loaders of TOML (`ars.toml`, scenario files) against texts that change again and again.
+"""The loaders of TOML (`ars.toml`, scenario files) with repeatedly damaged texts.
 
-The result is one line of error or a complete configuration.
+The result must be one line of error or a complete configuration.
 """
 
 import json
@@ -63,7 +63,7 @@ ANYTHING = st.text(max_size=30)
 
 
 class ChangedText(RuleBasedStateMachine):
-    """One text, its lines changed, with each change checked."""
+    """One text with changing lines; each change is checked."""
 
     lines: list[str]
     load: Loader

@@ -1,4 +1,4 @@
-"""Checks that every figure shares, and access to what a figure draws."""
+"""Checks shared by all figures, and access to their content."""
 
 import base64
 from itertools import combinations
@@ -27,7 +27,7 @@ def overlapping(boxes: list[Any]) -> list[tuple[Any, Any]]:
 
 
 def check_layout(figure: Figure, *, shared_labels: bool = False) -> None:
-    """Check that nothing is clipped, that nothing overlaps, that text is readable and that axes with numbers name a unit.
+    """Check that nothing is clipped or overlaps, that text is readable and that numeric axes name a unit.
 
     With `shared_labels`, panels in a row or a column may share the label of one of them.
     """
@@ -58,13 +58,13 @@ def names(figure: Figure) -> list[str]:
 
 
 def line_of(axes: Axes, label: str) -> Any:
-    """Return the one line with a label."""
+    """Return the only line with a label."""
     (found,) = [line for line in axes.get_lines() if line.get_label() == label]
     return found
 
 
 def unpacked(packed: Any) -> np.ndarray:
-    """Return the array that Plotly would decode."""
+    """Return the array as Plotly would decode it."""
     if isinstance(packed, list):
         return np.array(packed, dtype=float)
     values = np.frombuffer(base64.b64decode(packed["bdata"]), dtype={"f4": "<f4", "u1": "u1"}[packed["dtype"]])

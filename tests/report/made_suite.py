@@ -1,4 +1,4 @@
-"""A result of the test set made by hand: no car is driven, every figure is known."""
+"""A synthetic result of the test suite: no simulation, every figure is known."""
 
 from dataclasses import replace
 from typing import Any
@@ -18,12 +18,12 @@ from tests.hil_sim import made as recordings
 SUBJECTS = ("tracking", "pi", "feedforward", "proportional", "passive")
 CELLS = tuple(Cell(speed, share * 200.0 / speed, share) for speed in SPEEDS_KM_H for share in SHARES)
 OVERSHOOT = {"tracking": 1.0, "pi": 20.0, "feedforward": 4.0, "proportional": 5.0, "passive": 8.0}
-"""% at the smallest share; times the share over 0.25 elsewhere."""
+"""% at the smallest share, and in proportion to the share elsewhere."""
 RISE = {"tracking": 0.3, "pi": 0.25, "feedforward": 0.28, "proportional": 0.31, "passive": 0.33}
 
 
 def cell_result(subject: str, cell: Cell, condition: str, **figures: Any) -> CellResult:
-    """A figure of each kind; the controller under test meets all requirements."""
+    """Return a result with every figure; the controller under test meets all requirements."""
     values = {
         "spun_at_s": None,
         "settled": True,
@@ -41,14 +41,17 @@ def cell_result(subject: str, cell: Cell, condition: str, **figures: Any) -> Cel
 
 
 def spun(subject: str, cell: Cell, condition: str) -> CellResult:
-    """The car spins after a second and a half."""
+    """Return the result of a car that spins after 1.5 s."""
     names = ("overshoot_percent", "rise_time_s", "settling_time_s", "sideslip_max_deg", "yaw_rate_steady_deg_s")
     names += ("map_error_percent", "map_overshoot_percent", "slip_percent", "sideslip_excess_deg")
     return cell_result(subject, cell, condition, spun_at_s=1.5, settled=False, **dict.fromkeys(names))
 
 
 def table(subject: str, condition: str) -> tuple[CellResult, ...]:
-    """The passive car spins in the last three cells, the PI on slippery roads too; there it never settles in the fourth."""
+    """Return a table of results.
+
+    The passive car spins in the last three cells. On slippery roads the PI does too, and never settles in the fourth cell.
+    """
     results = [cell_result(subject, cell, condition) for cell in CELLS]
     slippery = condition.startswith("friction")
     if subject == "passive" or (subject == "pi" and slippery):
@@ -59,7 +62,7 @@ def table(subject: str, condition: str) -> tuple[CellResult, ...]:
 
 
 def record(subject: str) -> np.ndarray:
-    """A step; the passive car spins a second after it."""
+    """Return the record of a step; the passive car spins one second after it."""
     late = np.clip(np.arange(round(DURATION / 0.01)) * 0.01 - STEER_TIME, 0.0, None)
     place = SUBJECTS.index(subject)
     step = recordings.record(
@@ -75,7 +78,7 @@ def record(subject: str) -> np.ndarray:
 
 
 def margins(*, stable: bool) -> FamilyMargins:
-    """Good ones, or of a loop that is lost at the highest of three speeds."""
+    """Return good margins, or those of a loop that is unstable at the highest of three speeds."""
     own = tuple(MarginPoint(speed, 20.0, 80.0, 1.2, True) for speed in (20.0, 60.0, 120.0))
     worst = (MarginPoint(20.0, 8.5, 60.0, 1.6, True), MarginPoint(60.0, 8.5, 46.0, 1.7, True))
     last = MarginPoint(120.0, 9.0, 47.0, 1.75, True) if stable else MarginPoint(120.0, 0.0, 0.0, None, False)
@@ -83,7 +86,7 @@ def margins(*, stable: bool) -> FamilyMargins:
 
 
 def sines(subject: str) -> tuple[SineTracking, ...]:
-    """A car that lags with its rise time; the passive one spins at the last speed."""
+    """Return the figures of a car that lags by its rise time; the passive one spins at the last speed."""
 
     def one(speed: float, frequency: float) -> SineTracking:
         if subject == "passive" and speed == 120.0:
@@ -94,14 +97,14 @@ def sines(subject: str) -> tuple[SineTracking, ...]:
 
 
 def third_party() -> dict[str, tuple[CellResult, ...]]:
-    """Nine cells; the PI spins in the last."""
+    """Return results in nine cells; the PI spins in the last."""
     nine = tuple(Cell(speed, 300.0 * share / speed, share) for speed in (40.0, 70.0, 100.0) for share in (0.3, 0.6, 0.9))
     driven = {name: tuple(cell_result(name, cell, "third-party") for cell in nine) for name in SUBJECTS}
     return {**driven, "pi": (*driven["pi"][:-1], spun("pi", nine[-1], "third-party"))}
 
 
 def made(**changes: Any) -> SuiteResult:
-    """A controller that meets everything, with baselines that do not; fields of SuiteResult may be changed."""
+    """Return the result of a controller that meets every requirement, with baselines that do not; fields may be changed."""
     results = {name: {condition.name: table(name, condition.name) for condition in CONDITIONS} for name in SUBJECTS}
     step = Cell(42.5, 6.75)
     values: dict[str, Any] = {

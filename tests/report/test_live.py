@@ -1,4 +1,4 @@
-"""The live view of a run: its numbers, its charts at every terminal size, and no load on the thread of the bench."""
+"""The live view of a run: its numbers, its charts at every terminal size, and no load on the bench's thread."""
 
 import io
 import math
@@ -17,12 +17,11 @@ from rich.console import Console
 
 from codegen.emit.can_view import DIAGNOSTICS as IN_THE_C
 from codegen.report.live import LiveSample, LiveView
-from codegen.report.live_chart import BINS, Line, Trace, Window, chart
-from codegen.report.live_rows import TRACES, History, Look, draw
+from codegen.report.live_rows import BINS, TRACES, History, Line, Look, Trace, Window, chart, draw
 from codegen.sil.software import Status
 from hil_sim.diagnostics import DIAGNOSTICS, causes
 
-CALM = LiveSample(0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0, Status.TRACKING, 0, 0.01, 0, 0)
+QUIET_SAMPLE = LiveSample(0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0, Status.TRACKING, 0, 0.01, 0, 0)
 LOOK = Look(76, 21)
 
 
@@ -31,7 +30,7 @@ def history_of(cycles: int, **changes: Any) -> History:
     history = History()
     for cycle in range(cycles):
         values = {name: value(cycle) if callable(value) else value for name, value in changes.items()}
-        history.add(replace(CALM, time=cycle * 0.01, **values))
+        history.add(replace(QUIET_SAMPLE, time=cycle * 0.01, **values))
     return history
 
 
@@ -56,7 +55,9 @@ def test_diagnostic_bits_are_those_of_the_generated_c() -> None:
 
 
 def test_numbers_are_in_degrees_and_missing_ones_leave_a_gap() -> None:
-    sample = replace(CALM, yaw_rate=0.2, yaw_rate_reference=0.25, sideslip=-0.03, rear_angle_command=0.05, rear_angle=0.04)
+    sample = replace(
+        QUIET_SAMPLE, yaw_rate=0.2, yaw_rate_reference=0.25, sideslip=-0.03, rear_angle_command=0.05, rear_angle=0.04
+    )
     history = History()
     history.add(replace(sample, rear_angle=0.039))
     history.add(replace(sample, time=0.01))
@@ -74,17 +75,17 @@ def test_progress_cycle_times_and_losses() -> None:
     assert "2.50 s of 10.00 s   25 %  cycle 251" in row
     slow = {100: 0.5, 250: 0.0149, 300: 0.0097}
     history = history_of(301, cycle_time=lambda cycle: slow.get(cycle, 0.010))
-    assert " 9.70 min · 10.05 mean · 14.90 max ms" in row_of(history, "Cycle time").plain  # of the last second
+    assert " 9.70 min · 10.05 mean · 14.90 max ms" in row_of(history, "Cycle time").plain  # over the last second
     lost = row_of(history_of(5, lost_frames=7, late_cycles=3), "Lost frames")
     assert re.search(r"Lost frames +7 +late cycles 3$", lost.plain)
 
 
-def test_a_cause_of_one_cycle_is_shown_and_kept() -> None:
+def test_a_cause_of_one_cycle_is_shown_and_retained() -> None:
     history = history_of(11, diagnostics=lambda cycle: (cycle == 10) << 1)
-    history.add(replace(CALM, time=0.11))
+    history.add(replace(QUIET_SAMPLE, time=0.11))
     assert "motion damaged" in row_of(history, "Diagnostics").plain
     assert "none" in row_of(history, "earlier").plain
-    history.add(replace(CALM, time=2.0, diagnostics=1 << 9))
+    history.add(replace(QUIET_SAMPLE, time=2.0, diagnostics=1 << 9))
     assert row_of(history, "Diagnostics").plain.split("  ")[-1] == "yaw rate replaced"
     assert "motion damaged ×1" in row_of(history, "earlier").plain
 
@@ -104,7 +105,9 @@ def test_a_chart_shows_value_time_and_peaks() -> None:
     upper, lower = chr(0x2809), chr(0x28C0)
     assert cells(Trace()) == [" " * 20, " " * 20, "┈" * 20, " " * 20, " " * 20]
     for value, row, mark in ((1.0, 0, upper), (99.0, 0, upper), (-1.0, 4, lower), (-99.0, 4, lower)):
-        assert cells(trace_of(lambda time, value=value: value))[row] == mark * 20  # beyond the axis: at its edge
+        assert (
+            cells(trace_of(lambda time, value=value: value))[row] == mark * 20
+        )  # values beyond the axis are drawn at its edge
     step = cells(trace_of(lambda time: -1.0 if time < 5.0 else 1.0))
     assert (step[4][:9], step[0][11:]) == (lower * 9, upper * 9)
     peak = cells(trace_of(lambda time: 1.0 if abs(time - 7.02) < 0.005 else 0.0))[0]
@@ -112,7 +115,7 @@ def test_a_chart_shows_value_time_and_peaks() -> None:
 
 
 def test_update_only_stores(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another thread draws while the run goes on."""
+    """Another thread draws during the run."""
     drawn = []
     real = LiveView.picture
     monkeypatch.setattr(LiveView, "picture", lambda view: (drawn.append(threading.current_thread()), real(view))[1])
@@ -120,18 +123,18 @@ def test_update_only_stores(monkeypatch: pytest.MonkeyPatch) -> None:
     with LiveView("step", "virtual", "cffi", "lock-step", console=console) as view:
         started = len(drawn)
         for cycle in range(3000):
-            view.update(replace(CALM, time=0.01 * cycle))
+            view.update(replace(QUIET_SAMPLE, time=0.01 * cycle))
         assert threading.main_thread() not in drawn[started:]
-    assert view._history.cycles == 3000  # none remains at the end
+    assert view._history.cycles == 3000  # none is lost at the end
     assert "cycle 3000" in printed(console)
 
 
 @pytest.mark.parametrize("error", [None, KeyboardInterrupt])
-def test_the_end_restores_the_interpreter_and_keeps_the_picture_of_a_failure(error: type[BaseException] | None) -> None:
+def test_the_end_restores_the_interpreter_and_keeps_the_view_of_a_failure(error: type[BaseException] | None) -> None:
     console, before = console_of(), sys.getswitchinterval()
     with suppress(KeyboardInterrupt), LiveView("step", "virtual", "cffi", "lock-step", console=console) as view:
         assert sys.getswitchinterval() < 0.001
-        view.update(CALM)
+        view.update(QUIET_SAMPLE)
         if error is not None:
             raise error
     assert sys.getswitchinterval() == pytest.approx(before)

@@ -1,4 +1,4 @@
-"""Comparison of two maps in figures, counted independently, on equal and on different axes; and the summary of a stack."""
+"""Differences of two maps in figures, counted independently, on equal and on different axes; and the summary of a stack."""
 
 import json
 import math
@@ -81,7 +81,7 @@ def test_between_breakpoints_the_second_is_interpolated_where_all_corners_are_fe
     other = bare([10.0, 20.0], [1.0, 2.0], [[0.1, 0.2], [np.nan, 0.3]])
     found = map_difference(bare([10.0, 20.0], [1.0, 2.0], [[0.1, 0.2], [0.2, np.nan]]), other)
     assert (found.both, found.only_first, found.only_second) == (2, 1, 1)
-    # On a breakpoint, but for rounding, the neighbours have no influence.
+    # On a breakpoint, up to rounding, the neighbours have no influence.
     again = interpolated(linear, linear.yaw_rate, linear.speed * (1.0 + 1e-14), linear.front_angle)
     np.testing.assert_array_equal(again, np.where(linear.feasible, linear.yaw_rate, np.nan))
 
@@ -96,7 +96,7 @@ def test_maps_without_a_common_point_are_rejected(linear: ReferenceMap) -> None:
         map_difference(one, other)
 
 
-def test_a_bare_map_leaves_unknown_figures_out(linear: ReferenceMap) -> None:
+def test_unknown_figures_of_a_bare_map_are_omitted(linear: ReferenceMap) -> None:
     one = bare(linear.speed, np.degrees(linear.front_angle), linear.yaw_rate)
     found = map_difference(one, linear)
     data = json.loads(json.dumps(found.to_dict(), allow_nan=False))

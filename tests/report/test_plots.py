@@ -50,12 +50,12 @@ TIME = 0.01 * np.arange(601)
 
 
 def made_run(rows: int = TIME.size, **columns: Any) -> Any:
-    """Return a run whose front angle steps at 2 s, with other columns of RECORD_COLUMNS as given."""
+    """Return a run whose front angle steps at 2 s; other columns of RECORD_COLUMNS can be given."""
     return record(0.01 * rows, **{"speed_m_s": 12.0, "front_angle_rad": lambda time: 0.1 * (time >= 2.0), **columns})
 
 
 def step_run(scale: float) -> Any:
-    """Return the response to a step at 2 s; each column has a value of its own."""
+    """Return the response to a step at 2 s; each column has its own value."""
     rise = 1.0 - np.exp(-4.0 * np.clip(TIME - 2.0, 0.0, None))
     held = {"time_s": TIME, "status": 0.0, "speed_m_s": 12.0, "front_angle_rad": 0.117 * (rise > 0.0)}
     return made_run(**{name: scale * (0.05 + 0.005 * k) * rise for k, name in enumerate(RECORD_COLUMNS)} | held)
@@ -65,7 +65,7 @@ RUNS = {"C1": step_run(1.0), "C2": step_run(0.9), "passive": step_run(0.7)}
 
 
 def driven(name: str, **columns: Any) -> Any:
-    """Return a run of the length of a scenario, its front angle as the driver of the scenario steers."""
+    """Return a run of a scenario's length with the front angle of its driver."""
     inputs = find(name).inputs(CONFIG)[::10]
     given = {"speed_m_s": inputs[:, 0], "front_angle_rad": inputs[:, 1] / CONFIG.steering.ratio, **columns}
     return made_run(len(inputs), **given)
@@ -81,7 +81,7 @@ def ramp_runs() -> Runs:
 
 
 def sweep_runs() -> Runs:
-    """Return yaw rates that follow by a lag of 0.15 s and of 0.3 s, and a third car that spins."""
+    """Return yaw rates that lag by 0.15 s and 0.3 s, and a third car that spins."""
     runs = {}
     for name, lag in (("controlled", 0.15), ("passive", 0.3)):
         run = driven("sine-sweep")
@@ -143,7 +143,7 @@ def test_a_map_figure_shows_the_tables_in_degrees(maps: Maps) -> None:
     solved = maps["4ws-2"]
     figure = plots.map_figure(solved, "map")
     for title, table in (("Yaw rate", "yaw_rate"), ("Sideslip", "sideslip"), ("Rear angle", "rear_angle")):
-        drawn, expected = mesh(panel(figure, title)), np.degrees(getattr(solved, table)).T  # front angle upwards
+        drawn, expected = mesh(panel(figure, title)), np.degrees(getattr(solved, table)).T  # front angle upward
         assert np.array_equal(drawn.get_array().filled(np.nan), expected, equal_nan=True)
         if table != "yaw_rate":  # diverging colours are centred at zero
             assert drawn.norm.vmax == -drawn.norm.vmin == pytest.approx(np.nanmax(np.abs(expected)))
@@ -171,18 +171,18 @@ def test_the_phase_line_is_where_the_rear_angle_is_zero(maps: Maps) -> None:
     solved = maps["4ws-2"]
     figure = plots.map_figure(solved, "map")
     speed, front_angle = panel(figure, "Rear angle").get_lines()[0].get_data()
-    # Rounding only: the line bends where it crosses cell edges, and along an edge zero is found by linear interpolation.
+    # Only rounding remains: the line bends at cell edges, where linear interpolation gives the zero.
     rear_angle = RegularGridInterpolator((solved.speed, solved.front_angle), solved.rear_angle)
     at_line = rear_angle(np.column_stack([np.divide(speed, 3.6), np.radians(front_angle)]))
     assert len(speed) > 10 and np.nanmax(np.abs(at_line)) < 1e-9
-    assert np.isfinite(at_line).mean() > 0.8  # beside infeasible cells the interpolator gives none
+    assert np.isfinite(at_line).mean() > 0.8  # the interpolator returns NaN next to infeasible cells
     assert any("phase conversion" in name for name in names(figure))
 
 
 def test_each_set_of_binding_constraints_has_the_colour_of_its_name(maps: Maps) -> None:
     solved = maps["4ws-2"]
     active = solved.active.copy()
-    # Two sets that the map lacks; the second has no colour of its own.
+    # Two sets that the map lacks; the second has no separate colour.
     active[0, 0], active[1, 0] = Binding.SIDESLIP, Binding.SIDESLIP | Binding.REAR_ANGLE
     figure = plots.map_figure(replace(solved, active=active), "map")
     legend = next(one for one in figure.legends if "none" in [text.get_text() for text in one.get_texts()])
@@ -232,7 +232,7 @@ def dashed(axes: Axes) -> list[Any]:
     return [line for line in axes.get_lines() if line.get_label() == "_"]
 
 
-def test_a_run_shows_its_columns_and_dashed_its_reference_and_command() -> None:
+def test_a_run_shows_its_columns_with_dashed_reference_and_command() -> None:
     figure = plots.run_figure(RUNS, "Step steer")
     columns = ("yaw_rate_rad_s", "sideslip_rad", "rear_angle_rad", "front_angle_rad", "lateral_acceleration_m_s2")
     dashes = {"yaw_rate_rad_s": "yaw_rate_reference_rad_s", "rear_angle_rad": "rear_angle_command_rad"}
@@ -248,7 +248,7 @@ def test_a_run_shows_its_columns_and_dashed_its_reference_and_command() -> None:
     assert names(figure) == ["C1 (4WS-2 map, PI)", "C2 (FWS map, PI)", "passive car", "reference, command"]
 
 
-def test_an_abnormal_status_is_shown_when_it_lasted() -> None:
+def test_an_abnormal_status_is_shown_for_its_duration() -> None:
     figure = plots.run_figure({"C1": with_status(), "passive": made_run(status=2.0)}, "Faults")
     strip = figure.axes[-1]
     assert strip.get_ylabel() == "Status"
@@ -258,7 +258,7 @@ def test_an_abnormal_status_is_shown_when_it_lasted() -> None:
         box = boxes[to_rgba(run_plots.STATUS_COLOURS[status])]
         assert (box.x0, box.x1) == pytest.approx(span), status
     assert {"limited", "degraded", "fail-safe"} <= set(names(figure))
-    assert "standby" not in names(figure)  # it ends before the time shown
+    assert "standby" not in names(figure)  # it ends before the shown time
     (line,) = dashed(figure.axes[0])
     time, hidden = line.get_xdata(), np.isnan(line.get_ydata())
     assert np.array_equal(hidden, (time > 3.995) & (time < 4.195))  # no reference in fail-safe; there is one while degraded
@@ -268,7 +268,7 @@ def test_sine_with_dwell_marks_the_times_of_the_standard_and_the_spin() -> None:
     figure = scenario("sine-with-dwell", dwell_runs())
     marks = {text.get_text(): text.xy[0] for text in figure.axes[0].texts if hasattr(text, "xy")}
     end = 1.0 + 1.0 / 0.7 + 0.5
-    # The beginning is where the wheel reaches 5 deg, 16 ms after it starts; the end is met within 2 ms.
+    # The beginning is when the wheel reaches 5 deg, 16 ms after its start; the end is accurate to 2 ms.
     expected = {"begin": 1.016, "+1.07 s": 2.086, "end": end, "+1 s": end + 1.0, "+1.75 s": end + 1.75}
     assert marks == pytest.approx(expected, abs=2e-3)
     for axes in figure.axes[:5]:
@@ -292,7 +292,7 @@ def test_gain_and_phase_over_frequency() -> None:
     frequency, level = line_of(gain, "pi").get_data()
     response = exact(0.15, frequency)
     (drawn, _) = [line for line in phase.get_lines() if len(line.get_xdata()) > 10]
-    # The error of the estimate: 0.2 %, and 0.3 deg.
+    # Error of the estimate: 0.2 % and 0.3 deg.
     assert level == pytest.approx(20.0 * np.log10(np.abs(response / response[0])), abs=0.02)
     assert np.asarray(drawn.get_ydata()) == pytest.approx(np.degrees(np.angle(response)), abs=0.3)
     assert "other: none" in names(figure)  # it spins

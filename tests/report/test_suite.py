@@ -1,4 +1,4 @@
-"""The figures and tables of the test suite show the values of its result."""
+"""Figures and tables of the test suite: they show the values of its result."""
 
 import math
 from dataclasses import replace
@@ -52,7 +52,7 @@ def test_steps_show_each_subject_until_it_spins(good: SuiteResult, figures: dict
         assert yaw_rate[place] == pytest.approx(math.degrees(good.shown[0].records[name][150, 3]), rel=1e-9)  # 1 s + 0.5 s
         assert time[-1] == pytest.approx(1.0 if name == "passive" else 2.0, abs=0.011)
     across = [line.get_ydata()[0] for line in axes.get_lines() if list(line.get_xdata()) == [0, 1]]
-    assert across == pytest.approx([math.degrees(0.3)])  # the value of the map
+    assert across == pytest.approx([math.degrees(0.3)])  # value of the map
 
 
 def test_cells_and_conditions_show_every_value(good: SuiteResult, figures: dict[str, Figure]) -> None:
@@ -77,7 +77,7 @@ def text_of(result: SuiteResult, start: str) -> str:
 
 
 def section(result: SuiteResult, start: str) -> list[list[str]]:
-    """Return the rows of a section without its ruler, split at two blanks or more."""
+    """Return the rows of a section without its rule, split at two blanks or more."""
     lines = [line for line in text_of(result, start).splitlines() if not set(line) <= {"-", " "}]
     return [[cell.strip() for cell in line.split("  ") if cell.strip()] for line in lines]
 
@@ -147,7 +147,7 @@ def test_the_trade_offs_are_named_with_figures(good: SuiteResult) -> None:
     assert "It rises to 90 % later than pi at 25 km/h by 0.05 s (0.30 against 0.25), at 42.5 km/h" in worse
     # 100 times the rise time at 1 Hz.
     assert "at 120 km/h and 1 Hz phase -30 deg against -25" in worse
-    # Only cells in which both cars survive are compared.
+    # Only cells without spins of either car are compared.
     fast = tuple(
         spun("pi", cell, "nominal") if cell.speed_km_h == 25.0 else cell_result("pi", cell, "nominal", rise_time_s=0.4)
         for cell in CELLS

@@ -1,7 +1,8 @@
-"""The answers of the independent models, worked out once: to hold many builds of one C against them.
+"""Expected results of the independent models, computed once and compared with many builds of the same C.
 
-Each `answers_...` takes a build that is known to have the right parameters and gives what `check_...` asks of another. That
-raises AssertionError where an answer differs. Bit for bit, but for the sign of a zero where that says nothing.
+Each `answers_...` takes a build whose parameters are known to be right and returns what the matching `check_...` needs. The
+check raises AssertionError where a build differs. Results are compared bit for bit, except for the sign of a zero that carries
+no meaning.
 """
 
 import dataclasses
@@ -30,7 +31,7 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive and what the independent model makes of it: rear angle, reference, status (n, 3)."""
+    """Measurements of a drive and the independent model's results: rear angle, reference and status, (n, 3)."""
 
     parameters: Any
     start: float
@@ -39,7 +40,7 @@ class Drive:
 
 
 def answers_of(built: Built, changes: Mapping[str, Any], measurements: list[Measurement], start: float = 0.0) -> Drive:
-    """The model's answers to any measurements."""
+    """Return the model's results for a list of measurements."""
     parameters = parameters_of(built, changes)
     model = model_of(built, parameters, start)
     with np.errstate(all="ignore"):
@@ -52,7 +53,7 @@ def answers_of(built: Built, changes: Mapping[str, Any], measurements: list[Meas
 
 
 def answers_of_drive(built: Built, changes: Mapping[str, Any], count: int = 2500, seed: int = 1, **course: float) -> Drive:
-    """The model's answers to a drive, which must pass through every status."""
+    """Return the model's results for a drive, which must reach every status."""
     rng = np.random.default_rng(seed)
     start = float(rng.uniform(-0.08, 0.08))
     measurements = drive(rng, count, built.lookup, config_of(built).vehicle.wheelbase, **course)
@@ -63,7 +64,7 @@ def answers_of_drive(built: Built, changes: Mapping[str, Any], count: int = 2500
 
 
 def check_drive(built: Built, known: Drive) -> None:
-    """Every sample is the model's."""
+    """Check that every sample equals the model's."""
     software, count = built.software, len(known.wanted)
     controller = software.controller(known.start, known.parameters)
     commands = software.ffi.new(f"{software.prefix}_command_t[]", count)
@@ -74,8 +75,11 @@ def check_drive(built: Built, known: Drive) -> None:
 
 
 def rough(built: Built, seed: int, count: int = 3000) -> list[Measurement]:
-    """Nothing is smooth: speeds at the breakpoints and beyond them, straight ahead to the bit, yaw rates of either sign and
-    none, errors that turn from sample to sample, an actuator anywhere; all of it plausible."""
+    """Return plausible measurements without any smoothness.
+
+    Speeds lie at the breakpoints and beyond them. Front angles are exactly zero at times, yaw rates have either sign or are
+    zero, errors change sign from sample to sample, and the actuator is anywhere.
+    """
     rng, config = np.random.default_rng(seed), config_of(built)
     schedule = config.controller.tracking.schedule
     points = [speed / 3.6 for speed in (schedule.speed_km_h if schedule else (20.0, 60.0, 120.0))]
@@ -86,7 +90,7 @@ def rough(built: Built, seed: int, count: int = 3000) -> list[Measurement]:
         return np.repeat(values, lengths)[:count]
 
     speed = spells(rng.choice(speeds[speeds > 4.2], count), 25)
-    # Turns of any size: up to a wheel angle that no fast car takes, and up to what the road bears.
+    # Turns of any size: up to a wheel angle that is impossible at high speed, and up to the limit of the road.
     wide = rng.choice([0.0, 1.0, -1.0, 0.3, -0.1], count) * rng.uniform(0.0, 0.12, count)
     front = spells(np.where(rng.random(count) < 0.5, wide, wide * 40.0 / speed**2), 12)
     turn = built.lookup(speed.astype(built.real), front.astype(built.real), math.nan).astype(np.float64)
@@ -101,14 +105,14 @@ def rough(built: Built, seed: int, count: int = 3000) -> list[Measurement]:
 
 
 def rough_changes(built: Built) -> dict[str, dict[str, Any]]:
-    """Parameters that leave the law to itself, and others that hem it in."""
+    """Return sets of parameters: some leave the control law unlimited, others limit it tightly."""
     free = {"rear_rate_max": 1000.0, "limiter": open_limiter(built), "inputs": OPEN}
     if config_of(built).controller.kind != "tracking":
         return {
             "free": free,
             "strong": {**free, "proportional_gain": 0.3, "integral_gain": 20.0},
             "slow": {"rear_rate_max": 0.1, "rear_angle_error_max": 1.0, "inputs": OPEN},
-            # The distance to the actuator and the rate now and then give back just what was wanted: limited all the same.
+            # The bound on the actuator error and the rate sometimes return exactly the demand; this still counts as limited.
             "slow, and measured": {"rear_rate_max": 0.1, "rear_angle_error_max": 0.097, "inputs": OPEN},
         }
     points = len(list(built.software.parameters().schedule_speed))
@@ -133,13 +137,13 @@ def rough_changes(built: Built) -> dict[str, dict[str, Any]]:
 
 
 def answers_of_rough(built: Built, count: int = 3000) -> Iterator[Drive]:
-    """The independent model's answers to rough drives, each when it is asked for: one takes seconds."""
+    """Yield the model's results for rough drives; lazily, because each takes seconds."""
     for seed, one in enumerate(rough_changes(built).values()):
         yield answers_of(built, one, rough(built, seed, count))
 
 
 @dataclass(frozen=True)
-class Limited:
+class LimiterSamples:
     """Inputs of a limiter and the model's angles."""
 
     parameters: Any
@@ -148,20 +152,22 @@ class Limited:
     wanted: Array
 
 
-def answers_of_limiter(units: Units, count: int = 4000) -> list[Limited]:
-    """With every set of parameters of `checks_limiter`, from every kind of start."""
+def answers_of_limiter(units: Units, count: int = 4000) -> list[LimiterSamples]:
+    """Return the model's angles for every parameter set of `checks_limiter` and every kind of start."""
     known = []
     for changes in checks_limiter.CHANGES.values():
         parameters = checks_limiter.parameters_of(units, changes)
         for seed, start in enumerate((0.0, -0.05, 0.9, 1.0, -1.0, 1.5, math.nan)):
             inputs = checks_limiter.drive(units, parameters, count, seed)
             model = SecondLimiter(parameters, checks_limiter.period(units), units.real, start)
-            known.append(Limited(parameters, start, inputs, np.array([model.step(*row) for row in inputs], dtype=units.real)))
+            known.append(
+                LimiterSamples(parameters, start, inputs, np.array([model.step(*row) for row in inputs], dtype=units.real))
+            )
     return known
 
 
-def check_limiter(units: Units, known: list[Limited]) -> None:
-    """Every step is the model's, and within the angle's bound but for a start from outside."""
+def check_limiter(units: Units, known: list[LimiterSamples]) -> None:
+    """Check that every step equals the model's and stays within the angle's bound, unless the start was outside it."""
     for one in known:
         assert np.isfinite(one.wanted).all() and np.abs(one.wanted[100:]).max() <= units.real(one.parameters.rear_angle_max)
         got = units.limiter(one.parameters, one.inputs, one.start)
@@ -172,8 +178,8 @@ def check_limiter(units: Units, known: list[Limited]) -> None:
 
 
 @dataclass(frozen=True)
-class Looked:
-    """Places of a map and the bits of the NumPy reference there: yaw rate, and where the map has them the other columns."""
+class LookupSamples:
+    """Map arguments and the bits of the NumPy reference: the yaw rate and, if the map has them, the other columns."""
 
     speed: Array
     front_angle: Array
@@ -181,8 +187,8 @@ class Looked:
     wanted: Array
 
 
-def answers_of_map(built: Built, units: Units, every: int = 1) -> list[Looked]:
-    """On every road of interest, at every `every`th of the points."""
+def answers_of_map(built: Built, units: Units, every: int = 1) -> list[LookupSamples]:
+    """Return the reference at every `every`th point, for each friction of interest."""
     (speed, angle), real = all_points(built), built.software.real
     has_rear_angle = built.total.steering is not None and config_of(built).controller.kind in ("tracking", "feedforward")
     known = []
@@ -193,12 +199,12 @@ def answers_of_map(built: Built, units: Units, every: int = 1) -> list[Looked]:
             yaw_rate, rear_angle = built.lookup.reference(speed[points], angle[points], friction)
             road = np.full(yaw_rate.shape, road_lateral_acceleration(built.total, real, friction))
             wanted = [yaw_rate, rear_angle, road, yaw_rate]
-        known.append(Looked(speed[points], angle[points], friction, np.stack(wanted)))
+        known.append(LookupSamples(speed[points], angle[points], friction, np.stack(wanted)))
     return known
 
 
-def check_map(built: Built, units: Units, known: list[Looked]) -> None:
-    """Every place has the bits of the reference, whatever the bits of the arguments: finite."""
+def check_map(built: Built, units: Units, known: list[LookupSamples]) -> None:
+    """Check that every result has the bits of the reference and is finite, for arguments of any bit pattern."""
     for one in known:
         assert np.isfinite(one.wanted).all()
         place = one.speed, one.front_angle, one.friction
@@ -209,8 +215,8 @@ def check_map(built: Built, units: Units, known: list[Looked]) -> None:
 
 
 @dataclass(frozen=True)
-class Modelled:
-    """States and inputs of the reference model, its next states, and the starts for the first three of the inputs."""
+class ModelSamples:
+    """States and inputs of the reference model, the next states, and the start states for the first three inputs."""
 
     states: Array
     inputs: Array
@@ -219,8 +225,8 @@ class Modelled:
     begun: Array
 
 
-def answers_of_model(units: Units, count: int = 30_000) -> list[Modelled]:
-    """From any state with plausible inputs and with any bit patterns, and from damaged states."""
+def answers_of_model(units: Units, count: int = 30_000) -> list[ModelSamples]:
+    """Return results from all states: with plausible inputs, with inputs of any bit pattern, and from damaged states."""
     model = SecondReferenceModel(units.config, units.real)
     usual, plausible = random_states(units, count, 1), random_inputs(units, count, 2)
     wild, damaged, known = wild_inputs(units, count, 3), wild_inputs(units, count, 4)[:, :3], []
@@ -230,12 +236,12 @@ def answers_of_model(units: Units, count: int = 30_000) -> list[Modelled]:
             starts[:, 1] *= units.real(4.0)  # the yaw rate reaches farther than the front angle
             after = np.stack(model.step(states.T, inputs.T), axis=1)
             begun = np.stack(model.start(*starts.T), axis=1)
-        known.append(Modelled(states, inputs, after, starts, begun))
+        known.append(ModelSamples(states, inputs, after, starts, begun))
     return known
 
 
-def check_model(units: Units, known: list[Modelled]) -> None:
-    """Every step and every start is the model's, finite and within the bounds of the state."""
+def check_model(units: Units, known: list[ModelSamples]) -> None:
+    """Check that every step and every start equals the model's, is finite and within the bounds of the state."""
     most, _ = limits(units)
     for one in known:
         assert (np.abs(one.after) <= most).all() and (np.abs(one.begun) <= most).all()

@@ -1,6 +1,6 @@
-"""The answers of Python's own codec and protection of frames, worked out once: to hold many builds of one C against them.
+"""Expected frames of Python's own codec and E2E protection, computed once and compared with many builds of the same C.
 
-See `answers`, which does so for the models.
+`answers` does the same for the models.
 """
 
 import itertools
@@ -18,8 +18,8 @@ from tests.builds import Built
 
 
 @dataclass(frozen=True)
-class Framed:
-    """Contents of a message and its frame; frames and what they hold."""
+class MessageFrames:
+    """Contents of a message with their frame, and frames with their contents."""
 
     role: str
     packed: list[tuple[Any, bytes]]
@@ -27,7 +27,7 @@ class Framed:
 
 
 def _values(signal: RealSignal, real: Any) -> list[float]:
-    """Limits, codes of every size with their ties and neighbours, and what is no ordinary number."""
+    """Return the limits, codes of every size with their ties and neighbours, and special values."""
     tiny = np.finfo(real)
     values = [math.nan, math.inf, -math.inf, 0.0, -0.0, float(tiny.smallest_subnormal), -float(tiny.tiny), float(tiny.max)]
     low, high = signal.raw_low, signal.raw_high
@@ -39,8 +39,8 @@ def _values(signal: RealSignal, real: Any) -> list[float]:
     return values
 
 
-def answers_of_can(built: Built) -> list[Framed]:
-    """Every real signal alone and with others, every bit of the rest; frames of any bits."""
+def answers_of_can(built: Built) -> list[MessageFrames]:
+    """Return frames for every real signal alone and combined, for every bit of the other signals, and for random bits."""
     can, real = built.software.config.can, built.software.real
     codec, rng, known = Codec(can, built.software.precision), np.random.default_rng(4), []
     for role, kind in PAYLOADS.items():
@@ -57,13 +57,13 @@ def answers_of_can(built: Built) -> list[Framed]:
             bytes((0, 0x70, *(0xFF if (mask >> k) & 1 else 0x80 * ((mask >> k + 3) & 1) for k in range(6))))
             for mask in range(512)
         ]
-        known.append(Framed(role, [(content, codec.encode(content)) for content in contents],
+        known.append(MessageFrames(role, [(content, codec.encode(content)) for content in contents],
                             [(frame, codec.decode(message.id, frame)) for frame in frames]))  # fmt: skip
     return known
 
 
-def _bits_of_nothing(built: Built) -> int:
-    """Of the number that stands for "not available", as the C leaves it in memory."""
+def _not_available_bits(built: Built) -> int:
+    """Return the bits of the number that means "not available", as the C writes it to memory."""
     software = built.software
     task = software.new("task")
     software.function("task_init")(task, software.parameters())
@@ -72,11 +72,14 @@ def _bits_of_nothing(built: Built) -> int:
     )
 
 
-def check_can(built: Built, known: list[Framed]) -> None:
-    """Every frame and every content is that of Python's codec; a frame is written whole, whatever stood there, and no more."""
+def check_can(built: Built, known: list[MessageFrames]) -> None:
+    """Check that every frame and its contents equal those of Python's codec.
+
+    A frame is written completely, whatever the memory held, and nothing beyond it changes.
+    """
     software = built.software
-    # The quiet NaN that IEEE 754-2019 prefers: no payload, and of the sign that the C's own arithmetic does not give.
-    assert _bits_of_nothing(built) == {4: 0x7FC00000, 8: 0x7FF8000000000000}[np.dtype(software.real).itemsize]
+    # The quiet NaN that IEEE 754-2019 prefers: no payload, and the sign that the C's own arithmetic does not produce.
+    assert _not_available_bits(built) == {4: 0x7FC00000, 8: 0x7FF8000000000000}[np.dtype(software.real).itemsize]
     for one in known:
         struct, data = software.new(one.role), software.ffi.new("uint8_t[24]")
         pack, unpack = (software.function(f"can_{way}_{one.role}") for way in ("pack", "unpack"))
@@ -92,20 +95,20 @@ def check_can(built: Built, known: list[Framed]) -> None:
 
 
 Events = list[tuple[bytes | None, int]]
-"""Frames (None: a cycle without one), and what a receiver says of them."""
+"""Frames (None: a cycle without a frame) with the receiver's status."""
 
 
 @dataclass(frozen=True)
-class Received:
-    """What receivers say of frames from their start on; cycles (good, damaged) with the message's state; frames protected."""
+class ReceiverResults:
+    """Status sequences of receivers, cycles (good, damaged) with the message's state, and protected frames."""
 
     receptions: list[Events]
     states: list[list[tuple[bool, bool, int]]]
     protected: list[tuple[int, int, bytes, bytes]]
 
 
-def answers_of_e2e(built: Built, count: int = 4000, every: bool = True) -> Received:
-    """Frames that come, stay away, repeat, jump, break; long runs of each, so that every status is met."""
+def answers_of_e2e(built: Built, count: int = 4000, every: bool = True) -> ReceiverResults:
+    """Return results for received, missing, repeated, skipped and damaged frames; long runs of each reach every status."""
     settings, rng = built.software.config.can.e2e, np.random.default_rng(6)
     receiver, counter = Receiver(settings), 0
     events: Events = []
@@ -133,11 +136,12 @@ def answers_of_e2e(built: Built, count: int = 4000, every: bool = True) -> Recei
     for index in range(600):
         data_id, body = int(rng.integers(0, 1 << 16)), bytes(rng.integers(0, 256, 8, dtype=np.uint8))
         protected.append((data_id, index % 15, body, protect(data_id, index % 15, body)))
-    return Received([events, *silences], [_states(settings, rng) for _ in range(count // 80)], protected)
+    return ReceiverResults([events, *silences], [_states(settings, rng) for _ in range(count // 80)], protected)
 
 
 def _states(settings: E2e, rng: np.random.Generator) -> list[tuple[bool, bool, int]]:
-    """Cycles from the start of a supervision on: spells with any shares of good and damaged frames, those of 0 and 1 too."""
+    """Return cycles from the start of the supervision, in spells with any shares of good and damaged frames, including 0 and
+    1."""
     supervision, states = Supervision(settings), []
     for length in rng.integers(1, 30, 6):
         good, damaged = rng.choice((0.0, 0.3, 0.5, 1.0), 2, p=(0.1, 0.4, 0.2, 0.3))
@@ -147,7 +151,7 @@ def _states(settings: E2e, rng: np.random.Generator) -> list[tuple[bool, bool, i
 
 
 def _silences(settings: E2e, jump: int, silences: Sequence[int], steps: Sequence[int | None]) -> Iterator[Events]:
-    """Frames whose counters advance by these steps (0 stands for `jump`), with a silence of each length for None."""
+    """Yield frames whose counters advance by these steps (0 means `jump`), with a silence of each length for None."""
     for silent in silences:
         receiver, counter = Receiver(settings), 5
         events: Events = []
@@ -161,8 +165,8 @@ def _silences(settings: E2e, jump: int, silences: Sequence[int], steps: Sequence
         yield events
 
 
-def check_e2e(built: Built, known: Received) -> None:
-    """Every status is that of the Python receiver, every frame protected as there."""
+def check_e2e(built: Built, known: ReceiverResults) -> None:
+    """Check that every status and every protected frame equals that of the Python receiver."""
     software = built.software
     state = software.new("e2e_receiver")
     check, silent = software.function("e2e_check"), software.function("e2e_no_new_data")

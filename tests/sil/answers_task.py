@@ -1,6 +1,6 @@
-"""The answers of the second implementation of the task, worked out once: to hold many builds of one C against them.
+"""Expected results of the second implementation of the task, computed once and compared with many builds of the same C.
 
-The frames are made by Python's own codec and protection, which share no code with the C.
+The frames come from Python's own codec and protection, which share no code with the C.
 """
 
 import math
@@ -19,11 +19,20 @@ from hil_sim.frames import Frame
 from tests.builds import Built
 from tests.sil.checks_kinds import model_of, parameters_of
 
-LIVES, CYCLES = 20, 140
+STARTS, CYCLES = 20, 140
 """Starts of the task, and cycles after each."""
-ANGLES = (0.02, math.nan, 0.3, -0.3, math.inf, -0.05, *(side * code / 20000 for side in (1, -1) for code in (2000, 2001)))
-"""Rear angle at the actuator after a start, rad. Some are impossible; the last four are codes at and past the limit in SETS."""
-SETS: tuple[Mapping[str, Any], ...] = (
+ACTUATOR_ANGLES = (
+    0.02,
+    math.nan,
+    0.3,
+    -0.3,
+    math.inf,
+    -0.05,
+    *(side * code / 20000 for side in (1, -1) for code in (2000, 2001)),
+)
+"""Rear angle at the actuator after a start, rad. Some are impossible; the last four are codes at and past the limit in
+PARAMETER_SETS."""
+PARAMETER_SETS: tuple[Mapping[str, Any], ...] = (
     {},
     {
         "inputs": {"rear_angle_max": 2000 / 20000, "recovery_samples": 3, "missing_samples_max": 0},
@@ -35,7 +44,7 @@ EVENTS = (
     *("motion lost", "conditions lost", "both lost", "corrupt", "repeated", "skipped", "jump", "no angle", "implausible") * 2,
     *("short", "foreign", "other message", "twice", "wrong and good", "reversed", "burst", "unavailable", "slow"),
 )
-"""Bus events, drawn with the frequency at which they stand here."""
+"""Bus events; an event is drawn as often as it is listed."""
 
 
 BITS = {name: bit for bit, (name, _) in DIAGNOSTICS.items()}
@@ -43,7 +52,7 @@ BITS = {name: bit for bit, (name, _) in DIAGNOSTICS.items()}
 
 @dataclass(frozen=True)
 class Cycle:
-    """The frames of a cycle, whether the set is complete after each, and the task's answer: its frame and counters."""
+    """Frames of a cycle, whether the set is complete after each, and the task's frame and counters."""
 
     frames: Sequence[Frame]
     complete: Sequence[bool]
@@ -53,15 +62,15 @@ class Cycle:
 
 @dataclass(frozen=True)
 class Traffic:
-    """Lives of a task, cycle by cycle."""
+    """Cycles of a task after each of its starts."""
 
     parameters: Any
     lives: Sequence[Sequence[Cycle]]
 
 
 @dataclass
-class _Counted(SecondTask):
-    """The second task with the number of samples that it lost."""
+class _CountingTask(SecondTask):
+    """Second task that counts the samples it lost."""
 
     lost: int = field(default=0, init=False)
 
@@ -71,8 +80,8 @@ class _Counted(SecondTask):
 
 
 @dataclass
-class _Car:
-    """The other nodes of the bus; one message in each spell is the one that something happens to."""
+class _OtherNodes:
+    """Other nodes of the bus. In each spell, one message is disturbed."""
 
     can: Can
     codec: Codec
@@ -87,7 +96,7 @@ class _Car:
         return Frame(message.id, data)
 
     def cycles(self) -> Iterator[list[Frame]]:
-        """The frames of each cycle: silence or calm, then spells of every kind of disturbance."""
+        """Yield the frames of each cycle: silence or undisturbed traffic first, then spells of every kind of disturbance."""
         calm, spell, place = 7 * (self.life % 3), 0, 0
         for cycle in range(CYCLES):
             if spell == 0:
@@ -99,18 +108,19 @@ class _Car:
             yield self._of(event, place, self._angle(cycle))
 
     def _angle(self, cycle: int) -> float:
-        """Rear angle that the bus reports, rad; where unavailable at first, an impossible value restarts the task's count."""
+        """Return the rear angle that the bus reports, rad. Where it is missing at first, an impossible value restarts the
+        count."""
         if cycle >= 14:
             return 0.04 * math.cos(0.05 * cycle)
-        told = ANGLES[self.life % len(ANGLES)]
-        return 0.3 if math.isnan(told) and cycle == 5 else told
+        reported = ACTUATOR_ANGLES[self.life % len(ACTUATOR_ANGLES)]
+        return 0.3 if math.isnan(reported) and cycle == 5 else reported
 
     def _of(self, event: str, place: int, angle: float) -> list[Frame]:
         rng = self.rng
         speed = 2.0 if event == "slow" else 12.0 + self.life % 20
         yaw_rate = {"unavailable": math.nan, "implausible": 2.0}.get(event, float(rng.normal(0.05, 0.02)))
-        told, friction = math.nan if event == "no angle" else angle, float(rng.choice([math.nan, 0.3]))
-        signals = (VehicleMotion(speed, 0.03, yaw_rate), VehicleConditions(told, friction, rng.random() < 0.2))
+        reported, friction = math.nan if event == "no angle" else angle, float(rng.choice([math.nan, 0.3]))
+        signals = (VehicleMotion(speed, 0.03, yaw_rate), VehicleConditions(reported, friction, rng.random() < 0.2))
         contents = [self.codec.encode(each) for each in signals]
         for _ in range({"skipped": 6, "jump": 2}.get(event, 0)):  # made and never sent
             self._frame(place, contents[place])
@@ -137,14 +147,14 @@ class _Car:
         return [frames[each] for each in lost[event]] if event in lost else frames
 
 
-def _life(built: Built, parameters: Any, rng: np.random.Generator, life: int) -> list[Cycle]:
-    """The second task's answers; how often it is late or early, and when a set is complete, by the rule in its header."""
+def _cycles_after_start(built: Built, parameters: Any, rng: np.random.Generator, life: int) -> list[Cycle]:
+    """Return the second task's results, the late and early cycles, and when a set is complete by the rule in its header."""
     software = built.software
     can = software.config.can
     codec, first, second = Codec(can, software.precision), can.vehicle_motion.id, can.vehicle_conditions.id
-    task = _Counted(can, parameters, codec, lambda angle: model_of(built, parameters, angle))
+    task = _CountingTask(can, parameters, codec, lambda angle: model_of(built, parameters, angle))
     found, late, early = [], 0, 0
-    for number, frames in enumerate(_Car(can, codec, rng, life).cycles(), 1):
+    for number, frames in enumerate(_OtherNodes(can, codec, rng, life).cycles(), 1):
         count, complete, states = {first: 0, second: 0}, False, []
         for frame in frames:
             if frame.id in count and len(frame.data) == FRAME_BYTES:
@@ -160,12 +170,13 @@ def _life(built: Built, parameters: Any, rng: np.random.Generator, life: int) ->
 
 
 def check_backlog(built: Built) -> None:
-    """A second frame in each call fills it up to five; one is forgiven in each 64th call, one made up for without a frame."""
+    """Check the backlog: it grows by a second frame per call up to five, and falls by one in each 64th call and in a call
+    without a frame."""
     can = built.software.config.can
-    task, car = built.software.task(), _Car(can, Codec(can, built.software.precision), np.random.default_rng(0), 0)
+    task, car = built.software.task(), _OtherNodes(can, Codec(can, built.software.precision), np.random.default_rng(0), 0)
 
     def after(frames: int) -> tuple[int, int]:
-        """The backlog after a call with so many frames of the first message, and whether the task is late."""
+        """Return the backlog after a call with this many frames of the first message, and whether the task is late."""
         for _ in range(frames):
             frame = car._frame(0, bytes(FRAME_BYTES))
             task.on_can_frame(frame.id, frame.data)
@@ -181,15 +192,15 @@ def check_backlog(built: Built) -> None:
 
 
 def check_actuator_is_followed(built: Built) -> None:
-    """The limits of angle and time, both signs, to a code and a sample; and memory that holds no angle that can be."""
+    """Check the limits of angle and time for both signs, to one code and one sample, and memory with an impossible angle."""
     can, real = built.software.config.can, built.real
     codec, limit = Codec(can, built.software.precision), 400
     changes = {"actuator_share": 0.5, "actuator_error_max": limit / 20000, "actuator_samples_max": 3}
     parameters = parameters_of(built, changes)
-    task, car, stuck = built.software.task(parameters), _Car(can, codec, np.random.default_rng(0), 0), 0
+    task, car, stuck = built.software.task(parameters), _OtherNodes(can, codec, np.random.default_rng(0), 0), 0
 
     def samples(count: int, code: int = 0) -> int:
-        """Samples of a standing car, whose command is zero; how many count as off then."""
+        """Return how many samples of a standing car, whose command is zero, count as deviating."""
         nonlocal stuck
         for _ in range(count):
             for place, contents in enumerate((VehicleMotion(0.0, 0.0, 0.0), VehicleConditions(code / 20000))):
@@ -216,24 +227,25 @@ def check_actuator_is_followed(built: Built) -> None:
         assert task.state.expected_angle == becomes, held
 
 
-def answers_of_task(built: Built, lives: int = LIVES) -> list[Traffic]:
-    """The answers with each set of parameters, which must show every cause of a diagnosis."""
+def answers_of_task(built: Built, lives: int = STARTS) -> list[Traffic]:
+    """Return the results for each parameter set. Together they must show every cause of a diagnosis."""
     codec, known = Codec(built.software.config.can, built.software.precision), []
-    for seed, changes in enumerate(SETS):
+    for seed, changes in enumerate(PARAMETER_SETS):
         parameters, rng = parameters_of(built, changes), np.random.default_rng(seed)
-        known.append(Traffic(parameters, [_life(built, parameters, rng, life) for life in range(lives)]))
+        known.append(Traffic(parameters, [_cycles_after_start(built, parameters, rng, life) for life in range(lives)]))
     diagnostics = 0
     for traffic in known:
         for cycle in (cycle for life in traffic.lives for cycle in life):
             command = codec.decode(*cycle.answer)
             assert isinstance(command, RearSteerCommand)
             diagnostics |= command.diagnostics
-    assert all(diagnostics >> bit & 1 for bit in DIAGNOSTICS), "every cause is met"
+    assert all(diagnostics >> bit & 1 for bit in DIAGNOSTICS), "every cause occurs"
     return known
 
 
 def check_task(built: Built, known: list[Traffic]) -> None:
-    """Every frame, every count and when a set is complete; the tasks of all parameters take turns, and share nothing."""
+    """Check every frame, every count and when a set is complete. Tasks with all parameter sets run interleaved and share
+    nothing."""
     for lives in zip(*(traffic.lives for traffic in known), strict=True):
         tasks = [built.software.task(traffic.parameters) for traffic in known]
         for cycles in zip(*lives, strict=True):
@@ -247,7 +259,8 @@ def check_task(built: Built, known: list[Traffic]) -> None:
 
 
 def check_zeroed_task(built: Built) -> None:
-    """It is one that has begun with the default parameters; and an inhibit ends with the message that told it."""
+    """Check that a zeroed task equals one that was started with the default parameters, and that an inhibit ends with its
+    message."""
     software, function = built.software, built.software.function
     task, started = software.new("task"), software.new("task")
     data, other = software.ffi.new("uint8_t[8]"), software.ffi.new("uint8_t[8]")
@@ -257,7 +270,7 @@ def check_zeroed_task(built: Built) -> None:
         function("task_10ms")(each, sent)
     assert task.parameters != software.ffi.NULL and bytes(data) == bytes(other)
     assert (task.cycles, task.early_cycles) == (started.cycles, started.early_cycles) == (1, 1)
-    for window, inhibits in ((0xFFFF, True), (0, False)):  # good so far, and not
+    for window, inhibits in ((0xFFFF, True), (0, False)):  # valid so far, and not
         task.conditions.inhibit, supervision = True, task.conditions_input.supervision
         supervision.state, supervision.window = 2, window
         function("task_10ms")(task, data)

@@ -1,4 +1,4 @@
-"""A build with its references, over a library that can be exchanged for one whose units have mutants."""
+"""A build with its references, over a library that can be replaced by one with mutated units."""
 
 import ctypes
 import functools
@@ -31,14 +31,14 @@ from tests.sil.library import OPTIMISED, Compiler, Opened, Tree, library_of
 from tests.sil.units import Units
 
 FAST_FRACTION = 0.15
-"""Fraction of the random samples that `make test` uses; the mutation campaign uses all of them."""
+"""Fraction of the random samples that `make test` uses; the mutation campaign uses all."""
 GENERATED = Path(__file__).parents[2] / "generated"
 COMMITTED = {name: GENERATED / name for name in ("4ws2-paper", "4ws2")}
 
 
 @dataclass(frozen=True)
 class Mutated:
-    """A unit, by the path of its source, in place of the build's own: object and number of the selected mutant, its C."""
+    """A mutated unit that replaces one of the build, named by its source path: object, number of the selected mutant, its C."""
 
     path: str
     object: Path
@@ -52,7 +52,7 @@ class Case:
 
     Attributes:
         sample_fraction: fraction of the random samples of a whole campaign that the judges use.
-        kept: what the judges make once for a case, by name. known: the same for a build, whoever compiles it.
+        kept: results that the judges compute once for a case, by name. known: the same for a build, whichever compiler made it.
     """
 
     name: str
@@ -78,7 +78,7 @@ class Case:
         return self.tree.root / "unaltered.so"
 
     def samples(self, count: int, least: int = 1) -> int:
-        """Return how many of so many random samples the judges use."""
+        """Return how many of `count` random samples the judges use."""
         return max(least, round(self.sample_fraction * count))
 
     def object(self, source: str) -> Path:
@@ -94,7 +94,7 @@ class Case:
         self.opened.open(self.library)
 
     def compile_instead(self, path: str, source: str) -> None:
-        """Compile C in place of a unit into a library of its own, for `select`. Raises BuildError."""
+        """Compile C that replaces a unit into its own library, for `select`. Raises BuildError."""
         changed = self._instead(path)
         changed.with_suffix(".c").write_text(source, encoding="ascii")
         self.compiler.compile(self.tree.root, changed.with_suffix(".c").name, changed)
@@ -121,12 +121,12 @@ class Case:
 
 
 _of_builds: dict[str, tuple[Any, dict[str, Any]]] = {}
-"""FFI that knows the types of a build, and what is computed for the build once a process, by the hash of build and map. The
-second holds structs of the first."""
+"""FFI with the types of a build, and results computed once per process, by the hash of build and map. The results hold structs
+of the FFI."""
 
 
 def committed(folder: Path, scratch: Path, compiler: Compiler, changed: Mapping[str, bytes] | None = None) -> Case:
-    """Return the case of a build on disk, some files changed, with the map beside it (FOLDER.npz), not yet compiled."""
+    """Return the uncompiled case of a build on disk, with some files changed and with its map (FOLDER.npz)."""
     subject = Subject.read(folder)
     config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
     facts = {key: fact for key, fact in subject.manifest.items() if key not in ("files", "generator")}
@@ -135,7 +135,7 @@ def committed(folder: Path, scratch: Path, compiler: Compiler, changed: Mapping[
 
 
 def made_case(name: str, made: Folder, total: TotalMap, config: Config, scratch: Path, compiler: Compiler) -> Case:
-    """Return the case of a build in memory, not yet compiled."""
+    """Return the uncompiled case of a build in memory."""
     tree = Tree.write(made, config, scratch)
     build = hashlib.sha256(render_manifest(made)).hexdigest()
     if build not in _of_builds:
@@ -149,9 +149,9 @@ def made_case(name: str, made: Folder, total: TotalMap, config: Config, scratch:
 
 
 def named(name: str, scratch: Path, compiler: Compiler) -> Case:
-    """Return the case of a name, not yet compiled: a committed build, else "KIND PRECISION" or "KIND MAP" of `tests.builds`.
+    """Return the uncompiled case of a name: a committed build, else "KIND PRECISION" or "KIND MAP" of `tests.builds`.
 
-    A map may be stored otherwise: "KIND MAP with int16", "KIND MAP with grip".
+    A suffix changes how the map is stored: "KIND MAP with int16", "KIND MAP with grip".
     """
     if name in COMMITTED:
         return committed(COMMITTED[name], scratch, compiler)
@@ -179,14 +179,14 @@ def _with_int16(total: TotalMap) -> TotalMap:
 
 
 def _with_grip(total: TotalMap) -> TotalMap:
-    """Return a map of which grip leaves any share of the cap beside any other."""
+    """Return a map whose grip tables leave varied shares of the cap."""
     rng, axes = np.random.default_rng(5), (np.array([0.0, 5.0, 21.0, 50.0]), np.array([0.0, 0.05, 0.1, 0.7]))
     *layers, own = (replace(one, grip=GripTable(*axes, rng.uniform(0.2, 1.0, (4, 4)))) for one in total.stack)
     return replace(own, layers=tuple(layers))
 
 
 def compiled(name: str, make: Callable[[Path, Compiler], Case]) -> Case:
-    """Return a case in a folder of this process, compiled as for use."""
+    """Return a case in a folder of this process, compiled with the flags for use."""
     scratch = shared.folder() / f"case {name} {os.getpid()}"
     scratch.mkdir()
     found = make(scratch, Compiler(compiler_command(), OPTIMISED))
@@ -197,5 +197,5 @@ def compiled(name: str, make: Callable[[Path, Compiler], Case]) -> Case:
 
 @functools.cache
 def case(name: str) -> Case:
-    """Return the compiled case of a name, once a process."""
+    """Return the compiled case of a name; one per process."""
     return compiled(name, functools.partial(named, name))

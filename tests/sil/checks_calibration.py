@@ -1,7 +1,6 @@
-"""What must hold of a map that calibration changes in memory.
+"""Checks of a map that calibration changes in memory.
 
-Each check takes a build whose calibration can be written, finds it as it was built, and raises AssertionError where it does not
-hold.
+Each check takes a build with writable calibration in its original state and raises AssertionError if the build fails it.
 """
 
 from dataclasses import dataclass, replace
@@ -21,12 +20,12 @@ RANGES = {
     "speed_breakpoints": (0.0, 150.0),
     "front_angle_breakpoints": (0.0, 1.2),
 }
-"""rad/s, rad, m/s, rad: the contract of a reference map, docs/interface.md."""
+"""rad/s, rad, m/s, rad: ranges of the reference map, docs/interface.md."""
 ALL_MAX = 500
-"""Numbers of a table of which each is tried."""
+"""Number of elements up to which every element of a table is tested."""
 
 
-# Of a name that linkers put among the data that may be written, though each object is const.
+# Linkers place a section of this name in writable data although its objects are const.
 WRITABLE = '-DARS_SECTION_CALIBRATION=__attribute__((section(".data.calibration")))'
 AXES = ("speed", "front_angle")
 NAMES = ("speed_breakpoints", "front_angle_breakpoints", "yaw_rate_table", "rear_angle_table")
@@ -34,11 +33,11 @@ NAMES = ("speed_breakpoints", "front_angle_breakpoints", "yaw_rate_table", "rear
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """A compiled build.
+    """A compiled build with writable calibration.
 
     Attributes:
-        arrays: the calibration section by the names in C without prefix: breakpoints and tables, to be written in place.
-        total: the map that it was built with.
+        arrays: calibration section by the names in C without prefix: breakpoints and tables, writable in place.
+        total: map of the build.
     """
 
     library: Library
@@ -47,7 +46,7 @@ class Calibrated:
 
     @classmethod
     def over(cls, library: Library, total: TotalMap) -> Self:
-        """A library that was compiled with `WRITABLE`."""
+        """Return the build of a library that was compiled with `WRITABLE`."""
         found = {}
         for name in NAMES:
             if hasattr(library.lib, f"ars_map_{name}"):
@@ -57,7 +56,7 @@ class Calibrated:
         return cls(library, found, total)
 
     def restored(self) -> Self:
-        """With the numbers of the build again."""
+        """Return the build after restoring its original numbers."""
         lookup = Lookup.from_map(self.total, np.float32)
         tables = {"yaw_rate_table": lookup.tables, "rear_angle_table": lookup.rear_tables}
         for axis, constants in zip(AXES, (lookup.speed_axis, lookup.front_axis), strict=True):
@@ -67,7 +66,7 @@ class Calibrated:
         return self
 
     def is_valid(self) -> bool:
-        """Return the C's verdict on the map; it must be the same for the map with parameters that take any speed."""
+        """Return the C's verdict on the map; it must be the same for the map with parameters that accept any speed."""
         of_map = bool(self.library.lib.ars_map_valid())
         parameters = self.library.ffi.new("ars_parameters_t *", self.library.lib.ars_parameters_default)
         parameters.inputs.speed_max = parameters.limiter.speed_max = RANGES["speed_breakpoints"][1]
@@ -75,12 +74,12 @@ class Calibrated:
         return of_map
 
     def axis(self, name: str) -> Axis:
-        """Of the build: which kind it is."""
+        """Return the build's axis, which has its kind."""
         return Axis.from_breakpoints(self.total.speed if name == "speed" else self.total.front_angle)
 
     @property
     def lookup(self) -> Lookup:
-        """The reference of what the memory holds now."""
+        """Return the reference for the current memory."""
         axes: dict[str, Any] = {}
         for name in AXES:
             breakpoints = self.arrays[f"{name}_breakpoints"].astype(np.float64)
@@ -97,8 +96,10 @@ def _shape(name: str, total: TotalMap) -> tuple[int, ...]:
 
 
 def check_each_number_of_the_tables(built: Calibrated) -> None:
-    """Each may be as small and as large as its range, and no smaller or larger by a bit, nor NaN. Of a large table, those at
-    its edges and some inside."""
+    """Check that each table element accepts the ends of its range, and neither one bit beyond nor NaN.
+
+    Of a large table, the elements at its edges and some inside are tested.
+    """
     for name in ("yaw_rate_table", "rear_angle_table"):
         if name not in built.arrays:
             continue
@@ -114,7 +115,7 @@ def check_each_number_of_the_tables(built: Calibrated) -> None:
 
 
 def _cells(shape: tuple[int, ...]) -> list[int]:
-    """Places in a table, (layers, rows, columns), taken flat."""
+    """Return flat indices into a table of shape (layers, rows, columns)."""
     places = np.arange(int(np.prod(shape))).reshape(shape)
     if places.size <= ALL_MAX:
         return [int(place) for place in places.ravel()]
@@ -124,8 +125,10 @@ def _cells(shape: tuple[int, ...]) -> list[int]:
 
 
 def check_each_breakpoint_is_above_the_one_before(built: Calibrated) -> None:
-    """Two in one place, a NaN and one out of range are refused, wherever they stand, and a first one above zero. Moved as a
-    whole, an axis keeps its kind: with half the steps it is valid, up to its range and not beyond."""
+    """Check that equal, NaN and out-of-range breakpoints are rejected at every index, as is a first one above zero.
+
+    An axis that is scaled keeps its kind: with half the steps it is valid, up to its range and not beyond.
+    """
     for name in AXES:
         points = built.arrays[f"{name}_breakpoints"]
         kept, (low, high) = points.copy(), RANGES[f"{name}_breakpoints"]
@@ -138,7 +141,7 @@ def check_each_breakpoint_is_above_the_one_before(built: Calibrated) -> None:
         points[0] = np.float32(1e-6)
         assert not built.is_valid(), name
         points[...] = kept
-        if built.axis(name).has_first_cell:  # of no width: the core begins at zero too, and is even
+        if built.axis(name).has_first_cell:  # zero width: the core begins at zero too, and is even
             points[1:] = np.linspace(0.0, float(kept[-1]), points.size - 1, dtype=np.float32)
             assert not built.is_valid(), name
             points[...] = kept
@@ -149,9 +152,11 @@ def check_each_breakpoint_is_above_the_one_before(built: Calibrated) -> None:
 
 
 def check_even_axes_stay_even(built: Calibrated) -> None:
-    """Inside an even core a breakpoint may be off by less than a hundredth of a step; a core that ends elsewhere has other
-    steps. An uneven axis is free. The margin of half a percent of that is for roundings: of 0.6 rad in steps of 0.1 deg, and of
-    33 m/s in steps of 1 km/h, they are some hundred-thousandths of a step."""
+    """Check that a breakpoint of an even core may deviate by less than a hundredth of a step.
+
+    A core that ends elsewhere has other steps. An uneven axis is free. The margin of half a percent covers rounding, which is
+    some 1e-5 steps for 0.6 rad in steps of 0.1 deg and for 33 m/s in steps of 1 km/h.
+    """
     for name in AXES:
         axis, points = built.axis(name), built.arrays[f"{name}_breakpoints"]
         for k in range(1, points.size - 1):
@@ -173,14 +178,14 @@ def check_even_axes_stay_even(built: Calibrated) -> None:
 
 
 def check_even_to_the_bit(built: Calibrated) -> None:
-    """Off by just a hundredth of a step, in the C's own numbers, is still even: to both sides."""
+    """Check that a deviation of exactly a hundredth of a step, in the C's own numbers, is still even, on both sides."""
     axis, points = built.axis("front_angle"), built.arrays["front_angle_breakpoints"]
     if not axis.even:
         return
     kept, cells = points.copy(), axis.core_end - axis.core_start
     first = np.float32(0.125 if axis.core_start else 0.0)
     last = np.float32(0.5)
-    while True:  # for one end in some hundreds, no rounding is in the way
+    while True:  # about one end in several hundred is free of rounding
         last = np.nextafter(last, np.float32(1.0))
         step = (last - first) / np.float32(cells)
         tolerance = np.float32(0.01) * step
@@ -199,7 +204,7 @@ def check_even_to_the_bit(built: Calibrated) -> None:
 
 
 def check_the_lookup_takes_what_stands_there(built: Calibrated) -> None:
-    """With other numbers and other breakpoints of the same kind, the C has the bits of the reference with the same ones."""
+    """Check that the C has the bits of the reference for other numbers and other breakpoints of the same kind."""
     rng = np.random.default_rng(7)
     for _ in range(5):
         built.restored()
@@ -221,7 +226,8 @@ def check_the_lookup_takes_what_stands_there(built: Calibrated) -> None:
 
 
 def check_parameters_judge_the_map_too(built: Calibrated) -> None:
-    """`ars_parameters_valid` says what `ars_map_valid` says, where the parameters are valid: see `Calibrated.is_valid`."""
+    """Check that `ars_parameters_valid` agrees with `ars_map_valid` where the parameters are valid; see
+    `Calibrated.is_valid`."""
     assert built.is_valid()
     built.arrays["yaw_rate_table"].reshape(-1)[0] = np.nan
     assert not built.is_valid()

@@ -1,6 +1,6 @@
-"""What must hold at the edges of the generated C: memory before the first call, defaults, ranges, counters at their ends.
+"""Checks of the edges of the generated C: memory before the first call, defaults, ranges, counters at their limits.
 
-Each check takes a build of any kind and raises AssertionError where it does not hold.
+Each check takes a build of any kind and raises AssertionError if the build fails it.
 """
 
 import functools
@@ -17,11 +17,11 @@ from tests.builds import Built
 from tests.sil.checks_kinds import OPEN, STILL, config_of, parameters_of
 
 LOST = Measurement(math.nan, math.nan, math.nan)
-DIRT = (0x00, 0xFF, 0xA5, 0x01)
+FILL_BYTES = (0x00, 0xFF, 0xA5, 0x01)
 
 
 def values_of(ffi: Any, value: Any) -> Any:
-    """A C value as nested tuples, without the bytes between the fields; NaN by its text, so that two compare as equal."""
+    """Return a C value as nested tuples without padding; NaN as text, so that two compare as equal."""
     if not isinstance(value, ffi.CData):
         return repr(value)
     kind = ffi.typeof(value)
@@ -32,7 +32,7 @@ def values_of(ffi: Any, value: Any) -> Any:
 
 
 def check_init_sets_everything(built: Built) -> None:
-    """What a first call leaves does not depend on what the memory held: no field is forgotten."""
+    """Check that the state after a first call does not depend on the memory before it: no field is forgotten."""
     software, ffi = built.software, built.software.ffi
     parameters = software.parameters()
     firsts: dict[str, Callable[[Any], Any]] = {
@@ -47,7 +47,7 @@ def check_init_sets_everything(built: Built) -> None:
         firsts["grip"] = software.function("grip_init")
     for name, first in firsts.items():
         left = []
-        for byte in DIRT:
+        for byte in FILL_BYTES:
             state = software.new(name)
             ffi.memmove(state, bytes([byte]) * ffi.sizeof(state[0]), ffi.sizeof(state[0]))
             first(state)
@@ -64,13 +64,13 @@ def check_init_sets_everything(built: Built) -> None:
         assert all(math.isnan(getattr(getattr(task, signals), field)) for field in fields)
     assert task.parameters == parameters
     controller = software.controller(0.0)
-    assert values_of(ffi, task.controller) == values_of(ffi, controller.state[0]), "from no angle, until one is known"
+    assert values_of(ffi, task.controller) == values_of(ffi, controller.state[0]), "starts without an angle until one is known"
 
 
 def check_state_after_init(built: Built) -> None:
-    """The state that the header describes: the angle, a standby, no count, no reference, no speed yet."""
+    """Check the state that the header describes: the angle, standby, zero counts, no reference, no speed."""
     nowhere = built.software.controller(math.nan).state
-    assert nowhere.rear_angle == nowhere.limiter.rear_angle == 0.0, "no number counts as zero"
+    assert nowhere.rear_angle == nowhere.limiter.rear_angle == 0.0, "NaN becomes zero"
     most = float(built.real(config_of(built).rear_actuator.angle_max))
     for side in (1.0, -1.0):
         for beyond in (0.9, 3.0):
@@ -80,7 +80,7 @@ def check_state_after_init(built: Built) -> None:
     assert (state.yaw_rate_reference, state.status, state.enabled) == (0.0, Status.STANDBY, False)
     for name in ("speed", "front_angle", "yaw_rate"):
         signal = getattr(state.inputs, name)
-        assert (signal.value, signal.missing, signal.good, signal.source) == (0.0, 0, 10_000, 1), "the first one is believed"
+        assert (signal.value, signal.missing, signal.good, signal.source) == (0.0, 0, 10_000, 1), "the first sample is trusted"
     assert (state.inputs.expected_yaw_rate, state.inputs.least, state.inputs.friction) == (0.0, 0.0, 2.0)
     inputs = state.inputs
     assert {inputs.least_of_front, inputs.yaw_rate_offset, inputs.beyond_linear, state.sample.lateral_acceleration} == {0.0}
@@ -92,7 +92,7 @@ def check_state_after_init(built: Built) -> None:
     receiver = built.software.new("e2e_receiver")
     built.software.ffi.memmove(receiver, b"\xff" * 5, 5)
     built.software.function("e2e_receiver_init")(receiver)
-    # AUTOSAR FO R20-11, PRS_E2EProtocol, table of E2E_P01CheckStateType: what the initialisation sets.
+    # AUTOSAR FO R20-11, PRS_E2EProtocol, table of E2E_P01CheckStateType: values after initialisation.
     assert (receiver.last_counter, receiver.max_delta_counter, receiver.sync_counter) == (0, 0, 0)
     assert (receiver.no_new_or_repeated_data_counter, receiver.waits_for_first) == (0, True)
     limiter = built.software.new("limiter")
@@ -102,7 +102,7 @@ def check_state_after_init(built: Built) -> None:
 
 
 def check_unsound_memory(built: Built) -> None:
-    """Memory that was never initialised, or in which a number is none, starts from the measured angle, in the fail-safe."""
+    """Check that uninitialised memory and memory with a NaN start from the measured angle, in the fail-safe."""
     software, ffi = built.software, built.software.ffi
     good, needed = built.turn(0.01, speed=30.0, rear_angle=0.01), software.parameters().inputs.recovery_samples
     assert needed > 1
@@ -112,9 +112,9 @@ def check_unsound_memory(built: Built) -> None:
     numbers = [*_numbers(ffi, sound.state)]
     spoiled = [(number, value) for number in numbers for value in (math.nan, math.inf, -math.inf, 1.004e6)]
     ffi.memmove(sound.state, before, len(before))
-    # In single precision the other squares are lost beside it, so that the sum is the bound itself.
+    # In single precision the other squares are below its resolution, so the sum is the bound itself.
     sound.state.yaw_rate_error = 1e6 if built.eps > 1e-9 else 999_999.0
-    assert sound.step(good).status is not Status.FAIL_SAFE, "just small enough"
+    assert sound.step(good).status is not Status.FAIL_SAFE, "within the bound"
     for case in [*spoiled, 0x00, 0xFF]:
         ffi.memmove(sound.state, before if isinstance(case, tuple) else bytes([case]) * len(before), len(before))
         if isinstance(case, tuple):
@@ -128,7 +128,7 @@ def check_unsound_memory(built: Built) -> None:
 
 
 def _numbers(ffi: Any, struct: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Names of the numbers of a state, with those of the structs around them; what is believed is made anew in each step."""
+    """Yield the paths of the numbers in a state, except those that each step recomputes."""
     for name, field in ffi.typeof(struct).fields if path else ffi.typeof(struct).item.fields:
         if field.type.cname in ("float", "double"):
             yield (*path, name)
@@ -137,8 +137,8 @@ def _numbers(ffi: Any, struct: Any, path: tuple[str, ...] = ()) -> Iterator[tupl
 
 
 def check_yaw_rate_error(built: Built) -> None:
-    """For measuring: the reference less the measured yaw rate while control is on, held with the command, zero where it is
-    off."""
+    """Check the yaw rate error for measurement: reference minus measured yaw rate while control is on, held with the command,
+    zero while control is off."""
     real, parameters = built.software.real, parameters_of(built, {"inputs": OPEN})
     controller = built.software.controller(0.0, parameters)
     assert controller.state.yaw_rate_error == 0.0
@@ -159,7 +159,7 @@ def check_yaw_rate_error(built: Built) -> None:
 
 
 def statuses_of(built: Built, parameters: Any, measurements: list[tuple[Measurement, int]], start: float = 0.0) -> Any:
-    """Status after each sample (n,) of runs of one measurement each."""
+    """Return the status after each sample, (n,), for runs of one measurement each."""
     software, ffi = built.software, built.software.ffi
     controller = software.controller(start, parameters)
     found = []
@@ -177,7 +177,7 @@ def statuses_of(built: Built, parameters: Any, measurements: list[tuple[Measurem
 
 
 def check_counts(built: Built) -> None:
-    """Every count passes its limit, however large that is, and not a sample sooner or later; it stays there."""
+    """Check that every count acts exactly at its limit, however large, and then stays there."""
     good = Measurement(15.0, 0.0, 0.0)
     for most in (0, 1, 100):
         parameters = parameters_of(built, {"inputs": {"missing_samples_max": most}})
@@ -192,7 +192,7 @@ def check_counts(built: Built) -> None:
 
 
 def check_counts_stay_at_their_end(built: Built) -> None:
-    """A count ends one above its limit, so that a long fault is no harder to leave than a short one."""
+    """Check that a count stops one above its limit, so that a long fault clears as fast as a short one."""
     controller = built.software.controller(0.0)
     p, good = controller.parameters, Measurement(15.0, 0.0, 0.0)
     most, signals = p.inputs.missing_samples_max, controller.state.inputs
@@ -201,4 +201,4 @@ def check_counts_stay_at_their_end(built: Built) -> None:
     controller.run([good] * p.inputs.recovery_samples)
     assert signals.speed.missing == signals.front_angle.missing == signals.yaw_rate.missing == 0
     controller.run([LOST, good, LOST, LOST, good])
-    assert signals.yaw_rate.missing == 1, "a good sample takes one off"
+    assert signals.yaw_rate.missing == 1, "a good sample subtracts one"

@@ -1,13 +1,13 @@
-"""What must hold of the monitoring of the inputs: thresholds to the bit, and what stands for a signal that is not believed.
+"""Checks of the input monitoring: exact thresholds, and the substitute for a signal that is not trusted.
 
-Each check takes a build of any kind and raises AssertionError where it does not hold.
+Each check takes a build of any kind and raises AssertionError if the build fails it.
 """
 
 import math
 from dataclasses import replace
 
-from codegen.configuration import KM_H
 from codegen.sil.software import Controller, Measurement, Status
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from tests.builds import Built
 from tests.sil.checks_kinds import OPEN, config_of, parameters_of
@@ -20,13 +20,13 @@ WRONG = 2
 
 
 def _gain(built: Built, speed: float) -> float:
-    """rad/s of the linear car for each rad between front and rear wheels: v / (L + K v^2)."""
+    """Return the linear car's yaw rate per rad between front and rear wheels, 1/s: v / (L + K v^2)."""
     car = SingleTrack.from_config(config_of(built))
     return speed / (car.wheelbase + car.understeer_coefficient * speed**2)
 
 
 def _turning(built: Built, rear: float = 0.0, **inputs: float) -> tuple[Controller, Measurement]:
-    """Return a controller that has seen a long steady turn of the linear car, and a sample of it."""
+    """Return a controller after a long steady turn of the linear car, and a sample of that turn."""
     turn = Measurement(16.0, 0.03, (0.03 - rear) * _gain(built, 16.0), rear)
     controller = built.software.controller(0.0, parameters_of(built, {"inputs": {"yaw_rate_frozen": 20.0, **inputs}}))
     assert {command.status for command in controller.run([turn] * 300)} <= set(RUNNING)
@@ -34,8 +34,10 @@ def _turning(built: Built, rear: float = 0.0, **inputs: float) -> tuple[Controll
 
 
 def check_step_of_each_signal(built: Built) -> None:
-    """A signal may move by its step, from zero to the bit, and not by one unit in the last place more; after missing samples by
-    as many steps more. One that jumps is wrong at once, and the others stand for it."""
+    """Check that a signal may change by exactly its step limit per sample, plus one step for each missing sample.
+
+    A signal that jumps further is wrong at once and replaced by the others.
+    """
     for field in SIGNALS:
         base = float(getattr(STRAIGHT, field))
         step = 0.5 if field == "speed" else float(getattr(built.software.parameters().inputs, f"{field}_step"))
@@ -51,12 +53,13 @@ def check_step_of_each_signal(built: Built) -> None:
 
 
 def check_lost_yaw_rate(built: Built) -> None:
-    """The steady turn of the linear car stands for it, and control goes on; it counts again after so many samples."""
+    """Check that the linear car's steady turn replaces a lost yaw rate, control continues, and the signal counts again after
+    `recovery_samples`."""
     controller, turn = _turning(built)
     most, needed = controller.parameters.inputs.missing_samples_max, controller.parameters.inputs.recovery_samples
     lost = replace(turn, yaw_rate=math.nan, front_angle=0.02)
     assert {command.status for command in controller.run([lost] * 600)} == {Status.DEGRADED}
-    # The lag has decayed by exp(-40); what is left is rounding: of the lag's steps, each half a unit, over its 15 samples.
+    # The lag has decayed by exp(-40). Rounding remains: half a unit for each of its steps, over 15 samples.
     wanted = 0.02 * _gain(built, 16.0)
     assert abs(controller.state.sample.yaw_rate - wanted) <= 20.0 * built.eps * wanted
     assert controller.state.inputs.yaw_rate.missing == most + 1
@@ -69,7 +72,7 @@ def check_lost_yaw_rate(built: Built) -> None:
 
 
 def check_lost_front_angle(built: Built) -> None:
-    """The angle that makes the yaw rate stands for it; rear wheels included."""
+    """Check that a lost front angle is replaced by the angle that explains the yaw rate, including the rear wheels."""
     controller, turn = _turning(built)
     lost = replace(turn, front_angle=math.nan, rear_angle=0.01)
     assert {command.status for command in controller.run([lost] * 30)} == {Status.DEGRADED}
@@ -77,7 +80,7 @@ def check_lost_front_angle(built: Built) -> None:
 
 
 def check_lost_front_angle_of_a_slow_car(built: Built) -> None:
-    """From 1 m/s on, and not slower, where it would be far from what the yaw rate tells."""
+    """Check that the replacement starts at exactly 1 m/s; below, the yaw rate would give a poor estimate."""
     for speed, found in ((1.0, True), (built.next(1.0, 0.0), False)):
         controller = built.software.controller(0.0, parameters_of(built, {"inputs": {**OPEN, "missing_samples_max": 0}}))
         controller.run([Measurement(speed, 0.03, 0.02, 0.0), Measurement(speed, math.nan, 0.02, 0.0)])
@@ -85,7 +88,7 @@ def check_lost_front_angle_of_a_slow_car(built: Built) -> None:
 
 
 def check_wrong_speed(built: Built) -> None:
-    """It counts again where it is near what stands for it, for so many samples in a row."""
+    """Check that a wrong speed counts again after `recovery_samples` in a row close to its substitute."""
     controller, turn = _turning(built, speed_fall=0.0)
     controller.run([replace(turn, speed=8.0)] * 30)
     assert (controller.state.inputs.speed.source, controller.state.sample.speed) == (WRONG, 16.0)
@@ -104,7 +107,7 @@ def check_wrong_speed(built: Built) -> None:
 
 
 def check_slow_speed_in_a_gap(built: Built) -> None:
-    """Control ends below the disabling speed and not at it, though the sample is not whole."""
+    """Check that control ends exactly below the disabling speed, even in an incomplete sample."""
     disable = float(built.software.parameters().disable_speed)
     for speed, controlled in ((disable, True), (built.next(disable, 0.0), False)):
         controller = built.software.controller(0.0, parameters_of(built, {"inputs": OPEN}))
@@ -114,7 +117,7 @@ def check_slow_speed_in_a_gap(built: Built) -> None:
 
 
 def check_lost_speed(built: Built) -> None:
-    """It is held, and falls by so much in a sample, until it is back; never beyond zero."""
+    """Check that a lost speed is held, then falls by `speed_fall` per sample until it returns, but not below zero."""
     controller, turn = _turning(built, speed_fall=0.5)
     lost, most = replace(turn, speed=math.nan), controller.parameters.inputs.missing_samples_max
     controller.run([lost] * (most + 3))
@@ -124,7 +127,7 @@ def check_lost_speed(built: Built) -> None:
 
 
 def check_lost_friction_and_rear_angle(built: Built) -> None:
-    """A lost estimate rises to that of a road which nobody knows; the command stands for the rear angle."""
+    """Check that a lost friction estimate rises to the default, and that the command replaces the rear angle."""
     controller = built.software.controller(0.01, parameters_of(built, {"inputs": {"friction_recovery": 0.125}}))
     controller.step(replace(STRAIGHT, friction=0.5, rear_angle=0.015))
     sample = controller.state.sample
@@ -137,8 +140,10 @@ def check_lost_friction_and_rear_angle(built: Built) -> None:
 
 
 def check_frozen_yaw_rate(built: Built) -> None:
-    """A yaw rate that stays to the bit is wrong once that of the linear car has moved away by more than so much, and not
-    before; one that moves by the least is not frozen."""
+    """Check that a constant yaw rate becomes wrong once the linear car's yaw rate has moved by more than the limit.
+
+    A yaw rate with the smallest change is not frozen.
+    """
     for frozen in (True, False):
         controller, turn = _turning(built, yaw_rate_frozen=0.05)
         for sample in range(400):
@@ -146,12 +151,12 @@ def check_frozen_yaw_rate(built: Built) -> None:
             controller.step(replace(turn, front_angle=0.02, yaw_rate=turn.yaw_rate + shaking))
             moved = turn.yaw_rate - controller.state.inputs.expected_yaw_rate
             wrong = controller.state.inputs.yaw_rate.source == WRONG
-            if abs(moved - 0.05) > 1e-5:  # that of the shaking
+            if abs(moved - 0.05) > 1e-5:  # beyond the amplitude of the shaking
                 assert wrong == (frozen and moved > 0.05), sample
 
 
 def check_turn_that_is_just_too_far_away(built: Built) -> None:
-    """The distance itself is no fault; and the first sample is no distance, whatever the largest yaw rate."""
+    """Check that a distance equal to the limit is no fault, and that the first sample has no distance."""
     exact = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_frozen": 0.25}
     controller = built.software.controller(0.0, parameters_of(built, {"inputs": exact}))
     turn = Measurement(16.0, 0.03125, 0.25, 0.0)
@@ -163,7 +168,7 @@ def check_turn_that_is_just_too_far_away(built: Built) -> None:
 
 
 def check_turn_beyond_its_range(built: Built) -> None:
-    """What stands for a yaw rate lies in its range, on either side."""
+    """Check that the substitute of the yaw rate stays within its range on both sides."""
     for side in (1.0, -1.0):
         narrow = {**OPEN, "yaw_rate_max": 0.5, "expected_share": 1.0}
         controller = built.software.controller(0.0, parameters_of(built, {"inputs": narrow}))
@@ -172,7 +177,10 @@ def check_turn_beyond_its_range(built: Built) -> None:
 
 
 def check_wrong_signal_proves_itself_in_a_turn(built: Built) -> None:
-    """It has to agree with the others for so many samples in a row, in a turn: that zero agrees with zero proves nothing."""
+    """Check that a wrong signal must agree with the others for `recovery_samples` in a row, in a turn.
+
+    Straight ahead, agreement of zero with zero proves nothing.
+    """
     for field in ("front_angle", "yaw_rate"):
         controller, turn = _turning(built, rear=0.01)
         needed = controller.parameters.inputs.recovery_samples
@@ -180,7 +188,7 @@ def check_wrong_signal_proves_itself_in_a_turn(built: Built) -> None:
         signal = getattr(controller.state.inputs, field)
         assert signal.source == WRONG
         controller.run([replace(turn, **{field: -getattr(turn, field)})] * 50)  # type: ignore[arg-type]
-        assert signal.source == WRONG, "it goes on being wrong"
+        assert signal.source == WRONG, "it stays wrong"
         controller.run([turn] * (needed - 1))
         assert signal.source == WRONG
         controller.step(turn)
@@ -194,7 +202,7 @@ def check_wrong_signal_proves_itself_in_a_turn(built: Built) -> None:
 
 
 def check_both_wrong(built: Built) -> None:
-    """Where neither is left to confirm the other, both count again after so many samples, straight ahead too."""
+    """Check that both signals count again after `recovery_samples`, even straight ahead, if neither can confirm the other."""
     controller, turn = _turning(built)
     wrong = replace(turn, front_angle=-0.03, yaw_rate=-turn.yaw_rate)
     assert controller.step(wrong).status is Status.FAIL_SAFE
@@ -203,7 +211,7 @@ def check_both_wrong(built: Built) -> None:
 
 
 def check_gap_of_the_speed_as_the_others_come_back(built: Built) -> None:
-    """The fail-safe begins whatever the speed does, and goes on until a whole sample has come."""
+    """Check that the fail-safe begins whatever the speed does, and lasts until a complete sample arrives."""
     controller = built.software.controller(0.0)
     most, needed = controller.parameters.inputs.missing_samples_max, controller.parameters.inputs.recovery_samples
     lost = replace(STRAIGHT, front_angle=math.nan, yaw_rate=math.nan)
@@ -215,7 +223,7 @@ def check_gap_of_the_speed_as_the_others_come_back(built: Built) -> None:
 
 
 def check_ranges_of_the_unit_itself(built: Built) -> None:
-    """Where the limiter's range ends too, or that of the map, the controller's parameters do not show whose it is."""
+    """Check ranges that the limiter or the map also limits, so that the controller's parameters cannot show them."""
     is_valid = built.software.function("inputs_parameters_valid")
     least = float(built.real(50.0 * KM_H))
     for name, end, beyond in (("speed_max", 200.0, 1e3), ("speed_max", least, 0.0), ("front_angle_max", 1.5, 1e3)):
@@ -226,8 +234,10 @@ def check_ranges_of_the_unit_itself(built: Built) -> None:
 
 
 def check_oversteering_car(built: Built) -> None:
-    """Beyond the critical speed of an oversteering car the turn of the linear one stays bounded: that of a quarter of its
-    wheelbase."""
+    """Check that the linear car's yaw rate stays bounded beyond the critical speed of an oversteering car.
+
+    The bound is the yaw rate of a car with a quarter of its wheelbase.
+    """
     changes = {**OPEN, "understeer_coefficient": -1.0 / 1024.0, "expected_share": 1.0, "wheelbase": 2.0, "yaw_rate_max": 20.0}
     for speed, length in ((32.0, 1.0), (48.0, 0.5)):
         controller = built.software.controller(0.0, parameters_of(built, {"inputs": changes}))
@@ -235,8 +245,8 @@ def check_oversteering_car(built: Built) -> None:
         assert abs(controller.state.inputs.expected_yaw_rate - speed * 0.03125 / length) <= 4.0 * built.eps
 
 
-def _witnessed(built: Built, **inputs: float) -> tuple[Controller, Measurement]:
-    """Return a controller that has seen a steady turn of the linear car with its lateral acceleration, and a sample of it."""
+def _turning_with_lateral_acceleration(built: Built, **inputs: float) -> tuple[Controller, Measurement]:
+    """Return a controller after a steady turn of the linear car with its lateral acceleration, and a sample of that turn."""
     controller, turn = _turning(built, **inputs)
     turn = replace(turn, lateral_acceleration=turn.yaw_rate * turn.speed)
     assert not controller.state.inputs.lateral_is_proven
@@ -246,16 +256,17 @@ def _witnessed(built: Built, **inputs: float) -> tuple[Controller, Measurement]:
 
 
 def check_lateral_acceleration_stands_for_the_yaw_rate(built: Built) -> None:
-    """Where it has agreed before, and is there and in its range, of a car that is not slow; else the linear car does."""
+    """Check that the lateral acceleration replaces the yaw rate if it agreed before, is in its range and the car is not slow;
+    otherwise the linear car replaces it."""
     most = float(built.software.parameters().inputs.lateral_acceleration_max)
     cases = [(16.0, 3.0, True), (16.0, -most, True), (16.0, built.next(most, 99.0), False), (16.0, math.nan, False)]
     for speed, lateral, is_taken in [*cases, (5.0, 0.5, True), (built.next(5.0, 0.0), 0.5, False)]:
         for is_proven in (True, False):
-            controller, turn = _witnessed(built, speed_step=200.0, yaw_rate_correction_share=0.125)
+            controller, turn = _turning_with_lateral_acceleration(built, speed_step=200.0, yaw_rate_correction_share=0.125)
             controller.state.inputs.lateral_is_proven = is_proven
             controller.run([replace(turn, speed=speed, yaw_rate=math.nan, lateral_acceleration=lateral)] * 600)
             wanted = lateral / speed if is_taken and is_proven else 0.03 * _gain(built, speed)
-            # Of the lags is left the rounding of their steps, each half a unit, over 15 samples and over 8.
+            # Only the rounding of the lags remains: half a unit for each step, over 15 samples and over 8.
             sample = controller.state.sample
             assert abs(sample.yaw_rate - wanted) <= 30.0 * built.eps * abs(wanted), (speed, lateral, is_proven)
             wanted = lateral if is_taken else speed * sample.yaw_rate
@@ -263,9 +274,12 @@ def check_lateral_acceleration_stands_for_the_yaw_rate(built: Built) -> None:
 
 
 def check_lateral_acceleration_is_refuted(built: Built) -> None:
-    """By a yaw rate that agrees with the front angle in a turn, if it is more than twice the agreement away from it; and is
-    believed again in a turn where it agrees."""
-    controller, turn = _witnessed(built)
+    """Check that a yaw rate that agrees with the front angle in a turn refutes a lateral acceleration more than twice the
+    agreement away.
+
+    It is trusted again in a turn where it agrees.
+    """
+    controller, turn = _turning_with_lateral_acceleration(built)
     agreement = float(controller.parameters.inputs.yaw_rate_agreement)
     for apart, is_proven in ((1.5, True), (1.99, True), (2.01, False), (1.5, False), (0.99, True), (-2.01, False)):
         controller.step(replace(turn, lateral_acceleration=(turn.yaw_rate + apart * agreement) * turn.speed))
@@ -275,14 +289,17 @@ def check_lateral_acceleration_is_refuted(built: Built) -> None:
         slow = replace(turn, front_angle=share * turn.front_angle, yaw_rate=share * turn.yaw_rate)
         controller.step(replace(slow, lateral_acceleration=share * turn.lateral_acceleration))
         assert controller.state.inputs.yaw_rate.source == 0
-        assert controller.state.inputs.lateral_is_proven == (share == 0.5), "nearly straight ahead nothing is proven"
+        assert controller.state.inputs.lateral_is_proven == (share == 0.5), "no proof nearly straight ahead"
 
 
 def check_frozen_front_angle(built: Built) -> None:
-    """A front angle that stays to the bit is wrong where yaw rate and lateral acceleration agree that the car makes less
-    than half of its turn; where one of them does not say so, it is held by the driver and the car slides."""
+    """Check that a constant front angle is wrong where yaw rate and lateral acceleration agree that the car makes less than
+    half of its turn.
+
+    Without that agreement the driver holds the wheel and the car slides.
+    """
     for case in ("frozen", "shaking", "no lateral acceleration", "unproven", "lateral acceleration of the old turn", "half"):
-        controller, turn = _witnessed(built, yaw_rate_frozen=0.01 if case == "half" else 0.1)
+        controller, turn = _turning_with_lateral_acceleration(built, yaw_rate_frozen=0.01 if case == "half" else 0.1)
         inputs, before, found = controller.state.inputs, turn.yaw_rate, False
         for sample in range(60):
             share = max(1.0 - 0.02 * sample, 0.503 if case == "half" else 0.0)
@@ -291,7 +308,7 @@ def check_frozen_front_angle(built: Built) -> None:
             lateral = math.nan if case.startswith("no") else lateral
             inputs.lateral_is_proven = case != "unproven"
             front = turn.front_angle + (1e-6 if case == "shaking" and sample % 2 else 0.0)
-            moved = inputs.expected_yaw_rate - before  # that of the sample before counts
+            moved = inputs.expected_yaw_rate - before  # the previous sample's yaw rate counts
             controller.step(replace(turn, front_angle=front, yaw_rate=yaw_rate, lateral_acceleration=lateral))
             before = yaw_rate
             found = inputs.front_angle.source == WRONG
@@ -307,8 +324,10 @@ def check_frozen_front_angle(built: Built) -> None:
 
 
 def check_front_angle_while_the_yaw_rate_is_away(built: Built) -> None:
-    """How near both were before says nothing of the turn in which the yaw rate comes back."""
-    controller, turn = _witnessed(built, front_angle_step=3.0, yaw_rate_step=40.0, yaw_rate_max=20.0, yaw_rate_frozen=0.05)
+    """Check that agreement before a gap of the yaw rate does not count for the turn in which it returns."""
+    controller, turn = _turning_with_lateral_acceleration(
+        built, front_angle_step=3.0, yaw_rate_step=40.0, yaw_rate_max=20.0, yaw_rate_frozen=0.05
+    )
     yaw_rate = 0.12 * _gain(built, 16.0)
     turn = replace(turn, front_angle=0.12, yaw_rate=yaw_rate, lateral_acceleration=16.0 * yaw_rate)
     controller.run([turn] * 300 + [replace(turn, yaw_rate=math.nan)] * 20)
@@ -317,9 +336,9 @@ def check_front_angle_while_the_yaw_rate_is_away(built: Built) -> None:
 
 
 def check_yaw_rate_to_the_other_side(built: Built) -> None:
-    """It is wrong where front angle and lateral acceleration turn to the other side for as many samples as end a fault."""
+    """Check that a yaw rate is wrong if front angle and lateral acceleration have the opposite sign for `recovery_samples`."""
     for case in ("against", "with", "none", "unproven", "no lateral acceleration", "no turn", "small", "small lateral"):
-        controller, turn = _witnessed(built, yaw_rate_step=40.0)
+        controller, turn = _turning_with_lateral_acceleration(built, yaw_rate_step=40.0)
         share = 0.2 if case == "no turn" else 1.0
         held = replace(turn, front_angle=share * turn.front_angle, lateral_acceleration=share * turn.lateral_acceleration)
         controller.run([replace(held, yaw_rate=share * turn.yaw_rate)] * 300)
@@ -331,7 +350,7 @@ def check_yaw_rate_to_the_other_side(built: Built) -> None:
         if case.startswith("no lateral"):
             wrong = replace(wrong, lateral_acceleration=math.nan)
         needed = controller.parameters.inputs.recovery_samples
-        for yaw_rate in (math.nan, share * turn.yaw_rate):  # one that is not there, or not wrong, begins the count anew
+        for yaw_rate in (math.nan, share * turn.yaw_rate):  # a missing or correct one restarts the count
             controller.run([wrong] * (needed - 1))
             assert controller.state.inputs.yaw_rate.source == 0, case
             controller.step(replace(wrong, yaw_rate=yaw_rate, lateral_acceleration=math.nan))
@@ -345,15 +364,15 @@ def check_yaw_rate_to_the_other_side(built: Built) -> None:
 
 
 def check_yaw_rate_of_a_car_whose_wheels_are_straight(built: Built) -> None:
-    """The front angle makes no turn, so it speaks against none."""
+    """Check that a front angle of zero contradicts no yaw rate."""
     controller = built.software.controller(0.0, parameters_of(built, {"inputs": OPEN}))
     controller.run([replace(STRAIGHT, yaw_rate=-0.07, lateral_acceleration=2.0)] * 30)
     assert (controller.state.inputs.expected_yaw_rate, controller.state.inputs.yaw_rate.source) == (0.0, 0)
 
 
 def check_count_against_the_yaw_rate_ends_with_a_jump(built: Built) -> None:
-    """What spoke against a yaw rate before it jumped does not speak for it behind the jump."""
-    controller, turn = _witnessed(built, yaw_rate_step=0.5)
+    """Check that a jump resets the count of samples that contradict the yaw rate."""
+    controller, turn = _turning_with_lateral_acceleration(built, yaw_rate_step=0.5)
     needed = controller.parameters.inputs.recovery_samples
     controller.run([replace(turn, yaw_rate=-0.07)] * (needed - 2) + [replace(turn, yaw_rate=-1.0)])
     signal = controller.state.inputs.yaw_rate
@@ -361,8 +380,10 @@ def check_count_against_the_yaw_rate_ends_with_a_jump(built: Built) -> None:
 
 
 def check_offset_of_the_yaw_rate(built: Built) -> None:
-    """On a straight, of a car that is not slow, it is learned up to its bound, with its time constant; then taken off. What
-    is a turn by the rear angle or by the lateral acceleration is none."""
+    """Check that the yaw rate offset is learned on a straight at speed, up to its bound and with its time constant.
+
+    It is then subtracted. A turn shown by the rear angle or the lateral acceleration is no straight.
+    """
     settings = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_max": 0.5}
     settings |= {"yaw_rate_correction_share": 0.125, "yaw_rate_offset_max": 0.25, "straight_yaw_rate": 0.0625}
     slow = built.next(5.0, 0.0)
@@ -405,8 +426,10 @@ def check_offset_of_the_yaw_rate(built: Built) -> None:
 
 
 def check_speed_against_the_lateral_acceleration(built: Built) -> None:
-    """In a turn of 16 m/s another speed is wrong after five times the samples that end a fault, if the front angle speaks
-    against it too; what stands for it follows the turn. No limit itself is beyond."""
+    """Check that in a turn a speed that contradicts lateral acceleration and front angle is wrong after 5 `recovery_samples`.
+
+    Its substitute follows the turn. A value exactly at a limit is no fault.
+    """
     exact = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_frozen": 20.0}
     exact |= {"yaw_rate_agreement": 1.0 / 64.0, "speed_agreement": 1.0, "yaw_rate_correction_share": 0.125, "speed_fall": 0.0}
     cases: tuple[tuple[dict[str, float], dict[str, float], bool], ...] = (

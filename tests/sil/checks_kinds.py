@@ -1,4 +1,4 @@
-"""What must hold of every kind of controller. Each check takes a build and raises AssertionError where it does not."""
+"""Checks of every kind of controller. Each takes a build and raises AssertionError if the build fails it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,12 +14,12 @@ from tests.builds import Built
 
 
 def config_of(built: Built) -> Config:
-    """What the build was made for."""
+    """Return the configuration of the build."""
     return built.software.config
 
 
 def parameters_of(built: Built, changes: Mapping[str, Any] | None = None) -> Any:
-    """The default parameters with some changed; those of `inputs` and `limiter` as mappings. All of them valid."""
+    """Return the valid default parameters with some changed; changes of `inputs` and `limiter` are mappings."""
     plain = dict(changes or {})
     structs = {name: plain.pop(name, {}) for name in ("inputs", "limiter")}
     parameters = built.software.parameters(**plain)
@@ -31,7 +31,7 @@ def parameters_of(built: Built, changes: Mapping[str, Any] | None = None) -> Any
 
 
 def open_limiter(built: Built) -> dict[str, Any]:
-    """A limiter that only bounds the angle."""
+    """Return parameters of a limiter that only bounds the angle."""
     parameters = built.software.parameters()  # owns the limiter's
     limiter = parameters.limiter
     bounds = [limiter.rear_angle_max] * len(list(limiter.opposite_phase_max))
@@ -39,7 +39,7 @@ def open_limiter(built: Built) -> dict[str, Any]:
 
 
 def model_of(built: Built, parameters: Any, start: float) -> SecondController:
-    """The second implementation of the build's kind."""
+    """Return the second implementation of the build's kind."""
     return second_controller(config_of(built), parameters, built.lookup, built.total, start)
 
 
@@ -48,11 +48,11 @@ OPEN: dict[str, Any] = {
     **{"yaw_rate_frozen": 20.0, "yaw_rate_tolerance": 20.0, "lateral_acceleration_max": 100.0},
     "yaw_rate_offset_max": 0.0,
 }
-"""Inputs that believe whatever is in its range as it is, for checks of what stands behind them."""
+"""Input parameters that accept every value in range unchanged, for checks of the parts after the input monitoring."""
 STILL: dict[str, Any] = {"inputs": {"yaw_rate_frozen": 20.0, "yaw_rate_offset_max": 0.0}}
-"""Inputs for which a sample that comes again and again is no fault, nor an offset."""
+"""Input parameters for which a repeated sample is neither a fault nor an offset."""
 WIDE = {"speed_max": 200.0, "front_angle_max": 1.5}
-"""Ranges of a limiter that takes every input that a controller may."""
+"""Limiter ranges that accept every input of a controller."""
 EXTREMES: dict[str, Mapping[str, Any]] = {
     "as built": {},
     "fast": {"rear_rate_max": 1000.0, "limiter": {"rear_rate_max": 1000.0}},
@@ -64,7 +64,7 @@ EXTREMES: dict[str, Mapping[str, Any]] = {
 
 
 def check_kind_always_bounded(built: Built, count: int = 20_000, seed: int = 0) -> None:
-    """Whatever arrives, the command is finite and within its limit, and so is everything that the state keeps."""
+    """Check that the command and all stored numbers are finite and bounded for any input."""
     software, ffi = built.software, built.software.ffi
     rng = np.random.default_rng(seed)
     names = {*dir(software.parameters())}
@@ -85,7 +85,7 @@ def check_kind_always_bounded(built: Built, count: int = 20_000, seed: int = 0) 
 
 
 def _check_state(built: Built, state: Any, parameters: Any) -> None:
-    """What is kept between steps is finite and bounded."""
+    """Check that the state between steps is finite and bounded."""
     assert abs(state.rear_angle) <= parameters.rear_angle_max
     assert state.limiter.rear_angle == state.rear_angle
     assert 0.0 <= state.limiter.speed <= parameters.limiter.speed_max
@@ -106,7 +106,7 @@ def _check_state(built: Built, state: Any, parameters: Any) -> None:
 
 
 def random_measurements(built: Built, rng: np.random.Generator, count: int) -> Any:
-    """A C array of measurements, each field at random plausible, at a limit, special, or any bit pattern."""
+    """Return a C array of measurements; each field is plausible, at a limit, special, or any bit pattern."""
     software = built.software
     samples = software.ffi.new(f"{software.prefix}_measurement_t[]", count)
     real: Any = software.real
@@ -129,6 +129,6 @@ def random_measurements(built: Built, rng: np.random.Generator, count: int) -> A
     weights = np.repeat(rng.choice([0, 1, 2], count // 50 + 1, p=[0.3, 0.4, 0.3]), 50)[:count]  # calm, rough and wild spells
     chances = np.array([[0.0, 1.0, 0.0, 0.0, 0.0], [0.1, 0.88, 0.005, 0.01, 0.005], [0.2, 0.2, 0.2, 0.2, 0.2]])
     pick = (rng.random((*shape, 1)) > np.cumsum(chances, axis=1)[weights][:, np.newaxis, :]).sum(axis=2).clip(0, 4)
-    view["bits"] = np.choose(pick, [kind.astype(real).view(f"u{size}") for kind in kinds])  # a copied NaN may turn quiet
+    view["bits"] = np.choose(pick, [kind.astype(real).view(f"u{size}") for kind in kinds])  # copying may quieten a NaN
     view["inhibit"] = rng.random(count) < 0.1
     return samples

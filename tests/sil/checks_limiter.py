@@ -1,5 +1,4 @@
-"""What must hold of the generated limiter. Each check takes the units of a build and raises AssertionError where it does not
-hold."""
+"""Checks of the generated limiter. Each takes the units of a build and raises AssertionError if the build fails it."""
 
 import itertools
 import math
@@ -23,12 +22,12 @@ CHANGES: dict[str, dict[str, Any]] = {
 
 
 def period(units: Units) -> float:
-    """s."""
+    """Return the sampling period, s."""
     return units.config.controller.sampling_time_s
 
 
 def parameters_of(units: Units, changes: Mapping[str, Any]) -> Any:
-    """Valid parameters with some changed; one number given for an array fills it."""
+    """Return valid parameters with some changed; a single number for an array fills it."""
     plain = units.limiter_parameters()
     arrays: dict[str, Any] = {}
     for name, value in changes.items():
@@ -50,7 +49,8 @@ def parameters_of(units: Units, changes: Mapping[str, Any]) -> Any:
 
 
 def drive(units: Units, parameters: Any, count: int, seed: int = 0) -> RealArray:
-    """Inputs (count, 3): slow and fast, straight on and turning, demands near and far; spells of anything at all."""
+    """Return inputs (count, 3): slow and fast, straight and turning, near and distant demands, and spells of arbitrary
+    values."""
     rng, real = np.random.default_rng(seed), units.real
     t = np.arange(count)
     speeds = np.array(list(parameters.opposite_phase_speed))
@@ -70,8 +70,11 @@ def drive(units: Units, parameters: Any, count: int, seed: int = 0) -> RealArray
 
 
 def check_limiter_at_breakpoints(units: Units) -> None:
-    """At a breakpoint the bound is that of the breakpoint, to the bit, whatever those beside it are; on both sides, and with a
-    speed of either sign. Bounds are taken for which a sum of differences would not give them back."""
+    """Check that the bound at a breakpoint is exactly the breakpoint's own, whatever its neighbours, on both sides and for both
+    signs of the speed.
+
+    The bounds are chosen so that a sum of differences would not reproduce them.
+    """
     real = units.real
     speeds = [float(speed) for speed in units.limiter_parameters().opposite_phase_speed]
     rng = np.random.default_rng(3)
@@ -85,12 +88,14 @@ def check_limiter_at_breakpoints(units: Units) -> None:
             for sign, side in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0)):
                 inputs = np.array([[sign * speed, side * 0.1, -side * 1.0]])
                 assert units.limiter(parameters, inputs)[0] == real(-side) * bounds[k], (k, sign, side)
-    assert exact > 3, "for some of them it matters"
+    assert exact > 3, "the difference matters for some"
 
 
 def check_limiter_parameters(units: Units) -> None:
-    """Each parameter is taken to the ends of its range and refused a unit in the last place beyond, array elements one by one;
-    breakpoints must increase, and no bound is larger than the angle's own."""
+    """Check that each parameter is accepted up to the ends of its range and rejected one unit in the last place beyond.
+
+    Array elements are tested one by one. Breakpoints must increase, and no bound may exceed the largest angle.
+    """
     real, plain = units.real, units.limiter_parameters()
     count = len(plain.opposite_phase_speed)
 

@@ -1,6 +1,6 @@
-"""What must hold of the generated lookup. Each check takes a build and raises AssertionError where it does not.
+"""Checks of the generated lookup. Each takes a build and raises AssertionError if the build fails it.
 
-Apart from the tests, so that the planted faults are judged by the very same checks.
+Tests and planted faults share these checks.
 """
 
 import functools
@@ -20,7 +20,7 @@ RealArray = npt.NDArray[Any]
 
 
 class Mapped(Protocol):
-    """What holds a map in some precision: a build, or units of one."""
+    """A build or units with a map in some precision."""
 
     @property
     def total(self) -> TotalMap: ...
@@ -30,12 +30,12 @@ class Mapped(Protocol):
 
 
 def bits(values: RealArray) -> RealArray:
-    """The bit patterns of an array."""
+    """Return the bit patterns of an array."""
     return np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
 
 
 def special_values(real: Any) -> RealArray:
-    """Zeros, subnormals, the extremes, infinities, and NaN: quiet, signalling, both signs, with a payload."""
+    """Return zeros, subnormals, the extremes, infinities, and NaN: quiet, signalling, both signs, with a payload."""
     info = np.finfo(real)
     plain = [0.0, info.smallest_subnormal, info.tiny, info.eps, 1.0, 1e10, info.max, np.inf]
     values = np.array([*plain, *(-value for value in plain)], dtype=real)
@@ -47,7 +47,7 @@ def special_values(real: Any) -> RealArray:
 
 
 def _around(breakpoints: RealArray, real: Any) -> RealArray:
-    """Each breakpoint and its neighbours up to two units in the last place away, and the same negated."""
+    """Return each breakpoint and its neighbours up to two units in the last place away, and their negatives."""
     at = breakpoints.astype(real)
     up, down = (np.nextafter(at, real(side)) for side in (np.inf, -np.inf))
     near = np.concatenate([at, up, down, np.nextafter(up, real(np.inf)), np.nextafter(down, real(-np.inf))])
@@ -55,13 +55,13 @@ def _around(breakpoints: RealArray, real: Any) -> RealArray:
 
 
 def finite_points(built: Mapped, count: int = 100_000) -> tuple[RealArray, RealArray]:
-    """Speeds and front angles: breakpoints with their neighbours against each other, corners included; then random, a tenth
-    of it beyond the last breakpoint."""
+    """Return speeds and front angles: breakpoints with their neighbours, including corners, then random points, a tenth of them
+    beyond the last breakpoint."""
     real, total = built.real, built.total
     rng = np.random.default_rng(20_240_607)
     speed, angle = (_around(values, real) for values in (total.speed, total.front_angle))
     some = 10 * count // 4
-    if speed.size * angle.size > some:  # all of one axis against a sample of the other, twice; the corners always
+    if speed.size * angle.size > some:  # all of one axis with a sample of the other, twice, and all corners
         ends_v, ends_a = speed[np.abs(speed) >= total.speed[-2]], angle[np.abs(angle) >= total.front_angle[-2]]
         pairs = [
             (np.repeat(speed, 40), rng.choice(angle, 40 * speed.size)),
@@ -78,7 +78,7 @@ def finite_points(built: Mapped, count: int = 100_000) -> tuple[RealArray, RealA
 
 
 def raw_points(built: Mapped, count: int = 100_000) -> tuple[RealArray, RealArray]:
-    """Any bit pattern against any other, and every special value against special and plain ones."""
+    """Return pairs of any bit patterns, and every special value paired with special and plain ones."""
     real = built.real
     width = np.dtype(real).itemsize
     rng = np.random.default_rng(7)
@@ -96,10 +96,10 @@ def all_points(built: Mapped) -> tuple[RealArray, RealArray]:
 
 
 def check_cap(built: Built) -> None:
-    """Speed times yaw rate is never more than ay_cap, and on a slippery road than its share: without any tolerance.
+    """Check that speed times yaw rate never exceeds ay_cap, or its share on a slippery road, without any tolerance.
 
-    In single precision every product is judged, and is exact, in double precision; in double precision a part of them, as
-    fractions. What is too small for a product of the build's numbers to tell from zero counts as zero.
+    In single precision every product is checked, exactly, in double precision. In double precision some are checked, as
+    fractions. Products too small to differ from zero in the build's numbers count as zero.
     """
     speed, angle = finite_points(built)
     forward = speed > 0.0
@@ -120,14 +120,14 @@ def check_cap(built: Built) -> None:
 
 
 def any_numbers(rng: np.random.Generator, real: Any, count: int, special: Any) -> Any:
-    """Numbers (count,) of any bit pattern, and special ones."""
+    """Return `count` numbers of any bit pattern, including special ones."""
     size = np.dtype(real).itemsize
     raw = np.frombuffer(rng.bytes(count * size), dtype=real)
     return np.where(rng.random(count) < 0.5, raw, rng.choice(special, count)).astype(real)
 
 
 def check_map_functions(built: Built) -> None:
-    """The function without friction, the checksums over the numbers in memory, and the self-test that compares them."""
+    """Check the function without friction, the checksums of the numbers in memory, and the self-test that compares them."""
     for speed, angle in ((12.0, 0.03), (33.0, -0.3), (90.0, 0.6), (0.0, 0.1), (20.0, 0.0)):
         assert built.software.function("map_yaw_rate")(speed, angle) == built.lookup(speed, angle)
     wanted = zlib.crc32(b"".join(part.astype(part.dtype.newbyteorder("<")).tobytes() for part in numbers_of(built)))
@@ -140,7 +140,7 @@ def check_map_functions(built: Built) -> None:
 
 
 def numbers_of(built: Built) -> list[np.ndarray]:
-    """Return what the checksum is over, made from the total map."""
+    """Return the numbers that the checksum covers, made from the total map."""
     total, real = built.total, built.real
     has_rear_angle = built.software.config.controller.kind in ("tracking", "feedforward")
     names = ["yaw_rate", *(["rear_angle"] if has_rear_angle else [])]

@@ -1,6 +1,6 @@
-"""What must hold of the generated map with the optimum's rear angle, with and without a stack of frictions.
+"""Checks of the generated map with the optimum's rear angle, with and without a stack of frictions.
 
-Each check takes the units of a build and raises AssertionError where it does not hold.
+Each check takes the units of a build and raises AssertionError if the build fails it.
 """
 
 import itertools
@@ -22,7 +22,7 @@ COLUMNS = ("yaw rate", "rear angle", "lateral acceleration", "yaw rate alone")
 
 
 def frictions(units: Units) -> list[Any]:
-    """Each layer's friction, its neighbours, and between; below the first, beyond the last, and what is no friction."""
+    """Return each layer's friction, its neighbours and values between, below the first, beyond the last, and invalid ones."""
     real = units.real
     own = [real(layer.friction) for layer in units.total.stack]
     near = [np.nextafter(value, real(side)) for value in own for side in (0.0, 2.0)]
@@ -32,8 +32,10 @@ def frictions(units: Units) -> list[Any]:
 
 
 def road_lateral_acceleration(total: TotalMap, real: Any, friction: Any) -> Any:
-    """m/s^2 that the map allows on a road, in the numbers of the build: between the layers' caps; below the lowest friction in
-    proportion."""
+    """Return the map's largest lateral acceleration on a road, m/s^2, in the build's numbers.
+
+    It is interpolated between the layers' caps, and proportional to friction below the lowest layer.
+    """
     stack = total.stack
     caps = [cap_in_precision(layer.lateral_acceleration_cap, real) for layer in stack]
     own = [real(layer.friction) for layer in stack]
@@ -61,10 +63,11 @@ def _bilinear(axes: TotalMap | GripTable, table: FloatArray, speed: FloatArray, 
 def reference_by_rule(
     total: TotalMap, speed: FloatArray, angle: FloatArray, friction: float
 ) -> tuple[FloatArray, FloatArray, Any]:
-    """Yaw rate, rear angle, and where the road's cap acts, for speeds above zero and front angles to the left.
+    """Return yaw rate, rear angle, and where the road's cap acts, for speeds above zero and front angles to the left.
 
-    Between the two layers around the friction; and where the cap takes yaw rate away, the rear angle at which the linear car
-    turns by so much less, but not beyond the one where its sideslip reaches the bound (nor below the table's own).
+    Values are interpolated between the two layers around the friction. Where the cap reduces the yaw rate, the rear angle is
+    the one at which the linear car turns by that much less, limited where its sideslip reaches the bound (but not below the
+    table's value).
     """
     stack = total.stack
     own = np.array([layer.friction for layer in stack])
@@ -87,7 +90,7 @@ def reference_by_rule(
     yaw_rate = np.minimum(asked, cap / speed)
     capped = asked > yaw_rate
     car, v = total.steering, np.minimum(speed, total.speed[-1])
-    for name in ("understeer_coefficient", "rear_slip_per_lateral_acceleration"):  # of the tyres on that road
+    for name in ("understeer_coefficient", "rear_slip_per_lateral_acceleration"):  # for the tyres on that road
         car = replace(car, **{name: over_friction([getattr(layer.steering, name) for layer in stack])})
     less_turn = rear + (asked - yaw_rate) * inverse_gain(car, v)
     sideslip_bound = car.sideslip_max - yaw_rate * (car.rear_arm / v - car.rear_slip_per_lateral_acceleration * v)
@@ -96,13 +99,16 @@ def reference_by_rule(
 
 
 def inverse_gain(car: CapSteering, speed: Any) -> Any:
-    """rad of steering for each rad/s of the linear car."""
+    """Return the linear car's steering angle per yaw rate, s."""
     return car.wheelbase / speed + car.understeer_coefficient * speed
 
 
 def rounding(units: Units, speed: FloatArray, angle: FloatArray, friction: float) -> FloatArray:
-    """rad by which rounding may move the rear angle: what the rule makes of inputs 6 u away (see `lookup.error_bound`), and the
-    yaw rate's own rounding, at most ten times its unit, as the linear car turns it into steering."""
+    """Return the bound on the rear angle's rounding error, rad.
+
+    It combines the rule's variation for inputs 6 u away (see `lookup.error_bound`) with the yaw rate's own rounding, at most
+    ten units, converted to steering by the linear car.
+    """
     unit = 0.5 * units.eps
     _, rear_angle, capped = reference_by_rule(units.total, speed, angle, friction)
     moved = np.zeros(speed.shape)
@@ -118,7 +124,7 @@ def rounding(units: Units, speed: FloatArray, angle: FloatArray, friction: float
 
 
 def check_reference_rule(units: Units) -> None:
-    """Inside the table and where the cap acts, the rule written down in another way gives the same."""
+    """Check that an independent formulation of the rule agrees inside the table and where the cap acts."""
     speed, angle = finite_points(units, 4000)
     forward = (speed > 0.1) & (angle > 0.0)
     step = max(1, int(forward.sum()) // 8000)
@@ -132,4 +138,4 @@ def check_reference_rule(units: Units) -> None:
         assert np.abs(got[0] - yaw_rate).max() <= error_bound(units.total, units.real)
         assert (np.abs(got[1] - rear_angle) <= rounding(units, *wide, road)).all()
         acted += int((capped & (np.abs(rear_angle) < units.total.steering.rear_angle_max)).sum())
-    assert acted > 20, "the linear car's steering shows"
+    assert acted > 20, "the linear car's steering has an effect"

@@ -1,6 +1,6 @@
-"""What must hold of the generated parameters: their defaults and their ranges.
+"""Checks of the generated parameters: their defaults and their ranges.
 
-Each check takes a build of any kind and raises AssertionError where it does not hold.
+Each check takes a build of any kind and raises AssertionError if the build fails it.
 """
 
 import functools
@@ -9,17 +9,18 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.emit.controller_view import controller_view
 from codegen.emit.inputs_view import inputs_view
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from tests.builds import Built
 from tests.sil.checks_kinds import config_of
 
 
 def configured(built: Built) -> dict[str, Any]:
-    """Values of the parameters as their documentation says that they follow from the configuration; SI units."""
+    """Return the parameter values that follow from the configuration according to their documentation; SI units."""
     config = config_of(built)
     controller, actuator = config.controller, config.rear_actuator
     rate, period, lag = controller.rear_rate_max_deg_s, controller.sampling_time_s, actuator.lag_s
@@ -31,7 +32,7 @@ def configured(built: Built) -> dict[str, Any]:
         "disable_speed": controller.disable_speed_km_h / 3.6,
         "standby_rate": math.radians(controller.standby_rate_deg_s),
         "fail_safe_rate": math.radians(controller.fail_safe.rate_deg_s),
-        # A first-order lag over a sample; a tenth of the angle; from stop to stop at the largest rate, and ten lags.
+        # A first-order lag over a sample; a tenth of the angle; the time from stop to stop at the largest rate, and ten lags.
         "actuator_share": 1.0 - math.exp(-period / lag),
         "actuator_error_max": 0.1 * math.radians(actuator.angle_max_deg),
         "actuator_samples_max": round((2.0 * actuator.angle_max_deg / actuator.rate_max_deg_s + 10.0 * lag) / period),
@@ -67,7 +68,7 @@ def _configured_tracking(tracking: Any, period: float) -> dict[str, Any]:
 
 
 def check_defaults(built: Built) -> None:
-    """The default parameters are those of the configuration, but for one rounding, of inputs and limiter for two."""
+    """Check that the default parameters equal the configuration up to one rounding; two for inputs and limiter."""
     parameters = built.software.parameters()
     of_limiter, of_inputs = _configured_limiter(config_of(built)), _configured_inputs(config_of(built))
     assert of_limiter.keys() == set(dir(parameters.limiter))
@@ -123,7 +124,8 @@ def _configured_limiter(config: Config) -> dict[str, Any]:
 
 
 def opposite_phase_bounds(config: Config) -> list[float]:
-    """rad at each breakpoint: as listed, or with which the steady car, never taken to oversteer, reaches an acceleration."""
+    """Return the bound at each breakpoint, rad: as configured, or where a steady, never oversteering car reaches an
+    acceleration."""
     angles, speeds = config.limiter.opposite_phase_max_deg, [speed / 3.6 for speed in opposite_phase_speeds_km_h(config)]
     if angles == "off":
         return [math.inf] * len(speeds)
@@ -136,14 +138,17 @@ def opposite_phase_bounds(config: Config) -> list[float]:
 COMPANIONS: Mapping[str, Mapping[str, float]] = {
     "inputs.rear_angle_max": {"rear_angle_max": 1e-4},
 }
-"""What a parameter at the end of its range needs of another."""
+"""Values of other parameters that a parameter at the end of its range requires."""
 NO_ROOM = {("enable_speed", "low"), ("enable_speed", "high"), ("disable_speed", "high"), ("inputs.speed_max", "low")}
-"""The disabling speed must be below the enabling one, and both must leave the controller a part of the map."""
+"""Ends of ranges that are invalid alone: the disabling speed must be below the enabling one, and both must leave the controller
+part of the map's speeds."""
 
 
 def is_valid(built: Built, **changes: Any) -> bool:
-    """Of the defaults with some changed. The limiter's angle goes down with the controller's, which it may not exceed; its
-    ranges of the inputs are the widest."""
+    """Return whether the defaults with some changes are valid.
+
+    The limiter's angle is reduced with the controller's, which it may not exceed; its input ranges are the widest.
+    """
     plain = {name: value for name, value in changes.items() if not name.startswith("inputs.")}
     parameters = built.software.parameters(**plain)
     for name in changes.keys() - plain.keys():
@@ -158,7 +163,7 @@ def is_valid(built: Built, **changes: Any) -> bool:
 
 
 def check_ranges(built: Built) -> None:
-    """Every parameter of every kind is taken to the ends of its range and refused beyond, array elements one by one."""
+    """Check that every parameter is accepted up to the ends of its range and rejected beyond, array elements one by one."""
     software, real = built.software, built.real
     view = controller_view(config_of(built), built.total, software.prefix, software.precision, "float")
     of_inputs = inputs_view(config_of(built), software.prefix, software.precision, "float").ranged
@@ -202,7 +207,7 @@ def _check_what_fits_together(built: Built) -> None:
     angle = float(software.parameters().rear_angle_max)
     assert is_valid(built, **{"inputs.rear_angle_max": angle})
     assert not is_valid(built, **{"inputs.rear_angle_max": built.next(angle, 0.0)})
-    assert not is_valid(built, rear_angle_max=built.next(angle, 2.0)), "more than the actuator can"
+    assert not is_valid(built, rear_angle_max=built.next(angle, 2.0)), "beyond the actuator's range"
     assert not is_valid(built, enable_speed=5.0, disable_speed=5.0)
     slowest = float(built.real(0.5 * KM_H))
     assert not is_valid(built, enable_speed=built.next(slowest, 0.0), disable_speed=lowest)
@@ -213,13 +218,13 @@ def _check_what_fits_together(built: Built) -> None:
     ranges |= {"actuator_samples_max": (1, 60_000)}
     for name, (least, most) in ranges.items():
         assert is_valid(built, **{name: least}) and is_valid(built, **{name: most})
-        assert not is_valid(built, **{name: most + 1}), "what never acts, or never ends"
-        assert least == 0 or not is_valid(built, **{name: least - 1}), "what ends at once"
+        assert not is_valid(built, **{name: most + 1}), "a count that never acts or never ends"
+        assert least == 0 or not is_valid(built, **{name: least - 1}), "a count that ends at once"
     fastest = float(built.real(built.total.speed[-1]))
     for enable, fits in ((0.5 * fastest, True), (built.next(0.5 * fastest, fastest), False)):
-        assert is_valid(built, enable_speed=enable, disable_speed=1.0) == fits, "control would hardly ever run"
+        assert is_valid(built, enable_speed=enable, disable_speed=1.0) == fits, "control would hardly ever be enabled"
     for speed, fits in ((fastest, True), (built.next(fastest, 0.0), False)):
-        assert is_valid(built, **{"inputs.speed_max": speed}) == fits, "what the map answers is believed"
+        assert is_valid(built, **{"inputs.speed_max": speed}) == fits, "the range of speeds must include the map"
     parameters = software.parameters()
     for angle, fits in ((float(parameters.rear_angle_max), True), (built.next(parameters.rear_angle_max, 1.0), False)):
         parameters.limiter.rear_angle_max = angle
@@ -229,8 +234,8 @@ def _check_what_fits_together(built: Built) -> None:
         for beyond, fits in ((most, True), (built.next(most, 0.0), False)):
             parameters = software.parameters()
             setattr(parameters.limiter, name, beyond)
-            assert software.function("parameters_valid")(parameters) == fits, "the limiter knows what the controller takes"
-    assert not is_valid(built, **{"inputs.wheelbase": math.nan}), "those of the inputs are judged with them"
+            assert software.function("parameters_valid")(parameters) == fits, "the limiter must accept the controller's inputs"
+    assert not is_valid(built, **{"inputs.wheelbase": math.nan}), "the input parameters are checked too"
     parameters = software.parameters()
     parameters.limiter.rear_rate_max = math.nan
-    assert not software.function("parameters_valid")(parameters), "the limiter's are judged with them"
+    assert not software.function("parameters_valid")(parameters), "the limiter's parameters are checked too"

@@ -1,12 +1,11 @@
-"""What must hold of the generated reference model. Each check takes the units of a build and raises AssertionError where it
-does not hold."""
+"""Checks of the generated reference model. Each takes the units of a build and raises AssertionError if the build fails it."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.tyre import AxleTyres
@@ -14,12 +13,11 @@ from codegen.verify.law.tracking import SIDESLIP_MAX, SecondReferenceModel, Tabl
 from tests.sil.checks_lookup import RealArray, any_numbers, special_values
 from tests.sil.units import Units
 
-FloatArray = npt.NDArray[np.float64]
 KM_H = 1.0 / 3.6
 
 
 def limits(units: Units) -> tuple[RealArray, RealArray]:
-    """Of the state (3,) and of the inputs (4,)."""
+    """Return the limits of the state (3,) and of the inputs (4,)."""
     inputs = units.config.controller.inputs
     rear = math.radians(units.config.rear_actuator.angle_max_deg)
     yaw_rate, front = math.radians(inputs.yaw_rate_max_deg_s), math.radians(inputs.front_angle_max_deg)
@@ -28,7 +26,7 @@ def limits(units: Units) -> tuple[RealArray, RealArray]:
 
 
 def random_states(units: Units, count: int, seed: int) -> RealArray:
-    """States (count, 3) as the C can leave them: plain ones, some at their bounds, some next to zero."""
+    """Return states (count, 3) that the C can leave: plain ones, some at their bounds, some next to zero."""
     rng, real = np.random.default_rng(seed), units.real
     states = rng.uniform(-1.0, 1.0, (count, 3)) * rng.choice([1.0, 0.2, 0.01], (count, 1))
     states = np.where(rng.random((count, 3)) < 0.05, rng.choice([-1.0, 1.0, 0.0, -0.0], (count, 3)), states)
@@ -38,7 +36,7 @@ def random_states(units: Units, count: int, seed: int) -> RealArray:
 
 
 def random_inputs(units: Units, count: int, seed: int) -> RealArray:
-    """Inputs (count, 4): plausible ones, a tenth of them beyond their limits, without a negative friction."""
+    """Return plausible inputs (count, 4); a tenth exceed their limits, and no friction is negative."""
     rng = np.random.default_rng(seed)
     inputs = rng.uniform(-0.1, 1.0, (count, 4)) * rng.choice([0.1, 0.4, 1.0, 1.4], (count, 4))
     inputs[:, 1:3] *= rng.choice([-1.0, 1.0], (count, 2))
@@ -48,17 +46,18 @@ def random_inputs(units: Units, count: int, seed: int) -> RealArray:
 
 
 def wild_inputs(units: Units, count: int, seed: int) -> RealArray:
-    """Inputs (count, 4) of any bit pattern."""
+    """Return inputs (count, 4) of any bit pattern."""
     rng = np.random.default_rng(seed)
     special = np.concatenate([special_values(units.real), limits(units)[1]])
     return np.stack([any_numbers(rng, units.real, count, special) for _ in range(4)], axis=1)
 
 
 def exact_step(config: Config, state: FloatArray, inputs: FloatArray, curves: Sequence[TableCurve], step: float) -> FloatArray:
-    """(2, n): sideslip and yaw rate one linearly implicit midpoint step later, for states (2, n) and inputs (4, n) with the
-    rear angle in the middle of the step. The matrices take the state to slips, and side forces to the state's derivative.
+    """Return sideslip and yaw rate (2, n) one linearly implicit midpoint step later.
 
-    The wheel that carries more by dFz pulls a steered axle back by w/2 delta Fy dFz/Fz, with dFz = rho m ay h / w in front.
+    `state` is (2, n) and `inputs` (4, n) with the rear angle in the middle of the step. The matrices map the state to slips,
+    and side forces to the state's derivative. A steered axle whose wheel carries dFz more than the other is retarded by w/2
+    delta Fy dFz/Fz, with dFz = rho m ay h / w in front.
     """
     vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
     speed, friction, ones = inputs[0], inputs[3], np.ones(state.shape[1])
@@ -87,10 +86,10 @@ def exact_step(config: Config, state: FloatArray, inputs: FloatArray, curves: Se
 
 
 def check_model_physics(units: Units) -> None:
-    """One step is the linearly implicit midpoint rule on the equations of the single-track car with load transfer.
+    """Check that one step is the linearly implicit midpoint rule for the single-track car with load transfer.
 
-    Tolerance: the slope is some 30 operations on terms of at most mu g L / v_min and mu g m L / Iz; each rounds by half a unit.
-    The curve's argument is of size B times the slip, its rounding goes through a slope of at most C B.
+    Tolerance: the slope has some 30 operations on terms of at most mu g L / v_min and mu g m L / Iz, each rounded by half a
+    unit. The curve's argument is of size B times the slip; its rounding is multiplied by a slope of at most C B.
     """
     config, count = units.config, 20_000
     states = random_states(units, count, 11).astype(np.float64)

@@ -1,6 +1,6 @@
-"""The generated self-test alone: all that it asks of the others is answered by stand-ins that can be wrong.
+"""Checks of the generated self-test in isolation: stubs that can return wrong results replace everything it calls.
 
-It is linked apart, for the case itself has the real ones.
+It is linked separately, because the case contains the real functions.
 """
 
 import ctypes
@@ -20,7 +20,7 @@ from tests.sil.library import Compiler
 PATH = "src/ars_selftest.c"
 ROW = re.compile(r"\{ (\S+)f, (\S+)f, (\S+)f, (\S+)f \}")
 TOLERANCE = 1e-5
-"""rad/s, as the self-test's own comment says."""
+"""rad/s, from the self-test's comment."""
 
 HEADER = """
 #include "ars_controller.h"
@@ -29,11 +29,11 @@ HEADER = """
 
 enum { STUB_ROWS_MAX = 64 };
 
-/* What the stand-ins answer: parts of the checksum, the verdict on the parameters, what is wrong with the CRC of frames whose
- * second byte is 0 and 1, and the lookup's places with their answers. */
+/* Results of the stubs: parts of the checksum, the validity of the parameters, errors in the CRC of frames whose second byte is
+ * 0 and 1, and the lookup's points with their results. */
 typedef struct {
     uint32_t map_crc;
-    uint32_t parameters_crc; /* exclusive or with what it is handed; that of the curves is zero */
+    uint32_t parameters_crc; /* XOR with the start value; that of the curves is zero */
     bool valid;
     uint8_t crc_error[2];
     uint8_t crc_error_of; /* last byte of frames whose second byte is 1: zero for none */
@@ -81,7 +81,7 @@ bool ars_parameters_valid(const ars_parameters_t *parameters)
     return (parameters == &ars_parameters_default) && stub.valid;
 }
 
-/* Bit by bit, as the specification has it. */
+/* Bit by bit, as in the specification. */
 uint8_t ars_e2e_crc(uint16_t data_id, const uint8_t data[8])
 {
     uint8_t bytes[9] = { (uint8_t)(data_id & 0xFFu), (uint8_t)(data_id >> 8u) };
@@ -114,7 +114,7 @@ float ars_map_yaw_rate_on_road(float speed, float front_angle, float friction)
 EXPECTED = """
 #include <stdint.h>
 
-/* Calibration: to the code a constant, and here another one for each question. */
+/* Calibration: constant for the code under test, changed here for each check. */
 uint32_t ars_calibration_expected_checksum = 0u;
 void stub_expect(uint32_t checksum);
 
@@ -125,77 +125,81 @@ void stub_expect(uint32_t checksum)
 """
 STUBS = {"stub/stub.h": HEADER, "stub/stub.c": SOURCE, "stub/expected.c": EXPECTED}
 EXPECTED_CHECKSUM = 0x5AC3F00D
-"""What the whole calibration is expected to come to."""
+"""Expected checksum of the whole calibration."""
 FROZEN = 0x12345678
-"""The checksum of another map than the build's own."""
+"""Checksum of a map other than the build's own."""
 
 
 @dataclass(frozen=True)
-class Alone:
-    """The self-test with its stand-ins, the places that it asks for (speed, front angle, friction, yaw rate), and the checksum
-    of the build's own map alone."""
+class IsolatedSelftest:
+    """Self-test linked with its stubs, the points it looks up (speed, front angle, friction, yaw rate), and the checksum of the
+    build's own map."""
 
     lib: Any
     rows: list[tuple[float, ...]]
     checksum: int
 
 
-def answer(alone: Alone, rows: list[tuple[float, ...]], map_checksum: int | None = None, **wrong: Any) -> bool:
-    """What the self-test says where all is right but for what is given; the map is the build's own, or has another checksum."""
-    stub, map_checksum = alone.lib.stub, alone.checksum if map_checksum is None else map_checksum
-    alone.lib.stub_clear()
-    alone.lib.stub_expect(EXPECTED_CHECKSUM)
+def passes_with(
+    selftest: IsolatedSelftest, rows: list[tuple[float, ...]], map_checksum: int | None = None, **wrong: Any
+) -> bool:
+    """Return the self-test's verdict with everything right except `wrong`; the map is the build's own unless a checksum is
+    given."""
+    stub, map_checksum = selftest.lib.stub, selftest.checksum if map_checksum is None else map_checksum
+    selftest.lib.stub_clear()
+    selftest.lib.stub_expect(EXPECTED_CHECKSUM)
     stub.map_crc, stub.valid, stub.rows = map_checksum ^ 0xFFFFFFFF, True, len(rows)
     stub.parameters_crc = map_checksum ^ EXPECTED_CHECKSUM
     for k, row in enumerate(rows):
         stub.known[k] = row
     for name, value in wrong.items():
         setattr(stub, name, value)
-    return bool(alone.lib.ars_selftest())
+    return bool(selftest.lib.ars_selftest())
 
 
-def _passes(alone: Alone) -> None:
-    """Where all is right it says so, and it asks for every place."""
-    assert len(alone.rows) >= 10
-    assert answer(alone, alone.rows)
-    assert alone.lib.stub.asked == len(alone.rows)
-    assert alone.lib.ars_calibration_checksum() == EXPECTED_CHECKSUM
+def _passes(selftest: IsolatedSelftest) -> None:
+    """Check that it passes when everything is right, and looks up every point."""
+    assert len(selftest.rows) >= 10
+    assert passes_with(selftest, selftest.rows)
+    assert selftest.lib.stub.asked == len(selftest.rows)
+    assert selftest.lib.ars_calibration_checksum() == EXPECTED_CHECKSUM
 
 
-def _sees_each_fault(alone: Alone) -> None:
-    """Each thing alone makes it fail."""
-    right = alone.checksum ^ EXPECTED_CHECKSUM
+def _detects_each_fault(selftest: IsolatedSelftest) -> None:
+    """Check that each fault alone makes it fail."""
+    right = selftest.checksum ^ EXPECTED_CHECKSUM
     of_parameters = [right ^ 1, right ^ 0x80000000, right ^ 0xFFFFFFFF]
-    of_map = [number ^ 0xFFFFFFFF for number in (alone.checksum ^ 1, alone.checksum ^ 0x80000000, 0, 0xFFFFFFFF)]
+    of_map = [number ^ 0xFFFFFFFF for number in (selftest.checksum ^ 1, selftest.checksum ^ 0x80000000, 0, 0xFFFFFFFF)]
     crc_errors = [[first << bit, second << bit] for bit in range(8) for first, second in ((1, 0), (0, 1), (1, 1))]
     bytes_of_table = [1, 2, 127, 128, 254, 255]
     faults = {"parameters_crc": of_parameters, "map_crc": of_map, "valid": [False]}
     faults |= {"crc_error": crc_errors, "crc_error_of": bytes_of_table}
     for name, values in faults.items():
-        assert not any(answer(alone, alone.rows, **{name: value}) for value in values), name
+        assert not any(passes_with(selftest, selftest.rows, **{name: value}) for value in values), name
 
 
-def _sees_each_place(alone: Alone) -> None:
-    """Each place is judged, to both sides of the tolerance; where the answer is zero, to the last bit of it."""
+def _detects_each_wrong_point(selftest: IsolatedSelftest) -> None:
+    """Check each point on both sides of the tolerance; where the result is zero, to the last bit."""
     tolerance = float(np.float32(TOLERANCE))
-    for k, (*place, yaw_rate) in enumerate(alone.rows):
+    for k, (*place, yaw_rate) in enumerate(selftest.rows):
         exact = yaw_rate == 0.0
         inside, beyond = (0.98 * tolerance, 1.02 * tolerance) if not exact else (
             tolerance, float(np.nextafter(np.float32(tolerance), np.float32(1.0)))
         )  # fmt: skip
         for side in (1.0, -1.0):
             for off, passes in ((inside, True), (beyond, False), (math.nan, False), (math.inf, False)):
-                changed = [*alone.rows[:k], (*place, float(np.float32(yaw_rate + side * off))), *alone.rows[k + 1 :]]
-                assert answer(alone, changed) == passes, (k, side * off)
+                changed = [*selftest.rows[:k], (*place, float(np.float32(yaw_rate + side * off))), *selftest.rows[k + 1 :]]
+                assert passes_with(selftest, changed) == passes, (k, side * off)
 
 
-def _takes_another_calibration(alone: Alone) -> None:
-    """A map that was calibrated, with the checksum frozen, is not asked for the values of the build's own; all else is."""
-    nothing = [(*place, math.nan) for *place, _ in alone.rows]
-    assert answer(alone, nothing, FROZEN)
-    assert alone.lib.stub.asked == 0
+def _accepts_another_calibration(selftest: IsolatedSelftest) -> None:
+    """Check that a recalibrated map with a frozen checksum is not compared with the build's own values; everything else is
+    still checked."""
+    nothing = [(*place, math.nan) for *place, _ in selftest.rows]
+    assert passes_with(selftest, nothing, FROZEN)
+    assert selftest.lib.stub.asked == 0
     for wrong in ({"parameters_crc": 0}, {"valid": False}, {"crc_error": [1, 0]}):
-        assert not answer(alone, nothing, FROZEN, **wrong)
+        assert not passes_with(selftest, nothing, FROZEN, **wrong)
 
 
 NUMBER = r"-?[0-9][0-9.e+-]*f"
@@ -207,14 +211,14 @@ DAMAGED = (
     ("src/ars_reference_model.c", rf"(front_values\[.*\{{\s+0\.0f, ){NUMBER}", r"\g<1>0.0123f"),
     ("src/ars_reference_model.c", rf"(rear_compression = ){NUMBER}", r"\g<1>3.0f"),
 )
-"""Unit, and what is put in place of one of its numbers: a gain, a count, a limiter parameter, the map, the tyre curves.
+"""Unit, pattern and replacement of one of its numbers: a gain, a count, a limiter parameter, the map, the tyre curves.
 
-All are in their ranges.
+Every replacement is within its range.
 """
 
 
-def _sees_damage(case: Case) -> None:
-    """A number that is damaged, but still valid, fails the self-test of the whole build."""
+def _detects_damage(case: Case) -> None:
+    """Check that a damaged but valid number fails the self-test of the whole build."""
     root, tree, files = case.tree.root, case.tree, case.built.folder.files
     with tempfile.TemporaryDirectory(dir=root) as scratch:
         for index, (path, number, other) in enumerate(DAMAGED):
@@ -236,30 +240,30 @@ def _sees_damage(case: Case) -> None:
 
 
 def check_selftest(case: Case) -> None:
-    """All of this; with the rest of the build the self-test passes."""
+    """Run all checks of the self-test; with the rest of the build it must pass."""
     assert case.built.software.selftest()
     if case.mutated is None:
-        _sees_damage(case)
+        _detects_damage(case)
     root, compiler, text = case.tree.root, case.compiler, case.built.folder.files[PATH].decode("ascii")
-    if "stand-ins" not in case.kept:
-        case.kept["stand-ins"] = _stand_ins(root, compiler)
+    if "stubs" not in case.kept:
+        case.kept["stubs"] = _compile_stubs(root, compiler)
     (checksum,) = re.findall(r"~map_crc\)? [=!]= 0x([0-9A-F]{8})u", text)
     rows = [tuple(float(np.float32(number)) for number in found) for found in ROW.findall(text)]
     with tempfile.TemporaryDirectory(dir=root) as scratch:
-        path, ffi = Path(scratch) / "selftest.so", case.kept["stand-ins"]
+        path, ffi = Path(scratch) / "selftest.so", case.kept["stubs"]
         compiler.link([case.object(PATH), root / "stub/stub.o", root / "stub/expected.o"], path)
-        alone = Alone(ffi.dlopen(str(path)), rows, int(checksum, 16))
+        selftest = IsolatedSelftest(ffi.dlopen(str(path)), rows, int(checksum, 16))
         if case.mutated is not None and case.mutated.path == PATH:
             case.select_in(path)
         try:
-            for check in (_passes, _sees_each_fault, _sees_each_place, _takes_another_calibration):
-                check(alone)
+            for check in (_passes, _detects_each_fault, _detects_each_wrong_point, _accepts_another_calibration):
+                check(selftest)
         finally:
-            ffi.dlclose(alone.lib)  # where it counts what was run, that is written now
+            ffi.dlclose(selftest.lib)  # coverage counts are written here
 
 
-def _stand_ins(root: Path, compiler: Compiler) -> Any:
-    """Compile them; return what knows their types."""
+def _compile_stubs(root: Path, compiler: Compiler) -> Any:
+    """Compile the stubs; return the FFI with their types."""
     (root / "stub").mkdir(exist_ok=True)
     for path, text in STUBS.items():
         (root / path).write_text(text, encoding="ascii")

@@ -12,14 +12,17 @@ from tests.sil.checks_kinds import OPEN, STILL, config_of, parameters_of
 PERIOD = CONFIG.controller.sampling_time_s
 RUNNING = (Status.TRACKING, Status.LIMITED)
 LOST = Measurement(math.nan, math.nan, math.nan)
-"""Nothing arrives, not even the speed."""
+"""Sample without any signal, not even the speed."""
 NEEDED = {"speed": "speed_max", "front_angle": "front_angle_max", "yaw_rate": "yaw_rate_max"}
 OPTIONAL = {"rear_angle": "rear_angle_max", "friction": "friction_max"}
 
 
 def check_inputs(built: Built) -> None:
-    """Each field is taken up to its limit and not one unit in the last place beyond, on either side; nor are NaN and infinity.
-    Without one that is needed the sample is missing; another stands for the rest."""
+    """Check that each field is accepted up to its limit, and rejected one unit in the last place beyond, as NaN and infinity
+    are.
+
+    Without a required field the sample is missing; an optional field is replaced.
+    """
     parameters = parameters_of(built, {"inputs": OPEN})
     good = built.turn(0.01, rear_angle=0.01, friction=0.8)
 
@@ -42,7 +45,7 @@ def check_inputs(built: Built) -> None:
 
 
 def check_plausibility_limit(built: Built) -> None:
-    """No road gives a car more than so much lateral acceleration, and a spin adds so much yaw rate; in reverse too."""
+    """Check the yaw rate limit: the largest lateral acceleration over the speed plus a tolerance, also in reverse."""
     parameters = parameters_of(built, {"inputs": {**OPEN, "lateral_acceleration_max": 12.0, "yaw_rate_tolerance": 0.5}})
     parameters.inputs.yaw_rate_max = 20.0
     for speed in (SPEED, -SPEED, 1.0):
@@ -56,7 +59,7 @@ def check_plausibility_limit(built: Built) -> None:
 
 
 def check_signalling_nan(built: Built) -> None:
-    """A signalling NaN is rejected like any other; a Python float cannot carry one."""
+    """Check that a signalling NaN is rejected like any other. It is written as bytes: a Python float cannot carry one."""
     software, bits = built.software, {4: 0x7F800001, 8: (0x7FF0 << 48) + 1}
     for field in NEEDED:
         controller, sample = software.controller(), software.new("measurement")
@@ -69,7 +72,7 @@ def check_signalling_nan(built: Built) -> None:
 
 
 def check_fail_safe(built: Built) -> None:
-    """Without anything the rear angle goes to zero at its rate, however fast the car is."""
+    """Check that without any input the rear angle returns to zero at its rate, at any speed."""
     step = math.radians(config_of(built).controller.fail_safe.rate_deg_s) * PERIOD
     for start in (0.02, -0.02):
         controller = built.software.controller(start)
@@ -78,14 +81,16 @@ def check_fail_safe(built: Built) -> None:
             pass
         before = controller.state.rear_angle
         path = np.array([before, *(command.rear_angle for command in controller.run([LOST] * 160))])
-        # Start and command are rounded near 0.02 rad, so below a unit in the last place at 0.03.
+        # Start and command are rounded near 0.02 rad, so by less than a unit in the last place at 0.03.
         assert np.abs(np.abs(np.diff(path)[np.abs(path[1:]) > 0.0]) - step).max() < 0.1 * built.eps
         assert path[-1] == 0.0
 
 
 def check_gaps(built: Built) -> None:
-    """Without a sample a law goes on as if the last one came again; only the reference model, which moves, makes a difference.
-    A gap of which every second sample is lost is no fault, one that loses more than it gets ends in the fail-safe."""
+    """Check that a law without a sample continues as if the last one was repeated, except for the moving reference model.
+
+    Losing every second sample is no fault; losing more than that ends in the fail-safe.
+    """
     good = built.turn(0.01)
     gap = [LOST] * built.software.parameters().inputs.missing_samples_max
     for start in (0.03, -0.01):
@@ -99,15 +104,15 @@ def check_gaps(built: Built) -> None:
     assert Status.FAIL_SAFE not in {command.status for command in every_second}
     mostly = built.software.controller(0.0, parameters_of(built, STILL)).run([good] + [good, LOST, LOST, LOST] * len(gap))
     first = [command.status for command in mostly].index(Status.FAIL_SAFE)
-    assert 1 + 2 * len(gap) <= first + 1 <= 1 + 2 * len(gap) + 4, "of four samples three count one more, one counts one less"
+    assert 1 + 2 * len(gap) <= first + 1 <= 1 + 2 * len(gap) + 4, "three of four samples add one, one subtracts one"
     in_turn = [replace(good, yaw_rate=math.nan), replace(good, front_angle=math.nan)] * (2 * len(gap) + 2)
     controller = built.software.controller(0.0, parameters_of(built, STILL))
     controller.run([good, *in_turn[: 2 * len(gap) + 1]])
-    assert controller.state.inputs.yaw_rate.source == 1, "lost, though never for two samples"
+    assert controller.state.inputs.yaw_rate.source == 1, "lost, although never in two consecutive samples"
 
 
 def check_recovery(built: Built) -> None:
-    """So many good samples in a row, and not one less, end the fail-safe."""
+    """Check that exactly `recovery_samples` good samples in a row end the fail-safe."""
     good, needed = built.turn(0.01), built.software.parameters().inputs.recovery_samples
     controller = built.software.controller(0.03, parameters_of(built, STILL))
     controller.run([good] * 5)
@@ -117,12 +122,14 @@ def check_recovery(built: Built) -> None:
         assert {command.status for command in controller.run([good] * (needed - 1))} == {Status.FAIL_SAFE}
         assert controller.step(bad or good).status in ((Status.FAIL_SAFE,) if bad else RUNNING)
     controller.run([good] * (needed - 1))
-    assert controller.state.inputs.yaw_rate.good == 0, "counted while it is replaced"
+    assert controller.state.inputs.yaw_rate.good == 0, "not counted while it is replaced"
 
 
 def check_standby(built: Built) -> None:
-    """Control starts at the enabling speed and ends below the disabling one; between, and only there, it stays what it was.
-    Reverse is standby. In standby the angle goes to zero at its rate."""
+    """Check that control starts at the enabling speed, ends below the disabling one, and keeps its state only between them.
+
+    Reverse is standby. In standby the angle returns to zero at its rate.
+    """
     parameters = parameters_of(built, {"inputs": OPEN})
     enable, disable = float(parameters.enable_speed), float(parameters.disable_speed)
     between = 0.5 * (enable + disable)
@@ -139,6 +146,6 @@ def check_standby(built: Built) -> None:
     controller, step = built.software.controller(0.05), math.radians(CONFIG.controller.standby_rate_deg_s) * PERIOD
     commands = controller.run([Measurement(disable - 0.1, 0.1, 0.0)] * 80)
     path = np.array([0.05, *(command.rear_angle for command in commands)])
-    # The start and each command are rounded at 0.05 rad: an eighth of a unit in the last place at 1.
+    # Start and commands are rounded near 0.05 rad: an eighth of a unit in the last place at 1.
     assert np.abs(-np.diff(path)[path[1:] > 0.0] - step).max() < 0.3 * built.eps
     assert (path >= 0.0).all() and path[-1] == 0.0

@@ -1,8 +1,8 @@
-"""What drives of the control law "tracking" seldom meet: thresholds to the bit. `suite` compares each sample of drives with the
-second implementation.
+"""Checks of the control law "tracking" at exact thresholds that drives seldom reach.
 
-Each check takes a build of that kind and raises AssertionError where it does not hold. Errors are reference minus measured yaw
-rate, rad/s. The limits that a check is not about are open.
+`suite` compares each sample of drives with the second implementation. Each check takes a build of that kind and raises
+AssertionError if the build fails it. Errors are reference minus measured yaw rate, rad/s. Limits that a check does not test are
+open.
 """
 
 import math
@@ -14,7 +14,7 @@ from tests.sil.checks_kinds import OPEN, config_of, open_limiter, parameters_of
 
 PERIOD = TRACKING_CONFIG.controller.sampling_time_s
 SPEED = 20.0
-"""m/s: inside the map, in the middle of the schedule."""
+"""m/s: inside the map, in the middle of the gain schedule."""
 BOTH = (1.0, -1.0)
 MODEL_CHANGES: dict[str, dict[str, Any]] = {
     "as built": {},
@@ -31,7 +31,7 @@ MODEL_CHANGES: dict[str, dict[str, Any]] = {
 
 
 def _running(built: Built, **changes: Any) -> Controller:
-    """Return a controller with no limit but the angle's own, that has taken a sample straight ahead; grip may be lost."""
+    """Return a controller limited only by the largest angle, after one sample straight ahead; grip may be lost."""
     wide = {"rear_rate_max": 1000.0, "limiter": open_limiter(built), "inputs": OPEN}
     controller = built.software.controller(0.0, parameters_of(built, {**wide, **changes}))
     controller.step(Measurement(SPEED, 0.0, 0.0))
@@ -39,19 +39,19 @@ def _running(built: Built, **changes: Any) -> Controller:
 
 
 def check_tracking_state_after_init(built: Built) -> None:
-    """At rest, at the given angle; nothing is known of the road but the map."""
+    """Check the initial state: at rest, at the given angle, with the map's grip."""
     state = built.software.controller(0.02).state
     held = float(built.real(0.02))
     for name in ("trim", "integral", "front_angle", "front_rate", "missed_samples", "yaw_rate", "previous_model_yaw_rate"):
         assert getattr(state.law, name) == 0.0, name
     assert (state.law.model.yaw_rate, state.law.model.rear_angle) == (0.0, held)
     assert state.grip.reached == 0.0
-    assert abs(state.law.model.sideslip_angle - held) <= built.eps * held, "the rear wheels' own direction"
+    assert abs(state.law.model.sideslip_angle - held) <= built.eps * held, "the direction of the rear wheels"
     assert abs(state.grip.available - built.total.lateral_acceleration_cap) <= 2.0 * built.eps * state.grip.available
 
 
 def check_tracking_memory_of_the_road(built: Built) -> None:
-    """What is known of the road survives the fail-safe and a start, and grows old in standby."""
+    """Check that the grip estimate survives the fail-safe and a restart of control, and recovers in standby."""
     controller = built.software.controller(0.0, parameters_of(built, {"inputs": OPEN}))
     p, period = controller.parameters, config_of(built).controller.sampling_time_s
     good, lost = Measurement(SPEED, 0.0, 0.0), Measurement(math.nan, math.nan, math.nan)
@@ -64,7 +64,7 @@ def check_tracking_memory_of_the_road(built: Built) -> None:
     assert grip.available < 2.1, "one sample of recovery"
     grip.available = grip.reached = 2.0
     assert controller.step(Measurement(0.0, 0.0, 0.0)).status is Status.STANDBY
-    # Each is rounded twice, near 2.
+    # Both are rounded twice, near 2.
     assert abs(grip.available - (2.0 + p.grip_recovery_idle * period)) <= 2.0 * built.eps * 2.0
     assert abs(grip.reached - 2.0 * (1.0 - p.grip_forgetting * period)) <= 2.0 * built.eps * 2.0
     controller.run([Measurement(0.0, 0.0, 0.0)] * round(20.0 / float(p.grip_recovery_idle) / period))
@@ -72,22 +72,22 @@ def check_tracking_memory_of_the_road(built: Built) -> None:
 
 
 def _grip_after(built: Built, measurement: Measurement, grip: float, **changes: Any) -> tuple[float, float]:
-    """The grip after one sample of a turn, from a given one, and the reference yaw rate of that sample."""
+    """Return the grip after one sample of a turn that starts with `grip`, and the reference yaw rate of that sample."""
     controller = _running(built, **changes)
-    controller.run([measurement] * 60)  # until the model of the car turns too
+    controller.run([measurement] * 60)  # until the reference model turns too
     controller.state.grip.available = grip
     reference = abs(float(controller.step(measurement).yaw_rate_reference))
     return float(controller.state.grip.available), reference
 
 
 def check_tracking_grip_of_a_small_turn(built: Built) -> None:
-    """A turn that asks for less than half of the grip is an idle one; one that asks for just half is not."""
+    """Check that a turn below half of the grip counts as idle, and one at exactly half does not."""
     real, period = built.real, config_of(built).controller.sampling_time_s
     p = built.software.parameters()
     for side in BOTH:
         turn = Measurement(SPEED, side * 0.02, side * 0.2)
         half, found = 0.0, 2.0
-        while half != found:  # what is asked for depends on the grip, a little
+        while half != found:  # the demand depends slightly on the grip
             half = found
             found = float(real(2.0) * (real(_grip_after(built, turn, half)[1]) * real(SPEED)))
         for grip, rate in ((half, p.grip_recovery), (built.next(half, 9.0), p.grip_recovery_idle)):
@@ -96,12 +96,12 @@ def check_tracking_grip_of_a_small_turn(built: Built) -> None:
 
 
 def check_tracking_shortfall_that_is_allowed(built: Built) -> None:
-    """A shortfall that is just allowed is no loss of grip, one unit in the last place more is."""
+    """Check that a shortfall equal to the allowance is no loss of grip, and one unit in the last place more is."""
     real, grip, measured = built.real, 4.0, 0.1
     for side in BOTH:
         short = Measurement(SPEED, side * 0.05, side * measured)
         found = {allowed: _grip_after(built, short, grip, grip_shortfall=allowed) for allowed in (0.1, 5.0)}
-        while True:  # the allowance plays a part in what was asked for before
+        while True:  # the allowance influenced the demand of the earlier samples
             loses, keeps = max(a for a in found if found[a][0] <= grip), min(a for a in found if found[a][0] > grip)
             allowed = float(real(0.5 * (loses + keeps)))
             if allowed in found:
@@ -112,7 +112,7 @@ def check_tracking_shortfall_that_is_allowed(built: Built) -> None:
 
 
 def check_tracking_at_the_end_of_its_range(built: Built) -> None:
-    """A demand that is just at the end of its range is not limited, one unit in the last place beyond is."""
+    """Check that a demand at the end of the range is not limited, and one unit in the last place beyond is."""
     rest = built.software.controller(0.0).state
     for side in BOTH:
         controller = _running(built)
@@ -127,7 +127,7 @@ def check_tracking_at_the_end_of_its_range(built: Built) -> None:
 
 
 def check_tracking_at_the_end_of_its_rate(built: Built) -> None:
-    """A demand that the rate just allows is not limited, one unit in the last place beyond is."""
+    """Check that a demand at exactly the largest rate is not limited, and one unit in the last place beyond is."""
     for side in BOTH:
         controller = _running(built, rear_rate_max=0.5, rear_angle_error_max=1.0)
         step = float(built.real(0.5) * built.real(config_of(built).controller.sampling_time_s))
@@ -141,7 +141,7 @@ def check_tracking_at_the_end_of_its_rate(built: Built) -> None:
 
 
 def check_tracking_reached_in_a_small_turn(built: Built) -> None:
-    """What was reached is the lateral acceleration to either side, however small it is."""
+    """Check that the reached grip is the lateral acceleration on both sides, however small."""
     for side in BOTH:
         controller = _running(built)
         assert controller.state.grip.reached == 0.0
@@ -151,7 +151,7 @@ def check_tracking_reached_in_a_small_turn(built: Built) -> None:
 
 
 def check_tracking_least_grip(built: Built) -> None:
-    """On a road that gives nothing the grip goes down to the least friction that is believed, and no further."""
+    """Check that on a road without grip the estimate falls to that of the least friction and no further."""
     for side in BOTH:
         controller = _running(built, grip_shortfall=0.5)
         controller.run([Measurement(30.0, side * 0.06, side * 0.001)] * 400)

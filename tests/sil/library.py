@@ -1,4 +1,4 @@
-"""A build as one shared library with the plant and the loops of the tests: compiled file by file, opened with cffi."""
+"""A build as one shared library with the plant and the test loops: compiled file by file, opened with cffi."""
 
 import subprocess
 from collections.abc import Sequence
@@ -16,16 +16,16 @@ from tests.sil.checks_calibration import WRITABLE
 from tests.sil.probe import DECLARATIONS, DEFINITIONS
 
 FLAGS = ("-std=c99", "-O0", "-ffp-contract=off", "-fPIC", "-w", "-ftrivial-auto-var-init=pattern", WRITABLE)
-"""What is not set has no number that could be taken for a right one; the calibration may be written."""
+"""Compiler flags. Uninitialised variables get a pattern that no correct result has; the calibration is writable."""
 OPTIMISED = tuple("-O2" if flag == "-O0" else flag for flag in FLAGS)
-"""As the build is compiled for use."""
+"""Flags with the optimisation of a build for use."""
 SEARCH = ("-Iinclude", "-Ibench", "-Iprobe")
 
 
 @dataclass(frozen=True)
 class Tree:
-    """The files of a library in a folder, objects beside their sources: generated units, sources of the tests, and the headers
-    of what Python calls, in include order."""
+    """Files of a library in a folder, with objects next to their sources: generated units, test sources, and the headers that
+    Python needs, in include order."""
 
     root: Path
     units: tuple[str, ...]
@@ -53,17 +53,17 @@ class Tree:
         )
 
     def object(self, source: str) -> Path:
-        """Where a source is compiled to."""
+        """Return the object file of a source."""
         return self.root / f"{source}.o"
 
     def ffi(self) -> Any:
-        """What knows the types and functions of the library, whichever file it is opened from."""
+        """Return the FFI with the library's types and functions, whichever file it is opened from."""
         headers = [Path(header) for header in self.headers]
         return parsed_ffi(derive_cdef(headers, ("include", "bench", "probe"), for_dlopen=True, folder=self.root))
 
 
 def _probe(folder: Folder) -> dict[str, bytes]:
-    """The loops of `tests.sil.units` over the units that the build has, with their headers."""
+    """Return the loops of `tests.sil.units` for the units of the build, with their headers."""
     text = {path: content.decode("ascii") for path, content in folder.files.items() if path.startswith("include/")}
     has_reference = "ars_map_reference_t" in text["include/ars_map.h"]
     only = [*(["map"] if has_reference else []), "limiter"]
@@ -77,27 +77,27 @@ def _probe(folder: Folder) -> dict[str, bytes]:
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler, its flags, and those more for compiling and linking what is under test."""
+    """A C compiler with its flags, and additional ones for compiling and linking the code under test."""
 
     command: tuple[str, ...]
     flags: tuple[str, ...] = FLAGS
     measuring: tuple[str, ...] = ()
 
     def compile(self, root: Path, source: str, target: Path, more: Sequence[str] = ()) -> None:
-        """One source to an object; both below the root. Raises BuildError with the compiler's first line."""
+        """Compile a source to an object; both are below the root. Raises BuildError with the compiler's first line."""
         self._run([*self.flags, *more, *SEARCH, "-c", source, "-o", str(target)], root, source)
 
     def compile_all(self, tree: Tree) -> None:
-        """Every source; the generated ones so that they are measured."""
+        """Compile every source; the generated ones with coverage."""
         for source in (*tree.units, *tree.others):
             self.compile(tree.root, source, tree.object(source), self.measuring if source in tree.units else ())
 
     def link(self, objects: Sequence[Path], target: Path) -> None:
-        """Objects to a shared library."""
+        """Link objects to a shared library."""
         self._run(["-shared", *self.measuring, *map(str, objects), "-o", str(target), "-lm"], target.parent, target.name)
 
     def link_program(self, objects: Sequence[Path], target: Path, more: Sequence[str]) -> None:
-        """Objects to a program."""
+        """Link objects to a program."""
         self._run([*more, *map(str, objects), "-o", str(target), "-lm"], target.parent, target.name)
 
     def _run(self, arguments: Sequence[str], folder: Path, where: str) -> None:
@@ -107,18 +107,18 @@ class Compiler:
 
 
 class Opened:
-    """The functions of a library that can be changed for another of the same headers."""
+    """Functions of a library that can be replaced by another one with the same headers."""
 
     def __init__(self, ffi: Any) -> None:
         self._ffi = ffi
         self._lib: Any = None
 
     def open(self, path: Path) -> None:
-        """From now on the functions are those of this file."""
+        """Use the functions of this file from now on."""
         self._lib = self._ffi.dlopen(str(path))
 
     def close(self) -> None:
-        """Let it go; one that counts what was run writes its counts now."""
+        """Close the library; this also writes its coverage counts."""
         self._ffi.dlclose(self._lib)
         self._lib = None
 
@@ -127,6 +127,6 @@ class Opened:
 
 
 def library_of(tree: Tree, ffi: Any) -> tuple[Library, Opened]:
-    """What the tests take for a compiled build, and what says which file it is; of the types that `Tree.ffi` gives."""
+    """Return a compiled build for the tests, and the object that selects its file; types are those of `Tree.ffi`."""
     opened = Opened(ffi)
     return Library(ffi, opened, tree.root, "abi"), opened

@@ -42,7 +42,7 @@ def map_of(which: Which) -> ReferenceMap:
 
 @functools.cache
 def placed(kind: Kind, precision: Precision, storage: Storage, which: Which = "linear") -> tuple[Case, Placed]:
-    """Return the compiled case, and the breakpoints that were chosen for it; nonlinear maps on a coarser grid than in use."""
+    """Return the compiled case and its breakpoints; nonlinear maps use a coarser grid than in practice."""
     config, reference_map = builds.CONFIGS[kind], map_of(which)
     request = Request(BOUND, None, storage, f"--max-error 0.5deg/s --storage {storage}")
     options = BuildOptions("sample", precision=precision, request=request)
@@ -59,13 +59,13 @@ def placed(kind: Kind, precision: Precision, storage: Storage, which: Which = "l
 
 
 def judges_of_map(case: Case) -> list[Judge]:
-    """Return the judges of the look-up of a placed build: those that do not write its calibration."""
+    """Return the lookup checks of a placed build that do not write its calibration."""
     is_plain = not case.built.total.layers and case.built.total.grip is None
     return [judge for judge in whole(case.kind, ("map",)) if not judge.of_single and (is_plain or not judge.of_one_layer)]
 
 
 def check_placed(case: Case, found: Placed) -> None:
-    """Checksum, flash and self-test cover tables, scales, axes and what grip leaves."""
+    """Check that checksum, flash size and self-test cover tables, scales, axes and grip tables."""
     check_map_functions(case.built)
     facts = case.built.folder.manifest["map"]
     assert facts["flash_bytes"] == found.flash_bytes == sum(part.nbytes for part in numbers_of(case.built))

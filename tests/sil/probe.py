@@ -1,4 +1,4 @@
-"""C loops over the units of a build, for `units`: REAL stands for the build's number type."""
+"""C loops over the units of a build, for `units`; REAL is the build's number type."""
 
 DECLARATIONS = {
     "map": """

@@ -1,16 +1,16 @@
-"""How far a calculation in single precision may be from the exact result: running error analysis of a CasADi function.
+"""Rounding error bounds in single precision: running error analysis of a CasADi function.
 
-N. J. Higham, Accuracy and Stability of Numerical Algorithms, section 3.3: each value carries a bound of its error, which grows
-by the derivatives of each operation and by that operation's own rounding.
+N. J. Higham, Accuracy and Stability of Numerical Algorithms, section 3.3: each value carries an error bound, which grows by the
+derivatives of each operation and by that operation's own rounding.
 """
 
 from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from codegen.arrays import FloatArray
+
 Bounded = tuple[FloatArray, FloatArray]
 """Values and the bounds of their errors."""
 
@@ -55,7 +55,7 @@ def _propagated(operation: int, first: Bounded, second: Bounded) -> Bounded:
         result = 1.0 / a
         error = np.abs(result) * of_a / (np.abs(a) - of_a)
     else:
-        # The C library's functions count with one unit in the last place, which is two roundings.
+        # The C library's functions are accurate to one unit in the last place, which is two roundings.
         roundings = 2
         if operation in (ca.OP_SIN, ca.OP_COS):
             result, error = (np.sin(a) if operation == ca.OP_SIN else np.cos(a)), of_a

@@ -1,7 +1,7 @@
-"""Which checks judge which unit of a build, by kind of controller, those that find most in least time first.
+"""Checks of each unit of a build, by kind of controller; those that find the most faults in the least time come first.
 
-`make test` runs each judge on the build as it is; the mutation campaign runs them on mutants. So the tests of the C and their
-power to fail are one list.
+`make test` runs each judge on the original build, the mutation campaign on mutants. One list thus covers the tests of the C and
+their sensitivity.
 """
 
 import math
@@ -37,8 +37,11 @@ from tests.sil.suite_memory import check_memory
 
 @dataclass(frozen=True)
 class Judge:
-    """A check of a unit, called with a case; it raises an exception if the case fails it. One that writes or compares numbers
-    of single precision cannot judge a build in double; one of one layer knows the cap of a map for one friction only."""
+    """A check of a unit, called with a case; it raises an exception if the case fails it.
+
+    `of_single` judges write or compare single-precision numbers and cannot judge a double-precision build. `of_one_layer`
+    judges know the cap of a map for one friction only.
+    """
 
     name: str
     run: Callable[[Case], object]
@@ -55,7 +58,7 @@ def _of_units(*checks: Callable[[Any], object]) -> list[Judge]:
 
 
 def _of_calibration(*checks: Callable[[checks_calibration.Calibrated], None]) -> list[Judge]:
-    """Judges that write into the calibration and leave it as it was."""
+    """Return judges that write to the calibration and restore it."""
 
     def run(case: Case, check: Callable[[checks_calibration.Calibrated], None]) -> None:
         calibrated = checks_calibration.Calibrated.over(case.built.software.compiled, case.built.total)
@@ -68,22 +71,22 @@ def _of_calibration(*checks: Callable[[checks_calibration.Calibrated], None]) ->
 
 
 def _in(module: ModuleType) -> Iterable[Callable[..., Any]]:
-    """Return the checks that a module itself defines, in the order of the source."""
+    """Return the checks defined in a module, in source order."""
     for name, value in vars(module).items():
         if name.startswith("check_") and value.__module__ == module.__name__:
             yield value
 
 
-def _known(case: Case, name: str, make: Callable[[], Any]) -> Any:
-    """Return what is computed once for a build."""
+def _cached(case: Case, name: str, make: Callable[[], Any]) -> Any:
+    """Return a value computed once per build."""
     if name not in case.known:
         case.known[name] = make()
     return case.known[name]
 
 
-def _answered(name: str, make: Callable[[Case], Any], check: Callable[[Case, Any], None]) -> Judge:
-    """Return the judge that compares a build with answers that are worked out once."""
-    return Judge(name, lambda case: check(case, _known(case, name, lambda: make(case))))
+def _comparing(name: str, make: Callable[[Case], Any], check: Callable[[Case, Any], None]) -> Judge:
+    """Return the judge that compares a build with expected results computed once."""
+    return Judge(name, lambda case: check(case, _cached(case, name, lambda: make(case))))
 
 
 STRICT = {"inputs": {"missing_samples_max": 0, "recovery_samples": 1}}
@@ -100,13 +103,13 @@ DRIVES: dict[Kind, dict[str, dict[str, Any]]] = {
     },
     "tracking": {**checks_tracking.MODEL_CHANGES, "strict supervision": STRICT},
     "feedforward": {"as built": {}, "slow": SLOW, "small angle": {**SMALL, "limiter": {**SMALL, "opposite_phase_max": [0.02]}}},
-    "proportional": {"as built": {}, "slow": SLOW},
 }
-"""Parameters that bring out each limit of a law."""
+"""Parameters that reach each limit of a law, where those of SIMPLE_DRIVES do not."""
+SIMPLE_DRIVES: dict[str, dict[str, Any]] = {"as built": {}, "slow": SLOW}
 
 
 def _drives(kind: Kind) -> list[Judge]:
-    """Judges against the independent model of the law, bit for bit."""
+    """Return judges that compare drives with the independent model of the law, bit for bit."""
 
     def drive(case: Case, changes: dict[str, Any], index: int) -> answers.Drive:
         course = {"speed_amplitude": 24.0, "steering_samples": 90.0} if index % 2 else {}
@@ -118,16 +121,16 @@ def _drives(kind: Kind) -> list[Judge]:
         for one in known:
             answers.check_drive(case.built, one)
 
-    judges = [_answered(f"model: {name}", lambda case, a=changes, b=index: [drive(case, a, b)], check)  # type: ignore[misc]
-              for index, (name, changes) in enumerate(DRIVES[kind].items())]  # fmt: skip
+    judges = [_comparing(f"model: {name}", lambda case, a=changes, b=index: [drive(case, a, b)], check)  # type: ignore[misc]
+              for index, (name, changes) in enumerate(DRIVES.get(kind, SIMPLE_DRIVES).items())]  # fmt: skip
     if kind in ("pi", "tracking"):
         rough = answers.answers_of_rough
-        judges.append(_answered("model: rough drives", lambda case: list(rough(case.built, case.samples(3000))), check))
+        judges.append(_comparing("model: rough drives", lambda case: list(rough(case.built, case.samples(3000))), check))
     return judges
 
 
 def _resized(case: Case, changes: dict[str, Any]) -> dict[str, Any]:
-    """Return the changes with arrays of as many elements as the build has: the last one is repeated."""
+    """Return the changes with arrays resized for the build by repeating the last element."""
     parameters = case.built.software.parameters()
 
     def fit(name: str, value: Any, of: Any) -> Any:
@@ -150,25 +153,25 @@ def _controller(kind: Kind) -> list[Judge]:
 
 
 def _limiter(kind: Kind) -> list[Judge]:
-    model = _answered("model of the limiter", lambda case: answers.answers_of_limiter(case.units, case.samples(4000)),
+    model = _comparing("model of the limiter", lambda case: answers.answers_of_limiter(case.units, case.samples(4000)),
                       lambda case, known: answers.check_limiter(case.units, known))  # fmt: skip
     return [model, *_inits(kind), *_of_units(*_in(checks_limiter))]
 
 
 def _map(kind: Kind) -> list[Judge]:
-    reference = _answered(
+    reference = _comparing(
         "reference of the map",
         lambda case: answers.answers_of_map(case.built, case.units, 30_000 // case.samples(30_000)),
         lambda case, known: answers.check_map(case.built, case.units, known),
     )
-    (cap,) = _of_built(checks_lookup.check_cap)  # it knows that of one friction
+    (cap,) = _of_built(checks_lookup.check_cap)  # for one friction only
     judges = [reference, *_of_built(checks_lookup.check_map_functions), replace(cap, of_one_layer=True)]
     judges += _of_calibration(*_in(checks_calibration))
     return [*judges, *_of_units(*_in(checks_map_reference))] if kind in ("tracking", "feedforward") else judges
 
 
 def _reference_model(_: Kind) -> list[Judge]:
-    model = _answered("model of the car", lambda case: answers.answers_of_model(case.units, case.samples(30_000)),
+    model = _comparing("model of the car", lambda case: answers.answers_of_model(case.units, case.samples(30_000)),
                       lambda case, known: answers.check_model(case.units, known))  # fmt: skip
     return [model, *_of_units(*_in(checks_reference_model)), *_of_built(checks_lookup.check_map_functions)]
 
@@ -177,13 +180,13 @@ def _inits(_: Kind) -> list[Judge]:
     return _of_built(checks_edges.check_init_sets_everything, checks_edges.check_state_after_init)
 
 
-FRAMES = _answered("Python's frames", lambda case: answers_frames.answers_of_can(case.built),
+FRAMES = _comparing("Python's frames", lambda case: answers_frames.answers_of_can(case.built),
                    lambda case, known: answers_frames.check_can(case.built, known))  # fmt: skip
-RECEIVER = _answered("Python's receiver", lambda case: answers_frames.answers_of_e2e(case.built),
+RECEIVER = _comparing("Python's receiver", lambda case: answers_frames.answers_of_e2e(case.built),
                      lambda case, known: answers_frames.check_e2e(case.built, known))  # fmt: skip
-TASK = _answered(
+TASK = _comparing(
     "second task",
-    lambda case: answers_task.answers_of_task(case.built, case.samples(answers_task.LIVES, least=12)),
+    lambda case: answers_task.answers_of_task(case.built, case.samples(answers_task.STARTS, least=12)),
     lambda case, known: answers_task.check_task(case.built, known),
 )
 UNITS: dict[str, Callable[[Kind], list[Judge]]] = {

@@ -1,22 +1,23 @@
-"""The vehicle's equations in C against CasADi's own machine: within the rounding of single precision, to the bit in double."""
+"""Comparison of the vehicle equations in C with CasADi: within single-precision rounding, or bit for bit in double
+precision."""
 
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.sil.software import Software
 from codegen.vehicle.dynamics import TyreModel, single_track
 from tests.sil.case import Case
 from tests.sil.rounding import rounding_bounds
 
-FloatArray = npt.NDArray[np.float64]
 MODELS: tuple[TyreModel, ...] = ("linear", "magic-formula")
 POINTS = 250
 
 
 def dynamics_points(count: int) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """States and inputs of a car that is driven, or slides."""
+    """Return states and inputs of cars in normal driving and in a slide."""
     rng = np.random.default_rng(6)
     x = rng.normal(size=(count, 2)) * [0.06, 0.4]
     u = np.column_stack([rng.uniform(1.0, 60.0, count), rng.normal(size=(count, 2)) * 0.08, rng.uniform(0.1, 1.2, count)])
@@ -24,7 +25,7 @@ def dynamics_points(count: int) -> tuple[npt.NDArray[np.float32], npt.NDArray[np
 
 
 def generated(software: Software, name: str, x: npt.NDArray[Any], u: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Rows of the generated function's results; a Jacobian as 2 x (2 + 4) by rows."""
+    """Return the rows of the generated function's results; a Jacobian as 2 x (2 + 4) by rows."""
     function = software.function(f"dynamics_{name}")
     state, given = software.new("dynamics_state"), software.new("dynamics_input")
     rows = []
@@ -40,7 +41,7 @@ def generated(software: Software, name: str, x: npt.NDArray[Any], u: npt.NDArray
 
 
 def _by_rows(dfdx: Any, dfdu: Any) -> FloatArray:
-    """CasADi's column-major elements in the order of `generated`; each (n, elements)."""
+    """Return CasADi's column-major elements in the order of `generated`, (n, elements)."""
     return np.hstack([dfdx[:, 0::2], dfdu[:, 0::2], dfdx[:, 1::2], dfdu[:, 1::2]])
 
 
@@ -49,7 +50,7 @@ def _only(result: Any) -> Any:
 
 
 def _known(case: Case) -> list[tuple[str, Any, Any]]:
-    """Return the name of each function, what CasADi's machine gives in double precision and how far rounding may be from it."""
+    """Return each function's name, CasADi's double-precision result and the bound of its rounding error."""
     x, u = (points.astype(np.float64) for points in dynamics_points(POINTS))
     is_single = case.built.real is np.float32
     known = []
@@ -65,7 +66,7 @@ def _known(case: Case) -> list[tuple[str, Any, Any]]:
 
 
 def check_dynamics(case: Case) -> None:
-    """Values and Jacobians of both tyres are the machine's, and a speed below one counts as one."""
+    """Check values and Jacobians of both tyres against CasADi, and that a speed below 1 m/s counts as 1 m/s."""
     if "dynamics" not in case.known:
         case.known["dynamics"] = _known(case)
     x, u = dynamics_points(POINTS)

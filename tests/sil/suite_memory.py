@@ -1,6 +1,6 @@
-"""A program around a build that calls all of it with extremes and at random, under AddressSanitizer and UBSan.
+"""A program that calls a whole build with extreme and random arguments under AddressSanitizer and UBSan.
 
-An address out of bounds may give the right number, and is a fault all the same: no comparison of results sees it.
+An out-of-bounds access may still return the right number, so no comparison of results detects it.
 """
 
 import os
@@ -14,7 +14,7 @@ from codegen.emit.can_view import task_name
 from tests.sil.case import Case
 
 FLAGS = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-DARS_SECTION_CALIBRATION=")
-"""The sanitizer sees beyond the end of an object only where no section is named for it."""
+"""The sanitizer detects an overrun of an object only if the object is in no named section."""
 
 PROGRAM = """
 #include "ars_can.h"
@@ -47,7 +47,7 @@ static uint32_t number(uint32_t below)
     return (state >> 8) % below;
 }
 
-/* Mostly within what a car does; now and then an extreme, or a limit of the map. */
+/* Mostly plausible; sometimes an extreme or a limit of the map. */
 static REAL any(REAL most)
 {
     switch (number(12u)) {
@@ -70,10 +70,10 @@ static void maps(void)
     }
 }
 
-/* Each object is a block of its own: the sanitizer sees one byte beyond it. */
+/* Each object is a separate block, so the sanitizer detects an access one byte beyond it. */
 static void controllers(const ars_parameters_t *defaults)
 {
-    ars_parameters_t open = *defaults; /* whatever is in its range is believed: the law sees all of it */
+    ars_parameters_t open = *defaults; /* every value in range is trusted, so the law receives all of them */
     open.inputs.speed_step = 200;
     open.inputs.front_angle_step = 3;
     open.inputs.yaw_rate_step = 40;
@@ -172,7 +172,7 @@ int main(void)
 
 
 def check_memory(case: Case) -> None:
-    """The program ends as it should: no address out of bounds, nothing undefined, and the self-test passes."""
+    """Check that the program ends normally: no out-of-bounds access, no undefined behaviour, and the self-test passes."""
     root = case.tree.root / "memory"
     if "memory" not in case.kept:
         case.kept["memory"] = _prepare(case, root)
@@ -189,7 +189,7 @@ def check_memory(case: Case) -> None:
 
 
 def _prepare(case: Case, root: Path) -> dict[str, Path]:
-    """Compile the unaltered units and the program."""
+    """Compile the unmodified units and the program."""
     root.mkdir(exist_ok=True)
     (root / "main.c").write_text(_program(case), encoding="ascii")
     case.compiler.compile(case.tree.root, "memory/main.c", root / "main.o", ("-std=gnu99", *FLAGS))
@@ -212,7 +212,7 @@ def _program(case: Case) -> str:
 
 
 def _listed(breakpoints: Any, real: Any) -> str:
-    """The ends and some of the rest, each with its neighbours."""
+    """Return the ends and some other breakpoints, each with its neighbours."""
     some = np.unique(np.concatenate([breakpoints[:3], breakpoints[3:-3:20], breakpoints[-3:]]).astype(real))
     near = np.concatenate([np.nextafter(some, real(-np.inf)), some, np.nextafter(some, real(np.inf))])
     return ", ".join(float(value).hex() for value in near)

@@ -1,24 +1,23 @@
-"""The closed loop: in C and from Python the same bits; delay, passive car, both precisions."""
+"""The closed loop: the same bits in C and from Python; delay, passive car, both precisions."""
 
 import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
+from codegen.arrays import FloatArray
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Status
 from tests import builds
 from tests.builds import Built
 
-FloatArray = npt.NDArray[np.float64]
 STEPS = 10  # plant steps in a sample
 KM_H = 1.0 / 3.6
 
 
 def inputs(samples: int, **columns: Any) -> FloatArray:
-    """A scenario; what is not given is a straight dry road at 42.5 km/h."""
+    """Return a scenario; the default is a straight dry road at 42.5 km/h."""
     values = {"speed": 42.5 * KM_H, "friction": 0.9, "friction_estimate": math.nan, **columns}
     return np.stack(
         [np.broadcast_to(np.asarray(values.get(name, 0.0), dtype=float), samples * STEPS) for name in INPUT_COLUMNS], axis=1
@@ -26,17 +25,20 @@ def inputs(samples: int, **columns: Any) -> FloatArray:
 
 
 def step_steer(samples: int = 300, speed: float = 42.5, angle: float = 90.0) -> FloatArray:
-    """The steering wheel (deg) turned after half a second."""
+    """Return a step of the steering wheel (deg) after half a second."""
     time = np.arange(samples * STEPS) * 1e-3
     return inputs(samples, speed=speed * KM_H, steering_wheel_command=np.where(time < 0.5, 0.0, math.radians(angle)))
 
 
 def everything_at_once(samples: int = 300) -> FloatArray:
-    """Inputs that change within a sample too: sine steer, braking through standby into reverse and back, a slippery patch with
-    its estimate, a gust, ESC, a moment without speed. The controller tracks, stands by, and does without a signal."""
+    """Return inputs that also change within a sample.
+
+    Sine steer, braking through standby into reverse and back, a slippery patch with its estimate, a gust, ESC, a moment without
+    speed. The controller tracks, stands by, and works without a signal.
+    """
     time = np.arange(samples * STEPS) * 1e-3
     speed = 18.0 * np.cos(2.0 * np.pi * time / 2.5)
-    speed[(time > 0.6) & (time < 0.72)] = 250.0  # beyond the input range: a gap, and a signal that is replaced
+    speed[(time > 0.6) & (time < 0.72)] = 250.0  # beyond the input range: a gap, and a replaced signal
     return inputs(
         samples,
         speed=speed,
@@ -71,7 +73,7 @@ def either(request: pytest.FixtureRequest) -> Built:
 
 @pytest.mark.parametrize(("name", "delay", "controlled"), [("everything at once", 3, True), ("step steer", 0, True),
                                                            ("to the right, fast", 100, False)])  # fmt: skip
-def test_in_c_and_stepped_from_python_the_same_bits(either: Built, name: str, delay: int, controlled: bool) -> None:
+def test_c_and_python_loops_give_the_same_bits(either: Built, name: str, delay: int, controlled: bool) -> None:
     options = LoopOptions(controlled=controlled, delay_samples=delay)
     in_c, stepped = (ClosedLoop(either.software, options) for _ in range(2))
     record = in_c.run(SCENARIOS[name])
@@ -80,8 +82,8 @@ def test_in_c_and_stepped_from_python_the_same_bits(either: Built, name: str, de
     assert name != "everything at once" or seen >= {Status.TRACKING, Status.STANDBY, Status.DEGRADED}
 
 
-def test_a_run_in_pieces_is_the_run_in_one(either: Built) -> None:
-    """State and waiting commands carry over, between both ways of running as well; only the time starts again."""
+def test_a_run_in_pieces_equals_one_run(either: Built) -> None:
+    """State and delayed commands carry over, also between both ways of running; only the time restarts."""
     scenario = SCENARIOS["everything at once"]
     whole = run(either, scenario, delay_samples=3)
     loop = ClosedLoop(either.software, LoopOptions(delay_samples=3))
@@ -103,7 +105,7 @@ def test_the_passive_car_keeps_its_rear_wheels_straight(either: Built) -> None:
 
 
 @pytest.mark.parametrize("delay", [0, 3])
-def test_a_command_acts_so_many_whole_samples_late(either: Built, delay: int) -> None:
+def test_a_command_is_delayed_by_whole_samples(either: Built, delay: int) -> None:
     """Without delay it acts from the sample that it was computed from."""
     record = run(either, step_steer(), delay_samples=delay)
     command, angle = column(record, "rear_angle_command_rad"), column(record, "rear_angle_rad")

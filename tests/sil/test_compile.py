@@ -1,4 +1,4 @@
-"""Compiling with cffi: real C samples, both modes, the cache, and what is told when it cannot be done."""
+"""Compiling with cffi: small C examples, both modes, the cache, and the messages of failures."""
 
 import hashlib
 import json
@@ -54,7 +54,7 @@ static inline float sample_half(float value)
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A cache of the test's own; a compiler set by the user's CC is not what these tests are about."""
+    """Provide a cache for the test, without a compiler from the user's CC."""
     folder = tmp_path / "cache"
     monkeypatch.setenv("ARS_CACHE", str(folder))
     monkeypatch.delenv("CC", raising=False)
@@ -68,8 +68,8 @@ def tiny(value: int) -> Sources:
 
 
 @pytest.fixture
-def unique(tmp_path: Path) -> Sources:
-    """`tiny(1)` in sources that no other test has, so that this process has not loaded them yet."""
+def unique_sources(tmp_path: Path) -> Sources:
+    """Return `tiny(1)` in sources of this test only, which the process has not loaded yet."""
     return {**tiny(1), "src/unique.h": f"/* {tmp_path} */\n"}
 
 
@@ -78,15 +78,15 @@ def compiled(sources: Sources, mode: Any = "abi") -> Library:
 
 
 def script(path: Path, body: str) -> str:
-    """An executable shell script; returns its path."""
+    """Write an executable shell script and return its path."""
     path.write_text(f"#!/bin/sh\n{body}\n", encoding="utf-8")
     path.chmod(0o755)
     return str(path)
 
 
 @pytest.fixture
-def logged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A log with one line for each start of the compiler, its arguments."""
+def compiler_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the path of a log that gets one line of arguments for each start of the compiler."""
     log = tmp_path / "log"
     log.touch()
     monkeypatch.setenv("CC", script(tmp_path / "logged-cc", f'echo "$@" >> "{log}"\nexec {find_compiler()} "$@"'))
@@ -94,7 +94,7 @@ def logged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def compilations(log: Path) -> int:
-    """How often a source was compiled; questions for the version are not counted."""
+    """Return how often a source was compiled, without version queries."""
     return sum(" -c " in line for line in log.read_text(encoding="utf-8").splitlines())
 
 
@@ -110,14 +110,14 @@ print(library.lib.tiny(), library.path, flush=True)
 
 
 def start_process(sources: Sources, mode: str) -> subprocess.Popen[str]:
-    """A Python process that compiles and calls `tiny` when it reads a line."""
+    """Start a Python process that compiles and calls `tiny` when it reads a line."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", CHILD, json.dumps([sources, mode])]
     return subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, Path]:
-    """What `tiny` returned there, and the library's path."""
+    """Return the process's result of `tiny` and the library's path."""
     output, _ = process.communicate("go\n")
     assert process.returncode == 0
     value, path = output.split("\n")[-2].split(" ", 1)
@@ -159,12 +159,12 @@ def test_a_header_that_has_no_declarations_for_cffi_is_refused(tmp_path: Path, h
 # The compiler
 
 
-def test_the_first_compiler_on_the_path_is_taken(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_cache: Path, unique: Sources
+def test_the_first_compiler_on_the_path_is_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_cache: Path, unique_sources: Sources
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(BuildError, match=r"^no C compiler was found; install one, e\.g\. apt install gcc, or set CC$"):
-        compiled(unique, mode="auto")
+        compiled(unique_sources, mode="auto")
     assert not own_cache.exists()
     for name in ("clang", "gcc", "cc"):
         script(tmp_path / name, "exit 1")
@@ -172,7 +172,7 @@ def test_the_first_compiler_on_the_path_is_taken(
 
 
 @pytest.mark.parametrize("command", ["/nowhere/cc -O2", "''", "cc 'open"])
-def test_a_compiler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+def test_a_missing_compiler_is_named(monkeypatch: pytest.MonkeyPatch, command: str) -> None:
     monkeypatch.setenv("CC", command)
     with pytest.raises(BuildError) as caught:
         find_compiler()
@@ -181,7 +181,7 @@ def test_a_compiler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch, 
 
 
 def require_refused(sources: Sources, own_cache: Path, where: str, message: str) -> None:
-    """The sources are refused in one line, and nothing is left in the cache."""
+    """Check that the sources are rejected with one line and nothing is left in the cache."""
     with pytest.raises(BuildError, match=message) as caught:
         compiled(sources, mode="auto")
     assert caught.value.where == where
@@ -189,10 +189,10 @@ def require_refused(sources: Sources, own_cache: Path, where: str, message: str)
     assert list(own_cache.iterdir()) == []
 
 
-def test_the_first_error_and_its_place(unique: Sources, own_cache: Path) -> None:
-    require_refused({**unique, "src/tiny.c": '#include "absent.h"\n'}, own_cache, "src/tiny.c:1", "absent.h")
+def test_the_first_error_and_its_place(unique_sources: Sources, own_cache: Path) -> None:
+    require_refused({**unique_sources, "src/tiny.c": '#include "absent.h"\n'}, own_cache, "src/tiny.c:1", "absent.h")
     warned = "int tiny(void)\n{\n    int unused;\n    return 1;\n}\n"  # a warning is an error
-    require_refused({**unique, "src/tiny.c": warned}, own_cache, "src/tiny.c:3", "unused")
+    require_refused({**unique_sources, "src/tiny.c": warned}, own_cache, "src/tiny.c:3", "unused")
 
 
 @pytest.mark.parametrize(
@@ -203,29 +203,29 @@ def test_the_first_error_and_its_place(unique: Sources, own_cache: Path) -> None
         ("echo '/tmp/x.s: Fatal error: cannot write: No space left on device' >&2; exit 1", "No space left on device"),
     ],
 )
-def test_a_compiler_that_fails_by_itself_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unique: Sources, own_cache: Path, body: str, message: str
+def test_a_crashing_compiler_is_reported_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unique_sources: Sources, own_cache: Path, body: str, message: str
 ) -> None:
     compiler = f'case " $* " in *" -c "*) {body};; esac\nexec {find_compiler()} "$@"'
     monkeypatch.setenv("CC", script(tmp_path / "failing-cc", compiler))
-    require_refused(unique, own_cache, "src/tiny.c", message)
+    require_refused(unique_sources, own_cache, "src/tiny.c", message)
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_what_the_linker_and_cffi_refuse(unique: Sources, mode: str) -> None:
+def test_errors_of_linker_and_cffi(unique_sources: Sources, mode: str) -> None:
     absent = {"src/tiny.c": "int absent(void);\nint tiny(void);\nint tiny(void)\n{\n    return absent();\n}\n"}
     for _ in range(2):  # the second time it comes from the cache
         with pytest.raises(BuildError, match=r"does not load: .*absent"):
-            compiled({**unique, **absent}, mode=mode)
+            compiled({**unique_sources, **absent}, mode=mode)
     with pytest.raises(BuildError, match=r"(multiple definition|duplicate symbol).*tiny"):
-        compiled({**unique, "src/again.c": unique["src/tiny.c"]}, mode=mode)
+        compiled({**unique_sources, "src/again.c": unique_sources["src/tiny.c"]}, mode=mode)
     odd = {"include/tiny.h": "int tiny(void);\ntypedef struct { int a[sizeof(int)]; } s_t;\n"}
     with pytest.raises(BuildError, match="cffi does not take"):
-        compiled({**unique, **odd}, mode=mode)
+        compiled({**unique_sources, **odd}, mode=mode)
 
 
-def test_flags_of_a_unit_are_for_it_alone_and_not_for_the_linker() -> None:
-    """The linker would refuse its option; here the compiler takes no notice of it."""
+def test_flags_of_a_unit_reach_neither_other_units_nor_the_linker() -> None:
+    """The linker would reject its option; the compiler ignores it."""
     sources = {"two.h": "int one(void);\nint two(void);\n", "one.c": '#include "two.h"\nint one(void) { return NUMBER; }\n'}
     sources["two.c"] = '#include "two.h"\n#ifdef NUMBER\n#error "not for this one"\n#endif\nint two(void) { return 2; }\n'
     for number in (1, 7):  # another flag, another library
@@ -234,14 +234,14 @@ def test_flags_of_a_unit_are_for_it_alone_and_not_for_the_linker() -> None:
         assert (library.lib.one(), library.lib.two()) == (number, 2)
 
 
-def test_the_checked_mode_is_taken_where_python_h_is_and_nothing_is_printed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unique: Sources, capfd: pytest.CaptureFixture[str]
+def test_the_checked_mode_needs_python_h_and_prints_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unique_sources: Sources, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    library = compiled(unique, mode="auto")
+    library = compiled(unique_sources, mode="auto")
     assert library.mode == MODES[0]
-    assert library is compiled(unique, mode=MODES[0])
+    assert library is compiled(unique_sources, mode=MODES[0])
     monkeypatch.setattr(sysconfig, "get_path", lambda _name: str(tmp_path / "no-headers"))
-    plain = compiled({**unique, **tiny(2)}, mode="auto")
+    plain = compiled({**unique_sources, **tiny(2)}, mode="auto")
     assert (plain.mode, plain.lib.tiny()) == ("abi", 2)
     assert capfd.readouterr() == ("", "")
 
@@ -249,44 +249,46 @@ def test_the_checked_mode_is_taken_where_python_h_is_and_nothing_is_printed(
 # The cache
 
 
-def test_whatever_decides_the_result_is_in_the_key(unique: Sources, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_everything_that_affects_the_result_is_in_the_key(unique_sources: Sources, monkeypatch: pytest.MonkeyPatch) -> None:
     def path(sources: Sources, name: str = "tiny", **options: Any) -> Path:
         return compile_library(name, sources, ["include/tiny.h"], **{"mode": "abi", **options}).path
 
-    paths = [path(unique), path({**unique, **tiny(2)}), path(unique, name="other")]
-    paths += [path(unique, flags=(*DEFAULT_FLAGS, "-O0")), path(unique, include_folders=("include", "src"))]
+    paths = [path(unique_sources), path({**unique_sources, **tiny(2)}), path(unique_sources, name="other")]
+    paths += [path(unique_sources, flags=(*DEFAULT_FLAGS, "-O0")), path(unique_sources, include_folders=("include", "src"))]
     monkeypatch.setenv("CC", f"{find_compiler()} -DOTHER")
-    paths.append(path(unique))
+    paths.append(path(unique_sources))
     assert len(set(paths)) == len(paths)
 
 
-def test_threads_and_later_calls_share_one_build(logged: Path, unique: Sources) -> None:
+def test_threads_and_later_calls_share_one_build(compiler_log: Path, unique_sources: Sources) -> None:
     with ThreadPoolExecutor(4) as pool:
-        libraries = list(pool.map(lambda _: compiled(unique), range(8)))
+        libraries = list(pool.map(lambda _: compiled(unique_sources), range(8)))
     assert len({id(library) for library in libraries}) == 1
-    assert compilations(logged) == 1
+    assert compilations(compiler_log) == 1
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_processes_at_once_and_later_ones_take_what_stands(logged: Path, unique: Sources, own_cache: Path, mode: str) -> None:
-    processes = [start_process(unique, mode) for _ in range(2)]
+def test_concurrent_and_later_processes_share_one_build(
+    compiler_log: Path, unique_sources: Sources, own_cache: Path, mode: str
+) -> None:
+    processes = [start_process(unique_sources, mode) for _ in range(2)]
     for process in processes:
         assert process.stdout is not None and process.stdout.readline() == "ready\n"
-    for process in processes:  # both are up: now they compile side by side
+    for process in processes:  # both are running: now they compile concurrently
         assert process.stdin is not None
         process.stdin.write("go\n")
         process.stdin.flush()
     found = [finish(process) for process in processes]
     assert [value for value, _ in found] == [1, 1]
     assert {path.suffix for path in own_cache.iterdir()} == {".so", ".json"}
-    count = compilations(logged)
-    assert finish(start_process(unique, mode)) in found
-    assert compilations(logged) == count > 0
+    count = compilations(compiler_log)
+    assert finish(start_process(unique_sources, mode)) in found
+    assert compilations(compiler_log) == count > 0
 
 
 @pytest.mark.parametrize("damage", ["truncated", "no library", "half an index", "foreign"])
-def test_a_damaged_entry_is_built_again(logged: Path, unique: Sources, damage: str) -> None:
-    _, path = finish(start_process(unique, "abi"))
+def test_a_damaged_entry_is_built_again(compiler_log: Path, unique_sources: Sources, damage: str) -> None:
+    _, path = finish(start_process(unique_sources, "abi"))
     (index,) = path.parent.glob("*.json")
     content = path.read_bytes()
     if damage == "truncated":
@@ -299,26 +301,27 @@ def test_a_damaged_entry_is_built_again(logged: Path, unique: Sources, damage: s
         digest = hashlib.sha256(b"foreign").hexdigest()
         index.write_text(json.dumps({**json.loads(index.read_text(encoding="utf-8")), "sha256": digest}), encoding="utf-8")
         path.with_name(f"{path.stem.rpartition('-')[0]}-{digest[:16]}.so").write_bytes(b"foreign")
-    assert finish(start_process(unique, "abi")) == (1, path)
-    assert compilations(logged) == 2
+    assert finish(start_process(unique_sources, "abi")) == (1, path)
+    assert compilations(compiler_log) == 2
     assert path.read_bytes() == content
 
 
-def test_a_full_disk_is_one_line(unique: Sources, monkeypatch: pytest.MonkeyPatch, own_cache: Path) -> None:
+def test_a_full_disk_is_reported_in_one_line(unique_sources: Sources, monkeypatch: pytest.MonkeyPatch, own_cache: Path) -> None:
     def full(*_: object) -> int:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(BuildError, match=r"cannot be stored: No space left on device; .*ARS_CACHE"):
-        compiled(unique)
+        compiled(unique_sources)
     assert list(own_cache.iterdir()) == []
 
 
 @pytest.mark.parametrize("squatter", ["", "open folder", "link"])
-def test_where_nothing_can_be_written_a_private_temporary_folder_serves(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unique: Sources, squatter: str
+def test_a_private_temporary_folder_replaces_an_unwritable_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unique_sources: Sources, squatter: str
 ) -> None:
-    """`$ARS_CACHE` lies below a regular file, where not even root can write. What others could have left is not taken."""
+    """`$ARS_CACHE` is below a regular file, where not even root can write. A folder that others could have prepared is not
+    used."""
     (tmp_path / "file").touch()
     monkeypatch.setenv("ARS_CACHE", str(tmp_path / "file" / "cache"))
     (tmp_path / "tmp").mkdir()
@@ -334,5 +337,5 @@ def test_where_nothing_can_be_written_a_private_temporary_folder_serves(
     assert folder.parent == tmp_path / "tmp"
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     if not squatter:
-        library = compiled(unique)
+        library = compiled(unique_sources)
         assert (library.lib.tiny(), library.path.parent) == (1, folder)

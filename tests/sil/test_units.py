@@ -22,7 +22,7 @@ KINDS: dict[str, Kind] = {
 """Kind of the controller by the name of the case; the first two are the committed builds."""
 
 OF_THE_KIND = ("calibration", "controller", "task")
-"""Units that depend on the law. The others are the same C in every kind of one precision, so two kinds are enough for them."""
+"""Units that depend on the control law. The others are the same C in every kind of one precision; two kinds cover them."""
 
 MAPS: dict[str, Kind] = {
     "pi uneven": "pi",
@@ -32,8 +32,7 @@ MAPS: dict[str, Kind] = {
     "pi rough with int16": "pi",
     "feedforward rough stack with grip": "feedforward",
 }
-"""Maps with other axes, stacks of them, and what chosen breakpoints and a nonlinear tyre bring: the look-up has other C for
-each."""
+"""Maps with other axes and stacks, with chosen breakpoints and with a nonlinear tyre: the lookup has different C for each."""
 
 
 def _judged() -> list[Any]:
@@ -43,7 +42,9 @@ def _judged() -> list[Any]:
         found += [(name, judge) for judge in judges if not (judge.of_single and "double" in name)]
     for name, kind in MAPS.items():
         judges = whole(kind, ("map",))
-        judges = [judge for judge in judges if not (judge.of_single and "with" in name)]  # they write no such calibration
+        judges = [
+            judge for judge in judges if not (judge.of_single and "with" in name)
+        ]  # these judges cannot write such a calibration
         found += [(name, judge) for judge in judges if not (judge.of_one_layer and "stack" in name)]
     found += [(name, SANITIZED) for name in ("4ws2-paper", "4ws2", "tracking rough stack")]
     return [pytest.param(name, judge, id=f"{name}: {judge.name}") for name, judge in found]
@@ -55,7 +56,7 @@ def test_unit(name: str, judge: Judge) -> None:
 
 
 def test_receivers_with_other_settings() -> None:
-    """The protection of frames: limits at the ends of what a configuration takes."""
+    """E2E protection with limits at the ends of their configuration ranges."""
     window = {"window_size": 16, "min_ok_state_init": 5, "min_ok_state_valid": 4, "min_ok_state_invalid": 9}
     window |= {"max_error_state_init": 1, "max_error_state_valid": 7, "max_error_state_invalid": 4}
     strict = Can(e2e=E2e(max_delta_counter_init=0, max_no_new_or_repeated_data=14, sync_counter_init=0, **window))

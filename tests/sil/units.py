@@ -1,7 +1,6 @@
-"""The units of a build that stand alone - map, limiter, reference model - with calls over arrays.
+"""The separate units of a build (map, limiter, reference model) with calls over arrays.
 
-Arrays go in and out as they are in memory, so that any bit pattern arrives: a signalling NaN that passes through a Python float
-does not.
+Arrays are passed as memory, so that any bit pattern arrives. A signalling NaN would not survive a Python float.
 """
 
 import functools
@@ -23,7 +22,7 @@ RealArray = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """The units of a compiled build with the loops of `probe`, the map that it holds and its configuration."""
+    """The units of a compiled build with the loops of `probe`, the build's map and its configuration."""
 
     folder: Folder
     total: TotalMap
@@ -59,16 +58,15 @@ class Units:
         return array, self.library.ffi.from_buffer(f"{c_type(self.precision)}[]", array, require_writable=True)
 
     def map_reference(self, speed: Any, front_angle: Any, friction: Any = np.nan) -> RealArray:
-        """Rows (4, n) for arrays that broadcast to (n,): yaw rate (rad/s), rear angle (rad), lateral acceleration of the road
-        (m/s^2), and the yaw rate (rad/s) of the function that gives nothing else."""
+        """Return rows (4, n) for arrays that broadcast to (n,): yaw rate (rad/s), rear angle (rad), the road's lateral
+        acceleration (m/s^2), and the yaw rate (rad/s) of the function that returns only that."""
         arrays = np.broadcast_arrays(*(np.asarray(values, dtype=self.real) for values in (speed, front_angle, friction)))
         found, pointer = self._out(arrays[0].size, 4)
         self.library.lib.probe_map(*(self._in(array) for array in arrays), pointer, arrays[0].size)
         return found.T
 
     def limiter_parameters(self, **changes: Any) -> Any:
-        """The limiter's parameters of the build with a rate and bounds that have something to do, and some changed; its
-        valid-function decides on them."""
+        """Return the build's limiter parameters with an effective rate and bounds, and with changes; they must be valid."""
         parameters = self.library.ffi.new("ars_limiter_parameters_t *", self.library.lib.ars_parameters_default.limiter)
         points = len(parameters.opposite_phase_speed)
         values: dict[str, Any] = {
@@ -81,7 +79,7 @@ class Units:
         return parameters
 
     def limiter(self, parameters: Any, inputs: Any, start: float = 0.0) -> RealArray:
-        """Angles (n,) of a limiter that starts at an angle (rad) and takes inputs (n, 3): speed, front angle, demand."""
+        """Return angles (n,) of a limiter that starts at an angle (rad), for inputs (n, 3): speed, front angle, demand."""
         self_ = self.library.ffi.new("ars_limiter_t *")
         self.library.lib.ars_limiter_init(self_, start)
         angles, pointer = self._out(len(inputs))
@@ -89,13 +87,13 @@ class Units:
         return angles
 
     def model_from(self, states: Any, inputs: Any) -> RealArray:
-        """States (n, 3) after one step each from states (n, 3) with inputs (n, 4)."""
+        """Return states (n, 3) one step after states (n, 3) with inputs (n, 4)."""
         after, pointer = self._out(len(inputs), 3)
         self.library.lib.probe_model_from(self._in(states), self._in(inputs), pointer, len(inputs))
         return after
 
     def model_start(self, inputs: Any) -> RealArray:
-        """States (n, 3) where the model starts for inputs (n, 3): speed, yaw rate, rear angle."""
+        """Return the model's start states (n, 3) for inputs (n, 3): speed, yaw rate, rear angle."""
         states, pointer = self._out(len(inputs), 3)
         self.library.lib.probe_model_start(self._in(inputs), pointer, len(inputs))
         return states

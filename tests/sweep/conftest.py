@@ -1,4 +1,4 @@
-"""A small campaign, driven once for all workers: three chunks, two scenarios, three controllers."""
+"""A small campaign, run once for all workers: three chunks, two scenarios, three controllers."""
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -37,7 +37,7 @@ yaw_rate_noise_deg_s = 0.1
 delay_samples = [0, 1, 2]
 """
 SAMPLES = 200
-"""Each of six runs: three chunks, the last one short."""
+"""Samples with six runs each: three chunks, the last one short."""
 
 
 def write_spec(at: Path, samples: int = SAMPLES, more: str = "") -> Path:
@@ -56,7 +56,7 @@ def damage(path: Path, column: int) -> None:
 
 
 class Recording(Threads):
-    """One thread that notes its chunks and calls `after` when a chunk is stored."""
+    """One thread that records its chunks and calls `after` when a chunk is stored."""
 
     def __init__(self, after: Callable[[int], object] = lambda number: None) -> None:
         super().__init__(1)
@@ -72,7 +72,7 @@ class Recording(Threads):
 
 @pytest.fixture(scope="package", autouse=True)
 def _several_groups() -> Iterator[None]:
-    """Store several groups of rows in a file, as long campaigns do."""
+    """Store several row groups in a file, like long campaigns."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(store, "ROWS_PER_GROUP", 400)
         yield
@@ -85,6 +85,6 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 @pytest.fixture(scope="package")
 def whole(plan: Plan) -> Path:
-    """The file of the campaign. Tests must not change its folder."""
-    with shared.alone("sweep campaign") as folder:
+    """Return the file of the campaign. Tests must not change its folder."""
+    with shared.locked("sweep campaign") as folder:
         return run_campaign(plan, folder, Threads(1))

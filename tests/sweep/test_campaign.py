@@ -1,4 +1,4 @@
-"""Campaigns: the same bytes from every engine, resumption, the folder, and each run as if it were driven alone."""
+"""Campaigns: the same bytes from every engine, resumption, the folder, and runs identical to single ones."""
 
 import math
 import os
@@ -63,7 +63,7 @@ def without_a_column(folder: Path, plan: Plan) -> None:
 
 
 @pytest.mark.parametrize("damage", [cut, copied, shortened, without_a_column])
-def test_an_interrupted_campaign_resumes_and_a_damaged_part_is_driven_again(
+def test_an_interrupted_campaign_resumes_and_a_damaged_part_is_run_again(
     plan: Plan, whole: Path, tmp_path: Path, damage: Callable[[Path, Plan], None]
 ) -> None:
     def interrupt(number: int) -> None:
@@ -81,11 +81,11 @@ def test_an_interrupted_campaign_resumes_and_a_damaged_part_is_driven_again(
     first, last = (6 * len(plan.samples_of(chunk)) for chunk in (1, 2))
     assert progress == [(first, 1200), (2 * first, 1200), (2 * first + last, 1200)]
     assert not (folder / "parts").exists()
-    assert run_campaign(plan, folder, idle) == made  # which is not driven again
+    assert run_campaign(plan, folder, idle) == made  # which is not run again
     assert idle.driven == []
 
 
-def test_a_folder_with_other_contents_is_left_alone(plan: Plan, whole: Path, tmp_path: Path) -> None:
+def test_a_folder_with_other_contents_stays_unchanged(plan: Plan, whole: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     for wanted, folder, message in (
         (with_seed(plan, 6), whole.parent, "it holds another campaign"),
@@ -113,7 +113,7 @@ def test_damaged_files_are_reported(plan: Plan, whole: Path, tmp_path: Path) -> 
             store.check_same(tmp_path / "file", plan)
 
 
-def test_the_file_is_on_the_disk_before_its_parts_go(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_file_is_synced_before_its_parts_are_removed(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store.prepare(tmp_path)
     store.open_folder(tmp_path, plan)
     for chunk in range(plan.chunk_count):
@@ -140,14 +140,14 @@ def test_the_file_is_on_the_disk_before_its_parts_go(plan: Plan, tmp_path: Path,
 # --- chunks and runs -----------------------------------------------------------------------------------------------
 
 
-def test_a_chunk_depends_on_seed_and_number_alone_and_its_memory_is_bounded(
+def test_a_chunk_depends_only_on_seed_and_number_and_its_memory_is_bounded(
     plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     of_longer = run_chunk(planning.read(write_spec(tmp_path, samples=5 * SAMPLES)), 0)
     per_sample = round(plan.config.controller.sampling_time_s / plan.config.plant.sampling_time_s)
     samples = max(profile.inputs.shape[0] for profile in plan.profiles) // per_sample
     of_one = 8 * planning.NUMBERS_PER_SAMPLE * samples
-    tracemalloc.start()  # the builds were compiled above, stay in memory and do not count
+    tracemalloc.start()  # the builds were compiled above and are not counted
     chunk = run_chunk(plan, 0)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
@@ -169,14 +169,14 @@ def test_a_processor_without_the_instructions_of_the_campaign(plan: Plan, monkey
 
 
 @pytest.mark.parametrize("run", [0, 2, 511, 700, 6 * SAMPLES - 1, *range(10, 6 * SAMPLES, 245)])
-def test_a_replayed_run_is_the_run(plan: Plan, whole: Path, run: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(chunks, "run_chunk", None)  # it needs no other run of its chunk
+def test_a_replayed_run_is_identical(plan: Plan, whole: Path, run: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chunks, "run_chunk", None)  # no other run of its chunk is needed
     found = replay(plan, run)
     row = {name: values[0] for name, values in pq.read_table(whole, filters=[("run", "=", run)]).to_pydict().items()}
     assert (found.controller, found.profile.name) == (row.pop("controller"), row.pop("scenario"))
     assert {name: value for name, value in row.items() if value is not None} == found.row
     assert next(iter(found.records)) == found.controller
-    fewer = replace(plan, controllers=(plan.controllers[run % 3],))  # another controller in the spec leaves a run as it was
+    fewer = replace(plan, controllers=(plan.controllers[run % 3],))  # another controller in the spec does not change a run
     if fewer.controllers[0].controlled:
         assert {**replay(fewer, run // 3).row, "run": float(run)} == found.row
     if "spun_at_s" not in found.row:
@@ -186,8 +186,8 @@ def test_a_replayed_run_is_the_run(plan: Plan, whole: Path, run: int, monkeypatc
 
 
 @pytest.mark.parametrize("run", [6, 10])
-def test_a_run_is_that_of_the_single_loop(plan: Plan, run: int) -> None:
-    """The factors reach the plant: the single loop runs with a changed configuration, and both without noise."""
+def test_a_run_equals_the_single_loop(plan: Plan, run: int) -> None:
+    """The factors reach the plant: the single loop runs with a changed configuration, both without noise."""
     found = replay(without_noise(plan), run)
     row, controller = found.row, plan.controllers[found.key.controller]
     change = plants.together(plants.mass(row["mass_percent"]), plants.stiffness(0.0, row["rear_stiffness_percent"]))
@@ -207,5 +207,5 @@ def test_noise_reaches_the_controller_and_not_the_cars_own_signals(plan: Plan) -
     quiet, record = without_noise(plan), lambda one, run, name: replay(one, run).records[name]
     assert np.array_equal(record(plan, 2, "passive"), record(quiet, 2, "passive"))
     noisy, calm = (record(each, 0, "pi")[:, 7] for each in (plan, quiet))
-    assert not calm[:20].any()  # straight on, before the driver steers
+    assert not calm[:20].any()  # straight ahead, before the driver steers
     assert np.count_nonzero(noisy != calm) > 15

@@ -1,4 +1,4 @@
-"""The samples of a campaign, and the cars that they describe."""
+"""Samples of a campaign and the cars they describe."""
 
 import itertools
 from collections.abc import Callable, Mapping
@@ -16,7 +16,7 @@ from hil_sim.suite import plants
 from tests import builds
 
 ROUNDING = 1e-13
-"""Relative: a few roundings of double precision, in another order."""
+"""Relative tolerance: a few roundings of double precision, in another order."""
 FRICTION = {"friction": {"uniform": [0.4, 0.9]}}
 MIXED = {**FRICTION, "mass_percent": {"normal": [5.0, 10.0], "within": [-10.0, 20.0]}, "delay_samples": [0, 1, 3]}
 
@@ -25,7 +25,7 @@ def spec(**tables: Any) -> Spec:
     return parse({"samples": 1000, "seed": 3, "controllers": {"pi": "a"}, **tables}, "sweep.toml")
 
 
-def test_a_factorial_design_has_every_combination_once_in_any_chunks() -> None:
+def test_a_factorial_design_has_every_combination_once() -> None:
     factors = {"friction": [0.4, 0.6, 0.9], "mass_percent": [0, 10], "speed_km_h": [60, 80]}
     made = parse({"design": "factorial", "controllers": {"pi": "a"}, "factors": factors}, "sweep.toml")
     parts = [draw(made, range(5 * chunk, min(5 * chunk + 5, 12))) for chunk in range(3)]
@@ -33,7 +33,7 @@ def test_a_factorial_design_has_every_combination_once_in_any_chunks() -> None:
     assert rows == list(itertools.product(*factors.values()))
 
 
-def test_a_sample_depends_on_its_number_and_the_seed_alone() -> None:
+def test_a_sample_depends_only_on_its_number_and_the_seed() -> None:
     """It is the same in every chunk and with more factors; other blocks and seeds have other samples."""
     made, count = spec(factors=MIXED), 2 * BLOCK + 100
     whole, whole_noise = draw(made, range(count)), noise(made, range(count), 0, 5)
@@ -68,7 +68,7 @@ def test_distributions() -> None:
 
 
 VEHICLE = builds.CONFIG.vehicle
-ARMS = {"cg_to_front_axle_m": VEHICLE.cg_to_front_axle_m - 0.1, "cg_to_rear_axle_m": VEHICLE.cg_to_rear_axle_m + 0.1}
+CG_SHIFT = {"cg_to_front_axle_m": VEHICLE.cg_to_front_axle_m - 0.1, "cg_to_rear_axle_m": VEHICLE.cg_to_rear_axle_m + 0.1}
 BY_B = plants.changed(
     builds.CONFIG,
     {"tyre": {axle: {"stiffness_factor_b_per_rad": 18.0, "cornering_stiffness_n_per_rad": None} for axle in ("front", "rear")}},
@@ -83,8 +83,8 @@ INERTIA = {"yaw_inertia_kg_m2": 1.3 * VEHICLE.yaw_inertia_kg_m2}
     [
         ({}, plants.unchanged),
         ({"yaw_inertia_percent": 30.0}, lambda config: plants.changed(config, {"vehicle": INERTIA})),
-        # With the same slopes of the tyres.
-        ({"cg_shift_m": 0.1}, lambda config: plants.changed(plants.stiffness(0.0, 0.0)(config), {"vehicle": ARMS})),
+        # With the same tyre slopes.
+        ({"cg_shift_m": 0.1}, lambda config: plants.changed(plants.stiffness(0.0, 0.0)(config), {"vehicle": CG_SHIFT})),
         ({"rear_lag_s": 0.1}, plants.actuator_lag(0.1)),
         (
             {
@@ -97,7 +97,7 @@ INERTIA = {"yaw_inertia_kg_m2": 1.3 * VEHICLE.yaw_inertia_kg_m2}
         ),
     ],
 )
-def test_cars_are_those_of_the_changed_configuration(
+def test_cars_match_the_changed_configuration(
     factors: Mapping[str, float], change: Callable[[Config], Config], base: Config
 ) -> None:
     (found,) = cars(base, {key: np.array([value]) for key, value in factors.items()}, 1)

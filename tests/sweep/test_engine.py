@@ -14,7 +14,8 @@ from codegen.sweep.engine import Dask
 
 @pytest.mark.parametrize("greeting", [None, b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])
 def test_nobody_or_another_program_at_the_address(greeting: bytes | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody; one that waits for a request, as Dask's client does too; one whose first bytes look like a size."""
+    """The cases: no listener; one that waits for a request, as Dask's client does too; one whose first bytes resemble a
+    size."""
     monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", 0.3)
     connections: list[socket.socket] = []
 

@@ -1,4 +1,4 @@
-"""Figures of many runs at once are those of `hil_sim.metrics`, run by run."""
+"""Figures of many runs at once: equal to those of `hil_sim.metrics`, run by run."""
 
 import math
 from dataclasses import replace
@@ -16,12 +16,14 @@ from hil_sim.suite.plants import changed
 from tests import builds
 
 ROUNDING = 1e-9
-"""Relative, and absolute near zero: sums over samples in another order, and a crossing between two samples computed by another
-expression; some 1,000 roundings of 1e-16 each, times at most 1e3 where two nearly equal numbers are subtracted."""
+"""Relative tolerance, absolute near zero. Sums have another order, and a crossing between two samples has another expression.
+
+Some 1,000 roundings of 1e-16 each, multiplied by up to 1e3 where two nearly equal numbers are subtracted.
+"""
 
 
 def recordings(name: str) -> list[np.ndarray]:
-    """Quiet, large and spinning runs of a scenario, and some that no car can drive."""
+    """Return quiet, large and spinning runs of a scenario, and some that are impossible for a car."""
     base, yaw_rate = SCENARIOS[name], RECORD_COLUMNS.index("yaw_rate_rad_s")
     conditions = ((42.5, 0.9, 90.0), (80.0, 0.9, 60.0), (80.0, 0.5, -40.0), (110.0, 0.35, 120.0), (60.0, 0.9, -20.0))
     found = []
@@ -33,13 +35,13 @@ def recordings(name: str) -> list[np.ndarray]:
     odd[len(odd) // 2 :, yaw_rate] = math.nan
     still[:, 1:] = 0.0
     swinging[:, yaw_rate] += 0.05 * np.sin(20.0 * swinging[:, 0])
-    lost = [name for name in COLUMNS if name not in ("front_angle_rad", "status")]  # the driver and the controller stay
+    lost = [name for name in COLUMNS if name not in ("front_angle_rad", "status")]  # driver and controller remain
     gone[len(gone) // 2 :, [RECORD_COLUMNS.index(name) for name in lost]] = math.nan
     return [*found, odd, still, swinging, gone]
 
 
-PLACE = ("speed_m_s", "front_angle_rad")
-"""Columns that a map is looked up with."""
+MAP_ARGUMENTS = ("speed_m_s", "front_angle_rad")
+"""Columns that are the arguments of the map."""
 
 
 @pytest.mark.parametrize(("name", "heavy"), [("step-steer", False), ("sine-with-dwell", False), ("sine-with-dwell", True)])
@@ -55,7 +57,7 @@ def test_every_figure_of_every_run(name: str, heavy: bool) -> None:
         steering_ratio=config.steering.ratio,
         mass=np.full(len(records), config.vehicle.mass_kg),
         slip_bounds=slip_bounds(config),
-        map_yaw_rate=look_up(*(stacked[-1, RECORD_COLUMNS.index(name)] for name in PLACE)).astype(np.float64),
+        map_yaw_rate=look_up(*(stacked[-1, RECORD_COLUMNS.index(name)] for name in MAP_ARGUMENTS)).astype(np.float64),
     )
     found, results = figures(described.kind, runs), []
     for index, record in enumerate(records):
@@ -72,7 +74,7 @@ def test_every_figure_of_every_run(name: str, heavy: bool) -> None:
     assert {result.spun_at is None for result in results} == {True, False}
     if name == "sine-with-dwell":
         assert {True, False, None} <= {result["meets_fmvss_126"] for result in results}
-        calm, gone = results[0], results[-1]  # figures of the time before the signals end remain
+        calm, gone = results[0], results[-1]  # figures from before the signals end remain
         assert gone.spun_at is not None and gone["lateral_displacement_m"] == calm["lateral_displacement_m"]
     else:
         assert any(result["settled"] for result in results)

@@ -1,4 +1,4 @@
-"""The facts that identify a campaign, and the specs and scenarios that cannot be driven."""
+"""Facts that identify a campaign, and specs and scenarios that cannot be run."""
 
 import json
 import re
@@ -18,12 +18,12 @@ TWO = '["step-steer", "sine-with-dwell"]'
 
 
 def edited(at: Path, *changes: tuple[str, str], samples: int = 8) -> Path:
-    """The spec of the tests with some text in the place of other."""
+    """Return the spec of the tests with some text replaced."""
     return edit(write_spec(at, samples=samples), *changes)
 
 
 def with_own(at: Path, *lines: str, base: str = "step-steer", length: str = "length_s = 3.9") -> Path:
-    """A spec whose one scenario is a file of these lines."""
+    """Return a spec whose only scenario is a file with these lines."""
     (at / "own.toml").write_text("\n".join(['name = "own"', f'base = "{base}"', *lines]))
     return edited(at, (TWO, '["own.toml"]'), ("length_s = 3.9", length))
 

@@ -1,4 +1,4 @@
-"""The region of stability: the linearisation against drives of the generated C."""
+"""The stability region: the linearisation compared with runs of the generated C."""
 
 from dataclasses import replace
 from typing import cast
@@ -51,17 +51,17 @@ def test_the_papers_loop_is_unstable_at_high_speed(driven: Region, linear: Regio
 
 def test_poles_and_margins_agree(linear: Region) -> None:
     has = np.isfinite(linear.gain_limit)
-    assert np.array_equal(has, linear.stable)  # each loop of the paper has a largest gain
+    assert np.array_equal(has, linear.stable)  # each loop of the paper has a maximum gain
     assert np.array_equal(linear.growth < 0.0, linear.stable)
     assert (linear.limit_growth[0][has] < 0.0).all() and (linear.limit_growth[1][has] > 0.0).all()
     assert np.allclose(20.0 * np.log10(linear.gain_limit[has]), linear.gain_margin_db[has])
     assert (linear.gain_margin_db[~has] == 0.0).all()
 
 
-def test_drives_confirm_the_gain_margins(driven: Region) -> None:
+def test_runs_confirm_the_gain_margins(driven: Region) -> None:
     sample = driven.margin_sample
     assert sample.sum() >= driven.stable.sum() // 4
-    for axes in ((1, 2), (0, 2), (0, 1)):  # every mass, friction and speed at which a loop is stable
+    for axes in ((1, 2), (0, 2), (0, 1)):  # every mass, friction and speed with a stable loop
         assert np.array_equal(sample.any(axis=axes), driven.stable.any(axis=axes))
     assert driven.margin_driven is not None
     assert (driven.margin_driven[0][sample] == 1.0).all() and (driven.margin_driven[1][sample] == 0.0).all()
@@ -71,7 +71,7 @@ def test_drives_confirm_the_gain_margins(driven: Region) -> None:
 
 
 def test_a_linearisation_with_other_gains_or_margins_is_contradicted(linear: Region) -> None:
-    """A fault in either of the two is found: too small and too large margins in turn; twice the build's integral gain."""
+    """The faults are margins that are too small and too large, and twice the build's integral gain."""
     folder, controller = builds.paper().folder, builds.CONFIG.controller
     factor = np.where(np.arange(linear.stable.size).reshape(SHAPE) // 2 % 2, 0.8, 1.25)
     wrong = confirm(replace(linear, gain_limit=factor * linear.gain_limit), folder.files, folder.manifest)
@@ -86,20 +86,24 @@ def test_a_linearisation_with_other_gains_or_margins_is_contradicted(linear: Reg
     cells = int(disagreeing.contradicted.sum())
     assert cells > 20
     first = SPEEDS_KM_H[int(disagreeing.contradicted.any(axis=(0, 1)).argmax())]
-    told = disagreeing.disagreement
-    # The paper's car is stable by itself and its law has no reference model: nothing explains them.
-    assert f"{cells} of {linear.stable.size} cells" in told and f"{cells} unexplained" in told and f"below {first:g}" in told
+    message = disagreeing.disagreement
+    # The paper's car is stable without control and its law has no reference model: nothing explains them.
+    assert (
+        f"{cells} of {linear.stable.size} cells" in message
+        and f"{cells} unexplained" in message
+        and f"below {first:g}" in message
+    )
     assert disagreeing.explanations == {ALONE_UNSTABLE: 0, MODEL_UNSTABLE: 0, UNEXPLAINED: cells}
     assert replace(disagreeing, critical_speed_km_h=first).explanations[MODEL_UNSTABLE] == cells
     assert replace(disagreeing, without=~disagreeing.without).explanations[ALONE_UNSTABLE] == cells
     assert disagreeing.disagreeing_from == first and wrong.explanations[ALONE_UNSTABLE] == 0
     assert "unexplained" not in replace(disagreeing, critical_speed_km_h=first).disagreement
     blocks = list(region_blocks({"other": disagreeing}))
-    assert [block.text for block in blocks if isinstance(block, Text) and block.kind == "notice"] == [f"other: {told}."]
+    assert [block.text for block in blocks if isinstance(block, Text) and block.kind == "notice"] == [f"other: {message}."]
 
 
-class _Planted:
-    """A batch that answers with planted swings: amplitudes at whole seconds, in rad/s."""
+class _PlantedBatch:
+    """A batch that returns given oscillations: amplitudes at whole seconds, in rad/s."""
 
     def __init__(self, *swings: list[float]) -> None:
         self.swings = swings
@@ -112,10 +116,10 @@ class _Planted:
         return np.array(rows).T[np.newaxis]
 
 
-def test_a_swing_that_grows_and_then_ends_is_unstable_and_one_that_dies_is_not() -> None:
+def test_growing_oscillations_are_unstable_and_decaying_ones_are_not() -> None:
     dies, grows = [1e-2 * 0.5**k for k in range(11)], [1e-4 * 2.0**k for k in range(11)]
     ends = [1e-3, 1e-3, 3e-3, 1e-2, 1e-1, 1e-2, *[0.0] * 5]
-    planted = cast(BatchSoftware, _Planted(dies, grows, ends))
+    planted = cast(BatchSoftware, _PlantedBatch(dies, grows, ends))
     ones = np.ones(3)
     assert list(_is_stable(planted, builds.CONFIG, None, 0.0 * ones, ones, 30.0 * ones, ones)) == [True, False, False]
 

@@ -1,4 +1,4 @@
-"""`sweep.toml`: what its tables count up to, and one line of error for each invalid one."""
+"""`sweep.toml`: the number of runs in its tables, and one line of error for each invalid one."""
 
 import math
 from pathlib import Path
@@ -21,7 +21,7 @@ def friction(value: Any) -> dict[str, Any]:
     return {"factors": {"friction": value}}
 
 
-def test_runs_are_samples_by_scenarios_by_controllers() -> None:
+def test_runs_are_the_product_of_samples_scenarios_and_controllers() -> None:
     spec = parse(GOOD, "x")
     assert (spec.design, spec.seed, spec.scenarios, spec.run_count) == ("monte-carlo", 0, ["step-steer"], 10)
     controllers = {"pi": "a", "tracking": "b", "passive": ""}

@@ -1,4 +1,4 @@
-"""The summary of a campaign against NumPy over the whole table."""
+"""The summary of a campaign compared with NumPy over the whole table."""
 
 from pathlib import Path
 
@@ -62,10 +62,10 @@ def test_the_criteria_of_fmvss_126_that_runs_fail(whole: Path, plan: Plan, summa
     }
     found = summary.outcomes["sine-with-dwell", name].to_dict()["fmvss_126_failed_by"]
     assert found == {criterion: int(where.sum()) for criterion, where in fails.items()}
-    # Together they are the runs that fail, and no others.
+    # Together they are exactly the failing runs.
     assert (np.any(list(fails.values()), axis=0) == (rows.meets_fmvss_126 == False)).all()  # noqa: E712
-    told = "Fail by: spin {}, ratio at 1 s {}, ratio at 1.75 s {}, lateral displacement {}".format(*found.values())
-    assert told in " ".join(dict(sections(summary))[f"sine-with-dwell, {name}"].split())
+    expected = "Fail by: spin {}, ratio at 1 s {}, ratio at 1.75 s {}, lateral displacement {}".format(*found.values())
+    assert expected in " ".join(dict(sections(summary))[f"sine-with-dwell, {name}"].split())
 
 
 def test_a_heavy_car_fails_by_less_displacement(plan: Plan) -> None:

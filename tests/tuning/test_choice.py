@@ -1,4 +1,4 @@
-"""The choice of lead and response gain among given figures."""
+"""The choice of lead and response gain from given figures."""
 
 import numpy as np
 import pytest
@@ -11,14 +11,14 @@ OWN = {"overshoot": 1.0, "settling": 0.8, "overshoot at larger angles": 1.0, "se
 
 
 def search(speeds: int = 1) -> _Search:
-    """A search of which only the limits and the number of speeds count: the configured car and one other."""
+    """Return a search with relevant limits and number of speeds only: the configured car and one other."""
     limits = np.repeat([[3.0], [15.0]], speeds, axis=1)
     names = {"software": None, "schedule": None, "ahead": 0.06, "profile": None, "lanes": None}
     return _Search(**names, speeds=tuple(60.0 + 20.0 * k for k in range(speeds)), limits=limits)  # type: ignore[arg-type]
 
 
 def figures(*rows: dict[str, float], other: float = 2.0) -> np.ndarray:
-    """Figures (n, 5, 2, 1): what differs from OWN; the overshoot of the other car."""
+    """Return figures (n, 5, 2, 1): OWN with the rows' differences, and the overshoot of the other car."""
     result = np.zeros((len(rows), len(FIGURES), 2, 1))
     for k, row in enumerate(rows):
         result[k, :, 0, 0] = [{**OWN, **row}[name] for name in FIGURES]
@@ -41,20 +41,20 @@ def figures(*rows: dict[str, float], other: float = 2.0) -> np.ndarray:
         pytest.param({"rise": 0.4}, {"rise": 0.3, "settling": np.inf, "overshoot": np.inf}, id="no spin"),
     ],
 )
-def test_what_counts_first(better: dict[str, float], worse: dict[str, float]) -> None:
+def test_priorities_of_the_choice(better: dict[str, float], worse: dict[str, float]) -> None:
     assert search().best(figures(worse, better)) == [1]
     assert search().best(figures(better, worse)) == [0]
 
 
 def test_pairs_of_neighbouring_speeds_stay_near_each_other_unless_it_costs_more() -> None:
-    """Three speeds; at the middle one a pair far away is a little faster than the one next to the best of the others."""
+    """At the middle of three speeds a distant pair is slightly faster than the one next to the best of the others."""
     pairs = np.array([[(lead, gain)] * 3 for lead in LEADS_S[:2] for gain in RESPONSE_GAINS_S])
     near, far = 0, len(pairs) - 1
     found = np.repeat(figures(*[{"rise": 0.6}] * len(pairs)), 3, axis=-1)
     rise = found[:, FIGURES.index("rise"), 0]
     rise[near] = 0.3, 0.31, 0.3
     steps = 1 + len(RESPONSE_GAINS_S) - 1
-    for gain, chosen in ((0.5, near), (1.5, far)):  # times what the way there and back costs
+    for gain, chosen in ((0.5, near), (1.5, far)):  # in units of the cost of moving there and back
         rise[far, 1] = 0.31 - gain * 2.0 * steps * transient.DISTANCE_PRICE_S
         assert search(3).smooth_best(pairs, found) == [near, chosen, near]
     assert search(3).best(found)[1] == far

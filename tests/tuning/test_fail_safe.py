@@ -1,4 +1,4 @@
-"""Rate of the fail-safe: the outcome of each candidate, driven alone and step by step, and the choice among them."""
+"""Rate of the fail-safe: the outcome of each candidate, simulated alone step by step, and the choice among them."""
 
 import math
 from dataclasses import replace
@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from codegen.configuration import KM_H
 from codegen.optimum.turns import turns_of
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Measurement
@@ -25,17 +24,19 @@ from codegen.tuning.fail_safe import (
 )
 from codegen.tuning.transient import compile_controller
 from codegen.tuning.tune import with_controller
+from codegen.units import KM_H
 from hil_sim.metrics.run import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from hil_sim.suite.subjects import of_config
 from tests import builds
 
 SPEED = 120.0 * KM_H
 SLOW, FAST = 0.5, 25.0
-"""deg/s: the first spins where the driver straightens, the other where the driver keeps the wheel."""
+"""deg/s: the first spins when the driver straightens, the other when the driver holds the wheel."""
 
 
 def spins_alone(rate_deg_s: float, driver: Driver) -> bool:
-    """Whether the configured car spins at the edge of the map at 120 km/h: plant and controller in a loop of Python."""
+    """Return whether the configured car spins at the edge of the map at 120 km/h, with plant and controller in a Python
+    loop."""
     config = with_controller(builds.TRACKING_CONFIG, {"fail_safe": {"rate_deg_s": rate_deg_s}}, "test")
     plant, controller = Plant(config), of_config("alone", builds.paper_map(), config).around(config).controller()
     period, steps = config.controller.sampling_time_s, round(config.controller.sampling_time_s / config.plant.sampling_time_s)
@@ -57,7 +58,7 @@ def spins_alone(rate_deg_s: float, driver: Driver) -> bool:
     return False
 
 
-def test_each_rate_spins_as_often_as_when_driven_alone_and_wrong_ones_lose(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_rate_spins_as_often_as_alone_and_wrong_ones_lose(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fail_safe, "SPEED_SHARES", (1.0,))
     monkeypatch.setattr(fail_safe, "ANGLE_SHARES", (1.0,))
     config = builds.TRACKING_CONFIG

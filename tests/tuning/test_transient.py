@@ -1,4 +1,4 @@
-"""Lead and response gain: the chosen pairs, driven alone."""
+"""Lead and response gain: the chosen pairs, simulated alone."""
 
 import numpy as np
 import pytest
@@ -23,8 +23,8 @@ from hil_sim.suite.subjects import of_config
 from tests import builds
 
 
-def test_the_chosen_pairs_keep_their_limits_when_driven_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rise times in whole samples may differ by one: the steady yaw rate is averaged over another second."""
+def test_the_chosen_pairs_keep_their_limits_when_simulated_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rise times may differ by one sample, because the steady yaw rate is averaged over another second."""
     monkeypatch.setattr(transient, "RESPONSE_GAINS_S", (0.0, 0.1))
     monkeypatch.setattr(transient, "LEADS_S", LEADS_S[::2])
     schedule = Schedule(speed_km_h=[15.0, 60.0, 100.0], proportional_gain_s=[0.03, 0.06, 0.09], integral_gain=[1.7, 1.2, 0.8])
@@ -49,7 +49,7 @@ def test_the_chosen_pairs_keep_their_limits_when_driven_alone(monkeypatch: pytes
 
 
 @pytest.mark.parametrize(("settling", "expected"), [("1.09 1.0 0.9", 0.06), ("1.2 1.0 0.9", 0.105), ("1.3 1.2 1.25", 0.105)])
-def test_the_first_sufficient_look_ahead_counts(monkeypatch: pytest.MonkeyPatch, settling: str, expected: float) -> None:
+def test_the_first_sufficient_look_ahead_is_chosen(monkeypatch: pytest.MonkeyPatch, settling: str, expected: float) -> None:
     tried = map(float, settling.split())
     monkeypatch.setattr(transient, "_pairs", lambda *_: (Response(60.0, 0.0, 0.0, 4.2, next(tried), 0.3, 4.0),))
     monkeypatch.setattr(transient._Search, "of", lambda *_: None)

@@ -1,9 +1,9 @@
-"""An independent car, written from the physics in words, as the oracle of the plant. It imports nothing of the project.
+"""An independent car model, written from the physics, as the oracle of the plant. It imports nothing from the project.
 
-A rigid body moves in the plane at a given forward speed, on four wheels. At each wheel the side force follows from the slip
-angle by the Magic Formula at that wheel's load; it acts across the wheel. The lateral acceleration vx r moves load from the
-inner to the outer wheels, each axle its share, until the inner wheel lifts. With a relaxation length, the four slip angles
-that the forces follow from are states too.
+A rigid body moves in the plane at a given forward speed, on four wheels. The side force of each wheel follows from the slip
+angle by the Magic Formula at that wheel's load and acts across the wheel. The lateral acceleration vx r transfers load from the
+inner to the outer wheels, with a given share for each axle, until the inner wheel lifts. With a relaxation length, the four
+slip angles that determine the forces are states too.
 """
 
 import math
@@ -15,12 +15,12 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 ROLLING_SPEED_MIN = 0.5
-"""m/s: a wheel that rolls slower counts as rolling at this speed."""
+"""m/s: a slower wheel counts as rolling at this speed."""
 
 
 @dataclass(frozen=True)
 class TyreData:
-    """One tyre. `slope` is its cornering stiffness in N/rad at static load and at the friction of dry road."""
+    """Data of one tyre. `slope` is its cornering stiffness in N/rad at static load and dry-road friction."""
 
     slope: float
     shape: float = 1.3
@@ -33,19 +33,19 @@ class TyreData:
 
 @dataclass(frozen=True)
 class Lag:
-    """First-order lag with a rate limit: s, and units of the angle for each second."""
+    """First-order lag with a rate limit: s, and units of the angle per second."""
 
     time_constant: float
     rate_limit: float
 
     def rate(self, error: float) -> float:
-        """Rate of an angle that misses its command by `error`."""
+        """Return the rate of an angle that differs from its command by `error`."""
         return min(max(error / self.time_constant, -self.rate_limit), self.rate_limit)
 
 
 @dataclass(frozen=True)
 class Car:
-    """SI units. The defaults are the published car, its linear tyre data being of one tyre."""
+    """A car in SI units. The defaults are the published car; its linear tyre data are for one tyre."""
 
     mass: float = 2335.07
     inertia: float = 5376.432
@@ -67,18 +67,19 @@ class Car:
 
     @property
     def wheels(self) -> np.ndarray:
-        """Positions (x forward, y left) of front left, front right, rear left, rear right; shape (4, 2)."""
+        """Return positions (x forward, y left) of front left, front right, rear left, rear right; shape (4, 2)."""
         side = 0.5 * self.track
         return np.array([[self.to_front, side], [self.to_front, -side], [-self.to_rear, side], [-self.to_rear, -side]])
 
     def static_loads(self) -> np.ndarray:
-        """Loads of the four wheels at rest, from force and pitch balance; shape (4,)."""
+        """Return the loads of the four wheels at rest, from force and pitch balance; shape (4,)."""
         arms = self.wheels[:, 0]
         front_pair, rear_pair = np.linalg.solve([[2.0, 2.0], [2.0 * arms[0], 2.0 * arms[2]]], [self.mass * self.gravity, 0.0])
         return np.array([front_pair, front_pair, rear_pair, rear_pair])
 
     def loads(self, lateral_acceleration: float) -> np.ndarray:
-        """Loads of the four wheels in a turn. Roll balance about the ground line: w (dF_front + dF_rear) = m ay h."""
+        """Return the loads of the four wheels in a turn. Roll balance about the ground line: w (dF_front + dF_rear) = m ay
+        h."""
         at_rest = self.static_loads()
         whole = self.load_transfer_scale * self.mass * lateral_acceleration * self.height / self.track
         moved = np.repeat(whole * np.array([self.roll_share_front, 1.0 - self.roll_share_front]), 2)
@@ -86,7 +87,7 @@ class Car:
         return at_rest - np.sign(self.wheels[:, 1]) * moved
 
     def tyre_force(self, wheel: int, slip: float, load: float, friction: float) -> float:
-        """Magnitude-signed side force of one tyre, N."""
+        """Return the signed side force of one tyre, N."""
         tyre = self.front if wheel < 2 else self.rear
         nominal = float(self.static_loads()[wheel])
         stiffness_factor = tyre.slope / (tyre.shape * self.dry_friction * tyre.peak * nominal)
@@ -96,7 +97,7 @@ class Car:
         return height * math.sin(tyre.shape * math.atan(bent)) + tyre.shift_force
 
     def slip_angles(self, points: np.ndarray, speed: float, lateral: float, yaw_rate: float, steer: np.ndarray) -> np.ndarray:
-        """Slip angles at body points (n, 2) with wheels that point along `steer` (n,)."""
+        """Return slip angles at body points (n, 2) with wheels that point along `steer` (n,)."""
         along = speed - yaw_rate * points[:, 1]
         across = lateral + yaw_rate * points[:, 0]
         return np.arctan2(across, np.maximum(along, ROLLING_SPEED_MIN)) - steer
@@ -104,7 +105,7 @@ class Car:
     def body_rates(
         self, speed: float, yaw_rate: float, slip: np.ndarray, steer: np.ndarray, friction: float, yaw_moment: float = 0.0
     ) -> tuple[float, float]:
-        """Lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2) from four slip angles."""
+        """Return lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2) from four slip angles."""
         places, loads = self.wheels, self.loads(speed * yaw_rate)
         pull = np.array([-self.tyre_force(k, slip[k], loads[k], friction) for k in range(4)])
         forces = pull[:, None] * np.column_stack([-np.sin(steer), np.cos(steer)])  # unit vectors across the wheels
@@ -112,8 +113,11 @@ class Car:
         return float(forces[:, 1].sum()) / self.mass, (float(torque.sum()) + yaw_moment) / self.inertia
 
     def derivative(self, state: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-        """Rates of [lateral speed, yaw rate, steering wheel, rear angle, x, y, heading] and, with a relaxation length, of the
-        four slip angles of the tyres, under [speed, steering wheel command, rear command, friction, yaw moment]."""
+        """Return the rates of [lateral speed, yaw rate, steering wheel, rear angle, x, y, heading].
+
+        With a relaxation length, the rates of the four slip angles follow. Inputs are [speed, steering wheel command, rear
+        command, friction, yaw moment].
+        """
         lateral, yaw_rate, wheel, rear, _, _, heading = state[:7]
         speed, wheel_command, rear_command, friction, yaw_moment = inputs
         steer = np.array([wheel / self.steering_ratio] * 2 + [rear] * 2)
@@ -131,7 +135,8 @@ class Car:
         return np.array(rates)
 
     def outputs(self, state: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-        """Sideslip angle, lateral acceleration, front angle, slip angles at the middle of the front and of the rear axle."""
+        """Return sideslip angle, lateral acceleration, front angle, and slip angles at the middle of the front and rear
+        axle."""
         lateral, yaw_rate, wheel, rear = state[:4]
         speed, friction = inputs[0], inputs[3]
         front = wheel / self.steering_ratio
@@ -151,7 +156,7 @@ _TYRE = (
 
 
 def tables(car: Car) -> dict[str, Any]:
-    """The car as the tables of a configuration."""
+    """Return the car as the tables of a configuration."""
     vehicle = car.mass, car.inertia, car.height, car.track, car.to_front, car.to_rear, car.roll_share_front
     front, rear = (astuple(replace(tyre, shift_angle=math.degrees(tyre.shift_angle))) for tyre in (car.front, car.rear))
     wheel_rate, rear_rate = (math.degrees(lag.rate_limit) for lag in (car.steering, car.rear_actuator))
@@ -173,9 +178,9 @@ OTHER = Car(
     TyreData(61_000.0, 1.45, -1.1, 1.05, -0.12, math.radians(0.15), 60.0),
     TyreData(58_000.0, 1.2, 0.3, 0.95, -0.2, math.radians(-0.1), -45.0),
     *(15.5, Lag(0.02, math.radians(450.0)), Lag(0.03, math.radians(60.0)), math.radians(5.0)),
-    load_transfer_scale=0.5,  # as the paper prints it
+    load_transfer_scale=0.5,  # as printed in the paper
 )
-"""A car in which every term of the model is at work, but for the relaxation length."""
+"""A car in which every term of the model is active, except the relaxation length."""
 CARS: dict[str, tuple[dict[str, Any], Car]] = {
     "paper": ({}, Car()),
     "other": (tables(OTHER), OTHER),
@@ -184,9 +189,9 @@ CARS: dict[str, tuple[dict[str, Any], Car]] = {
 
 
 def simulate(car: Car, holds: Sequence[tuple[float, np.ndarray]], period: float) -> np.ndarray:
-    """States from rest at 0 and each `period` s, over `holds`: (whole periods in s, inputs held meanwhile).
+    """Return states from rest at 0 and after each `period` s, over `holds`: (whole periods in s, constant inputs).
 
-    An integration a period: its own control of the error finds the kinks of the rate limits, and nothing is interpolated.
+    Each period is integrated separately: the error control finds the kinks of the rate limits, and nothing is interpolated.
     """
     rows = [np.zeros(11 if car.relaxation_length else 7)]
     for duration, inputs in holds:

@@ -1,4 +1,4 @@
-"""The CasADi models: Jacobians, the single-track model against an independent car."""
+"""The CasADi models: Jacobians, and the single-track model compared with an independent car."""
 
 from dataclasses import replace
 from typing import Any
@@ -13,7 +13,7 @@ from tests.vehicle.reference_plant import OTHER, tables
 CONFIG = parse(tables(OTHER), "test")
 SIZES = ([0.02, 0.3], [5.0, 0.02, 0.02, 0.5])
 PLANT_SIZES = ([0.3, 0.3, 0.2, 0.02, 10.0, 10.0, 1.0, *[0.02] * 4], [5.0, 0.2, 0.02, 0.5, 1e3])
-"""The change over which the effect of each state and input changes; for angles where the tyre bends."""
+"""Scales of each state and input over which the derivative changes; for angles, where the tyre becomes nonlinear."""
 
 
 def evaluate(function: Any, *arguments: Any) -> np.ndarray:
@@ -32,7 +32,7 @@ def evaluate(function: Any, *arguments: Any) -> np.ndarray:
     ids=lambda model: f"{model.name}-{len(model.states)}",
 )
 def test_jacobians_are_the_slopes_of_the_derivative(model: Model) -> None:
-    """Along random directions, by central differences of fourth order.
+    """The slopes along random directions come from central differences of fourth order.
 
     With steps of 3e-4 the truncation error is (3e-4)^4 of the derivative's own variation, the rounding error 1e-16/3e-4 of it.
     """
@@ -45,7 +45,7 @@ def test_jacobians_are_the_slopes_of_the_derivative(model: Model) -> None:
     for _ in range(40):
         x, u = rng.normal(size=states) * size_x, rng.normal(size=size_u.size) * size_u
         u[0], u[3] = rng.uniform(8.0, 40.0), rng.uniform(0.4, 1.1)
-        if is_plant:  # commands near the angles and a slow turn: no kink of an actuator or of a lifting wheel in between
+        if is_plant:  # commands near the angles and a slow turn avoid the kinks of actuators and lifting wheels
             x[1] *= 0.5
             u[1:3] = x[2:4] + 0.008 * rng.uniform(-1.0, 1.0, 2)
         dx, du = rng.normal(size=x.size) * size_x, rng.normal(size=u.size) * size_u
@@ -58,7 +58,7 @@ def test_jacobians_are_the_slopes_of_the_derivative(model: Model) -> None:
 
 @pytest.mark.parametrize("tyre_model", ["linear", "magic-formula"])
 def test_single_track_is_that_of_the_independent_car(tyre_model: TyreModel) -> None:
-    """The axle forces of the independent car at static loads."""
+    """The independent car provides the axle forces at static loads."""
     model, car, loads = single_track(CONFIG, tyre_model), OTHER, OTHER.static_loads()
     rng = np.random.default_rng(6)
     for _ in range(100):

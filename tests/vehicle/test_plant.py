@@ -1,4 +1,4 @@
-"""The plant in C against the CasADi virtual machine and an independent car."""
+"""The plant in C compared with the CasADi virtual machine and an independent car."""
 
 import functools
 import math
@@ -15,11 +15,11 @@ from codegen.vehicle.dynamics import PLANT_OUTPUTS, plant_parameters, two_track,
 from tests.vehicle.reference_plant import CARS, Car, simulate
 
 PERIODS, MILLISECOND = 20, 1e-3
-"""Steps of the plant from one comparison of its motion to the next, and their size in s."""
+"""Plant steps between two comparisons of its motion, and their size in s."""
 
 
 class CPlant:
-    """A car: the C functions of its plant over NumPy arrays, one row a point, its CasADi model and the independent car."""
+    """A car: the C functions of its plant over NumPy arrays, one row per point, its CasADi model and the independent car."""
 
     def __init__(self, config: Config, car: Car) -> None:
         sources = bench_sources(config, "ars", "single")
@@ -41,7 +41,7 @@ class CPlant:
         return np.array(found)
 
     def run(self, inputs: Iterable[np.ndarray], step: float) -> np.ndarray:
-        """States before the first and after each step, from rest."""
+        """Return the states before the first and after each step, from rest."""
         x, u = self._ffi.new("plant_state_t *"), self._ffi.new("plant_input_t *")
         rows = [[0.0] * len(self.states)]
         for row in inputs:
@@ -59,9 +59,9 @@ def plant(name: str) -> CPlant:
 
 @pytest.mark.parametrize("name", CARS)
 def test_derivative_and_output_in_c(name: str) -> None:
-    """The bits of the CasADi machine, operation by operation; the numbers of the independent car and of the car left open.
+    """The bits equal the CasADi machine's, operation by operation; the numbers match the independent car and a parametric car.
 
-    States and inputs go well beyond what a car does: lifted wheels, actuators at their limits, crawling, reversing.
+    States and inputs exceed normal driving: lifted wheels, actuators at their limits, crawling, reversing.
     """
     c, count = plant(name), 600
     rng = np.random.default_rng(1)
@@ -70,7 +70,7 @@ def test_derivative_and_output_in_c(name: str) -> None:
     speeds[0] = 0.0
     commands = x[:, 2:4] + rng.normal(size=(count, 2)) * 0.05
     u = np.column_stack([speeds, commands, rng.uniform(0.05, 1.2, count), rng.normal(size=count) * 5_000.0])
-    assert np.mean(np.abs(x[:, 1] * speeds) > 16.0) > 0.1  # m/s^2: the inner wheels of both axles are in the air
+    assert np.mean(np.abs(x[:, 1] * speeds) > 16.0) > 0.1  # m/s^2: the inner wheels of both axles are lifted
     functions: dict[str, tuple[Any, Any, Any]] = {
         "derivative": (c.model.derivative, c.open_model.derivative, c.car.derivative),
         "output": (c.model.output, c.open_model.output, c.car.outputs),
@@ -78,10 +78,10 @@ def test_derivative_and_output_in_c(name: str) -> None:
     for what, (machine, open_machine, independent) in functions.items():
         found = c.rows(what, x, u)
         assert found.tobytes() == np.array(machine.map(count)(x.T, u.T)).T.tobytes()
-        # The same operations; CasADi folds constants beforehand where it knows them.
+        # The same operations, except that CasADi folds known constants.
         of_parameters = np.array(open_machine.map(count)(x.T, u.T, c.parameters)).T
         np.testing.assert_allclose(of_parameters, found, rtol=1e-12, atol=1e-12)
-        # Forces of 1e4 N, a dozen roundings each, over the mass: 1e-14 m/s^2; slip rates are of 1e2 rad/s.
+        # Forces of 1e4 N with a dozen roundings each, over the mass: 1e-14 m/s^2; slip rates are about 1e2 rad/s.
         expected = np.array([independent(*point) for point in zip(x, u, strict=True)])
         np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
     assert (c.open_model.states, c.open_model.outputs) == (c.states, PLANT_OUTPUTS)
@@ -99,8 +99,8 @@ SLALOM = [hold(0.7, wheel, speed=80.0 / 3.6, friction=0.6, gust=gust) for wheel,
 OTHER = [hold(1.0, 40.0, friction=1.0), hold(0.5, 40.0, -4.0, friction=1.0), hold(0.5, -33.0, 1.5, friction=0.5)]
 
 
-# Yaw rate of the C plant (Runge-Kutta at 1 ms) against the independent car (adaptive, to 1e-11). The bounds are what was
-# measured, rounded up; 1e-6 rad/s is required. What is left is the step's own error, and a kink of a rate limit between steps.
+# Yaw rate of the C plant (Runge-Kutta at 1 ms) compared with the independent car (adaptive, to 1e-11). The bounds are measured
+# and rounded up; 1e-6 rad/s is required. The causes are the error of the step, and a kink of a rate limit between steps.
 @pytest.mark.parametrize(
     ("name", "holds", "bound"),
     [
@@ -117,8 +117,8 @@ def test_motion_is_that_of_the_independent_car(name: str, holds: list[tuple[floa
     expected = simulate(c.car, holds, PERIODS * MILLISECOND)
     found = c.run([u for seconds, u in holds for _ in range(round(seconds / MILLISECOND))], MILLISECOND)
     difference = np.abs(found[::PERIODS] - expected)
-    assert np.abs(expected[:, 1]).max() > 0.1  # it does turn
+    assert np.abs(expected[:, 1]).max() > 0.1  # it turns
     assert difference[:, c.states.index("yaw_rate")].max() < bound
-    # All other states in their own units; the steering wheel, ahead of its ratio, by 5e-6 rad at a kink.
+    # All other states, in their own units. The steering wheel differs by 5e-6 rad at a kink.
     assert np.delete(difference, 2, axis=1).max() < 1e-6
     assert difference[:, 2].max() < 1e-5

@@ -1,4 +1,4 @@
-"""The closed forms of the steady turn against the CasADi model, solved numerically, and against published numbers."""
+"""The closed forms of the steady turn compared with the CasADi model, solved numerically, and with published numbers."""
 
 import math
 
@@ -11,13 +11,13 @@ from codegen.vehicle.dynamics import Model, single_track
 from codegen.vehicle.single_track import SingleTrack
 from tests.vehicle.reference_plant import Car, TyreData, tables
 
-# At nine tenths of the critical speed the stiffness that keeps the car straight is the difference of two terms five times as
-# large; with some twenty roundings of 1.1e-16 in each the two ways agree to about 1e-14 (measured over these cars: 4e-15).
+# At nine tenths of the critical speed the stabilising stiffness is the difference of two terms five times as large. With some
+# twenty roundings of 1.1e-16 in each, the two methods agree to about 1e-14 (measured over these cars: 4e-15).
 TOLERANCE = 1e-13
 
 
 def state_space(model: Model, speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """A (2, 2) over [beta, r] and B (2, 2) over [delta_f, delta_r] of the CasADi model."""
+    """Return A (2, 2) over [beta, r] and B (2, 2) over [delta_f, delta_r] of the CasADi model."""
     dfdx, dfdu = model.jacobian(ca.DM.zeros(2), ca.DM([speed, 0.0, 0.0, 0.9]))
     return np.array(dfdx), np.array(dfdu)[:, 1:3]
 
@@ -27,7 +27,7 @@ def slowest_pole(model: Model, speed: float) -> float:
 
 
 def test_closed_forms_solve_the_linear_model() -> None:
-    """Cars between a small one and a van; about half of them oversteer, and then have a critical speed."""
+    """Cars range from a small one to a van; about half of them oversteer, and then have a critical speed."""
     rng = np.random.default_rng(20_240_517)
     oversteering = 0
     for _ in range(50):
@@ -44,7 +44,7 @@ def test_closed_forms_solve_the_linear_model() -> None:
             solved_beta, solved_yaw_rate = np.linalg.solve(a, -b @ np.array([front_angle, rear_angle]))
             assert yaw_rate == pytest.approx(solved_yaw_rate, rel=TOLERANCE)
             assert (yaw_rate > 0.0) == (front_angle > rear_angle)
-            # beta passes through zero where its two terms cancel: the scale is that of the terms.
+            # beta passes through zero where its two terms cancel, so the tolerance scales with the terms.
             assert beta == pytest.approx(solved_beta, abs=TOLERANCE * (abs(rear_angle) + abs(beta - rear_angle) + 0.1))
             slip_front = solved_beta + car.front_arm * solved_yaw_rate / speed - front_angle
             slip_rear = solved_beta - car.rear_arm * solved_yaw_rate / speed - rear_angle

@@ -1,4 +1,4 @@
-"""Magic Formula tyre: its force against the formula as books print it, its peak, and the end of its linear range."""
+"""Magic Formula tyre: its force compared with the textbook formula, its peak, and the end of its linear range."""
 
 import math
 from typing import Any
@@ -17,21 +17,21 @@ STIFFNESS = 119_540.0
 
 
 def tyre(**factors: Any) -> MagicFormulaTyre:
-    """A tyre at 5.7 kN and friction 0.9, with the paper's factors except for `factors`."""
+    """Return a tyre at 5.7 kN and friction 0.9 with the paper's factors except for `factors`."""
     if "stiffness_factor_b_per_rad" not in factors:
         factors.setdefault("cornering_stiffness_n_per_rad", STIFFNESS)
     return MagicFormulaTyre.from_config(Tyre(**factors), LOAD, FRICTION)
 
 
 def formula(slip: float, b: float, c: float, d: float, e: float) -> float:
-    """The Magic Formula as books print it."""
+    """Return the textbook Magic Formula."""
     x = b * slip
     return d * math.sin(c * math.atan(x - e * (x - math.atan(x))))
 
 
 def test_numbers_of_the_paper() -> None:
     tyres = AxleTyres.from_config(CONFIG)
-    # Published to three decimals of a degree.
+    # Published with three decimals of a degree.
     assert (round(math.degrees(tyres.front_slip_bound), 3), round(math.degrees(tyres.rear_slip_bound), 3)) == (1.566, 1.570)
 
 
@@ -57,13 +57,13 @@ def test_slip_bound_is_the_first_departure(factors: dict[str, float], percent: f
     def departure(slip: float) -> float:
         return abs(formula(slip, b, c, 1.0, e) / (b * c * slip) - 1.0)
 
-    # The root is found to 1e-15 rad, the departure changes by less than 100 for each rad, and it is a quotient near one.
+    # The root is accurate to 1e-15 rad, and the departure, a quotient near one, changes by less than 100 per rad.
     assert departure(bound) == pytest.approx(percent / 100.0, abs=1e-12)
     assert max(departure(slip) for slip in np.linspace(0.0, bound, 2_001)[1:-1]) < percent / 100.0
 
 
 def test_a_tyre_that_never_departs_is_refused() -> None:
-    # With B = 0.5/rad, 45 degrees of slip are still in the straight part of the curve.
+    # With B = 0.5/rad, 45 degrees of slip are still in the linear range.
     config = parse({"tyre": {"rear": {"stiffness_factor_b_per_rad": 0.5}}}, "test")
     with pytest.raises(ConfigError, match=r"^tyre\.rear: .*never departs 10 %.*45 deg.*limits\.slip_departure_percent"):
         AxleTyres.from_config(config)
@@ -80,7 +80,8 @@ def test_a_tyre_that_never_departs_is_refused() -> None:
     ],
 )
 def test_force_is_the_formula(factors: dict[str, float]) -> None:
-    """A configured stiffness sets B at the nominal load and friction; B stays under others, and the curve scales with D."""
+    """A configured stiffness sets B at nominal load and friction; B stays constant under others, and the curve scales with
+    D."""
     this = tyre(**factors)
     data = Tyre(**{"stiffness_factor_b_per_rad": 1.0, **factors})
     c, e, p1, p2 = data.shape_factor_c, data.curvature_factor_e, data.peak_factor_p1, data.peak_load_sensitivity_p2
@@ -93,9 +94,9 @@ def test_force_is_the_formula(factors: dict[str, float]) -> None:
         d = friction * max(p1 + p2 * (load / LOAD - 1.0), 0.0) * load  # never negative, at -0.9 and three times the load
         assert this.peak(load, friction) == pytest.approx(d, rel=1e-14)
         expected = [[formula(slip - shift, b, c, d, e) + force for slip in row] for row in slips]
-        # A dozen roundings of 1.1e-16 each; near the zero of a shifted curve those of its two terms.
+        # A dozen roundings of 1.1e-16 each, relative to the two terms near the zero of a shifted curve.
         np.testing.assert_allclose(this.force(slips, load, friction), expected, rtol=2e-15, atol=1e-12 if force else 0.0)
     assert np.array_equal(this.force(slips), this.force(slips, LOAD, FRICTION))
-    # At the peak the sine is one; there the curve is flat, so 1e-12 of the force is 1e-6 of the slip.
+    # The curve is flat at its peak, so 1e-12 of the force corresponds to 1e-6 of the slip.
     assert float(this.force(this.peak_slip + shift)) == pytest.approx(this.peak(LOAD, FRICTION) + force, rel=1e-12)
     assert tyre(shape_factor_c=1.0).peak_slip == math.inf

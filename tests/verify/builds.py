@@ -43,7 +43,7 @@ def build_of(
     prefix: str = "ars",
     request: Request | None = None,
 ) -> Folder:
-    """Return the build of a map; `source` names where the configuration comes from."""
+    """Return the build of a map; `source` names the origin of the configuration."""
     options = BuildOptions("sample", prefix=prefix, precision=precision, request=request)
     return build(reference_map, config, options, BuildInputs("s.npz", "0" * 64, source))
 
@@ -68,5 +68,5 @@ def compiled(kind: Kind = "tracking", grid: str = "uneven") -> Software:
 
 
 def with_text(folder: Folder, path: str, old: str, new: str) -> dict[str, bytes]:
-    """Return the files with one place changed. Raises LookupError unless the text stands there exactly once."""
+    """Return the files with one text replaced. Raises LookupError unless it occurs exactly once."""
     return dict(altered_folder(folder, path, old, new).files)

@@ -1,4 +1,4 @@
-"""Faults planted in builds by the name of a function, so that they do not depend on the text of the C."""
+"""Faults planted in a function by its name, independent of the text of the C."""
 
 import re
 
@@ -34,7 +34,7 @@ def started(folder: Folder, function: str, statements: str, before: str = "") ->
 
 
 def wrapped(folder: Folder, function: str, body: str) -> Subject:
-    """Return the build with a function replaced; its unit and the body call the original planted_FUNCTION."""
+    """Return the build with a function replaced; its unit and the new body call the original as planted_FUNCTION."""
     name, head = _definition(folder, function)
     renamed = f"#define {function} planted_{function}\n{source(folder, name)}#undef {function}\n"
     return subject_of(folder, **{name: f"{renamed}{head[2]};\n{head[2]}\n{{\n{body}\n}}\n"})

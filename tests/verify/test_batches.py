@@ -1,4 +1,4 @@
-"""Batches of calls for the emulated cores, the rows that drive them, and drives of the controller from everywhere."""
+"""Batches of calls for the emulated cores, the rows that drive them, and drives of the controller from many starts."""
 
 import functools
 import math
@@ -34,14 +34,14 @@ def column(batch: str, rows: Rows, name: str) -> Rows:
     return rows[:, [output.name for output in program().batches[batch].outputs].index(name)]
 
 
-def test_random_steps_reach_every_status_and_hold_every_kind_of_number() -> None:
-    """The tour at their start reaches every status alone, and returns to control from both ways into the fail-safe."""
+def test_random_steps_reach_every_status_and_every_kind_of_number() -> None:
+    """The tour at their start alone reaches every status, and recovers from both ways into the fail-safe."""
     batch = program().batches["controller"]
     rows = Source(Thresholds.of(TRACKING.manifest), np.uint32, np.random.default_rng(0)).steps(batch, 4_000)
     for place in range(1, 8):
         numbers = rows[:, place].view(np.float32)
         assert np.isinf(numbers).any()
-        assert (np.isnan(numbers) & (rows[:, place] & 0x400000 == 0)).any()  # a signalling one
+        assert (np.isnan(numbers) & (rows[:, place] & 0x400000 == 0)).any()  # signalling NaN
         assert ((np.abs(numbers) < np.finfo(np.float32).tiny) & (numbers != 0.0)).any()
     assert set(rows[:, 8].tolist()) == {0, 1}
     tour = rows[: int(np.flatnonzero(rows[:, 0])[1])]
@@ -63,8 +63,8 @@ def test_disturbed_traffic_sets_every_diagnostic_and_reaches_every_status() -> N
     assert set(column("task", results, "complete").tolist()) == {0, 1}
 
 
-def test_the_recorded_scenario_is_the_closed_loop() -> None:
-    """Played back, its frames make the task repeat the commands that the bench received."""
+def test_the_recorded_scenario_reproduces_the_closed_loop() -> None:
+    """Played back, its frames make the task repeat the bench's commands."""
     software, batch = builds.compiled(), program().batches["task"]
     name, cycles = traffic.closed_loop(software)
     results = host().run(batch, rows_of_cycles(cycles, batch, np.uint32))
@@ -77,8 +77,8 @@ def test_the_recorded_scenario_is_the_closed_loop() -> None:
     assert np.abs(codes[started]).max() > 100
 
 
-def test_a_recording_holds_what_the_controller_measured() -> None:
-    """Played back, it makes a controller repeat the commands of the loop bit for bit, estimate and inhibit included."""
+def test_a_recording_holds_the_controller_s_measurements() -> None:
+    """Played back, it makes a controller repeat the loop's commands bit for bit, including estimate and inhibit."""
     software = builds.compiled()
     drives = recorded(software)
     assert len(drives) == len(SCENARIOS)
@@ -88,7 +88,7 @@ def test_a_recording_holds_what_the_controller_measured() -> None:
         assert commands == record[:, RECORD_COLUMNS.index("rear_angle_command_rad")].tolist()
 
 
-def test_drawn_samples_go_everywhere() -> None:
+def test_drawn_samples_cover_the_map() -> None:
     thresholds = Thresholds.of(TRACKING.manifest)
     inputs = thresholds.config.controller.inputs
     without_gaps = drawn(thresholds, 4_000)[0]
@@ -105,7 +105,7 @@ def test_drawn_samples_go_everywhere() -> None:
 
 
 def test_drawn_drives_reach_every_cell_of_the_schedule() -> None:
-    """`test_law` has the statuses that they reach."""
+    """`test_law` covers the statuses that they reach."""
     speeds = np.concatenate([drive[:, 0] for drive in drawn(Thresholds.of(TRACKING.manifest), 1_500)])
     breakpoints = np.array(builds.SCHEDULE["speed_km_h"], dtype=np.float32) / np.float32(3.6)
     cells = np.searchsorted(breakpoints, speeds[np.isfinite(speeds)])

@@ -1,4 +1,4 @@
-"""The rule for loops: every loop of the C has a fixed number of rounds."""
+"""Check of loops: every loop of the C has a fixed number of iterations."""
 
 from collections import defaultdict
 
@@ -36,7 +36,7 @@ ACCEPTED = (
     "for (i = 0u; i <= ((uint32_t)ARS_LIMITER_POINTS - 1u); i += 2u) { n++; break; }",
     "n = fixed(2u) + fixed(3u);",
 )
-"""The last one has a bound that is a parameter, and a constant in every call."""
+"""Accepted code. The bound of the last one is a parameter that is constant in every call."""
 
 HELPER = "static uint32_t {}(uint32_t m)\n{{\n    uint32_t k;\n    for (k = 0u; k < m; k++) {{ }}\n    {}\n    return k;\n}}\n"
 BEFORE = (
@@ -52,7 +52,7 @@ AFTER = (
 
 
 def planted(*statements: str) -> dict[str, list[str]]:
-    """Return the complaints by function: the limiter with one more function per statement, planted_0 and so on."""
+    """Return the findings by function: the limiter with one more function per statement, planted_0 and so on."""
     each = "float planted_{0}(float x)\n{{\n    uint32_t i;\n    uint32_t n = (uint32_t)x;\n    {1}\n    return x;\n}}\n"
     files = {path: content for path, content in PI.files.items() if path.startswith("include/")}
     middle = "".join(map(each.format, range(len(statements)), statements))
@@ -66,12 +66,12 @@ def planted(*statements: str) -> dict[str, list[str]]:
     return found
 
 
-def test_every_loop_of_a_build_has_a_fixed_number_of_rounds() -> None:
+def test_every_loop_of_a_build_has_a_fixed_number_of_iterations() -> None:
     folder = builds.made("tracking", "uneven", layers=True)
     assert complaints(folder.files, folder.manifest) == ()
 
 
-def test_what_breaks_the_rule_is_found_and_nothing_else() -> None:
+def test_only_unbounded_loops_are_found() -> None:
     found = planted(*REFUSED, *ACCEPTED)
     for number, (statement, complaint) in enumerate(REFUSED.items()):
         assert found.pop(f"planted_{number}", []) == [complaint] * bool(complaint), statement

@@ -1,4 +1,4 @@
-"""Check `budgets`: a build passes, and each planted fault is found as what it is."""
+"""Check `budgets`: a build passes, and each planted fault is found and named correctly."""
 
 import functools
 import json
@@ -16,13 +16,17 @@ from tests.verify import builds, planted
 PI = builds.made("pi", "uneven")
 QUICK = Effort(quick=True)
 LIMITS = ("lookup", "reference", "step", "limiter", "task")
-AMPLE = {**{f"{name}_instructions_max": 10_000 for name in LIMITS}, "task_stack_bytes_max": 10_000, "state_bytes_max": 10_000}
-"""Budgets that every build keeps; a test lowers the one that it is about."""
+AMPLE_BUDGETS = {
+    **{f"{name}_instructions_max": 10_000 for name in LIMITS},
+    "task_stack_bytes_max": 10_000,
+    "state_bytes_max": 10_000,
+}
+"""Budgets that every build meets; each test lowers one of them."""
 
 
 @pytest.fixture(autouse=True)
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Count so few calls that a fault is found only if every call meets it."""
+def few_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Count so few calls that only a fault in every call is found."""
     for name, value in {"QUICK_SAMPLES": 40, "QUICK_ROUNDS": 1, "USUAL_SAMPLES": 10, "SAMPLES": 100}.items():
         monkeypatch.setattr(f"codegen.verify.budgets.measure.{name}", value)
     monkeypatch.setattr("codegen.verify.budgets.workloads.long_histories", lambda thresholds: ())
@@ -31,22 +35,22 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @functools.cache
-def sound() -> Outcome:
-    """Return the outcome of the build without faults and with its own budgets."""
+def unmodified() -> Outcome:
+    """Return the outcome of the unmodified build with its own budgets."""
     return budgets.check(planted.subject_of(PI), QUICK)
 
 
 def largest(function: str) -> int:
-    count = sound().figures["functions"][function]
+    count = unmodified().figures["functions"][function]
     return int(count.get("instructions_bound", count["instructions"]["max"]))
 
 
 def run(subject: Subject, limits: Mapping[str, int] | None = None, search_loops: bool = False) -> Outcome:
-    """Return the outcome with ample budgets but for some. No host compiler is used, and so no closed loop is driven.
+    """Return the outcome with ample budgets except for `limits`. No host compiler is used, and so no closed loop is simulated.
 
-    The search for loops without a bound takes half of the time, and has tests of its own.
+    The search for unbounded loops takes half of the time and has its own tests.
     """
-    configuration = {**PI.manifest["configuration"], "budgets": {**AMPLE, **(limits or {})}}
+    configuration = {**PI.manifest["configuration"], "budgets": {**AMPLE_BUDGETS, **(limits or {})}}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CC", "no-such-compiler")
         if not search_loops:
@@ -55,7 +59,7 @@ def run(subject: Subject, limits: Mapping[str, int] | None = None, search_loops:
 
 
 def test_a_build_keeps_its_budgets() -> None:
-    found = sound()
+    found = unmodified()
     assert (found.findings, found.verdict) == ((), Verdict.PASSED)
     figures = json.loads(json.dumps(found.figures, allow_nan=False))
     functions, stacks, step = figures["functions"], figures["stack_bytes"], figures["functions"]["controller_step"]
@@ -85,7 +89,7 @@ MEMORY = (
 
 
 def test_instructions_memory_stack_and_flash_beyond_their_budgets_are_found() -> None:
-    """The budgets of instructions are what the build takes without the planted loops."""
+    """The instruction budgets equal the use of the build without the planted loops."""
     folder = replace(PI, files=planted.started(PI, "ars_limiter_step", DEEP, f"{BUFFER}\n\n").files)
     for function in ("limiter_step", "controller_step", "map_yaw_rate", "task_on_can_frame"):
         loop = f"    {{\n{LOOP}    }}\n" if function == "limiter_step" else LOOP
@@ -110,7 +114,7 @@ def test_instructions_memory_stack_and_flash_beyond_their_budgets_are_found() ->
     assert budgets.NOT_IN_CLOSED_LOOP in found.limits
 
 
-def test_c_without_a_bound_is_not_run() -> None:
+def test_unbounded_c_is_not_run() -> None:
     hook = "static float same(float value) { return value; }\nfloat (*volatile const hook)(float value) = same;\n"
     loop = "    do { self->speed = hook(rear_angle); } while (self->speed > 0.0f);\n"
     found = run(planted.started(PI, "ars_limiter_init", loop, hook), search_loops=True)

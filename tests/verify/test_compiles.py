@@ -1,4 +1,4 @@
-"""Check `compiles`: a build compiles cleanly, and each kind of obstacle is found where it is."""
+"""Check `compiles`: a build compiles cleanly, and each kind of problem is found at its location."""
 
 import pytest
 
@@ -42,7 +42,7 @@ FAULTS = {
     "task": ("#if ARS_NOT_THERE\n#endif\n", 0),
     "selftest": (c_function("short ars_short(int x)", "return x;"), 3),
 }
-"""Text at the end of a unit, and how far down it the warning is."""
+"""Text at the end of a unit, and the offset of the warning's line in it."""
 
 
 def test_warnings_are_found_in_their_lines(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,6 @@
-"""The emulated core: counts of known instructions, decoded instructions, and code that goes astray.
+"""The emulated core: counts of known instructions, decoded instructions, and code that leaves its memory.
 
-Results and byte order are compared with this machine in test_pil.py.
+test_pil.py compares results and byte order with this machine.
 """
 
 import functools
@@ -27,7 +27,7 @@ ASSEMBLY = {
     "b.c": assembled("caller", "push {r4, lr}", "bl counted", "bl counted", "pop {r4, pc}"),
 }
 IN_COUNTED = 3 + 5 * len(LOOP)
-ASTRAY = """
+BAD_CODE = """
 void trap(void);
 void trap(void) { __builtin_trap(); }
 int unmapped(void);
@@ -42,22 +42,22 @@ void stay(void) { for (;;) { __asm__ volatile(""); } }
 @functools.cache
 def image(core: Core = CORTEX_M4F) -> bytes:
     more, names = (ASSEMBLY, ("counted", "caller")) if core is CORTEX_M4F else ({}, ())
-    return compile_image({"f.c": ASTRAY, **more}, ("trap", "unmapped", "away", "stay", *names), core=core)
+    return compile_image({"f.c": BAD_CODE, **more}, ("trap", "unmapped", "away", "stay", *names), core=core)
 
 
 def test_instructions_are_counted_exactly_where_they_run() -> None:
-    """Narrow and wide instructions, a loop, an IT block with a skipped branch, and calls within a call."""
+    """Covers narrow and wide instructions, a loop, an IT block with a skipped branch, and nested calls."""
     core = CortexM4(image())
     function = {function.name: function for function in core.functions}
     assert core.call("counted") == 3  # set to 1 in the round with r1 = 3, incremented in the two rounds after it
-    blocks = core.traced(lambda: core.call("caller"))  # also code that already ran uncounted
+    blocks = core.traced(lambda: core.call("caller"))  # includes code that already ran uncounted
     inside = (blocks.address >= function["counted"].start) & (blocks.address < function["counted"].end)
     assert blocks.instructions[inside].sum() == 2 * IN_COUNTED
     assert blocks.instructions.sum() == 4 + 2 * IN_COUNTED
 
 
 @pytest.mark.parametrize("core", [CORTEX_M4F, POWERPC_BE], ids=lambda core: core.name)
-def test_code_that_goes_astray_or_does_not_return_is_reported(core: Core, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wild_jumps_and_endless_code_are_reported(core: Core, monkeypatch: pytest.MonkeyPatch) -> None:
     processor = Processor(image(core), core)
     (function,) = (each for each in processor.functions if each.name == "trap")
     with pytest.raises(Stray, match=f"the code on the {core.name} ended at 0x") as caught:
@@ -110,7 +110,7 @@ JUMPS = {
 
 
 def test_every_instruction_is_decoded() -> None:
-    """One after the other in one piece of code: cycles, flow, target and size of each."""
+    """The code contains every instruction; cycles, flow, target and size of each are compared."""
     table = [(words, Flow.NEXT, None, cycles) for words, cycles in PLAIN.values()] + list(JUMPS.values())
     words = [word for each, *_ in table for word in each]
     found = decode(code(*words), AT)

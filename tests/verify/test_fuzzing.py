@@ -1,4 +1,4 @@
-"""Check `fuzzing`: a build passes, and each harness finds faults. The properties one by one are in tests/evidence/verify."""
+"""Check `fuzzing`: a build passes, and each harness finds faults. tests/evidence/verify tests each property."""
 
 import re
 
@@ -14,7 +14,7 @@ TRACKING = builds.made("tracking", "uneven")
 
 
 @pytest.fixture(autouse=True)
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fuzzing, "INPUTS_QUICK", 1_000)
 
 

@@ -1,4 +1,4 @@
-"""Check `law`: a build is its second implementation, and differences are found. Every kind is in tests/evidence/verify."""
+"""Check `law`: a build equals its second implementation, and differences are found. tests/evidence/verify covers every kind."""
 
 import dataclasses
 
@@ -13,8 +13,8 @@ PI = builds.made("pi", "uneven")
 
 
 @pytest.fixture
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drive little, and leave out the search for endless loops, which takes longest."""
+def few_drives(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulate few drives, and skip the slow search for endless loops."""
     monkeypatch.setattr(law, "SIZE_QUICK", law.Size(drive=60, drive_cycle=300, sets=3, cycles=200))
     monkeypatch.setattr("codegen.verify.on_host.complaints", lambda files, manifest: ())
 
@@ -23,16 +23,16 @@ def checked(subject: Subject) -> Outcome:
     return law.check(subject, Effort(quick=True))
 
 
-@pytest.mark.usefixtures("few")
-def test_a_build_is_its_law() -> None:
+@pytest.mark.usefixtures("few_drives")
+def test_a_build_equals_its_second_implementation() -> None:
     found = checked(planted.subject_of(builds.made("tracking", "uneven")))
     assert (found.findings, found.verdict) == ((), Verdict.PASSED)
     assert min(found.figures["statuses"].values()) > 0
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("few_drives")
 def test_a_wrong_command_default_and_frame_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of each drive, only the first difference is reported. The frame is wrong where the controller alone is right."""
+    """Only the first difference of each drive is reported. The frame is wrong although the controller alone is right."""
     path = "src/ars_calibration.c"
     files = builds.with_text(PI, "src/ars_law.c", "= parameters->proportional_gain * error;", "= 0.01f * error;")
     files[path] = builds.with_text(PI, path, ".integral_gain = 1.0f,", ".integral_gain = 1.5f,")[path]

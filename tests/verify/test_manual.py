@@ -1,4 +1,4 @@
-"""The safety manual: true for every kind of map, precision and controller, with the results of the checks in it."""
+"""The safety manual: correct for every kind of map, precision and controller, with the results of the checks."""
 
 import copy
 import json
@@ -27,7 +27,7 @@ def recorded(name: str) -> Manifest:
 
 
 @pytest.mark.parametrize("name", ["4ws2-paper", "4ws2"])
-def test_the_committed_manual_is_made_of_the_committed_record_of_these_files(name: str) -> None:
+def test_the_committed_manual_matches_the_committed_record(name: str) -> None:
     outcomes, record, subject = {}, recorded(name), Subject.read(COMMITTED / name)
     assert record["build"]["manifest_sha256"] == subject.manifest_sha256
     assert (record["effort"], record["edited"], list(subject.edited)) == ("whole", [], [])
@@ -41,7 +41,7 @@ def test_the_committed_manual_is_made_of_the_committed_record_of_these_files(nam
 
 
 def text_of(manifest: Manifest, **outcomes: Outcome) -> str:
-    """Return the manual without the line breaks inside its sentences."""
+    """Return the manual with its sentences on one line each."""
     named = {name.replace("_", "-"): outcome for name, outcome in outcomes.items()}
     text = manual.manual(Report(Subject("sample", {}, manifest, (), "0123abcd" * 8), Effort(), named))
     assert text.isascii()
@@ -50,7 +50,7 @@ def text_of(manifest: Manifest, **outcomes: Outcome) -> str:
 
 
 SPEED, FRONT_ANGLE = np.linspace(5.0, 35.0, 7), np.radians(np.linspace(0.5, 8.0, 6))
-"""18 to 126 km/h and 0.5 to 8 deg: other than the grid of any preset."""
+"""18 to 126 km/h and 0.5 to 8 deg: not the grid of any preset."""
 YAW_RATE = np.minimum(
     0.8 * SPEED[:, np.newaxis] * FRONT_ANGLE / (2.8 + 0.003 * SPEED[:, np.newaxis] ** 2), 7.0 / SPEED[:, np.newaxis]
 )
@@ -76,7 +76,7 @@ def with_another_car() -> Manifest:
 
 
 def placed() -> Manifest:
-    """Return a manifest as `codegen build --max-error` writes it: fewer breakpoints, and no rule of each cell."""
+    """Return a manifest of `codegen build --max-error`: fewer breakpoints, and no rule per cell."""
     manifest = copy.deepcopy(dict(PI))
     for key in ("rules", "rule_by_speed_and_front_angle"):
         del manifest["map"][key]
@@ -137,7 +137,7 @@ TEXTS: dict[str, tuple[Callable[[], Manifest], tuple[str, ...], tuple[str, ...]]
         (),
     ),
 }
-"""Manifest, texts in its manual, and texts that are not in it."""
+"""Manifest, texts that its manual contains, and texts that it does not contain."""
 
 
 @pytest.mark.parametrize(("manifest", "present", "absent"), TEXTS.values(), ids=TEXTS)
@@ -168,7 +168,7 @@ def section_of(name: str, figures: Manifest) -> str:
 
 @pytest.mark.parametrize("name", [check.name for check in CHECKS])
 def test_incomplete_figures_give_no_broken_table(name: str) -> None:
-    """A check may end before it has its figures."""
+    """A check may end before its figures are known."""
     figures = recorded("4ws2")["checks"][name]["figures"]
     for table in section_of(name, figures).split("\n\n"):
         lines = [line for line in table.splitlines() if line.startswith("|")]

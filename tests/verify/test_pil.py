@@ -14,20 +14,20 @@ from codegen.verify.target.cross import CORTEX_M4F, POWERPC_BE, Core
 from tests.verify import builds, planted
 
 STEPS = 1_500
-"""Enough for the tour through every status, and for some of everything else."""
+"""Enough for the tour through every status and some of the other steps."""
 PI = builds.made("pi", "uneven")
 
 
 @pytest.fixture(autouse=True)
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few steps, on the big-endian core alone; the dynamics, which have images of their own, in one test."""
+def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run few steps on the big-endian core only. One test covers the dynamics, which have separate images."""
     monkeypatch.setattr(pil, "QUICK_STEPS", STEPS)
     monkeypatch.setattr(pil, "CORES", {True: (POWERPC_BE,), False: (POWERPC_BE,)})
 
 
 @pytest.fixture
 def no_dynamics(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out the dynamics and the search for endless loops."""
+    """Skip the dynamics and the search for endless loops."""
     monkeypatch.setattr(pil, "_dynamics", lambda *given: {})
     monkeypatch.setattr("codegen.verify.on_host.complaints", lambda files, manifest: ())
 
@@ -41,7 +41,7 @@ def checked(subject: Subject) -> Outcome:
 
 
 def test_a_build_has_the_same_bits_on_a_core(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A whole check, with few steps."""
+    """This runs the whole check with few steps."""
     on(monkeypatch, CORTEX_M4F)
     for name, value in {"STEPS": STEPS, "QUICK_STEPS": STEPS - 1, "RECORDINGS": 1}.items():
         monkeypatch.setattr(pil, name, value)

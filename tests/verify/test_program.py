@@ -1,4 +1,4 @@
-"""Functions of an image: their calls, their blocks, the deepest stack of a call; flash and RAM of an object."""
+"""Functions of an image: their calls, their blocks, the maximum stack of a call; flash and RAM of an object."""
 
 import functools
 
@@ -65,7 +65,7 @@ def test_direct_calls_tail_calls_and_the_deepest_chain() -> None:
     ("name", "why"),
     [("again", "it calls itself"), ("through", "it calls through a pointer"), ("last", "it calls through a pointer")],
 )
-def test_recursion_and_pointers_leave_the_stack_without_a_bound(name: str, why: str) -> None:
+def test_recursion_and_pointers_make_the_stack_unbounded(name: str, why: str) -> None:
     with pytest.raises(NoBound) as caught:
         program().depth(name)
     assert str(caught.value) == f"{name}: {why}: its stack has no bound"
@@ -98,6 +98,6 @@ def test_sections_and_written_variables_of_each_unit() -> None:
 
 @pytest.mark.parametrize("kind", builds.KINDS)
 def test_a_build_has_no_memory_of_its_own(kind: Kind) -> None:
-    """All memory is the caller's, so instances share nothing. `test_budgets` plants what is found here."""
+    """All memory is the caller's, so instances share nothing. `test_budgets` plants violations."""
     objects = compile_objects(planted.subject_of(builds.made(kind, "uneven")).sources(), ("-O0",))
     assert [path for path, content in objects.items() if sizes_of(content).written] == []

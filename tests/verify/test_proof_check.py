@@ -1,6 +1,6 @@
-"""Check `proof`: a build is proved, faults are not, nor small C texts that it must refuse.
+"""Check `proof`: a build is proved; faults and C that cannot be judged are rejected.
 
-Whole builds of every kind are proved in tests/evidence/verify.
+tests/evidence/verify proves whole builds of every kind.
 """
 
 import re
@@ -66,8 +66,8 @@ typedef _Bool bool;
 """
 
 
-def troubles(body: str) -> str:
-    """Judge one unit of C as a build is judged, and return all that keeps it from being proved."""
+def proof_failures(body: str) -> str:
+    """Judge one unit of C like a build, and return everything that prevents a proof."""
     try:
         program = Program({"x.c": Unit.parse("x.c", TYPES + body)})
         report = Session(Executor(program, {}), "ars", 0.01).run()
@@ -79,11 +79,11 @@ def troubles(body: str) -> str:
 
 TABLE = "static const uint8_t table[4] = {1u, 2u, 3u, 4u};"
 SHORT = {"PROBE": f"uint32_t ars_probe(uint32_t x) {{ {TABLE}", "TABLE": TABLE}
-"""Text that several cases have in common."""
+"""Text shared by several cases."""
 
 
 def cases(text: str) -> dict[str, tuple[str, str]]:
-    """Return C and expected message by the name of the case; the text has them as "// name: message", then C."""
+    """Return C and expected message by the name of the case, from text with "// name: message" before each C."""
     found = {}
     for each in text.strip().removeprefix("// ").split("\n// "):
         head, _, body = each.partition("\n")
@@ -153,7 +153,7 @@ PROBE uint32_t k = 9u; switch (x) { case 1u: ; uint32_t k = 0u; k = 1u; break; d
 
 @pytest.mark.parametrize(("body", "message"), REFUSED.values(), ids=REFUSED)
 def test_it_is_not_proved(body: str, message: str) -> None:
-    found = troubles(body)
+    found = proof_failures(body)
     assert found
     assert message in found
 
@@ -169,10 +169,10 @@ PROBE uint32_t k = 0u; uint32_t i; for (i = 1u; i < 4u; i++) { if (x < i) { brea
 
 @pytest.mark.parametrize("body", [body for body, _ in PROVED.values()], ids=PROVED)
 def test_it_is_proved(body: str) -> None:
-    assert troubles(body) == ""
+    assert proof_failures(body) == ""
 
 
-# A contract never shows what a call needs.
+# A contract never proves the preconditions of its call.
 
 LIMITER = """
 typedef struct { float rear_angle_max; float rear_rate_max; } ars_limiter_parameters_t;
@@ -193,19 +193,19 @@ PROBE = (
 RIGHT = "p.rear_angle_max = 0.5f; ars_limiter_init(&s, 0.0f);"
 
 
-NEEDS = {
-    # The limiter ensures |result| <= rear_angle_max, which no number fulfils for a limit below zero.
+PRECONDITIONS = {
+    # The limiter ensures |result| <= rear_angle_max, which no number satisfies for a negative limit.
     "the parameters are valid": "p.rear_angle_max = x; ars_limiter_init(&s, 0.0f);",
-    # It also ensures that the result is near its last angle, which no number fulfils for NaN.
+    # It also ensures that the result is near its last angle, which no number satisfies for NaN.
     "rear_angle is ": f"{RIGHT} s.rear_angle = ((x > 0.5f) || (x < -0.5f)) ? 0.0f : x;",
 }
 
 
-@pytest.mark.parametrize(("need", "call"), NEEDS.items(), ids=("parameters", "a state"))
-def test_the_contract_of_a_call_does_not_show_its_preconditions(need: str, call: str) -> None:
-    assert need in troubles(LIMITER + PROBE % call)
-    assert need not in troubles(LIMITER + PROBE % RIGHT)
+@pytest.mark.parametrize(("need", "call"), PRECONDITIONS.items(), ids=("parameters", "a state"))
+def test_the_contract_of_a_call_does_not_prove_its_preconditions(need: str, call: str) -> None:
+    assert need in proof_failures(LIMITER + PROBE % call)
+    assert need not in proof_failures(LIMITER + PROBE % RIGHT)
 
 
 def test_a_missing_parameter_is_reported() -> None:
-    assert "limited: what it is about is not there: " in troubles(LIMITER)
+    assert "limited: what it is about is not there: " in proof_failures(LIMITER)

@@ -1,4 +1,4 @@
-"""The runner of the checks, the table of the results, and the record beside the build."""
+"""The runner of the checks, the table of results, and the record in the build."""
 
 import json
 import shutil
@@ -22,7 +22,7 @@ def registered(name: str, module: str | None = None, quick: bool = True) -> Regi
     return Registered(name, f"the {name} one", f"tests.verify.made.{module or name}", f"What {name} would show", quick)
 
 
-ENDS = {
+EXPECTED = {
     "passing": (PASSED, ()),
     "failing": (FAILED, tuple(f"src/x.c:{line}: wrong" for line in range(12))),
     "slow": (NOT_RUN, (LEFT_OUT,)),
@@ -31,40 +31,40 @@ ENDS = {
     "broken": (FAILED, ("could not be completed: RuntimeError: a fault of the program",)),
     "crashing": (FAILED, (CRASHED,)),
 }
-"""Verdict and findings of each check; the slow one is left out of a quick run."""
+"""Verdict and findings of each check; a quick run skips the slow one."""
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Path:
-    """A copy of a build that was never verified."""
+def build_copy(tmp_path: Path) -> Path:
+    """Return a copy of a build without a verification record."""
     return shutil.copytree(BUILD, tmp_path / "build", ignore=shutil.ignore_patterns("verify.*"))
 
 
 @pytest.fixture(scope="module")
 def report() -> Report:
-    """A quick run in processes of which one is killed."""
-    checks = [registered("slow", "passing", quick=False) if name == "slow" else registered(name) for name in ENDS]
+    """Return the report of a quick run in several processes, one of which is killed."""
+    checks = [registered("slow", "passing", quick=False) if name == "slow" else registered(name) for name in EXPECTED]
     return runner.run(Subject.read(BUILD), Effort(quick=True), lambda *counts: None, checks)
 
 
 def passed(folder: Path, quick: bool = False) -> Report:
-    """Return the report of one check that passes, run in this process."""
+    """Return the report of one passing check, run in this process."""
     subject, effort = Subject.read(folder), Effort(quick)
     return Report(subject, effort, {"passing": runner.outcome_of(registered("passing"), subject, effort)})
 
 
-def test_each_check_has_its_end_in_the_order_of_the_list(report: Report) -> None:
-    assert [(name, (end.verdict, end.findings)) for name, end in report.outcomes.items()] == list(ENDS.items())
+def test_each_check_has_its_outcome_in_the_order_of_the_list(report: Report) -> None:
+    assert [(name, (end.verdict, end.findings)) for name, end in report.outcomes.items()] == list(EXPECTED.items())
     assert report.failed == ("failing", "refusing", "broken", "crashing")
     assert report.outcomes["passing"].figures == {"files": len(report.subject.files), "quick": True}
 
 
-def test_the_record_holds_the_report_and_changes_nothing_else(report: Report, place: Path) -> None:
-    before = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
-    assert record.write(report, place)
-    after = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
-    content = after.pop(place / record.JSON)
-    assert {path: text for path, text in after.items() if path != place / record.MANUAL} == before
+def test_the_record_holds_the_report_and_changes_nothing_else(report: Report, build_copy: Path) -> None:
+    before = {path: path.read_bytes() for path in build_copy.rglob("*") if path.is_file()}
+    assert record.write(report, build_copy)
+    after = {path: path.read_bytes() for path in build_copy.rglob("*") if path.is_file()}
+    content = after.pop(build_copy / record.JSON)
+    assert {path: text for path, text in after.items() if path != build_copy / record.MANUAL} == before
     data = json.loads(content)
     assert data["counts"] == {"passed": 1, "failed": 4, "not run": 2}
     assert len(data["checks"]["failing"]["findings"]) == 12
@@ -72,28 +72,28 @@ def test_the_record_holds_the_report_and_changes_nothing_else(report: Report, pl
     assert str(BUILD) not in content.decode()
 
 
-def test_a_quick_record_does_not_replace_a_whole_one_of_the_same_files(place: Path) -> None:
-    (place / record.JSON).write_text("{", encoding="ascii")  # what cannot be read is replaced
-    assert record.write(passed(place, quick=True), place)
-    assert json.loads((place / record.JSON).read_bytes())["effort"] == "quick"
-    assert record.write(passed(place), place)
-    kept = (place / record.JSON).read_bytes()
-    assert not record.write(passed(place, quick=True), place)
-    assert (place / record.JSON).read_bytes() == kept
-    edited = place / "src" / "ars_map.c"
+def test_a_quick_record_does_not_replace_a_whole_one_of_the_same_files(build_copy: Path) -> None:
+    (build_copy / record.JSON).write_text("{", encoding="ascii")  # an unreadable record is replaced
+    assert record.write(passed(build_copy, quick=True), build_copy)
+    assert json.loads((build_copy / record.JSON).read_bytes())["effort"] == "quick"
+    assert record.write(passed(build_copy), build_copy)
+    kept = (build_copy / record.JSON).read_bytes()
+    assert not record.write(passed(build_copy, quick=True), build_copy)
+    assert (build_copy / record.JSON).read_bytes() == kept
+    edited = build_copy / "src" / "ars_map.c"
     edited.write_bytes(edited.read_bytes() + b"\n")
-    assert record.write(passed(place, quick=True), place)
-    assert json.loads((place / record.JSON).read_bytes())["edited"] == ["src/ars_map.c"]
-    assert "**Not as it was built:** `src/ars_map.c`" in (place / record.MANUAL).read_text()
+    assert record.write(passed(build_copy, quick=True), build_copy)
+    assert json.loads((build_copy / record.JSON).read_bytes())["edited"] == ["src/ars_map.c"]
+    assert "**Not as it was built:** `src/ars_map.c`" in (build_copy / record.MANUAL).read_text()
 
 
-def test_a_record_that_cannot_be_written_is_reported_before_and_after_the_run(place: Path) -> None:
-    record.require_place(place)
-    (place / record.JSON).mkdir()
+def test_a_record_that_cannot_be_written_is_reported_before_and_after_the_run(build_copy: Path) -> None:
+    record.require_place(build_copy)
+    (build_copy / record.JSON).mkdir()
     with pytest.raises(CodegenError, match=rf"{record.JSON}: not a regular file"):
-        record.require_place(place)
+        record.require_place(build_copy)
     with pytest.raises(CodegenError, match="cannot be written"):
-        record.write(passed(place), place)
+        record.write(passed(build_copy), build_copy)
 
 
 def test_the_manual_reports_failures_and_missing_checks(report: Report) -> None:
@@ -103,7 +103,7 @@ def test_the_manual_reports_failures_and_missing_checks(report: Report) -> None:
         "1 checks passed, 4 failed, 2 not run.",
         "- src/x.c:11: wrong",
         "It says nothing of the rest.",
-        "It shows \\| nothing",  # a bar inside a cell of a table
+        "It shows \\| nothing",  # a bar inside a table cell
         "A quick run",
     ):
         assert part in text
@@ -117,10 +117,10 @@ def test_the_manual_reports_failures_and_missing_checks(report: Report) -> None:
         (lambda manifest: manifest["options"].update(prefix="../x"), "options.prefix: string should match"),
     ],
 )
-def test_a_damaged_manifest_is_rejected(place: Path, damage: Callable[[dict[str, Any]], object], message: str) -> None:
-    manifest = json.loads((place / "manifest.json").read_bytes())
+def test_a_damaged_manifest_is_rejected(build_copy: Path, damage: Callable[[dict[str, Any]], object], message: str) -> None:
+    manifest = json.loads((build_copy / "manifest.json").read_bytes())
     damage(manifest)
-    (place / "manifest.json").write_text(json.dumps(manifest))
+    (build_copy / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(CodegenError) as caught:
-        Subject.read(place)
-    assert str(caught.value).startswith(f"{place / 'manifest.json'}: {message}")
+        Subject.read(build_copy)
+    assert str(caught.value).startswith(f"{build_copy / 'manifest.json'}: {message}")

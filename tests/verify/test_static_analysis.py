@@ -1,6 +1,6 @@
-"""Check `static-analysis`: the findings of the analysers are the rows of `deviations.md`, no more and no fewer.
+"""Check `static-analysis`: the analysers' findings equal the rows of `deviations.md`.
 
-The build here is small, two units and all headers, because the analysers take half a minute for a whole one.
+The build is small, two units and all headers, because the analysers need half a minute for a whole one.
 """
 
 import functools
@@ -15,6 +15,7 @@ from codegen.errors import CodegenError
 from codegen.verify import host_gcc
 from codegen.verify.analysis import check as static_analysis
 from codegen.verify.analysis import gcc_analyzer, misra
+from codegen.verify.analysis.number_tables import malformed
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.target.cross import source_tree
@@ -34,7 +35,7 @@ def with_rows(files: Mapping[str, bytes], *rows: str) -> dict[str, bytes]:
 
 @functools.cache
 def small() -> dict[str, bytes]:
-    """Return the small build with the rows that the missing units need: nobody else defines or uses its names."""
+    """Return the small build with the rows for the missing units, whose names are otherwise undefined or unused."""
     others = re.compile(r"\| src/(?!ars_e2e|ars_limiter)|\|[^|]*\|[^|]*\| 5\.9 \|")
     files = {path: content for path, content in PI.files.items() if path.startswith("include/") or path in UNITS}
     files[FILE] = b"".join(line for line in PI.files[FILE].splitlines(keepends=True) if not others.match(line.decode()))
@@ -55,7 +56,7 @@ def c_function(signature: str, *body: str) -> str:
 
 
 def test_a_build_passes_with_its_rows() -> None:
-    """A row names its line by its text: where lines are added to a file, those below stay listed."""
+    """A row names its line by its text, so it stays valid when lines are added above."""
     files = {**small(), LIMITER: b"/* one */\n/* two */\n" + small()[LIMITER]}
     outcome = checked(files)
     assert (outcome.findings, outcome.verdict) == ((), Verdict.PASSED)
@@ -77,17 +78,17 @@ PLANTED = (
         {4: "21.3", 5: "-Wanalyzer-possible-null-dereference"},
     ),
 )
-"""Functions, and the rules that they break by the offset of the line."""
+"""Functions, and the rules they violate by line offset."""
 ROWS = (
     "| src/ars_e2e.c | 12 | 15.5 | advisory | `return x;` | the function is easier to read so |",
     "| src/ars_e2e.c | 13 | 17.3 | mandatory | `x = y(z);` | it works |",
     "| src/ars_e2e.c | 14 | 10.3 | advisory | `x = y \\| z;` | it is no more than a word |",
     "| src/ars_e2e.c | 15 | -Wanalyzer-null-dereference | checker | `*x = 1;` | it is never null |",
 )
-"""Deviations without a finding, two of them without a right too."""
+"""Deviations without a finding; two of them are also not permitted."""
 
 
-def test_violations_and_wrong_rows_are_found_where_they_are() -> None:
+def test_violations_and_wrong_rows_are_located() -> None:
     files = small()
     text, first = files[LIMITER].decode(), files[LIMITER].count(b"\n") + 1
     violations = []
@@ -119,9 +120,20 @@ def test_violations_and_wrong_rows_are_found_where_they_are() -> None:
     assert all(int(re.match(rf"{LIMITER}:(\d+): ", each)[1]) >= first for each in others)  # type: ignore[index]
 
 
+def test_a_table_with_a_missing_number_or_other_than_plain_literals_is_found() -> None:
+    build = builds.made("tracking", "uneven")
+    path = "src/ars_calibration.c"
+    for old, new in (("0.0f, 0.0f, 0.0f, 0.0f,", "0.0f, 0.0f, 0.0f,"), ("0.0f, 0.0f,", "0.0f, 1.0f - 1.0f,")):
+        text = build.files[path].decode()
+        assert list(malformed(build.files, build.manifest)) == []
+        planted = {**build.files, path: text.replace(old, new, 1).encode()}
+        (finding,) = malformed(planted, build.manifest)
+        assert re.fullmatch(rf"{path}: ars_map_yaw_rate_table is not \d+ x \d+ plain numbers of type float", finding)
+
+
 def test_without_an_analysing_gcc_or_a_readable_table_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
     head = PI.files[FILE].partition(b"| src/")[0]
-    files = with_rows({**small(), FILE: head}, ROWS[-1])  # nobody can decide whether this row is stale
+    files = with_rows({**small(), FILE: head}, ROWS[-1])  # this row's validity cannot be decided
     monkeypatch.setattr(misra, "judged_by_misra", lambda tree: ())
     monkeypatch.setattr(misra, "judged_as_programs", lambda *given: ())
     monkeypatch.setattr(gcc_analyzer, "FLAGS", ("-std=c99", "-O2"))

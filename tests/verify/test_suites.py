@@ -1,4 +1,4 @@
-"""For which settings the outcomes of the fault catalogue are defined."""
+"""Settings for which the fault catalogue's outcomes are defined."""
 
 from codegen.configuration import preset
 from codegen.verify.suites import are_faults_defined_for

@@ -1,4 +1,4 @@
-"""Rows for each counted function, cycles of the task with all that a bus can do, and the search for the longest call."""
+"""Rows for each counted function, cycles of the task with all bus events, and the search for the longest call."""
 
 import functools
 
@@ -30,7 +30,7 @@ def cycles(*faults: Fault) -> Rows:
 
 
 def statuses(rows: Rows) -> list[list[E2eStatus]]:
-    """Return what an independent receiver finds in the motion frames, cycle by cycle."""
+    """Return an independent receiver's status of the motion frames, cycle by cycle."""
     found, receiver = events_of(rows, counter()), Receiver(THRESHOLDS.config.can.e2e)
     seen: list[list[E2eStatus]] = [[] for _ in rows]
     for event, row in zip(found.events, found.row, strict=True):
@@ -61,7 +61,7 @@ def test_a_receiver_recognises_each_fault(fault: Fault, status: E2eStatus) -> No
 
 
 def test_calls_that_are_not_counted_leave_their_state() -> None:
-    """The last run of the task takes another path with frames than without, though they came before the count."""
+    """The task's last run takes another path with frames than without, even if they came before the count."""
     instructions = []
     for fault in (Fault.NONE, Fault.MISSING):
         events = events_of(cycles(Fault.NONE, fault), counter()).events
@@ -71,12 +71,12 @@ def test_calls_that_are_not_counted_leave_their_state() -> None:
     assert instructions[0] != instructions[1]
 
 
-def test_long_ways_are_as_long_as_their_limits() -> None:
+def test_long_histories_reach_their_limits() -> None:
     fail_safe = THRESHOLDS.config.controller.fail_safe
     ways = long_histories(THRESHOLDS)
     assert any(len(way.before) == 1 + fail_safe.degraded_samples_max + 2 + fail_safe.recovery_samples - 1 for way in ways)
     of_task = long_task_histories(THRESHOLDS)
-    seen = statuses(np.concatenate([of_task[-1].before, of_task[-1].then]))  # a silence, and frames after it
+    seen = statuses(np.concatenate([of_task[-1].before, of_task[-1].then]))  # a silence, then frames
     after = len(of_task[-1].then)
     assert seen[:-after].count([E2eStatus.NO_NEW_DATA]) > THRESHOLDS.config.can.e2e.max_no_new_or_repeated_data
     assert [E2eStatus.SYNC] in seen[-after:]
@@ -84,7 +84,7 @@ def test_long_ways_are_as_long_as_their_limits() -> None:
     assert kinds.count(MOTION) == kinds.count(CONDITIONS) > 2**8
 
 
-def test_each_history_leads_to_a_state_of_its_own() -> None:
+def test_each_history_leads_to_another_state() -> None:
     good = np.array([[15.0, 0.02, 0.1, np.nan, np.nan, np.nan, 0.0, 0.0]], dtype=np.float32)
     runs = [
         builds.compiled("pi").controller().run(measurements_of(np.concatenate([history, good])[:, :7]))
@@ -95,14 +95,14 @@ def test_each_history_leads_to_a_state_of_its_own() -> None:
     assert runs[-1][-1].status in (Status.TRACKING, Status.LIMITED)  # one good sample ends that fail-safe
 
 
-def hidden(rows: Rows) -> Figures:
-    """Return long calls where each of four inputs is near its own value. No drawn row has all four."""
+def rare_combination(rows: Rows) -> Figures:
+    """Return instruction counts that are high where each of four inputs is near its own value. No drawn row has all four."""
     goal = np.array([0.3, -0.7, 0.1, 0.9])
     return {"instructions": 100 + 10 * (np.abs(rows - goal) < 0.05).sum(axis=1)}
 
 
-def test_the_search_combines_what_it_finds_apart() -> None:
-    search = Search(hidden, "instructions")
+def test_the_search_combines_separate_findings() -> None:
+    search = Search(rare_combination, "instructions")
     search.run([np.random.default_rng(seed).uniform(-1.0, 1.0, (2_000, 4)).astype(np.float32) for seed in range(2)])
     assert search.spread("instructions", 1).largest < 140
     search.improve(12, np.random.default_rng(1))

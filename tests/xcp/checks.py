@@ -1,4 +1,4 @@
-"""Random packets to the slave, for invariants that hold for any packets.
+"""Random packets to the slave, with invariants for any packets.
 
 There is no crash and no write outside the calibration, and the controller always runs on valid parameters: `Slave` checks this
 after each packet.
@@ -43,7 +43,7 @@ def _shaped(rng: Random, places: dict[str, int], name: str) -> bytes:
 
 
 def _lists(rng: Random, places: dict[str, int]) -> list[bytes]:
-    """Return the packets that set up and start a list of measurements, one time in ten in any order."""
+    """Return the packets that set up and start a measurement list, one time in ten in random order."""
     lists, odts, entries = (int(rng.choice([2, 2, 2, 2, 2, more])) for more in (9, 33, 8))
     packets = [packet("FREE_DAQ"), packet("ALLOC_DAQ", 0, word(lists)), packet("ALLOC_ODT", 0, word(0), odts)]
     packets += [packet("ALLOC_ODT_ENTRY", 0, word(0), odt, entries) for odt in range(min(odts, 3))]
@@ -57,7 +57,7 @@ def _lists(rng: Random, places: dict[str, int]) -> list[bytes]:
 
 
 def random_packets(rng: Random, places: dict[str, int]) -> list[bytes | None]:
-    """Return a few packets in a row; None is a run of the task."""
+    """Return a few consecutive packets; None is a run of the task."""
     kind, names = rng.random(), list(COMMANDS)
     if kind < 0.25:
         return [rng.bytes(int(rng.integers(13)))]
@@ -80,7 +80,7 @@ def run_random_packets(program: Path, count: int) -> tuple[Counter[str], int]:
     """Send `count` packets to a connected slave.
 
     Returns:
-        The number of positive answers of each command and of each error, by name, and the number of packets of measurements.
+        The number of positive responses of each command and of each error, by name, and the number of measurement packets.
 
     Raises:
         AssertionError: an invariant does not hold.

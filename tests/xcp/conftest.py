@@ -10,13 +10,13 @@ from tests.xcp.slave import Slave, compile_slave
 
 @pytest.fixture(scope="package")
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The generated slave."""
+    """Return the generated slave."""
     return compile_slave(tmp_path_factory.mktemp("xcp"))
 
 
 @pytest.fixture
 def slave(program: Path) -> Iterator[Slave]:
-    """A connected slave."""
+    """Provide a connected slave."""
     with Slave(program) as slave:
         slave.positive("CONNECT", 0)
         yield slave

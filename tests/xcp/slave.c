@@ -29,7 +29,7 @@ static ars_xcp_setup_t setup;
 static ars_xcp_packet_t *answer;
 static ars_xcp_packet_t *packets;
 
-/* Memory with a copy of what it must hold. */
+/* Memory with a copy of its required content. */
 typedef struct {
     uint8_t *now;
     uint8_t *before;
@@ -45,7 +45,7 @@ static bool is_valid(void)
     return ars_parameters_valid(&ars_parameters_default);
 }
 
-/* Exactly so many bytes: the sanitizer sees the next. */
+/* Allocate exactly `size` bytes, so that the sanitizer detects an overrun. */
 static void *block(size_t size)
 {
     void *const result = malloc((size > 0u) ? size : 1u);
@@ -56,7 +56,7 @@ static void *block(size_t size)
     return result;
 }
 
-/* Byte by byte: the pages around the section hold what the sanitizer lets nobody touch by its own functions. */
+/* Copy byte by byte: the sanitizer's memcpy rejects parts of the pages around the section. */
 static kept_t keep(uint8_t *now, size_t size)
 {
     const kept_t result = { now, block(size), size };
@@ -102,8 +102,8 @@ static void set_up(void)
     reference = keep(setup.reference, size);
 }
 
-/* 1: the section's neighbours were written; 2: the reference page was; 4: the measurements were; 8: the controller would run with
- * what is not valid; 16: it is on the reference page, and that is not what it reads. */
+/* Broken invariants: 1 the section's neighbours were written, 2 the reference page, 4 the measurements; 8 the controller would run
+ * with invalid parameters; 16 the reference page is active but the controller does not read it. */
 static unsigned int broken(void)
 {
     const size_t size = setup.calibration_size;

@@ -1,4 +1,4 @@
-"""The XCP slave alone, sanitized, as a process: packets in, answers out, and its invariants checked after each packet."""
+"""The XCP slave as a separate sanitized process: packets in, responses out, invariants checked after each packet."""
 
 import contextlib
 import shutil
@@ -17,16 +17,16 @@ from hil_sim.native import section_flag
 CALIBRATION, MEASUREMENTS = 0x1000_0000, 0x2000_0000
 """XCP addresses that `slave.c` sets up."""
 
-PATIENCE = 120.0
-"""s: thirty times what the longest run takes; only one that does not end waits so long."""
+TIMEOUT_S = 120.0
+"""Timeout in s: thirty times the longest run, so only an endless run reaches it."""
 
 BUILD = Path(__file__).resolve().parents[2] / "generated/4ws2-paper"
 HARNESS = Path(__file__).with_name("slave.c")
-BROKEN = (
-    "it wrote beside the calibration",
+INVARIANT_FAILURES = (
+    "it wrote next to the calibration",
     "it wrote the reference page",
     "it wrote a measurement",
-    "the controller would run with what is not valid",
+    "the controller would run with invalid parameters",
     "the controller does not read the reference page",
 )
 
@@ -50,7 +50,7 @@ _ERROR_CODES = _codes("""
     PAGE_NOT_VALID=26 MODE_NOT_VALID=27 SEGMENT_NOT_VALID=28 SEQUENCE=29 DAQ_CONFIG=2A MEMORY_OVERFLOW=30
 """)
 ERRORS = {code: name for name, code in _ERROR_CODES.items()}
-"""ASAM MCD-1 XCP, table of error codes, without ERR_: those that the slave can answer."""
+"""ASAM MCD-1 XCP, table of error codes, without ERR_: those that the slave can return."""
 
 
 def packet(name: str, *arguments: int | bytes) -> bytes:
@@ -74,7 +74,7 @@ def compile_slave(at: Path) -> Path:
     for folder in ("include", "src", "linux"):
         shutil.copytree(BUILD / folder, at / folder)
     (at / "slave.c").write_bytes(HARNESS.read_bytes())
-    # Not sanitized: it reads memory around the calibration, some of which belongs to the sanitizer.
+    # Not sanitized: it reads memory around the calibration, part of which belongs to the sanitizer.
     plain = [flag for flag in flags if flag != SANITIZERS]
     require_success(run([*compiler, *plain, "-c", "slave.c"], at), "slave.c")
     sources = [*sorted(str(path.relative_to(at)) for path in at.glob("src/*.c")), "linux/ars_xcp.c"]
@@ -90,31 +90,31 @@ class Slave:
     """
 
     def __init__(self, program: Path) -> None:
-        # No pipe: the sanitizer reports undefined behaviour, and the program goes on.
+        # No pipe: the sanitizer reports undefined behaviour and the program continues.
         self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed by __exit__
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": self._errors}
         self._process = subprocess.Popen([*launcher(), str(program)], env=environment(), **pipes)
-        # A slave with a planted fault may loop for ever: it is killed, which is reported as any other end.
-        self._watch = threading.Timer(PATIENCE, self._process.kill)
+        # A slave with a planted fault may loop forever: it is killed, which is reported like any other end.
+        self._watch = threading.Timer(TIMEOUT_S, self._process.kill)
         self._watch.daemon = True
         self._watch.start()
         line = self._process.stdout.readline().decode("ascii")
         self.places = {name: int(number) for name, _, number in (word.partition("=") for word in line.split())}
 
     def command(self, data: bytes) -> bytes | None:
-        """Send a packet and return the answer, or None."""
+        """Send a packet and return the response, or None."""
         answered, answer = self._request(b"C" + bytes((len(data),)) + data, 1)[0], self._packet()
         self._check_invariants()
         return answer if answered else None
 
     def event(self) -> list[bytes]:
-        """Run the task and return the packets of measurements."""
+        """Run the task and return the measurement packets."""
         packets = [self._packet() for _ in range(self._request(b"E", 1)[0])]
         self._check_invariants()
         return packets
 
     def answer(self, name: str, *arguments: int | bytes) -> bytes | str:
-        """Send a command and return the data of its positive answer, or the name of the error."""
+        """Send a command and return the data of its positive response, or the name of the error."""
         answer = self.command(packet(name, *arguments))
         assert answer is not None
         if answer[0] == 0xFF:
@@ -123,7 +123,7 @@ class Slave:
         return ERRORS[answer[1]]
 
     def positive(self, name: str, *arguments: int | bytes) -> bytes:
-        """Send a command that must succeed and return the data of its answer."""
+        """Send a command that must succeed and return the data of its response."""
         answer = self.answer(name, *arguments)
         assert isinstance(answer, bytes), f"{name}: {answer}"
         return answer
@@ -135,12 +135,12 @@ class Slave:
         return b"".join(pieces)
 
     def write(self, address: int, data: bytes) -> bytes | str:
-        """Write memory by one DOWNLOAD and return its answer."""
+        """Write memory with one DOWNLOAD and return its response."""
         self.positive("SET_MTA", 0, 0, 0, dword(address))
         return self.answer("DOWNLOAD", len(data), data)
 
     def _request(self, record: bytes, size: int) -> bytes:
-        with contextlib.suppress(BrokenPipeError):  # then nothing comes to read
+        with contextlib.suppress(BrokenPipeError):  # then there is no response
             self._process.stdin.write(record)
             self._process.stdin.flush()
         return self._read(size)
@@ -152,7 +152,7 @@ class Slave:
 
     def _check_invariants(self) -> None:
         broken = self._read(1)[0]
-        assert not broken, "; ".join(text for bit, text in enumerate(BROKEN) if broken >> bit & 1)
+        assert not broken, "; ".join(text for bit, text in enumerate(INVARIANT_FAILURES) if broken >> bit & 1)
 
     def _read(self, size: int) -> bytes:
         data = self._process.stdout.read(size)

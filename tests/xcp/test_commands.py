@@ -1,4 +1,4 @@
-"""Every command of the XCP slave: its positive answer, byte by byte, and each error by name (of ASAM MCD-1 XCP)."""
+"""Every command of the XCP slave: its positive response, byte by byte, and each error by name (of ASAM MCD-1 XCP)."""
 
 import binascii
 import math
@@ -24,13 +24,13 @@ Argument = int | bytes
 
 
 def check(slave: Slave, *steps: tuple[Argument | str, ...]) -> None:
-    """Send commands. A step is the wanted answer (data, or the name of an error), then the command and its arguments."""
+    """Send commands. A step is the expected response (data, or the name of an error), then the command and its arguments."""
     for wanted, name, *arguments in steps:
         assert slave.answer(name, *arguments) == wanted, (name, *arguments)
 
 
 def refused(slave: Slave, error: str, name: str, *choices: tuple[Argument, ...]) -> None:
-    """Send a command with one choice of arguments after another, each of which must give the error."""
+    """Send a command with each choice of arguments, all of which must give the error."""
     check(slave, *((error, name, *arguments) for arguments in choices))
 
 
@@ -54,7 +54,7 @@ def test_the_session(program: Path) -> None:
         # A short frame, nine bytes, and one byte of two.
         for name, rest in (("SET_MTA", 6), ("GET_STATUS", 8), ("DOWNLOAD", 1)):
             check(slave, ("CMD_SYNTAX", name, *[2] * rest))
-        check(slave, (bytes(5), "GET_STATUS"), (OK, "DISCONNECT"))  # the refused CONNECT did not end the session
+        check(slave, (bytes(5), "GET_STATUS"), (OK, "DISCONNECT"))  # the rejected CONNECT did not end the session
         assert slave.command(packet("GET_STATUS")) is None
 
 
@@ -64,7 +64,7 @@ def test_identification(slave: Slave) -> None:
         check(slave, (PADDING + dword(len(name)), "GET_ID", kind), ("WRITE_PROTECTED", "DOWNLOAD", 1, 0))
         check(slave, *((name[k : k + 7], "UPLOAD", len(name[k : k + 7])) for k in range(0, len(name), 7)))
         check(slave, ("ACCESS_DENIED", "UPLOAD", 1), ("ACCESS_DENIED", "DOWNLOAD", 1, 0))
-    check(slave, (bytes(7), "GET_ID", 2))  # no length: there is no such identification
+    check(slave, (bytes(7), "GET_ID", 2))  # no length: this identification does not exist
 
 
 def test_reading(slave: Slave) -> None:
@@ -95,7 +95,7 @@ def test_bounds(slave: Slave, base: int, name: str) -> None:
 def test_checksum(slave: Slave) -> None:
     whole = slave.read(CALIBRATION, slave.places["size"])
     slave.positive("SET_MTA", 0, 0, 0, dword(CALIBRATION))
-    for part in (whole[:100], whole[100:]):  # the address moves on
+    for part in (whole[:100], whole[100:]):  # the address advances
         wanted = bytes.fromhex("09 00 00") + dword(binascii.crc32(part))
         check(slave, (wanted, "BUILD_CHECKSUM", *PADDING, dword(len(part))))
     check(slave, ("ACCESS_DENIED", "BUILD_CHECKSUM", *PADDING, dword(1)))
@@ -105,7 +105,7 @@ def test_checksum(slave: Slave) -> None:
 def test_writing(slave: Slave) -> None:
     at, axis = place(slave, "enable_speed"), place(slave, "speeds") + 4
     assert slave.write(at, number(12.0)) == OK
-    for value in (math.nan, math.inf, -1.0, 0.0):  # zero: not above the speed that disables
+    for value in (math.nan, math.inf, -1.0, 0.0):  # zero: not above the disabling speed
         assert slave.write(at, number(value)) == "OUT_OF_RANGE"
     assert slave.read(at, 4) == number(12.0)
     refused(slave, "OUT_OF_RANGE", "DOWNLOAD", (0, bytes(6)), (7, bytes(6)), (255, bytes(6)))
@@ -115,7 +115,7 @@ def test_writing(slave: Slave) -> None:
         assert slave.write(axis + 4, number(value)) == "OUT_OF_RANGE"
     assert slave.read(axis, 12) == struct.pack("<3f", first, second, third)
     check(slave, (OK, "DISCONNECT"), (CONNECTED, "CONNECT", 0))
-    assert slave.read(at, 4) == number(12.0)  # the calibration outlives the session
+    assert slave.read(at, 4) == number(12.0)  # the calibration persists after the session
 
 
 def test_information_on_pages(slave: Slave) -> None:
@@ -158,7 +158,7 @@ def test_switching(slave: Slave) -> None:
 
 
 def test_a_whole_axis_is_changed_while_the_reference_page_is_in_use(slave: Slave) -> None:
-    """On the active page each point alone is refused; together they are a valid axis."""
+    """On the active page each point alone is rejected; together they are a valid axis."""
     at, points = place(slave, "speeds"), extend(load(BUILD.with_suffix(".npz")), builds.CONFIG).speed.size
     moved = [1.05 * speed for speed in struct.unpack(f"<{points}f", slave.read(at, 4 * points))]
     assert slave.write(at + 4 * (points // 2), number(moved[points // 2])) == "OUT_OF_RANGE"
@@ -272,9 +272,9 @@ def test_the_order_and_the_bounds_of_allocation(slave: Slave) -> None:
     write = ("WRITE_DAQ", 0xFF, 1, 0, dword(MEASUREMENTS))
     check(slave, *(("SEQUENCE", *command) for command in (daq, odt, entry)), (OK, "FREE_DAQ"))
     check(slave, ("SEQUENCE", *odt), ("SEQUENCE", *entry), (OK, *daq), ("SEQUENCE", *entry), (OK, *odt))
-    check(slave, ("SEQUENCE", *odt), ("SEQUENCE", *daq), (OK, *entry))  # it has its packets
+    check(slave, ("SEQUENCE", *odt), ("SEQUENCE", *daq), (OK, *entry))  # its packets are already allocated
     check(slave, *(("SEQUENCE", *command) for command in (entry, odt, daq, write)))  # no pointer
-    check(slave, (OK, "SET_DAQ_PTR", 0, word(0), 0, 0), (OK, *write), ("SEQUENCE", *write))  # behind the last entry
+    check(slave, (OK, "SET_DAQ_PTR", 0, word(0), 0, 0), (OK, *write), ("SEQUENCE", *write))  # after the last entry
     check(
         slave,
         (OK, "FREE_DAQ"),
@@ -304,7 +304,7 @@ def test_entries_and_modes_that_are_not_valid(slave: Slave) -> None:
         ("ACCESS_DENIED", "WRITE_DAQ", 0xFF, 1, 0, dword(MEASUREMENTS + slave.places["measurements"])),
         (OK, "WRITE_DAQ", 0xFF, 4, 0, inside),
         ("OUT_OF_RANGE", "WRITE_DAQ", 0xFF, 4, 0, inside),  # eight bytes in all
-        ("DAQ_CONFIG", "START_STOP_DAQ_LIST", 1, zero),  # an entry is not written, and no event set
+        ("DAQ_CONFIG", "START_STOP_DAQ_LIST", 1, zero),  # an entry is not written, and no event is set
         (OK, "WRITE_DAQ", 0xFF, 3, 0, inside),
         ("DAQ_CONFIG", "START_STOP_DAQ_LIST", 1, zero),
         (OK, "SET_DAQ_LIST_MODE", 0x10, zero, zero, 1, 0),
@@ -331,6 +331,6 @@ def test_a_running_list_is_not_changed(slave: Slave) -> None:
         ("DAQ_ACTIVE", "SET_DAQ_LIST_MODE", 0, word(0), word(0), 1, 0),
         ("DAQ_ACTIVE", "ALLOC_ODT_ENTRY", 0, word(1), 0, 1),
     )
-    fill(slave, 1, 0, (MEASUREMENTS, 1))  # another list can be
+    fill(slave, 1, 0, (MEASUREMENTS, 1))  # another list can be changed
     check(slave, (OK, "FREE_DAQ"))
     assert slave.event() == []

@@ -3,26 +3,129 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import platform
 import re
-from collections.abc import Mapping
+import sys
+import tempfile
+import zipfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from codegen import __version__, configuration
+from codegen.configuration import Config
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
-from codegen.emit.text import comment_text
-from codegen.export.fmu.archive import DESCRIPTION, pack
-from codegen.export.fmu.binary import FLAGS, compile_binary, library_path
+from codegen.emit.render import render, verbatim
+from codegen.emit.text import Precision, comment_text
+from codegen.errors import BuildError
 from codegen.export.fmu.description import Description, build_description, model_description
-from codegen.export.fmu.model_view import TITLES, step_size
+from codegen.export.fmu.model_view import TITLES, context, rows, step_size
 from codegen.export.fmu.parameters import parameter_variables, status_values
-from codegen.export.fmu.sources import build_sources, model_sources
 from codegen.export.fmu.standard import Version, headers, licence
 from codegen.export.fmu.variables import Variable, What, variables_of
+from codegen.sil.compile import DEFAULT_FLAGS
+from codegen.sil.plant import plant_sources
 from codegen.sil.software import compile_build, require_can_side
+from codegen.sil.toolchain import compiler_command, require_success, run
+
+FLAGS = (*DEFAULT_FLAGS, "-fvisibility=hidden")
+"""Compiler flags of the SIL, for identical results; only FMI functions are exported."""
+
+_ARCHITECTURES = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64"}
+
+
+def library_path(version: Version, identifier: str) -> str:
+    """Return the path of the binary in the archive. FMI 3.0 names the processor; FMI 2.0 only system and word length.
+
+    Raises:
+        BuildError: the platform is not supported.
+    """
+    system = next((name for name in ("linux", "darwin") if sys.platform.startswith(name)), None)
+    architecture = _ARCHITECTURES.get(platform.machine().lower())
+    if system is None or architecture is None:
+        where = f"{sys.platform} on {platform.machine()}"
+        raise BuildError("no FMU can be compiled here", where=where, remedy="use Linux or macOS on x86-64 or AArch64")
+    folder = f"{architecture}-{system}" if version == "3" else f"{system}64"
+    return f"binaries/{folder}/{identifier}.{'dylib' if system == 'darwin' else 'so'}"
+
+
+def compile_binary(sources: Mapping[str, bytes], name: str) -> bytes:
+    """Compile C sources to the shared library `name`; equal sources and compilers give equal bytes.
+
+    Raises:
+        BuildError: no compiler, or C that does not compile.
+    """
+    if sys.platform == "darwin":
+        kind = ["-dynamiclib", f"-Wl,-install_name,@rpath/{name}"]
+    else:  # without symbols of its own and build id, which change with nothing that counts
+        kind = ["-shared", "-s", "-Wl,--build-id=none"]
+    units = sorted(path for path in sources if path.endswith(".c"))
+    with tempfile.TemporaryDirectory(prefix="ars-fmu-") as scratch:
+        folder = Path(scratch)
+        try:
+            for path, content in sources.items():
+                (folder / path).write_bytes(content)
+            require_success(run([*compiler_command(), *FLAGS, *kind, *units, "-o", name, "-lm"], folder), name)
+            return (folder / name).read_bytes()
+        except OSError as error:
+            raise BuildError(
+                f"the FMU cannot be compiled: {error.strerror}", where=scratch, remedy="free some space"
+            ) from error
+
+
+_INCLUDE = re.compile(rb'^#include "([^"]+)"', re.MULTILINE)
+
+
+def build_sources(files: Mapping[str, bytes], prefix: str) -> dict[str, bytes]:
+    """Return name -> content of the controller's sources in a build, and of every header and source they depend on."""
+    named = {PurePosixPath(path).name: content for path, content in files.items()}
+    found: dict[str, bytes] = {}
+    waiting = [f"{prefix}_controller.h", f"{prefix}_calibration.c"]
+    while waiting:
+        name = waiting.pop()
+        if name in named and name not in found:
+            found[name] = named[name]
+            waiting += [included.decode("ascii", "replace") for included in _INCLUDE.findall(named[name])]
+            waiting.append(f"{name.removesuffix('.h')}.c")
+    return found
+
+
+def model_sources(
+    what: What, version: Version, config: Config, prefix: str, precision: Precision, variables: Sequence[Variable], token: str
+) -> dict[str, bytes]:
+    """Return the wrapper: model, variables, instance, FMI functions and, if used, the plant."""
+    seen = {
+        **context(what, config, prefix, precision, variables),
+        "variables": rows(variables, version),
+        "token": token,
+    }
+    model = "plant_model.c" if what == "plant" else f"{what}_model.c.j2"
+    templates = {
+        "fmu_config.h": "fmu_config.h.j2",
+        "model.h": "model.h.j2",
+        "model.c": model,
+        "variables.h": "variables.h",
+        "variables.c": "variables.c.j2",
+        "instance.h": "instance.h",
+        "instance.c": "instance.c",
+        f"fmi{version}.c": f"fmi{version}.c",
+    }
+    if version == "3":
+        templates["fmi3_unsupported.c"] = "fmi3_unsupported.c"
+    made = {
+        name: render(f"fmu/{source}", seen) if source.endswith(".j2") else verbatim(f"fmu/{source}")
+        for name, source in templates.items()
+    }
+    return {**made, **(plant_sources(config) if what != "controller" else {})}
+
+
+_DESCRIPTION = "modelDescription.xml"
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+"""Earliest time that a zip archive can represent."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +167,7 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
     path = library_path(version, maker.identifier)
     library = compile_binary({**sources, **standard}, PurePosixPath(path).name)
     content = {
-        DESCRIPTION: description,
+        _DESCRIPTION: description,
         path: library,
         "documentation/licenses/fmi-headers.txt": licence(standard),
         **{f"sources/{name}": text for name, text in {**sources, **standard}.items()},
@@ -72,7 +175,7 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
     if version == "3":
         content["sources/buildDescription.xml"] = build_description(maker.identifier, maker.units)
     return Fmu(
-        pack(content),
+        _pack(content),
         maker.identifier,
         token,
         PurePosixPath(path).parent.name,
@@ -135,3 +238,16 @@ class _Maker:
         content = {"flags": list(FLAGS), "description": hashlib.sha256(self.description("")).hexdigest()}
         hashes = {name: hashlib.sha256(text).hexdigest() for name, text in self.sources("").items()}
         return hashlib.sha256(json.dumps([content, hashes], sort_keys=True).encode()).hexdigest()
+
+
+def _pack(files: Mapping[str, bytes]) -> bytes:
+    """Return the archive of path -> content: the description first, the others sorted; equal files give equal bytes."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(files, key=lambda path: (path != _DESCRIPTION, path)):
+            entry = zipfile.ZipInfo(path, _EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system = 3  # Unix, wherever this runs
+            entry.external_attr = 0o100644 << 16
+            archive.writestr(entry, files[path])
+    return buffer.getvalue()

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
 from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import axis, layout, numbers
 from codegen.report.style import BLUE, GREEN, ORANGE, VERMILION
-
-FloatArray = npt.NDArray[np.float64]
 
 COLOURS = (BLUE, ORANGE, VERMILION)
 BINS = 120

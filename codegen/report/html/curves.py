@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.optimum.turns import turns_of
 from codegen.report.html.blocks import INK, MUTED, Chart, Gallery
 from codegen.report.html.charts import axis, layout, line
 from codegen.report.html.maps import SPEED
 from codegen.report.published import PAPER_TABLE, TABLE_SPEED_KM_H
-from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, WHITE, FloatArray
+from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, WHITE
 from codegen.report.summary import tyre_note
 from codegen.report.tyre_plots import LOAD_SHARES, TYRE_SLIP_MAX
+from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
 CASE_LOOKS = {"fws": (MUTED, "solid"), "4ws-1": (BLUE, "solid"), "4ws-2": (VERMILION, "dash")}

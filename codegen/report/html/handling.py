@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import axis, layout, line
@@ -18,7 +18,6 @@ from hil_sim.metrics import frequency
 from hil_sim.metrics.run import Run, spin_time
 from hil_sim.scenarios import BUILT_IN
 
-FloatArray = npt.NDArray[np.float64]
 Runs = Mapping[str, FloatArray]
 
 HANDLING, RESPONSE = BUILT_IN["ramp-steer"], BUILT_IN["sine-sweep"]

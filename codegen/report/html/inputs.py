@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import TypeAdapter, ValidationError
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
 from codegen.files import read_file
@@ -20,8 +20,6 @@ from codegen.report.fault_table import FaultEntry, FaultFile
 from codegen.report.html.bus import BusTimes, read_log
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.recording import load_csv
-
-FloatArray = npt.NDArray[np.float64]
 
 LOGS = (".blf", ".asc", ".log")
 FAULTS_BYTES_MAX = 2**24

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.design.loss import LossOfFunction, loss_of_function
 from codegen.design.loss_simulation import MODES
 from codegen.report.html.blocks import EMPTY, INK, Block, Chart, Text
 from codegen.report.html.charts import axis, categories, layout, numbers, patches, small
 from codegen.report.html.maps import FRONT_ANGLE, SPEED, NamedMap
 from codegen.report.style import SKY, VERMILION
+from codegen.units import KM_H
 
 AFTER = {"hold": "held", "ramp": "led back by the fail-safe's ramp", "zero": "set straight at once"}
 """Description of the rear angle after the loss, by mode."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H
+from codegen.arrays import FloatArray
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
 from codegen.report.html.blocks import EMPTY, INK, Chart, Cuts, Gallery
@@ -25,8 +25,7 @@ from codegen.report.html.charts import (
 from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
 from codegen.report.style import BLACK, GREY, WHITE, phase_lines
 from codegen.report.summary import tyre_note
-
-FloatArray = npt.NDArray[np.float64]
+from codegen.units import KM_H
 
 SPEED, FRONT_ANGLE = "Speed vx (km/h)", "Front angle δf (deg)"
 INFEASIBLE = "grey: no steady turn inside the limits"

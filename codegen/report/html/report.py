@@ -10,37 +10,174 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.design.margins import Weakest
+from codegen.ecu_map.extend import extend
+from codegen.ecu_map.total import RULE_TEXT, Rule
 from codegen.emit.evidence import margins_of, margins_text
+from codegen.emit.manifest import read_build
+from codegen.errors import MapError
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.report.fault_table import HEADER, FaultEntry, fault_cells
 from codegen.report.html import build as build_tables
 from codegen.report.html import maps
-from codegen.report.html.blocks import Block, Section, Table, Text
+from codegen.report.html.blocks import Block, Chart, Gallery, Section, Table, Text
 from codegen.report.html.bus import BusTimes, bus_blocks
-from codegen.report.html.compare import comparison, difference_in_figures
+from codegen.report.html.charts import axis, cell_edges, layout, numbers, patches, scale_of
 from codegen.report.html.curves import front_angle_chart, tyre_charts
-from codegen.report.html.ecu_table import extended
 from codegen.report.html.handling import handling_blocks
-from codegen.report.html.loop import margins_chart
 from codegen.report.html.loss import loss_blocks
-from codegen.report.html.maps import NamedMap
-from codegen.report.html.robust import region_blocks
+from codegen.report.html.maps import FRONT_ANGLE, SPEED, YAW_RATE, NamedMap, category_trace, colour_bar, map_layout
+from codegen.report.html.robust import margins_chart, region_blocks
 from codegen.report.html.runs import run_blocks
 from codegen.report.html.verdict import verdict_blocks
-from codegen.report.map_difference import same_car
+from codegen.report.map_difference import (
+    CAR_HEADER,
+    DIFFERENCE_HEADER,
+    POINT_HEADER,
+    caveats,
+    map_difference,
+    on_axes_of,
+    same_car,
+)
 from codegen.report.map_plots import is_paper
 from codegen.report.paper_tables import RUNS, optimum_rows, optimum_table, run_table
 from codegen.report.published import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG
+from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from codegen.report.summary import TYRE, map_summary, tyre_note
 from codegen.sweep.region import Region
+from codegen.units import KM_H
 from hil_sim.metrics import StepMetrics, step_metrics
 from hil_sim.metrics.run import LookUp
 from hil_sim.scenarios import Scenario
 
-FloatArray = npt.NDArray[np.float64]
+LEAST = 0.01
+"""deg/s that the scale of a difference spans to both sides at least."""
+
+
+def comparison(one: NamedMap, other: NamedMap, number: int = 1) -> Gallery:
+    """Return the yaw rates of two maps and their difference on the axes of the first; NaN where one is infeasible.
+
+    `number` distinguishes several comparisons in one report.
+    """
+    mine = YAW_RATE.degrees(one.map)
+    theirs = np.degrees(on_axes_of(one.map, other.map))
+    assert mine is not None
+    low, high = YAW_RATE.limits([mine, theirs])
+    gain = mine - theirs
+    reach = max(float(np.nanmax(np.abs(gain))) if np.isfinite(gain).any() else 0.0, LEAST)
+    shown = (
+        (f"compare-first-{number}", one.title, mine, "viridis", low, high),
+        (f"compare-second-{number}", other.title, theirs, "viridis", low, high),
+        (f"compare-difference-{number}", f"{one.title} minus {other.title}", gain, "BrBG", -reach, reach),
+    )
+    charts = []
+    for name, title, table, scale, smallest, largest in shown:
+        trace = {
+            "type": "heatmap",
+            "x": numbers(one.speed_km_h),
+            "y": numbers(one.front_angle_deg),
+            "z": numbers(table.T),
+            "zmin": smallest,
+            "zmax": largest,
+            "colorscale": scale_of(scale),
+            "colorbar": colour_bar("deg/s"),
+            "hoverongaps": False,
+            "hovertemplate": f"{title}: %{{z:.3f}} deg/s<br>vx %{{x:.1f}} km/h, δf %{{y:.2f}} deg<extra></extra>",
+        }
+        figure = {"data": [trace], "layout": map_layout(one, legend=False)}
+        charts.append(Chart(name, figure, f"Yaw rate: {title}.", f"Heat map of the yaw rate: {title}.", 360))
+    return Gallery(charts)
+
+
+def difference_in_figures(one: NamedMap, other: NamedMap) -> Iterator[Block]:
+    """Yield the tables of `codegen show --against`; a notice if the maps have no operating point in common."""
+    try:
+        found = map_difference(one.map, other.map)
+    except MapError as error:
+        yield Text(f"Not compared in figures: {error.what}.", "notice")
+        return
+    yield Text(
+        f"First: {one.name}, second: {other.name}. Slip is that of the plant in the steady turn with the map's yaw rate."
+        + "".join(f" {text[0].upper()}{text[1:]}." for text in caveats(one.map, other.map))
+    )
+    yield Table("Both maps in figures", CAR_HEADER, found.rows)
+    yield Table("Where both are feasible", DIFFERENCE_HEADER, [found.difference_row])
+    if found.points:
+        yield Table("Yaw rate r (deg/s) and rear angle (deg) at a few operating points", POINT_HEADER, found.point_rows)
+
+
+YELLOW = "#F0E442"
+"""Yellow of the palette in `codegen.report.style`."""
+LINEAR = ", from there linear to the first breakpoint"
+
+RULE_COLOURS = {
+    Rule.SOLVED: BLUE,
+    Rule.ZERO: YELLOW,
+    Rule.HOLD: ORANGE,
+    Rule.PASSIVE_SLOPE: GREEN,
+    Rule.BETWEEN: PURPLE,
+    Rule.NEIGHBOUR: SKY,
+    Rule.CONTINUED: VERMILION,
+}
+RULE_NAMES = {
+    Rule.SOLVED: "as in the map",
+    Rule.ZERO: "linear, from zero",
+    Rule.HOLD: "held: ay_cap / vx",
+    Rule.PASSIVE_SLOPE: "on with the passive gain",
+    Rule.BETWEEN: "between feasible cells",
+    Rule.NEIGHBOUR: "between speeds",
+    Rule.CONTINUED: "beyond the cap, continued",
+}
+"""Short names for a legend; RULE_TEXT has the full ones."""
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """Breakpoints (n,) in m/s and (m,) in rad, and the rule of each cell, (n, m)."""
+
+    speed: npt.NDArray[np.float64]
+    front_angle: npt.NDArray[np.float64]
+    rule: npt.NDArray[np.str_]
+
+
+def _cells(one: NamedMap, config: Config, build: Path | None) -> _Cells:
+    """Return the cells of a build as its manifest lists them; without a build, extend the map."""
+    if build is None:
+        total = extend(one.map, config)
+        return _Cells(total.speed, total.front_angle, total.rule)
+    table = read_build(build)["map"]
+    speed, front_angle = (np.array(table[key], dtype=np.float64) for key in ("speed_m_s", "front_angle_rad"))
+    return _Cells(speed, front_angle, np.array([list(row) for row in table["rule_by_speed_and_front_angle"]]))
+
+
+def extended(one: NamedMap, config: Config, build: Path | None = None) -> tuple[Chart, Table]:
+    """The table of the ECU: which cells were solved, and by which rule the others were made (`codegen.ecu_map.total`)."""
+    total = _cells(one, config, build)
+    rules = [rule for rule in Rule if (total.rule == rule.value).any()]
+    codes = np.zeros(total.rule.shape, dtype=np.uint8)
+    for code, rule in enumerate(rules):
+        codes[total.rule == rule.value] = code
+    names, colours = [RULE_NAMES[rule] for rule in rules], [RULE_COLOURS[rule] for rule in rules]
+    speed, angle = total.speed / KM_H, np.degrees(total.front_angle)
+    trace = category_trace(cell_edges(speed), cell_edges(angle), codes, np.zeros(codes.shape, dtype=bool), names, colours)
+    look = layout(
+        xaxis=axis(SPEED, zeroline=False, showgrid=False),
+        yaxis=axis(FRONT_ANGLE, zeroline=False, showgrid=False),
+    )
+    counts = [int((codes == code).sum()) for code in range(len(rules))]
+    spoken = ", ".join(f"{count} {name}" for count, name in zip(counts, names, strict=True))
+    figure = {"data": [trace, *patches(names, colours)], "layout": look}
+    caption = "The whole domain that the ECU meets: cells that were solved, and those that were extended, by rule."
+    chart = Chart("map-extended", figure, caption, f"Cells of the ECU's table by their origin: {spoken}.", 480)
+    rows = [
+        (name, RULE_TEXT[rule] + LINEAR * (rule is Rule.ZERO), f"{count:,}", f"{100.0 * count / codes.size:.1f} %")
+        for rule, name, count in zip(rules, names, counts, strict=True)
+    ]
+    return chart, Table("Cells of the ECU's table by their origin", ("", "rule", "cells", "share"), rows, words=(0, 1))
+
 
 WITHOUT_REAR_STEER = "fws"
 """The case that a map is compared with where the user names none."""

@@ -9,21 +9,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.report.html.blocks import INK, MUTED, Block, Chart, Table, Text
 from codegen.report.html.charts import axis, layout, line
 from codegen.report.run_plots import SPEED_HELD, column, looks_of, run_window, signal_limits
 from codegen.report.style import BLACK, GREY
 from codegen.report.summary import metric_rows
 from codegen.sil.software import Status
+from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.metrics import evaluate
 from hil_sim.metrics.run import LookUp
 from hil_sim.scenarios import Scenario
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

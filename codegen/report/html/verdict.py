@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.design.margins import Weakest
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
@@ -20,6 +20,7 @@ from codegen.plausibility.check import all_warnings
 from codegen.report.html import build as build_tables
 from codegen.report.html import maps, runs
 from codegen.report.html.blocks import Block, Chart, Gallery, Text, Tile, Tiles
+from codegen.units import KM_H
 from hil_sim.metrics import evaluate
 
 if TYPE_CHECKING:

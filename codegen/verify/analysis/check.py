@@ -14,7 +14,7 @@ from codegen.errors import BuildError, CodegenError
 from codegen.verify import host_gcc
 from codegen.verify.analysis import gcc_analyzer, misra
 from codegen.verify.analysis.findings import Finding, once
-from codegen.verify.analysis.number_tables import without_tables
+from codegen.verify.analysis.number_tables import malformed, without_tables
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.target.cross import source_tree
@@ -54,7 +54,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     """
     rows = _rows(subject)
     files = subject.sources("include", "src", *PROGRAMS)
-    with source_tree(without_tables(files)) as tree:
+    with source_tree(without_tables(files, subject.manifest)) as tree:
         programs = [folder for folder in PROGRAMS if subject.sources(folder)]
         found = [*misra.judged_by_misra(tree), *misra.judged_as_programs(tree, programs)]
         try:
@@ -65,7 +65,11 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         except BuildError as error:
             analysis, not_run = gcc_analyzer.Analysis((_not_compiled(error),), ()), ""
     found = sorted(once([*found, *analysis.findings]))
-    faults = (*_row_faults(rows), *_differences(subject, rows, found, with_gcc=not not_run))
+    faults = (
+        *malformed(files, subject.manifest),
+        *_row_faults(rows),
+        *_differences(subject, rows, found, with_gcc=not not_run),
+    )
     limits = (*LIMITS, *_more_limits(subject, analysis.left))
     return replace(_outcome(rows, found, faults, not_run), limits=limits)
 

@@ -1,54 +1,64 @@
-"""Tables of numbers, left out of what an analyser reads.
+"""Tables of numbers, omitted from what an analyser reads.
 
-A map has tens of thousands of numbers, and an analyser takes minutes for them. Only their form can be wrong: that each is a
-plain literal, and that none is missing, is seen here. Where it is so, the analyser gets zeros in their place, which break no
-rule, and every other line stays where it was; where it is not, it gets the table as it stands.
+A map has tens of thousands of numbers, and an analyser takes minutes for them. Only their form can be wrong: this module
+checks that each is a plain literal and that none is missing. If so, the analyser reads zeros instead, which break no rule, and
+all other lines keep their numbers. If not, it reads the table unchanged.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 NUMBERS_MAX = 300
-"""Of a table that is left in: so many cost nothing."""
+"""Largest table that the analyser reads: so many numbers cost nothing."""
 
-_TABLE = re.compile(
-    r"^((?:\w+_SECTION_\w+\s)?(?:static )?const (float|double) \w+((?:\[[\w +-]+\])+)) = \{([^;={]*(?:\{[^;=]*)?)\};",
-    re.MULTILINE,
-)
-_SIZE = re.compile(r"\[(\w+)(?: ([+-]) (\d+))?\]")
-_ENUMERATOR = re.compile(r"\b([A-Z]\w*_(?:POINTS|CELLS)) = (\d+)\b")
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
-_LITERAL = {"float": r"-?\d+\.\d+(?:e[+-]?\d+)?f", "double": r"-?\d+\.\d+(?:e[+-]?\d+)?"}
+_LITERALS = {
+    "float": r"-?\d+\.\d+(?:e[+-]?\d+)?f",
+    "double": r"-?\d+\.\d+(?:e[+-]?\d+)?",
+    "int16_t": r"-?\d+",
+}
 
 
-def without_tables(files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """The files of a build, content by path, with zeros for the numbers of each large table."""
-    texts = {path: content.decode("ascii", "replace") for path, content in files.items()}
-    sizes = {name: int(value) for text in texts.values() for name, value in _ENUMERATOR.findall(text)}
-
-    def short(match: re.Match[str]) -> str:
-        head, kind, dimensions, body = match.groups()
-        shape = [_size(name, sign, number, sizes) for name, sign, number in _SIZE.findall(dimensions)]
-        if math.prod(shape) <= NUMBERS_MAX or not _is_plain(body, shape, kind):
-            return match[0]
-        lines = "\n" * body.count("\n")
-        return f"{head} = {{ 0{lines}}};"
-
-    return {path: _TABLE.sub(short, text).encode("ascii", "replace") for path, text in texts.items()}
+def without_tables(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> dict[str, bytes]:
+    """Return the files of a build, content by path, with zeros for the numbers of each large table in `manifest["symbols"]`."""
+    path, text = _calibration(files, manifest)
+    for symbol, body in _tables(text, manifest):
+        if math.prod(symbol["shape"]) > NUMBERS_MAX and _is_plain(body, symbol):
+            newlines = "\n" * body.count("\n")
+            text = text.replace(f"{{{body}}};", f"{{ 0{newlines}}};", 1)
+    return {**files, path: text.encode("ascii", "replace")} if text else dict(files)
 
 
-def _size(name: str, sign: str, number: str, sizes: Mapping[str, int]) -> int:
-    size = int(name) if name.isdecimal() else sizes.get(name, 0)
-    return size + int(f"{sign}{number}") if sign else size
+def malformed(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> Iterator[str]:
+    """Describe the tables of `manifest["symbols"]` that are not rows of plain literals of their shape."""
+    path, text = _calibration(files, manifest)
+    for symbol, body in _tables(text, manifest) if text else ():
+        if not _is_plain(body, symbol):
+            shape = " x ".join(map(str, symbol["shape"]))
+            yield f"{path}: {symbol['name']} is not {shape} plain numbers of type {symbol['type']}"
 
 
-def _is_plain(body: str, shape: list[int], kind: str) -> bool:
-    """Whether the inside of the outermost braces is rows of plain literals, as many as the shape asks for."""
-    text = re.sub(r"\s+", "", _COMMENT.sub("", body))
-    row = rf"{_LITERAL[kind]}(?:,{_LITERAL[kind]}){{{shape[-1] - 1}}}"
+def _calibration(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> tuple[str, str]:
+    path = f"src/{manifest['options']['prefix']}_calibration.c"
+    return path, files.get(path, b"").decode("ascii", "replace")
+
+
+def _tables(text: str, manifest: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
+    """Each table in the manifest with its name, and the inside of the outermost braces of its definition."""
+    for name, symbol in manifest.get("symbols", {}).items():
+        if symbol["type"] in _LITERALS and symbol["shape"]:
+            definition = text.partition(f" {name}[")[2].partition(" = {")[2]
+            yield {"name": name, **symbol}, definition.partition("};")[0]
+
+
+def _is_plain(body: str, symbol: Mapping[str, Any]) -> bool:
+    """Return whether the text has rows of plain literals of the symbol's shape."""
+    text, literal, shape = re.sub(r"\s+", "", _COMMENT.sub("", body)), _LITERALS[symbol["type"]], symbol["shape"]
+    row = rf"{literal}(?:,{literal}){{{shape[-1] - 1}}}"
     for size in reversed(shape[:-1]):
         text, found = re.subn(rf"\{{{row}\}}", "#", text)
         row = rf"#(?:,#){{{size - 1}}}"

@@ -58,7 +58,7 @@ def complaints(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> tuple
         BuildError: C that is not C99.
     """
     sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
-    sources = without_tables(sources)  # most of what there is to read, and no loop in it
+    sources = without_tables(sources, manifest)  # most of what there is to read, and no loop in it
     units = sorted(path for path in sources if path.endswith(".c"))
     return _Program(preprocess(sources, units), (*LIBRARY, *manifest["dynamics_library_functions"])).complaints()
 

@@ -17,13 +17,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import IntArray
 from codegen.emit.can_view import TaskView
 from codegen.emit.render import render
 from codegen.verify.budgets.cycles import REFILL
 from codegen.verify.budgets.program import STACK_FLAG, Program, Routine
 from codegen.verify.budgets.sizes import compile_objects, defines
 from codegen.verify.target.cross import compile_image
-from codegen.verify.target.emulator import DATA, DATA_BYTES, STACK_BYTES, STACK_TOP, Blocks, CortexM4, IntArray
+from codegen.verify.target.emulator import DATA, DATA_BYTES, STACK_BYTES, STACK_TOP, Blocks, CortexM4
 
 Rows = npt.NDArray[np.float32]
 """Inputs of calls one after the other, (calls, fields)."""

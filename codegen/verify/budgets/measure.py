@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from codegen.arrays import IntArray
 from codegen.emit.can_view import task_view
 from codegen.errors import BuildError
 from codegen.sil.software import compile_build
@@ -17,7 +18,6 @@ from codegen.verify.budgets.usage import CYCLE, NOT_COUNTED, Count, LongestStep,
 from codegen.verify.budgets.worst import Figures, Search, described, spread_of
 from codegen.verify.check import Effort, Subject
 from codegen.verify.drives import Samples, Thresholds, drawn, recorded
-from codegen.verify.target.emulator import IntArray
 
 USUAL_SAMPLES = 300
 """Samples of each built-in scenario over which the mean is taken."""

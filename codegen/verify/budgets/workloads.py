@@ -17,12 +17,11 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H
+from codegen.arrays import IntArray
+from codegen.units import KM_H
 from codegen.verify.budgets.counting import CONDITIONS, EVENT, FOREIGN, MOTION, START, TASK, Counter, Rows
 from codegen.verify.drives import COLUMNS, Samples, Thresholds
 from hil_sim.e2e import LARGEST_COUNTER
-
-IntArray = npt.NDArray[np.int64]
 
 PLACE_COLUMNS = ("speed", "front_angle", "friction")
 STEP_COLUMNS = (*COLUMNS, "restart")

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from codegen.arrays import IntArray
 from codegen.verify.budgets.counting import Rows
-from codegen.verify.target.emulator import IntArray
 
 PARENTS, COPIES, WINDOW = 12, 24, 3
 """Longest calls that are varied, variants of each, and calls in a window (the call and those before it)."""

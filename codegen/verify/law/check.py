@@ -132,7 +132,7 @@ class _Comparison:
     def __init__(self, subject: Subject, size: Size, *, with_recordings: bool) -> None:
         self._subject, self._size, self._with_recordings = subject, size, with_recordings
         self._software = compiled(subject)
-        self._lookup = lookup_of(subject)
+        self._lookup = lookup_of(subject, self._software)
         facts = subject.manifest["map"]
         self._road = _MapRoad(facts["friction"], facts["lateral_acceleration_cap_m_s2"])
         self._thresholds = Thresholds.of(subject.manifest)

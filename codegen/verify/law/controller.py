@@ -1,4 +1,4 @@
-"""The controller of every kind but "tracking" as its header and README describe it, in Python.
+"""The controller around any law as its header and README describe it, in Python.
 
 It keeps one number type throughout, so the bits of a sample can be compared and not only its size.
 """
@@ -128,55 +128,3 @@ class SecondController:
         """Return the demand limited by the rate limit."""
         travel = min(self.parameter("rear_rate_max"), self.real(self.p.limiter.rear_rate_max)) * self.period
         return clip(demand, self.angle - travel, self.angle + travel)
-
-
-class SecondPi(SecondController):
-    """PI on the yaw-rate error."""
-
-    integral: Any = 0.0
-
-    def start(self, m: Measurement) -> None:
-        self.integral = self.angle + self.parameter("proportional_gain") * (self.map_yaw_rate(m) - m.yaw_rate)
-
-    def law(self, m: Measurement) -> tuple[Any, bool]:
-        p = self.parameter
-        reference = self.map_yaw_rate(m)
-        error = reference - m.yaw_rate
-        proportional = p("proportional_gain") * error
-        low, high = self.actuator_range(m)
-        integral = self.integral if m.inhibit else self.integral - p("integral_gain") * self.period * error
-        demand = integral - proportional
-        limited = not low <= demand <= high
-        demand = clip(demand, low, high)
-        if limited and not m.inhibit:
-            integral = demand + proportional
-        reachable = self.reachable(demand)
-        if reachable != demand:
-            limited = True
-            if (demand > reachable and integral > self.integral) or (demand < reachable and integral < self.integral):
-                integral = self.integral
-        self.integral, self.angle = integral, reachable
-        return reference, limited
-
-
-class SecondFeedforward(SecondController):
-    """Return the map's own rear angle, at the rate limit."""
-
-    def law(self, m: Measurement) -> tuple[Any, bool]:
-        yaw_rate, wanted = self.lookup.reference(m.speed, m.front_angle, self.friction(m))
-        bound = self.parameter("rear_angle_max")
-        self.angle = self.reachable(clip(wanted, -bound, bound))
-        return yaw_rate, bool(self.angle != wanted)
-
-
-class SecondProportional(SecondController):
-    """Return k(speed) times the front angle, k = -(lr - s v^2) / (L - lr + (K + s) v^2)."""
-
-    def law(self, m: Measurement) -> tuple[Any, bool]:
-        p = self.parameter
-        squared, arm, slip = m.speed * m.speed, p("rear_arm"), p("rear_slip_per_acceleration")
-        rest = (self.real(self.p.inputs.wheelbase) - arm) + (self.real(self.p.inputs.understeer_coefficient) + slip) * squared
-        wanted = -((arm - slip * squared) / max(rest, self.real(0.01))) * m.front_angle
-        bound = p("rear_angle_max")
-        self.angle = self.reachable(clip(wanted, -bound, bound))
-        return self.map_yaw_rate(m), bool(self.angle != wanted)

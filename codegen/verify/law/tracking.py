@@ -9,7 +9,6 @@ from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
@@ -23,7 +22,6 @@ from codegen.verify.law.controller import SecondController
 from codegen.verify.law.inputs import Quality
 from codegen.verify.law.limiter import clip
 
-FloatArray = npt.NDArray[np.float64]
 SIDESLIP_MAX = math.radians(20.0)
 SPEED_MIN = 1.0
 """Smallest speed of the model, in m/s."""

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.configuration.signals import CARRIED, SignalDefinition
+from codegen.units import KM_H
 from codegen.verify.drives import COLUMNS, GAPS, HELD, Samples, Thresholds, drawn, moving
 from codegen.verify.pil.batches import WHOLE, Batch, Rows, Word
 from codegen.verify.pil.runners import Runner

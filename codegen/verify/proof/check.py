@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import TYPE_CHECKING
 
 from codegen.ecu_map.storage import RAW_MAX
-from codegen.emit.laws import LAWS
 from codegen.emit.map_view import FRONT_ANGLE_TOP, SPEED_TOP, TABLE_RANGES
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.map_reference import lookup_of
 from codegen.verify.packages import MissingTool, module
 from codegen.verify.proof.obligations import Widened
+
+if TYPE_CHECKING:
+    from codegen.verify.proof.executor import Executor
 
 SHOWS = (
     "For every input, every valid parameter set, any table in its range and every state that the invariant allows: the "
@@ -64,9 +66,8 @@ def check(subject: Subject, effort: Effort) -> Outcome:
 
     hashes = {path: subject.sha256(path) for path in sorted(subject.sources())}
     try:
-        findings = _outside(subject)
         program = Program.read(subject.sources())
-        findings += [
+        findings = [
             f"no function {subject.prefix}_{name}: what is claimed of it is not shown"
             for name in CLAIMED
             if program.public(f"{subject.prefix}_{name}") is None
@@ -82,7 +83,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     except CannotJudge as error:
         finding = f"{error.place}: cannot be judged: {error.what}"
         return Outcome(SHOWS, "could not be completed", Verdict.FAILED, (finding,), limits=LIMITS, tools=tools)
-    findings += report.troubles
+    findings += [*_outside(machine), *report.troubles]
     for function, verdict in report.verdicts:
         if verdict.answer is not Answer.PROVED:
             obligation = verdict.obligation
@@ -107,14 +108,11 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     )
 
 
-def _outside(subject: Subject) -> list[str]:
-    """Numbers of the shipped tables that are not in the range that the proof is for."""
-    lookup = lookup_of(subject)
-    tables = {"yaw_rate_table": lookup.tables}
-    if LAWS[subject.kind].uses_rear_angle:
-        tables["rear_angle_table"] = lookup.rear_tables
+def _outside(machine: Executor) -> list[str]:
+    """Describe the shipped tables with numbers outside the range that the proof is for."""
     return [
-        f"{name}: numbers from {table.min():g} to {table.max():g}, the proof is for {MAP[name].low:g} to {MAP[name].high:g}"
-        for name, table in tables.items()
-        if not (table.min() >= MAP[name].low and table.max() <= MAP[name].high)
+        f"{name}: numbers from {min(table.values):g} to {max(table.values):g}, the proof is for {table.low:g} to {table.high:g}"
+        for table in machine.tables
+        if table.is_free and not (min(table.values) >= table.low and max(table.values) <= table.high)
+        for name in (table.name.rpartition("_map_")[2],)
     ]

@@ -19,12 +19,13 @@ from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import LAWS
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
-from codegen.sil.software import RECORD_COLUMNS, Software, Status
+from codegen.sil.software import RECORD_COLUMNS, Software, Status, compile_build
 from codegen.sil.toolchain import compiler_command
 from codegen.verify import suites
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Thresholds
 from codegen.verify.map_reference import lookup_of
+from codegen.verify.on_host import HOST_FLAGS
 from codegen.verify.packages import MissingTool
 from codegen.verify.sanitizers.sanitized import find_compiler
 from codegen.verify.sanitizers.served_ecu import Numbers, ServedEcu, served
@@ -164,7 +165,8 @@ class _Suites:
         self._half.figures["steps"] = steps
 
     def _lookups(self) -> Iterator[str]:
-        lookup = lookup_of(self._subject)
+        subject = self._subject
+        lookup = lookup_of(subject, compile_build(subject.files, subject.manifest, flags=HOST_FLAGS))
         places = suites.places(self._thresholds, self._samples // 4, self._precision)
         first, wrong, count = "", 0, 0
         for friction in suites.road_frictions(self._thresholds, self._precision):

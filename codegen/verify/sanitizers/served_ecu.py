@@ -17,6 +17,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.configuration.signals import CARRIED
 from codegen.emit.can_view import task_view
 from codegen.emit.laws import LAWS
@@ -29,7 +30,6 @@ from codegen.verify.check import Subject
 from codegen.verify.drives import Samples
 from codegen.verify.sanitizers.sanitized import Compiler, Program, compiled, environment, findings_of, launcher
 
-FloatArray = npt.NDArray[np.float64]
 Numbers = npt.NDArray[Any]
 
 BATCH = 16_384

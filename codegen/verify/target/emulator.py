@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import IntArray
 from codegen.errors import BuildError
 from codegen.verify.packages import module
 from codegen.verify.target.cross import CORTEX_M4F, CORTEX_M7, CORTEX_M33, POWERPC_BE, Core
-
-IntArray = npt.NDArray[np.int64]
 
 PAGE = 0x1000
 STACK_TOP, STACK_BYTES = 0x4000_0000, 0x1_0000

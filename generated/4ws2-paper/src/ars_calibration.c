@@ -1,9 +1,9 @@
 /*
- * Calibration: the parameters, and the map with its axes.
+ * Calibration: the parameters, and the map with its axes. Constants of the map and of the vehicle.
  *
- * Read-only for the code, in the section ARS_SECTION_CALIBRATION. The numbers have a file of their own so that the compiler cannot
- * see them where they are used and put them into instructions. Keep this file out of link-time optimisation (-fno-lto), as the
- * build files of this folder do.
+ * Calibration is read-only for the code, in the section ARS_SECTION_CALIBRATION. The constants are in ARS_SECTION_CONST; no
+ * calibration may change them. The numbers have a file of their own so that the compiler cannot see them where they are used and put
+ * them into instructions. Keep this file out of link-time optimisation (-fno-lto), as the build files of this folder do.
  *
  * Rows are speeds, columns are front angles.
  * The number of breakpoints, and whether an axis has equal steps, are fixed at build. After each change, call
@@ -13,10 +13,14 @@
  * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
  */
+#include "ars_constants.h"
 #include "ars_controller.h"
 #include "ars_map.h"
 #include "ars_sections.h"
 
+#if ARS_CONSTANTS_BUILD != 0x4E569E35u
+#error "ars_constants.h and this source come from different builds"
+#endif
 #if ARS_CONTROLLER_BUILD != 0x4E569E35u
 #error "ars_controller.h and this source come from different builds"
 #endif
@@ -1777,4 +1781,11 @@ const float ars_map_yaw_rate_table[ARS_MAP_SPEED_POINTS][ARS_MAP_FRONT_ANGLE_POI
         0.1683368f, 0.1683368f, 0.1683368f, 0.1683368f, 0.1683368f, 0.1683368f, 0.1683368f, 0.1683368f,
         0.1683368f, 0.1683368f, 0.1683368f, 0.1683368f, 0.1683368f, 0.1683368f
     }
+};
+
+ARS_SECTION_CONST
+const ars_constants_t ars_constants = {
+    .lateral_acceleration_cap = 5.6112237f,
+    .lateral_acceleration_cap_per_friction = 6.234693f,
+    .map_friction = 0.9f
 };

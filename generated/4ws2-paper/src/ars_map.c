@@ -1,7 +1,7 @@
 /*
  * Yaw-rate reference map: bilinear lookup. See ars_map.h.
  *
- * The numbers are in ars_calibration.c. None of them is a constant here, because calibration may change it.
+ * All numbers are in ars_calibration.c.
  *
  * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -9,10 +9,14 @@
 #include "ars_map.h"
 
 #include "ars_checksum.h"
+#include "ars_constants.h"
 #include "ars_sections.h"
 
 #if ARS_CHECKSUM_BUILD != 0x4E569E35u
 #error "ars_checksum.h and this source come from different builds"
+#endif
+#if ARS_CONSTANTS_BUILD != 0x4E569E35u
+#error "ars_constants.h and this source come from different builds"
 #endif
 #if ARS_MAP_BUILD != 0x4E569E35u
 #error "ars_map.h and this source come from different builds"
@@ -28,12 +32,6 @@ typedef struct {
     uint32_t lower;
     float fraction;
 } position_t;
-
-/* Largest steady lateral acceleration that the constraints allow, in m/s^2, and the same per unit of friction. Rounded down, so that
- * rounding never exceeds the bound. No calibration: this bound of the vehicle holds whatever the table contains. */
-ARS_SECTION_CONST static const float lateral_acceleration_cap = 5.6112237f;
-ARS_SECTION_CONST static const float lateral_acceleration_cap_per_friction = 6.234693f;
-ARS_SECTION_CONST static const float map_friction = 0.9f;
 
 /* Position in the table. */
 typedef struct {
@@ -114,12 +112,12 @@ ARS_SECTION_CODE static place_t place_of(float speed, float front_angle_magnitud
 
 ARS_SECTION_CODE static road_t road_of(float friction)
 {
-    road_t road = { lateral_acceleration_cap }; /* for NaN too */
+    road_t road = { ars_constants.lateral_acceleration_cap }; /* for NaN too */
 
     if (friction <= 0.0f) {
         road.lateral_acceleration_max = 0.0f;
-    } else if (friction < map_friction) {
-        road.lateral_acceleration_max = lateral_acceleration_cap_per_friction * friction;
+    } else if (friction < ars_constants.map_friction) {
+        road.lateral_acceleration_max = ars_constants.lateral_acceleration_cap_per_friction * friction;
     } else {
         /* the map's own */
     }
@@ -172,7 +170,7 @@ ARS_SECTION_CODE float ars_map_yaw_rate_on_road(
 
 ARS_SECTION_CODE float ars_map_yaw_rate(float speed, float front_angle)
 {
-    return ars_map_yaw_rate_on_road(speed, front_angle, map_friction);
+    return ars_map_yaw_rate_on_road(speed, front_angle, ars_constants.map_friction);
 }
 
 /* Return whether all numbers are between low and high; false for NaN. */

@@ -1,9 +1,9 @@
 /*
- * Calibration: the parameters, and the map with its axes.
+ * Calibration: the parameters, and the map with its axes. Constants of the map and of the vehicle.
  *
- * Read-only for the code, in the section ARS_SECTION_CALIBRATION. The numbers have a file of their own so that the compiler cannot
- * see them where they are used and put them into instructions. Keep this file out of link-time optimisation (-fno-lto), as the
- * build files of this folder do.
+ * Calibration is read-only for the code, in the section ARS_SECTION_CALIBRATION. The constants are in ARS_SECTION_CONST; no
+ * calibration may change them. The numbers have a file of their own so that the compiler cannot see them where they are used and put
+ * them into instructions. Keep this file out of link-time optimisation (-fno-lto), as the build files of this folder do.
  *
  * Rows are speeds, columns are front angles.
  * The number of breakpoints, and whether an axis has equal steps, are fixed at build. After each change, call
@@ -13,10 +13,14 @@
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
  */
+#include "ars_constants.h"
 #include "ars_controller.h"
 #include "ars_map.h"
 #include "ars_sections.h"
 
+#if ARS_CONSTANTS_BUILD != 0x3CA513E9u
+#error "ars_constants.h and this source come from different builds"
+#endif
 #if ARS_CONTROLLER_BUILD != 0x3CA513E9u
 #error "ars_controller.h and this source come from different builds"
 #endif
@@ -3699,4 +3703,20 @@ const float ars_map_rear_angle_table[ARS_MAP_SPEED_POINTS][ARS_MAP_FRONT_ANGLE_P
         0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f,
         0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f
     }
+};
+
+ARS_SECTION_CONST
+const ars_constants_t ars_constants = {
+    .lateral_acceleration_cap = 5.07279f,
+    .lateral_acceleration_cap_per_friction = 5.6364336f,
+    .map_friction = 0.9f,
+    .wheelbase = 3.14f,
+    .understeer_coefficient = -1.3035295e-05f,
+    .rear_arm = 1.566f,
+    .rear_slip_per_lateral_acceleration = 0.0048840423f,
+    .sideslip_max = 0.05235988f,
+    .rear_angle_max = 0.061086524f,
+    .grip_max = 5.0727925f,
+    .friction_per_grip = 0.17741716f,
+    .model_rear_slip_per_lateral_acceleration = 0.0048840423f
 };

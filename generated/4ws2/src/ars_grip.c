@@ -6,8 +6,12 @@
  */
 #include "ars_grip.h"
 
+#include "ars_constants.h"
 #include "ars_sections.h"
 
+#if ARS_CONSTANTS_BUILD != 0x3CA513E9u
+#error "ars_constants.h and this source come from different builds"
+#endif
 #if ARS_GRIP_BUILD != 0x3CA513E9u
 #error "ars_grip.h and this source come from different builds"
 #endif
@@ -18,8 +22,6 @@
 #endif
 
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
-ARS_SECTION_CONST static const float grip_max = 5.0727925f; /* m/s^2, that the map allows on its road */
-ARS_SECTION_CONST static const float friction_per_grip = 0.17741716f; /* s^2/m */
 
 /* Return the value within low and high; low for NaN. */
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
@@ -51,14 +53,14 @@ ARS_SECTION_CODE static float magnitude(float value)
 ARS_SECTION_CODE void ars_grip_init(ars_grip_t *self)
 {
     self->reached = 0.0f;
-    self->available = grip_max;
+    self->available = ars_constants.grip_max;
 }
 
 ARS_SECTION_CODE float ars_grip_friction(
     const ars_grip_t *self, const ars_parameters_t *parameters, float estimate)
 {
     const float bounded_estimate = (estimate < parameters->friction_min) ? parameters->friction_min : estimate;
-    const float grip_friction = self->available * friction_per_grip;
+    const float grip_friction = self->available * ars_constants.friction_per_grip;
 
     return (bounded_estimate < grip_friction) ? bounded_estimate : grip_friction;
 }
@@ -86,7 +88,7 @@ ARS_SECTION_CODE void ars_grip_update(
     if (available < self->reached) {
         available = self->reached;
     }
-    self->available = clamp(available, parameters->friction_min / friction_per_grip, grip_max);
+    self->available = clamp(available, parameters->friction_min / ars_constants.friction_per_grip, ars_constants.grip_max);
 }
 
 ARS_SECTION_CODE void ars_grip_recover(ars_grip_t *self, const ars_parameters_t *parameters)
@@ -94,5 +96,5 @@ ARS_SECTION_CODE void ars_grip_recover(ars_grip_t *self, const ars_parameters_t 
     const float available = self->available + (parameters->grip_recovery_idle * sampling_time);
 
     self->reached -= (parameters->grip_forgetting * sampling_time) * self->reached;
-    self->available = (available < grip_max) ? available : grip_max;
+    self->available = (available < ars_constants.grip_max) ? available : ars_constants.grip_max;
 }

@@ -1,7 +1,7 @@
 /*
  * Yaw-rate reference map: bilinear lookup. See ars_map.h.
  *
- * The numbers are in ars_calibration.c. None of them is a constant here, because calibration may change it.
+ * All numbers are in ars_calibration.c.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -9,10 +9,14 @@
 #include "ars_map.h"
 
 #include "ars_checksum.h"
+#include "ars_constants.h"
 #include "ars_sections.h"
 
 #if ARS_CHECKSUM_BUILD != 0x3CA513E9u
 #error "ars_checksum.h and this source come from different builds"
+#endif
+#if ARS_CONSTANTS_BUILD != 0x3CA513E9u
+#error "ars_constants.h and this source come from different builds"
 #endif
 #if ARS_MAP_BUILD != 0x3CA513E9u
 #error "ars_map.h and this source come from different builds"
@@ -28,20 +32,6 @@ typedef struct {
     uint32_t lower;
     float fraction;
 } position_t;
-
-/* Largest steady lateral acceleration that the constraints allow, in m/s^2, and the same per unit of friction. Rounded down, so that
- * rounding never exceeds the bound. No calibration: this bound of the vehicle holds whatever the table contains. */
-ARS_SECTION_CONST static const float lateral_acceleration_cap = 5.07279f;
-ARS_SECTION_CONST static const float lateral_acceleration_cap_per_friction = 5.6364336f;
-ARS_SECTION_CONST static const float map_friction = 0.9f;
-
-/* Linear vehicle, to compute the rear angle of a capped yaw rate. Units: m, s^2/m, m, rad s^2/m, rad, rad. */
-ARS_SECTION_CONST static const float wheelbase = 3.14f;
-ARS_SECTION_CONST static const float understeer_coefficient = -1.3035295e-05f;
-ARS_SECTION_CONST static const float rear_arm = 1.566f;
-ARS_SECTION_CONST static const float rear_slip_per_lateral_acceleration = 0.0048840423f;
-ARS_SECTION_CONST static const float sideslip_max = 0.05235988f;
-ARS_SECTION_CONST static const float rear_angle_max = 0.061086524f;
 
 /* Position in the table. */
 typedef struct {
@@ -122,12 +112,12 @@ ARS_SECTION_CODE static place_t place_of(float speed, float front_angle_magnitud
 
 ARS_SECTION_CODE static road_t road_of(float friction)
 {
-    road_t road = { lateral_acceleration_cap }; /* for NaN too */
+    road_t road = { ars_constants.lateral_acceleration_cap }; /* for NaN too */
 
     if (friction <= 0.0f) {
         road.lateral_acceleration_max = 0.0f;
-    } else if (friction < map_friction) {
-        road.lateral_acceleration_max = lateral_acceleration_cap_per_friction * friction;
+    } else if (friction < ars_constants.map_friction) {
+        road.lateral_acceleration_max = ars_constants.lateral_acceleration_cap_per_friction * friction;
     } else {
         /* the map's own */
     }
@@ -186,24 +176,28 @@ ARS_SECTION_CODE float ars_map_yaw_rate_on_road(
 
 ARS_SECTION_CODE float ars_map_yaw_rate(float speed, float front_angle)
 {
-    return ars_map_yaw_rate_on_road(speed, front_angle, map_friction);
+    return ars_map_yaw_rate_on_road(speed, front_angle, ars_constants.map_friction);
 }
 
 /* Rear angle of a capped yaw rate: the rear wheels steer in phase by the angle that the linear vehicle needs for the reduction, as far
  * as its sideslip stays within the bound. */
 ARS_SECTION_CODE static float capped_rear_angle(float rear_angle, float yaw_rate_excess, float yaw_rate, float speed)
 {
+    const float understeer_coefficient = ars_constants.understeer_coefficient;
+    const float rear_slip_per_lateral_acceleration = ars_constants.rear_slip_per_lateral_acceleration;
     const float speed_max = ars_map_speed_breakpoints[101];
     const float bounded_speed = (speed > speed_max) ? speed_max : speed;
-    const float sideslip_bound
-        = sideslip_max - (yaw_rate * ((rear_arm / bounded_speed) - (rear_slip_per_lateral_acceleration * bounded_speed)));
-    float rear_angle_demand = rear_angle + (yaw_rate_excess * ((wheelbase / bounded_speed) + (understeer_coefficient * bounded_speed)));
+    const float sideslip_per_yaw_rate
+        = (ars_constants.rear_arm / bounded_speed) - (rear_slip_per_lateral_acceleration * bounded_speed);
+    const float sideslip_bound = ars_constants.sideslip_max - (yaw_rate * sideslip_per_yaw_rate);
+    float rear_angle_demand
+        = rear_angle + (yaw_rate_excess * ((ars_constants.wheelbase / bounded_speed) + (understeer_coefficient * bounded_speed)));
 
     if (rear_angle_demand > sideslip_bound) {
         rear_angle_demand = sideslip_bound;
     }
-    if (rear_angle_demand > rear_angle_max) {
-        rear_angle_demand = rear_angle_max;
+    if (rear_angle_demand > ars_constants.rear_angle_max) {
+        rear_angle_demand = ars_constants.rear_angle_max;
     }
     return (rear_angle_demand > rear_angle) ? rear_angle_demand : rear_angle;
 }

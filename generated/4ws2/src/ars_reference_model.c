@@ -10,10 +10,14 @@
 #include "ars_reference_model.h"
 
 #include "ars_checksum.h"
+#include "ars_constants.h"
 #include "ars_sections.h"
 
 #if ARS_CHECKSUM_BUILD != 0x3CA513E9u
 #error "ars_checksum.h and this source come from different builds"
+#endif
+#if ARS_CONSTANTS_BUILD != 0x3CA513E9u
+#error "ars_constants.h and this source come from different builds"
 #endif
 #if ARS_REFERENCE_MODEL_BUILD != 0x3CA513E9u
 #error "ars_reference_model.h and this source come from different builds"
@@ -213,7 +217,7 @@ ARS_SECTION_CODE void ars_reference_model_start(
 {
     /* Steady sideslip of the linear car: rear angle + yaw rate (rear_arm / speed - rear_slip speed). */
     const float rear_arm = 1.566f; /* m */
-    const float rear_slip = 0.0048840423f; /* rad s^2/m */
+    const float rear_slip = ars_constants.model_rear_slip_per_lateral_acceleration;
     const float bounded_speed = at_least_slow(speed);
 
     self->yaw_rate = bounded(yaw_rate, model_yaw_rate_max);

@@ -1,4 +1,4 @@
-"""Pages in the headless Chromium of the system, driven by Playwright. Needs the package chromium."""
+"""Pages in the system's headless Chromium, driven by Playwright. Needs the package chromium."""
 
 import shutil
 from collections.abc import Iterator
@@ -9,11 +9,11 @@ import pytest
 
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[Any]:
-    """The browser, started once for the part."""
+    """Start the browser once for the part."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        # As root, as in a container, Chromium refuses its sandbox; SwiftShader stands in for a graphics card.
+        # Chromium's sandbox fails for root, as in a container; SwiftShader replaces a graphics card.
         options = ["--no-sandbox", "--enable-unsafe-swiftshader"]
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=options)
         yield browser
@@ -22,7 +22,7 @@ def chromium() -> Iterator[Any]:
 
 @pytest.fixture(autouse=True)
 def closed_pages(chromium: Any) -> Iterator[None]:
-    """Close the pages of a test after it; they would keep a processor busy."""
+    """Close a test's pages after it; open pages would use processor time."""
     before = list(chromium.contexts)
     yield
     for context in chromium.contexts:
@@ -31,13 +31,13 @@ def closed_pages(chromium: Any) -> Iterator[None]:
 
 
 TIMEOUT_MS = 240_000
-"""Longest wait for a page that never shows what a test waits for; a busy machine takes its time."""
+"""Longest wait for the expected content of a page; a busy machine is slow."""
 HINTS = ("GPU stall", "Canvas2D: Multiple readback operations")
-"""Messages of the browser on the speed of drawing in software."""
+"""Browser messages about the speed of software rendering."""
 
 
-class Watch:
-    """Errors and warnings of a page, and the addresses that it requests. Begins before the page is opened."""
+class PageMonitor:
+    """Errors and warnings of a page, and the addresses it requests. Create it before the page is opened."""
 
     def __init__(self, page: Any) -> None:
         self.errors: list[str] = []

@@ -1,4 +1,4 @@
-"""The page of the explorer in headless Chromium: charts, sliders, the button that writes a file, and errors."""
+"""The explorer's page in headless Chromium: charts, sliders, the button that writes a file, and errors."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -14,14 +14,14 @@ from codegen.explore.toml_file import Target, preset_bases
 from codegen.report.html.charts import scale_of
 from tests.explore.conftest import KINDS, explorer_of
 
-from .conftest import Watch
+from .conftest import PageMonitor
 
 CHARTS = ("map", "step", "cut", "margins")
 LAMBDA, ACCELERATION = "lambda", "limits.lateral_acceleration_max_g"
 
 
 class Page:
-    """A server for an explorer, and its page."""
+    """A page of an explorer with its server."""
 
     def __init__(self, chromium: Any, explorer: Explorer, folder: Path, width: int = 1440) -> None:
         self.explorer, self.folder = explorer, folder
@@ -29,7 +29,7 @@ class Page:
         self.thread = threading.Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.01})
         self.thread.start()
         self.page = chromium.new_page(viewport={"width": width, "height": 1000}, color_scheme="light")
-        self.watch = Watch(self.page)
+        self.watch = PageMonitor(self.page)
         self.page.goto(self.server.address)
         self.page.wait_for_selector("#pictures[data-drawn]")
 
@@ -44,16 +44,16 @@ class Page:
         return int(self.page.get_attribute("#pictures", "data-drawn") or 0)
 
     def after(self, count: int) -> None:
-        """Wait until the charts are drawn again, more than `count` times in all."""
+        """Wait until the charts have been drawn more than `count` times."""
         self.page.wait_for_selector(f'#pictures:not([data-drawn="{count}"])')
 
     def settle(self) -> None:
-        """Wait for the margins of the family, which arrive last, of the newest settings."""
+        """Wait for the newest settings' family of margins, which arrives last."""
         newest = self.page.get_attribute("#pictures", "data-wanted")
         self.page.wait_for_selector(f'#margins[data-family="{newest}"]')
 
     def chart(self, name: str) -> list[dict[str, Any]]:
-        """Return the traces of a chart as Plotly holds them."""
+        """Return a chart's traces from Plotly."""
         script = """(id) => document.getElementById(id).data.map((trace) => ({
             type: trace.type, name: trace.name ?? "", x: Array.from(trace.x ?? []), y: Array.from(trace.y ?? []),
             z: Array.from(trace.z ?? [], (row) => Array.from(row, String).join()).join(";") }))"""
@@ -78,7 +78,7 @@ class Page:
         return self.page.inner_text("#status")
 
     def check_quiet(self, allowed: str = "no error") -> None:
-        """Check that the page reports no error and requests nothing from elsewhere."""
+        """Check that the page reports no error and sends no external request."""
         assert [error for error in self.watch.errors if allowed not in error] == []
         origin = f"http://127.0.0.1:{self.server.server_port}/"
         assert [each for each in self.watch.requests if not each.startswith((origin, "data:", "blob:"))] == []
@@ -95,7 +95,7 @@ def explorers() -> dict[str, Explorer]:
 
 @pytest.fixture
 def opened(chromium: Any, explorers: dict[str, Explorer], tmp_path: Path) -> Iterator[Open]:
-    """Open the page of an explorer, by default of the PI's; end its server after the test."""
+    """Provide a function that opens an explorer's page (default: the PI's); stop the servers after the test."""
     pages: list[Page] = []
 
     def open_page(explorer: Explorer | str = "pi", **options: Any) -> Page:
@@ -200,7 +200,7 @@ def test_settings_without_a_map_keep_the_last_charts(opened: Open, explorers: di
     assert page.charts() == before
     page.fill(ACCELERATION, "0.8")
     assert "Up to date" in page.status()
-    page.check_quiet(allowed="422")  # Chromium itself writes the refused request to the console
+    page.check_quiet(allowed="422")  # Chromium logs the rejected request to the console
 
 
 def test_every_table_of_the_map_has_its_colours(opened: Open) -> None:

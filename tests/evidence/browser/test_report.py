@@ -17,7 +17,7 @@ from codegen.report.html.report import sections
 from hil_sim.frames import Frame
 from hil_sim.logs import BusLog
 
-from .conftest import Watch
+from .conftest import PageMonitor
 
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
 CUTS = ["cut-over-speed", "cut-over-angle"]
@@ -25,7 +25,7 @@ CUTS = ["cut-over-speed", "cut-over-angle"]
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
-    """A report with every section, and the ids of its charts."""
+    """Write a report with every section; return its path and the ids of its charts."""
     folder = tmp_path_factory.mktemp("report")
     with BusLog(folder / "bus.blf") as log:
         for cycle in range(50):
@@ -54,9 +54,9 @@ def opened(page: Any, path: Path) -> Any:
 
 @pytest.fixture(scope="module")
 def page(chromium: Any, report: tuple[Path, list[str]]) -> Any:
-    """The report at the width of a laptop. Tests leave it as they find it."""
+    """Open the report at the width of a laptop. Tests restore its state."""
     made = chromium.new_page(viewport={"width": 1440, "height": 900}, color_scheme="light")
-    made.watch = Watch(made)
+    made.watch = PageMonitor(made)
     yield opened(made, report[0])
     made.close()
 
@@ -81,7 +81,7 @@ def test_every_chart_is_drawn_without_errors_or_requests(page: Any, report: tupl
 def test_the_verdict_fills_the_first_screen_and_a_link_unfolds_its_section(
     chromium: Any, report: tuple[Path, list[str]]
 ) -> None:
-    """Before anything is unfolded the page is at most a third of the 17,000 px that it had as one piece."""
+    """The folded page is at most a third of the 17,000 px of the unfolded one."""
     page = chromium.new_page(viewport={"width": 1440, "height": 900}, color_scheme="light")
     page.goto(report[0].as_uri())
     page.wait_for_selector("html[data-drawn=yes]")
@@ -132,7 +132,7 @@ def test_values_shown_are_those_of_the_map(page: Any) -> None:
     page.mouse.move(0, 0)
 
 
-def test_names_of_runs_are_no_words_of_the_script(chromium: Any, tmp_path: Path) -> None:
+def test_names_of_runs_cannot_inject_script(chromium: Any, tmp_path: Path) -> None:
     names = ["constructor", "toString", "@ink"]
     data = [{"type": "scatter", "x": [0, 1], "y": [0, k], "name": name} for k, name in enumerate(names)]
     path = tmp_path / "names.html"
@@ -150,7 +150,7 @@ def test_themes_widths_and_paper(page: Any) -> None:
     page.wait_for_function(f"{ink} === '{light}'")
     for width in (390, 820, 1440):
         page.set_viewport_size({"width": width, "height": 900})
-        # The charts follow a moment later.
+        # The charts resize after the page.
         page.wait_for_function("width => document.documentElement.scrollWidth <= width", arg=width)
         assert page.evaluate("innerWidth") == width
     page.emulate_media(media="print", color_scheme="dark")

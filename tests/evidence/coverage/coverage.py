@@ -1,4 +1,4 @@
-"""Part "coverage": lines and branches of the generated C that the project's own tests run, by gcc's counters and gcovr."""
+"""Part "coverage": lines and branches of the generated C that the project's tests execute, measured by gcc and gcovr."""
 
 import json
 import shutil
@@ -17,17 +17,17 @@ from tests.sil.case import Case, committed
 from tests.sil.library import FLAGS, Compiler
 from tests.sil.suite import whole
 
-SHOWS = "the project's own tests run every line and every branch of the generated C"
+SHOWS = "the project's own tests execute every line and every branch of the generated C"
 MEASURING = ("--coverage", "-fprofile-abs-path")
 
 
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
-    """Run the part; a quick run is a whole one."""
+    """Run the part. A quick run is identical to a full one."""
     return outcome_of([one for folder in folders for one in progress.once(folder.name, lambda folder=folder: measured(folder))])
 
 
 def measured(folder: Path) -> list[dict[str, Any]]:
-    """Return the coverage of each unit of a build: path, counts, and a text for each line or branch that does not run.
+    """Return the coverage of each unit of a build: path, counts, and a text for each line or branch that is not executed.
 
     Raises:
         MissingTool: gcc, gcov or gcovr is missing. BuildError: a judge fails.
@@ -54,7 +54,7 @@ def find_tool(name: str, package: str) -> str:
 
 
 def run_tool(command: Sequence[str], folder: Path) -> str:
-    """Return the output of a program. Raises BuildError: it fails."""
+    """Return the output of a program. Raises BuildError if it fails."""
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise BuildError(done.stderr.strip().rpartition("\n")[2] or "it failed", where=" ".join(command[:3]))
@@ -62,7 +62,7 @@ def run_tool(command: Sequence[str], folder: Path) -> str:
 
 
 def exercise(case: Case) -> Path:
-    """Compile the units with counters, run the judges, and return the library. The counts are written as it closes.
+    """Compile the units with counters, run the judges, and return the library. Closing it writes the counts.
 
     Raises:
         BuildError: a judge fails.
@@ -91,7 +91,7 @@ def _unit(build: str, file: dict[str, Any]) -> dict[str, Any]:
 
 
 def outcome_of(units: Sequence[dict[str, Any]]) -> Outcome:
-    """Return the outcome: passed if every line and branch runs."""
+    """Return the outcome: passed if every line and branch is executed."""
     findings = [text for unit in units for text in unit["missed"]] if units else ["nothing was measured"]
     names = ("lines_run", "lines", "branches_taken", "branches")
     run, lines, taken, branches = (sum(unit[name] for unit in units) for name in names)

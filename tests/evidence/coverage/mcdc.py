@@ -1,7 +1,7 @@
-"""Part "mcdc": modified condition/decision coverage of the generated C by the project's own tests, with clang.
+"""Part "mcdc": modified condition/decision coverage of the generated C by the project's tests, measured by clang.
 
-For every condition of every decision, two calls of the tests must show that the condition alone decides. This is unique-cause
-MC/DC, with masking only where "&&" and "||" skip the other conditions.
+For every condition of every decision, two calls in the tests must show that the condition alone determines the result. This is
+unique-cause MC/DC, with masking only where "&&" and "||" skip the other conditions.
 """
 
 import json
@@ -17,14 +17,14 @@ from tests.evidence.progress import Progress
 from tests.sil.case import committed
 from tests.sil.library import FLAGS, Compiler
 
-SHOWS = "the project's own tests show for every condition of the generated C that it decides by itself"
+SHOWS = "the project's own tests show for every condition of the generated C that it alone can determine the result"
 TOOLS = ("clang", "llvm-profdata", "llvm-cov")
 VERSION = "19"
 """Version of clang and its tools; older ones lack MC/DC."""
 
 
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
-    """Run the part; a quick run is a whole one. Raises MissingTool: clang or one of its tools is missing."""
+    """Run the part. A quick run is identical to a full one. Raises MissingTool: clang or one of its tools is missing."""
     return outcome_of([one for folder in folders for one in progress.once(folder.name, lambda folder=folder: measured(folder))])
 
 
@@ -67,7 +67,7 @@ def _text(lines: list[str], place: tuple[int, ...]) -> str:
 
 
 def outcome_of(conditions: Sequence[tuple[str, str, bool]]) -> Outcome:
-    """Return the outcome: passed if every condition decides."""
+    """Return the outcome: passed if every condition alone determines a result."""
     missed = [f"{place}: `{text}` is never shown to decide" for place, text, is_covered in conditions if not is_covered]
     covered = len(conditions) - len(missed)
     findings = missed if conditions else ["nothing was measured"]

@@ -1,4 +1,4 @@
-"""Fixtures of the command line's tests."""
+"""Fixtures of the command line tests."""
 
 from tests.cli.conftest import here, run
 from tests.cli.test_show import maps

@@ -1,4 +1,4 @@
-"""Campaigns on a Dask cluster and after a kill: the same bytes, and no finished chunk is lost. Memory of long campaigns."""
+"""Campaigns on a Dask cluster and after a kill: the same bytes, no finished chunk lost. Memory of long campaigns."""
 
 import contextlib
 import logging
@@ -26,8 +26,8 @@ from codegen.sweep.plan import Plan
 from codegen.sweep.store import RUNS, part_path
 from tests.sweep.conftest import ROOT, Recording, write_spec
 
-PATIENCE = 600.0
-"""s: only a failure waits so long."""
+TIMEOUT_S = 600.0
+"""Timeout in s; only a failure waits this long."""
 
 
 @pytest.fixture(scope="module")
@@ -37,12 +37,12 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 @pytest.fixture(scope="module")
 def whole(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """The file of the campaign, driven by one thread."""
+    """Return the file of the campaign, run by one thread."""
     return run_campaign(plan, tmp_path_factory.mktemp("campaign") / "one", Threads(1)).read_bytes()
 
 
 def check_resumption(plan: Plan, folder: Path, whole: bytes) -> None:
-    """Finish an interrupted campaign: the same bytes, without driving a stored chunk again."""
+    """Finish an interrupted campaign and check that it has the same bytes and runs no stored chunk again."""
     stored, engine = {path.name for path in (folder / "parts").iterdir()}, Recording()
     assert stored, "at least one chunk was finished; which one comes first is the scheduler's choice"
     assert run_campaign(plan, folder, engine).read_bytes() == whole
@@ -52,7 +52,7 @@ def check_resumption(plan: Plan, folder: Path, whole: bytes) -> None:
 
 @dataclass(frozen=True)
 class DiesOnce:
-    """Work whose process ends in the middle of a chunk, the first time."""
+    """Work whose process is killed within a chunk, the first time only."""
 
     work: Work
     mark: Path
@@ -66,8 +66,8 @@ class DiesOnce:
 
 
 @dataclass(frozen=True)
-class Through:
-    """An engine that changes the work before another engine runs it, and calls `after` with each finished chunk."""
+class WrappedEngine:
+    """Engine that modifies the work, runs it on another engine and calls `after` for each finished chunk."""
 
     engine: Dask
     change: Callable[[Any], Any] = lambda work: work
@@ -83,7 +83,7 @@ def lacking_instructions(_number: int) -> None:
     raise BuildError("no such instructions", where="--isa", remedy="take others")
 
 
-def test_a_cluster_gives_the_same_bytes_and_a_dead_worker_loses_nothing(
+def test_a_cluster_gives_the_same_bytes_despite_a_killed_worker(
     plan: Plan, whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import dask
@@ -96,7 +96,7 @@ def test_a_cluster_gives_the_same_bytes_and_a_dead_worker_loses_nothing(
         contextlib.closing(Dask(cluster.scheduler_address)) as engine,
     ):
         assert run_campaign(plan, tmp_path / "dask", engine).read_bytes() == whole
-        dying = Through(engine, lambda work: DiesOnce(work, died))
+        dying = WrappedEngine(engine, lambda work: DiesOnce(work, died))
         assert run_campaign(plan, tmp_path / "dying", dying).read_bytes() == whole
         assert died.exists()
         with pytest.raises(BuildError, match=r"^Dask worker tcp://\S+: --isa: no such instructions; take others$"):
@@ -119,7 +119,7 @@ def dask_process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 @contextlib.contextmanager
 def scheduler() -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A scheduler and its address."""
+    """Start a scheduler; return the process and its address."""
     with dask_process("scheduler", "--host", "127.0.0.1", "--port", "0") as process:
         assert process.stderr is not None
         yield process, next(found[0] for line in process.stderr if (found := re.findall(r"tcp://127\.0\.0\.1:\d+", line)))
@@ -128,7 +128,7 @@ def scheduler() -> Iterator[tuple[subprocess.Popen[str], str]]:
 def test_a_dead_scheduler_is_reported_in_one_line_and_finished_chunks_are_kept(
     plan: Plan, whole: bytes, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("distributed", "distributed.client"):  # the library sets handlers of its own
+    for name in ("distributed", "distributed.client"):  # the library installs its own handlers
         monkeypatch.setattr(logging.getLogger(name), "handlers", [caplog.handler])
     with (
         scheduler() as (process, address),
@@ -136,7 +136,7 @@ def test_a_dead_scheduler_is_reported_in_one_line_and_finished_chunks_are_kept(
         contextlib.closing(Dask(address)) as engine,
         pytest.raises(CodegenError, match=rf"^{address}: the Dask scheduler went away.*run the same command again") as caught,
     ):
-        run_campaign(plan, tmp_path / "lost", Through(engine, after=lambda: (process.kill(), process.wait())))
+        run_campaign(plan, tmp_path / "lost", WrappedEngine(engine, after=lambda: (process.kill(), process.wait())))
     assert caught.value.exit_code == 2
     assert [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING] == []
     check_resumption(plan, tmp_path / "lost", whole)
@@ -146,7 +146,7 @@ def test_a_killed_campaign_resumes(plan: Plan, whole: bytes, tmp_path: Path) -> 
     folder, spec = tmp_path / "killed", write_spec(tmp_path)
     command = [sys.executable, "-m", "codegen", "sweep", "--spec", str(spec), "-o", str(folder), "--workers", "1"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT_S
         while not part_path(folder, 0).exists() and process.poll() is None and time.monotonic() < end:
             time.sleep(0.001)
         process.send_signal(signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""Commands that search or drive for long."""
+"""Commands with long searches or simulations."""
 
 import json
 from pathlib import Path
@@ -17,13 +17,13 @@ MAGIC = b"\x89PNG"
 
 
 def answer_of(run: Run, *arguments: object) -> Any:
-    """Return the JSON of a command that succeeds."""
+    """Return the JSON output of a successful command."""
     answer = run(*arguments, "--json")
     assert answer.code == 0, answer
     return json.loads(answer.out)
 
 
-def test_a_report_of_a_build_that_is_driven_with_faults(run: Run, here: Path) -> None:
+def test_a_report_of_a_build_with_injected_faults(run: Run, here: Path) -> None:
     data = answer_of(run, "report", "--map", MAP, "--build", BUILD, "-o", "report.html")
     assert (data["notes"], data["bytes"]) == ([], Path("report.html").stat().st_size)
     assert {"runs", "margins", "map-loss", "compare-difference-1"} <= set(data["charts"])
@@ -33,7 +33,7 @@ def test_a_report_of_a_build_that_is_driven_with_faults(run: Run, here: Path) ->
 
 
 def test_baselines_of_a_scenario(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Through frames too, whose quantisation is in the figures of the baselines then."""
+    """Frames are included: their quantisation affects the baselines too."""
     found, small = candidate.tuned, configuration.parse({"tuning": SMALL_TUNING}, "test").tuning
     monkeypatch.setattr(
         candidate, "tuned", lambda solved, config, *more: found(solved, config.model_copy(update={"tuning": small}), *more)
@@ -52,19 +52,19 @@ def test_baselines_of_a_scenario(run: Run, here: Path, monkeypatch: pytest.Monke
     assert framed["feedforward"]["yaw_rate_steady_deg_s"] == pytest.approx(steady, rel=1e-2)
 
 
-def test_the_trim_is_raised_to_the_need_of_a_map_of_the_nonlinear_tyre(run: Run, here: Path) -> None:
+def test_the_trim_is_raised_as_a_nonlinear_map_requires(run: Run, here: Path) -> None:
     map_path = solve(write_config(grid=(31, 41), more=NONLINEAR), "nonlinear")
     answer = run("tune", "--map", map_path, "-o", map_path)
     assert answer.code == 0, answer
     trim = stored(map_path).controller.tracking.trim_max_percent
     assert trim > 1.0 and trim == int(trim)
     assert f"controller.tracking.trim_max_percent: {trim:g} instead of 1; " in answer.out
-    assert "trim_max_percent" not in answer_of(run, "tune", "--map", map_path, "-o", map_path)  # enough now
+    assert "trim_max_percent" not in answer_of(run, "tune", "--map", map_path, "-o", map_path)  # sufficient now
     build = run("build", "--map", map_path, "-o", "x")
     assert build.code == 0 and "slip bounds" not in build.err
 
 
-def test_breakpoints_for_an_error_and_a_size(run: Run, maps: dict[str, Path]) -> None:
+def test_breakpoints_for_an_error_or_a_size(run: Run, maps: dict[str, Path]) -> None:
     options = ("build", "--map", maps["linear"], "--max-error", "0.01rad/s", "--storage", "int16", "-o", "x")
     first = run(*options)
     assert first.code == 0 and "breakpoints, " in first.out and "bytes: at most" in first.out

@@ -1,4 +1,4 @@
-"""The reproduction of the paper: within the rounding and the plant of its tables, and as the README prints it."""
+"""Reproduction of the paper's tables within their rounding and plant, printed as in the README."""
 
 import json
 import re
@@ -18,7 +18,7 @@ def reproduction(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
 
 
 def test_yaw_rates_of_the_table(reproduction: Reproduction) -> None:
-    """2 % at the speed that the table names; at the one where its rows fit, 0.6 %, which is its rounding."""
+    """Tolerance: 2 % at the speed that the table names; at the speed that fits its rows, the rounding, 0.6 %."""
     for speed_km_h, tolerance_percent in ((43.9, 2.0), (43.35, 0.6)):
         rows = [row for row in reproduction.table if row.speed_km_h == speed_km_h]
         assert [row.case for row in rows] == list(PAPER_TABLE)
@@ -33,7 +33,7 @@ def test_steady_values_and_peak_of_the_runs(reproduction: Reproduction) -> None:
     for name, steady in (("C1", 27.25), ("C2", 25.4)):
         run = reproduction.runs[name]
         assert run.yaw_rate_steady_deg_s == pytest.approx(steady, abs=0.1)
-        # After five seconds the transient is far below the last digit that is printed.
+        # After five seconds the transient is far below the last printed digit.
         assert run.yaw_rate_steady_deg_s == pytest.approx(run.yaw_rate_reference_deg_s, abs=1e-3)
     # The printed PI on a reference that jumps: 30.8 deg/s with an actuator lag of 2 ms, 31.7 with the 50 ms of the preset.
     assert 31.6 < reproduction.runs["C1"].yaw_rate_peak_deg_s < 31.8

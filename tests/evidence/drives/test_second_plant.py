@@ -1,4 +1,4 @@
-"""Long drives on the third party's multi-body car: against linear theory, against finer steps, and in closed loop."""
+"""Long drives on the third-party multi-body car: linear theory, step size, and closed loop."""
 
 import functools
 import math
@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from codegen import configuration
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.sil.plant import PlantInput, PlantSample
+from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.metrics import column, spin_time
 from hil_sim.second_plant import MultiBodyPlant, car_of, cells, published, run
@@ -28,7 +29,7 @@ def reference_map() -> ReferenceMap:
 
 
 def steady(speed: float, front_angle: float, rear_angle: float = 0.0, time: float = 2.0) -> PlantSample:
-    """The car after a step to both angles (rad), long after its yaw motion has settled."""
+    """Return the state after a step of both angles (rad), once the yaw motion has settled."""
     plant = MultiBodyPlant(config(), speed)
     acting = PlantInput(speed, front_angle * config().steering.ratio, rear_angle, config().road.friction)
     plant.advance([acting] * round(time / config().plant.sampling_time_s))
@@ -37,10 +38,10 @@ def steady(speed: float, front_angle: float, rear_angle: float = 0.0, time: floa
 
 @pytest.mark.parametrize(("speed_km_h", "tolerance"), [(40.0, 0.02), (70.0, 0.05)])
 def test_rear_steer_gain_is_that_of_the_linear_car(speed_km_h: float, tolerance: float) -> None:
-    """Slope around a slight turn: at zero, the tyre data have a step over camber.
+    """The slope is taken around a slight turn: at zero, the tyre data have a step over camber.
 
-    The tolerance is for what the linear car lacks: roll and camber, lateral compliance. It grows with speed, since the car is
-    close to neutral. The gain of the front wheels departs as much, so that their ratio is known far better.
+    The tolerance covers effects that the linear car lacks: roll, camber and lateral compliance. It grows with speed because the
+    car is close to neutral. The front wheels' gain deviates equally, so the ratio of both is much more accurate.
     """
     speed, angle, change = speed_km_h * KM_H, math.radians(1.0), math.radians(0.2)
     base = steady(speed, angle).yaw_rate
@@ -60,6 +61,6 @@ def test_the_controller_closes_the_loop() -> None:
     np.testing.assert_allclose(yaw_rate, reference, rtol=0.002)
     assert column(passive, "yaw_rate_rad_s")[-1] < 0.8 * reference[-1]
     assert not column(passive, "rear_angle_command_rad").any()
-    # The car's own engine holds the speed: 0.05 m/s at 11 m/s.
+    # The car's engine keeps the speed to 0.05 m/s at 11 m/s.
     for one in (record, passive):
         np.testing.assert_allclose(column(one, "speed_m_s"), cell.speed_km_h * KM_H, atol=0.05)

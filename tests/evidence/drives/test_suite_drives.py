@@ -1,4 +1,4 @@
-"""The test set, driven: the paper's PI in all cells."""
+"""Simulation of the test suite: the paper's PI in all cells."""
 
 import pytest
 
@@ -10,7 +10,7 @@ from tests import builds
 
 
 def test_the_papers_pi_over_all_cells() -> None:
-    """A prototype of the same loop gave a mean of 55 %, a worst of 174 % and 4 spins."""
+    """A prototype of the same loop had a mean of 55 %, a worst case of 174 % and 4 spins."""
     pi = Subject("pi", builds.CONFIG, around(builds.paper_map(), builds.CONFIG))
     chosen = [each for each in CONDITIONS if each.name in ("nominal", "lag-100", "friction-60")]
     suite = run_suite(pi, [], builds.CONFIG.case("4ws-2"), chosen=chosen)

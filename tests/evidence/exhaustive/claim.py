@@ -1,4 +1,4 @@
-"""Claims about helper functions, and the C of a build that they are made about."""
+"""Claims about helper functions, and the C of the build that they concern."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from codegen.emit.text import literal
 from codegen.verify.check import Subject
 
 FLOATS = 2**32
-"""Inputs of a helper that takes a number in single precision: every pattern of bits."""
+"""Inputs of a helper with a single-precision argument: every bit pattern."""
 TEMPLATES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(Path(__file__).parent),
     undefined=jinja2.StrictUndefined,
@@ -35,16 +35,16 @@ _WHOLE = re.compile(r"(?:const )?(?:u?int\d+_t|int|unsigned) \w+")
 
 @dataclass(frozen=True)
 class Claim:
-    """A helper function and the result that it must have for each of its inputs.
+    """A helper function and its required result for each input.
 
     The C texts are Jinja templates. They see `values`, the name of the function as `function`, and the prefix as `p`.
 
     Attributes:
         unit, function: without prefix, such as "map", and with "@" for it. of: suffix where a function has several claims.
         text: the claim, one sentence without its full stop.
-        body: C that judges the input `x` with the bits `bits`. With few inputs, `bits` is the number of the input.
+        body: C that checks the input `x` with the bits `bits`. With few inputs, `bits` is the number of the input.
         edges: C that names further inputs of a quick run with EDGE(x). setup: C at file scope.
-        start: C that resets the memory of a claim that compares an input with the one before it.
+        start: C that resets the state of a claim that compares an input with the previous one.
         inputs: number of inputs; FLOATS, or few enough to run all of them in a quick run.
     """
 
@@ -61,11 +61,11 @@ class Claim:
 
     @property
     def name(self) -> str:
-        """Name of the function, with the suffix of the claim."""
+        """Name of the function with the suffix of the claim."""
         return f"{self.function} ({self.of})" if self.of else self.function
 
     def rendered(self, prefix: str) -> Claim:
-        """Return the claim about a build: its texts are C."""
+        """Return the claim for a build, with its texts rendered to C."""
         function = self.function.replace("@", prefix)
         values = {**self.values, "p": prefix, "function": function}
         names = ("body", "edges", "setup", "start")
@@ -79,7 +79,7 @@ def number(value: float) -> str:
 
 
 def exact(value: float) -> str:
-    """Return a number as a C literal in double precision that has the value of the single one."""
+    """Return a C literal in double precision with the value of the single-precision number."""
     return repr(float(np.float32(value)))
 
 
@@ -90,13 +90,13 @@ def edges(*values: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """The C of a build. It relies on the layout of the templates: definitions at file scope start in the first column."""
+    """The C of a build. Its definitions at file scope must start in the first column, as the templates write them."""
 
     subject: Subject
 
     @cached_property
     def config(self) -> Config:
-        """Configuration that the build was made with. Expected values come from here, not from the C."""
+        """Configuration of the build. Expected values come from here, not from the C."""
         return configuration.parse(self.subject.manifest["configuration"], "manifest.json: configuration")
 
     def path(self, unit: str) -> str:
@@ -105,8 +105,8 @@ class Source:
 
     @cached_property
     def functions(self) -> dict[str, dict[str, bool]]:
-        """Functions by the path of their unit. The value is true for those that need a claim: they take a real number, or whole
-        numbers only."""
+        """Functions by the path of their unit. The value is true for those that need a claim: a parameter is a real number, or
+        all are integers."""
         texts = {path: content.decode("ascii") for path, content in self.subject.sources().items() if path.endswith(".c")}
         found = {path: _FUNCTION.findall(_COMMENT.sub("", text)) for path, text in texts.items()}
         return {path: {name: _takes_number(parameters) for name, parameters in each} for path, each in found.items()}

@@ -6,9 +6,9 @@ from itertools import chain
 
 import numpy as np
 
-from codegen.configuration import KM_H
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
+from codegen.units import KM_H
 from tests.evidence.exhaustive.claim import Claim, Source, edges, exact, number
 
 MAGNITUDE = 'SAME("the number without its sign", {{ function }}(x), number_of(size_of(bits)));'
@@ -46,7 +46,7 @@ KNOWN_FRICTION = """
 """
 GRIP_FRICTION = """
     const {{ p }}_grip_t grip = { .available = 2.0f };
-    const float seen = 2.0f * friction_per_grip; /* exact */
+    const float seen = 2.0f * ars_constants.friction_per_grip; /* exact */
 
     SAME("at least the smallest, at most that of the grip, which NaN counts as", {{ function }}(&grip, &known_parameters, x),
         is_nan(bits) ? seen : held(bits, {{ least }}, seen));
@@ -118,7 +118,7 @@ static const {{ p }}_{{ type }} {{ function }}_table = {
 };
 """
 OVER_SPEED = """
-    /* NaN, which the step rejects, may have any value of the table. */
+    /* The step rejects NaN, so any value of the table is correct for it. */
     const double place = place_on(&{{ function }}_axis, is_nan(bits) ? {{ of_nan }} : (double)x);
     const {{ result }} got = {{ function }}(&{{ function }}_table, x);
 
@@ -131,11 +131,11 @@ OVER_SPEED = """
 """
 
 RANGES = (("0.0f", "100.0f"), ("1.0e-4f", "1.0f"), ("-1.0f", "1.0f"))
-"""Kinds of ranges that parameters and initial states are checked against: from zero, from above zero, on both sides."""
+"""Ranges for checks of parameters and initial states: from zero, from above zero, on both sides."""
 
 
 def claims(source: Source) -> Iterator[Claim]:
-    """Claims about the units parameters, law, grip, controller and limiter."""
+    """Yield claims about the units parameters, law, grip, controller and limiter."""
     config, inputs = source.config, source.config.controller.inputs
     angle = number(config.rear_actuator.angle_max)
     limits = [number(inputs.speed_max_km_h * KM_H)]
@@ -144,41 +144,41 @@ def claims(source: Source) -> Iterator[Claim]:
     bounding, tracking = ["controller", "inputs", "law", "limiter"], ["grip"] if source.subject.kind == "tracking" else []
     bounding += ["reference_model"] if tracking else []
     for unit in (*bounding, "map", "task", *tracking):
-        yield Claim(unit, "magnitude", "the number without its sign; NaN stays NaN", MAGNITUDE)
+        yield Claim(unit, "magnitude", "returns the magnitude; NaN stays NaN", MAGNITUDE)
     for unit in bounding:
-        text = "the value within its limit on both sides, NaN as the upper"
+        text = "limits the magnitude; NaN becomes the upper limit"
         yield Claim(unit, "bounded", text, BOUNDED, edges(angle, *limits), values={"limits": [angle, *limits]})
     for unit in ("limiter", "law", *tracking):
         yield held(unit, "clamp", clamps)
     for unit in ("inputs", "limiter"):
-        text = "no farther from zero than the limit, false for NaN"
+        text = "true if the magnitude is within the limit; false for NaN"
         yield Claim(unit, "is_within", text, IS_WITHIN, edges(*limits), values={"limits": limits})
     for unit in ("inputs", "parameters", "limiter"):
         yield between(unit, "is_between", RANGES)
     yield from _inputs(source)
     period = np.float32(config.controller.sampling_time_s)
     step = number(float(np.float32(math.radians(config.controller.standby_rate_deg_s)) * period))
-    text = "closer to zero by a step and not beyond, NaN as zero"
+    text = "moves one step toward zero but not past it; NaN becomes zero"
     fall = number(config.controller.inputs.speed_fall_m_s2 * config.controller.sampling_time_s)
     for unit, each in (("controller", step), ("inputs", fall)):
         yield Claim(unit, "toward_zero", text, TOWARD_ZERO, edges(each), values={"step": each})
     low, high = (number(speed * KM_H) for speed in (config.controller.disable_speed_km_h, config.controller.enable_speed_km_h))
     setup = "static const {{ p }}_parameters_t speed_parameters = { .disable_speed = {{ low }}, .enable_speed = {{ high }} };"
-    text = "on from the upper speed, off below the lower, in between and for NaN as before"
+    text = "on from the upper speed, off below the lower; unchanged between them and for NaN"
     values: Mapping[str, object] = {"low": low, "high": high}
     yield Claim("controller", "choose_by_speed", text, CHOOSE_BY_SPEED, edges(low, high), setup, values=values)
     least = number(config.controller.friction_min)
     setup = "static const {{ p }}_parameters_t known_parameters = { .friction_min = {{ least }} };"
     if source.subject.kind == "tracking":
-        text = "no less than the smallest plausible friction, no more than that of the grip, which NaN counts as"
+        text = "from the smallest plausible friction to that of the grip, which also replaces NaN"
         yield Claim("grip", "@_grip_friction", text, GRIP_FRICTION, edges(least), setup, values={"least": least})
     else:
-        text = "no less than the smallest plausible friction; NaN stays NaN"
+        text = "at least the smallest plausible friction; NaN stays NaN"
         yield Claim("controller", "known_friction", text, KNOWN_FRICTION, edges(least), setup, values={"least": least})
-    text = "starts within the actuator's range, NaN as zero"
+    text = "starts within the actuator's range; NaN becomes zero"
     yield Claim("controller", "@_controller_init", text, CONTROLLER_INIT, edges(angle), values={"limit": angle})
-    yield Claim("limiter", "@_limiter_init", "starts within a radian, all else as zero", LIMITER_INIT, edges("1.0f"))
-    # The bounds of a build may all be equal, which would test little: these fall with speed.
+    yield Claim("limiter", "@_limiter_init", "starts within a radian; anything else becomes zero", LIMITER_INIT, edges("1.0f"))
+    # The bounds of a build may all be equal; these decrease with speed and test more.
     speeds = [speed * KM_H for speed in opposite_phase_speeds_km_h(config)]
     bounds = [config.rear_actuator.angle_max * (1.0 - k / len(speeds)) for k in range(len(speeds))]
     outputs = {"opposite_phase_max": ("", bounds)}
@@ -197,48 +197,50 @@ def claims(source: Source) -> Iterator[Claim]:
 
 
 def _inputs(source: Source) -> Iterator[Claim]:
-    """Claims about the unit inputs that it does not share."""
+    """Yield claims about the helpers that only the unit inputs has."""
     values = {parameter.name: number(parameter.value) for parameter in inputs_parameters(source.config)}
     given = {"wheelbase": values["wheelbase"], "understeer": values["understeer_coefficient"], "top": values["speed_max"]}
     setup = "static const {{ p }}_inputs_parameters_t gain_parameters"
     setup += " = { .wheelbase = {{ wheelbase }}, .understeer_coefficient = {{ understeer }} };"
-    yield Claim("inputs", "yaw_gain", "that of the linear car, at each speed", YAW_GAIN, edges("0.0f"), setup, values=given)
+    yield Claim(
+        "inputs", "yaw_gain", "equals the linear car's yaw gain at each speed", YAW_GAIN, edges("0.0f"), setup, values=given
+    )
     agreement = values["yaw_rate_agreement"]
     turns = [number(share * float(agreement.rstrip("f"))) for share in (-9.0, -2.1, 0.0, 1.9, 2.1, 9.0)]
     setup = "static const {{ p }}_inputs_parameters_t agreement_parameters = { .yaw_rate_agreement = {{ agreement }} };"
-    text = "near the turn, where that is one; false for NaN"
+    text = "true near the turn, if there is one; false for NaN"
     given = {"turns": turns, "agreement": agreement}
     yield Claim("inputs", "agrees", text, AGREES, edges(*turns), setup, values=given)
     setup = "static const {{ p }}_inputs_parameters_t right_parameters = { .speed_agreement = {{ agreement }} };"
     speeds = ["0.0f", "-0.5f", "1.0f", "-1.0f", "16.0f", "100.0f"]
     given = {"replaced": speeds, "agreement": values["speed_agreement"]}
-    text = "near what stands for it, or that is no speed; false for NaN where it is one"
+    text = "true near the substitute, or if the substitute is no usable speed; otherwise false for NaN"
     yield Claim("inputs", "is_right_again", text, IS_RIGHT_AGAIN, edges(*speeds), setup, values=given)
     setup = "static const {{ p }}_inputs_parameters_t friction_parameters"
     setup += " = { .friction_max = {{ top }}, .friction_recovery = {{ recovery }} };"
     given = {"top": values["friction_max"], "recovery": values["friction_recovery"], "before": "0.5f"}
-    text = "an estimate in its range is taken, else the last one rises"
+    text = "uses an estimate in its range, otherwise raises the last one"
     yield Claim("inputs", "take_friction", text, TAKE_FRICTION, edges("0.0f", given["top"]), setup, values=given)
 
 
 def held(unit: str, function: str, ranges: Sequence[tuple[str, str]]) -> Claim:
-    """Claim of a function that limits a value to a range."""
-    text = "the value within its bounds, NaN as the lower"
+    """Return the claim of a function that limits a value to a range."""
+    text = "limits the value; NaN becomes the lower bound"
     return Claim(unit, function, text, HELD, edges(*chain(*ranges)), values={"ranges": ranges})
 
 
 def between(unit: str, function: str, ranges: Sequence[tuple[str, str]], given: str = "x") -> Claim:
-    """Claim of a function that reports whether a value lies in a range."""
-    text, values = "within both bounds, false for NaN", {"ranges": ranges, "given": given}
+    """Return the claim of a function that reports whether a value is in a range."""
+    text, values = "true within both bounds; false for NaN", {"ranges": ranges, "given": given}
     return Claim(unit, function, text, IS_BETWEEN, edges(*chain(*ranges)), values=values)
 
 
 Outputs = Mapping[str, tuple[str, Sequence[float]]]
-"""Values of a table over speed, by member of the parameters; each with the suffix that takes the result from the call."""
+"""Values of a table over speed by parameter member, each with the suffix that selects the result of the call."""
 
 
 def _over_speed(unit: str, function: str, kind: str, result: str, speeds: Sequence[float], outputs: Outputs) -> Claim:
-    """Claim of a table over speed. Rounding is at most half a unit of the largest value for each of five operations."""
+    """Return the claim of a table over speed. The tolerance is half a unit of the largest value for each of five operations."""
     speed = "opposite_phase_speed" if unit == "limiter" else "schedule_speed"
     columns = {speed: speeds, **{member: numbers for member, (_, numbers) in outputs.items()}}
     values = {

@@ -87,8 +87,8 @@ NOT_AVAILABLE = 'SAME("a quiet NaN", bits_of({{ function }}()), 0x7FC00000u);'
 
 
 def claims(source: Source) -> Iterator[Claim]:
-    """Claims about the units can and e2e."""
-    yield Claim("can", "@_can_not_available", "NaN that no core changes", NOT_AVAILABLE, inputs=1)
+    """Yield claims about the units can and e2e."""
+    yield Claim("can", "@_can_not_available", "a NaN that no core changes", NOT_AVAILABLE, inputs=1)
     yield Claim("can", "leading_part", "splits a number into halves that multiply exactly", LEADING_PART, setup=HALVES)
     can = source.config.can
     messages = (can.vehicle_motion, can.vehicle_conditions, can.rear_steer_command)
@@ -99,14 +99,14 @@ def claims(source: Source) -> Iterator[Claim]:
         values = {"steps": number(1.0 / signal.factor), "low": low, "high": high, "absent": absent, "lowest": min(low, absent)}
         codings[f"{low} to {high}, {1.0 / signal.factor:g} a unit"] = values
     for of, values in codings.items():
-        text = "nearest code, bounded; NaN is not available"
+        text = "returns the nearest code, bounded; NaN becomes not available"
         yield Claim("can", "to_code", text, TO_CODE, CODE_EDGES, of=of, values=values)
-        text = "nearest number to a code's value, which comes back as the code"
+        text = "returns the number nearest to a code's value, which encodes to the same code"
         count = max(values["high"], values["absent"]) - values["lowest"] + 1
         yield Claim("can", "to_value", text, TO_VALUE, of=of, inputs=count, values=values)
     yield Claim("e2e", "@_e2e_crc", "CRC-8 of data id and bytes 1 to 7", CRC_OF_FRAME, setup=CRC, inputs=7 * 2**16)
-    yield Claim("e2e", "increased", "counts up to its limit and no further", INCREASED, inputs=2**8)
+    yield Claim("e2e", "increased", "counts up to its limit and stays there", INCREASED, inputs=2**8)
     size = can.e2e.window_size
     values = {"size": size, "half": (1 << size) - 1}
-    text = "counts the ones of either half of a window"
+    text = "counts the ones in each half of a window"
     yield Claim("e2e", "ones_of_halves", text, ONES_OF_HALVES, inputs=2 ** (2 * size), values=values)

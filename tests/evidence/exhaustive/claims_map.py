@@ -35,7 +35,7 @@ LOCATE = """
     }
 """
 ROAD_OF = """
-    const double cap = (double)lateral_acceleration_cap;
+    const double cap = (double)ars_constants.lateral_acceleration_cap;
     const road_t road = road_of(x);
     const double got = (double)road.lateral_acceleration_max;
 
@@ -133,28 +133,31 @@ ARRANGE = """
 
 _STATED = re.compile(r"off by at most (\S+) in front and (\S+) at the rear")
 ROUNDING = 5e-7
-"""Rounding of a tyre curve in single precision, added to the error of its table: three roundings by 2^-24 of the place in the
-table, times the rise of the curve over the whole table, about two; and three of the value."""
+"""Rounding error of a tyre curve in single precision, added to the error of its table.
+
+It covers three roundings of the table position by 2^-24, multiplied by the rise of the curve over the table, about two, and
+three of the value.
+"""
 SLOPE_ALLOWANCE = 1.1
-"""A chord of width h is off by at most h^2 f''/8, and its slope by h f''/2: four times that over h. The rest
-is for the change of f'' within a cell."""
+"""Allowance for the change of f'' within a cell. A chord of width h deviates by at most h^2 f''/8 and its slope by h f''/2,
+which is 4/h times that."""
 
 
 def claims(source: Source) -> Iterator[Claim]:
-    """Claims about the units map, reference_model and dynamics."""
+    """Yield claims about the units map, reference_model and dynamics."""
     config = source.config
     speeds, angles = (list(map(float, axis)) for axis in breakpoints(config))
     stop = config.steering.front_angle_stop
     yield _axis("locate_speed", speeds)
     yield _axis("locate_front_angle", [*angles, stop] if stop > angles[-1] * (1.0 + 1e-6) else angles, is_magnitude=True)
     values: dict[str, object] = {"friction": number(config.road.friction)}
-    text = "the lateral acceleration that the road allows, in proportion to its friction"
+    text = "returns the road's largest lateral acceleration, in proportion to its friction"
     setup, start = "static double road_before;", "road_before = 0.0;"
     yield Claim("map", "road_of", text, ROAD_OF, edges(number(config.road.friction)), setup, start, values=values)
     ranges = [(number(low), number(high)) for low, high in ((0.0, 10.0), (-0.5, 0.5), (0.0, 150.0))]
     yield between("map", "are_between", ranges, "&x, 1u")
-    yield Claim("map", "are_increasing", "from zero, each above the one before", INCREASING, edges("0.0f"))
-    yield Claim("map", "are_even", "a number in its even place", EVEN, edges("1.99f", "2.01f"))
+    yield Claim("map", "are_increasing", "true if the numbers increase, starting at zero or below", INCREASING, edges("0.0f"))
+    yield Claim("map", "are_even", "true if a number is at its even position", EVEN, edges("1.99f", "2.01f"))
     yield Claim(
         "checksum",
         "@_checksum_real",
@@ -171,12 +174,15 @@ def claims(source: Source) -> Iterator[Claim]:
 
 
 def _axis(function: str, given: Sequence[float], is_magnitude: bool = False) -> Claim:
-    """Claim of a search in breakpoints from zero to the last. A place is as exact as the largest number that it is computed
-    from, with half a unit each of breakpoint, difference, factor and product."""
+    """Return the claim of a search in breakpoints from zero to the last.
+
+    The position is as accurate as the largest number in its computation: half a unit each for breakpoint, difference, factor
+    and product.
+    """
     at = sorted({0.0, *given})
     largest = max(len(at) - 1.0, *(above / (above - below) for below, above in pairwise(at)))
     values = {"is_magnitude": is_magnitude, "at": [*map(repr, at)], "tolerance": repr(2.0 * largest * 2.0**-23)}
-    text = "the cell and the place in it, for every number: inside, never back, and right"
+    text = "returns the correct cell and position for every number: in range and monotonic"
     return Claim("map", function, text, LOCATE, edges(*map(number, at)), AXIS, AXIS_START, values=values)
 
 
@@ -202,6 +208,6 @@ def _curve(axle: str, tyre: MagicFormulaTyre, error: float) -> Claim:
         "compression": repr(table.compression),
         "slope": repr(SLOPE_ALLOWANCE * 4.0 * error * (table.values.size - 1) * table.compression),
     }
-    text = "the tyre's curve within the error that the header states, and its slope; odd"
+    text = "returns the tyre curve within the error stated in the header, and its slope; odd"
     setup = CURVE_SETUP, CURVE_START
     return Claim("reference_model", f"{axle}_curve", text, CURVE, edges("1e6f"), *setup, values=values)

@@ -1,9 +1,9 @@
-"""Part "exhaustive": the helper functions of one argument, static ones too, for all 2^32 inputs, against expected results.
+"""Part "exhaustive": helper functions of one argument, including static ones, for all 2^32 inputs.
 
-The expected results are computed in another way, in double precision, in whole numbers or bit by bit, from the configuration:
-see claims_frames.py, claims_control.py and claims_map.py. The C of the build is compiled as it is, with undefined behaviour
-reported. A function that takes a number and has neither a claim nor an entry in OTHERS fails the part, and so does a claim
-without its function.
+The expected results are computed differently: in double precision, in integers or bit by bit, from the configuration; see
+claims_frames.py, claims_control.py and claims_map.py. The C is compiled unchanged, with undefined behaviour reported. A
+function with a numeric argument must have a claim or an entry in OTHERS, and each claim must have its function; otherwise the
+part fails.
 """
 
 import os
@@ -27,21 +27,21 @@ SHOWS = "each helper of one argument has the right result for every input, and n
 QUICK_STRIDE = 1009
 """Prime, and below the number of floats with one exponent. A quick run adds the inputs around all edges."""
 PIECES = 8
-"""Parts of the 2^32 inputs that run in parallel."""
+"""Pieces of the 2^32 inputs that run in parallel."""
 FINDINGS_MAX = 3
-"""Wrong inputs reported for a claim."""
+"""Wrong inputs reported per claim."""
 
 SEVERAL = "takes several numbers that vary: the proof and the tests cover it"
-CONTINUES = "continues a CRC: judged through the CRC of one number; tests compare that of the whole calibration"
+CONTINUES = "continues a CRC: covered by the CRC of one number; tests compare that of the whole calibration"
 OTHERS: Mapping[str, str] = {
     **{f"checksum: {name}": CONTINUES for name in ("crc_step", "@_checksum_whole")},
     "map: @_map_crc": CONTINUES,
     "parameters: @_parameters_crc": CONTINUES,
     "reference_model: @_reference_model_crc": CONTINUES,
     "selftest: with_the_rest": CONTINUES,
-    "can: error_of": "takes a product and its factors: judged through to_code, for every value of each coding",
-    "can: goes_outward": "takes a product and its factors: judged through to_code, for every value of each coding",
-    "reference_model: curve_at": "judged through both curves, for every argument",
+    "can: error_of": "takes a product and its factors: covered by to_code, for every value of each coding",
+    "can: goes_outward": "takes a product and its factors: covered by to_code, for every value of each coding",
+    "reference_model: curve_at": "covered by both curves, for every argument",
     "map: place_of": "pairs the results of locate_speed and locate_front_angle",
     "law: allowed": SEVERAL,
     "law: @_law_init": "keeps the number or starts the model from it: tests of the state after a start cover it",
@@ -66,22 +66,22 @@ OTHERS: Mapping[str, str] = {
     **{f"map: @_map_{name}": SEVERAL for name in ("yaw_rate", "yaw_rate_on_road", "reference")},
     "reference_model: @_reference_model_start": SEVERAL,
 }
-"""Unit and function that takes a number and has no claim of its own, with the reason."""
+"""Unit and function with a numeric argument but without a claim, with the reason."""
 
 PLAIN = ("-std=c99", "-O1", "-ffp-contract=off", "-w")
 FLAGS = ("-std=c99", "-O3", "-march=native", "-fno-trapping-math", "-ffp-contract=off", "-w")
-# None of these changes a result. With jump threading, gcc does not vectorize selections by a comparison of floats.
+# These do not change results. With jump threading, gcc does not vectorise selections by a comparison of floats.
 GCC_FLAGS = ("-fno-thread-jumps", "-fno-tree-dominator-opts", "-fno-tree-pre")
-# Addresses are for the sanitizers of `codegen verify`: here they would take most of the time.
+# `codegen verify` checks addresses with its sanitizers; here they would take most of the time.
 UNDEFINED = "-fsanitize=float-cast-overflow,signed-integer-overflow,integer-divide-by-zero,shift,bounds"
-LINKED = ("parameters", "law", "controller", "map", "reference_model", "task")
+LINKED = ("parameters", "law", "controller", "map", "grip", "reference_model", "task")
 """Units whose helpers call other units or read the calibration."""
 
 _UNDEFINED = re.compile(r"^(?P<place>[^\s:]+:\d+)(?::\d+)?: runtime error: (?P<what>.+)$", re.MULTILINE)
 
 
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
-    """Run the part. A quick run takes a sample of the floats, and all inputs around the edges of each claim.
+    """Run the part. A quick run uses a sample of the floats and all inputs around the edges of each claim.
 
     Raises:
         MissingTool: no C compiler has working sanitizers. BuildError: a build is in double precision.
@@ -113,7 +113,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
 
 
 def claims_of(source: Source) -> tuple[list[Claim], list[str]]:
-    """Return the claims about a build, and findings: claims without their function, and functions without a claim."""
+    """Return the claims about a build, and findings: claims without a function and functions without a claim."""
     name, prefix = source.subject.name, source.subject.prefix
     if not source.subject.is_single:
         raise BuildError("the inputs of a build in double precision are too many to run all of them", where=name)
@@ -132,7 +132,7 @@ def claims_of(source: Source) -> tuple[list[Claim], list[str]]:
 
 
 def pieces_of(claim: Claim, stride: int) -> list[tuple[int, int, int]]:
-    """Return first input, end and stride of the parts that run in parallel."""
+    """Return first input, end and stride of the pieces that run in parallel."""
     if claim.inputs != FLOATS:
         return [(0, claim.inputs, 1)]
     size = FLOATS // (PIECES if stride == 1 else 1)
@@ -140,7 +140,7 @@ def pieces_of(claim: Claim, stride: int) -> list[tuple[int, int, int]]:
 
 
 def compile_program(compiler: Compiler, source: Source, path: str, claims: Sequence[Claim], folder: Path) -> Path:
-    """Compile the judges of a unit in a folder of their own. Raises BuildError: the C does not compile."""
+    """Compile the checks of a unit in their own folder. Raises BuildError: the C does not compile."""
     files = source.subject.sources()
     for name, content in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -160,7 +160,7 @@ def compile_program(compiler: Compiler, source: Source, path: str, claims: Seque
 
 
 def _run(program: Future[Path], index: int, piece: tuple[int, int, int]) -> tuple[int, int, list[str]]:
-    """Run a piece of the inputs of one claim; return how many inputs ran, how many are wrong, and the findings."""
+    """Run a piece of the inputs of one claim; return the number of inputs, the number of wrong ones, and the findings."""
     done = subprocess.run(
         [str(program.result()), *map(str, (index, *piece))],
         env={**os.environ, "LC_ALL": "C", "UBSAN_OPTIONS": "print_stacktrace=0:halt_on_error=0:color=never"},

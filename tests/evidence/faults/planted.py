@@ -1,7 +1,7 @@
-"""Part "faults": each planted fault makes exactly those checks of `codegen verify` fail that are responsible for it.
+"""Part "faults": each planted fault makes exactly the responsible checks of `codegen verify` fail.
 
-Every check runs on every fault, with the effort of a quick run where it has one. A fault changes one line, so that no line
-number in deviations.md moves. The faults are in planted.txt.
+Every check runs on every fault, in its quick form if it has one. A fault changes one line, so that no line number in
+deviations.md moves. The faults are in planted.txt.
 """
 
 import dataclasses
@@ -16,7 +16,7 @@ from codegen.verify.runner import CHECKS
 from codegen.verify.runner import run as run_checks
 from tests.evidence.progress import Progress
 
-SHOWS = "a planted fault makes exactly those checks of codegen verify fail that are responsible for it"
+SHOWS = "each planted fault makes exactly the responsible checks of codegen verify fail"
 
 
 class Fault(NamedTuple):
@@ -32,11 +32,11 @@ class Fault(NamedTuple):
 _FAULT = re.compile(r"^(.+) \((\w+)\): (.+)\n- (.+)\n\+ (.+)$", re.MULTILINE)
 FAULTS = [Fault(*match.groups()) for match in _FAULT.finditer(Path(__file__).with_suffix(".txt").read_text(encoding="ascii"))]
 QUICK = "a broken invariant"
-"""The fault of a quick run: no other makes more checks fail. All checks of one fault take minutes."""
+"""Fault of a quick run: the one that makes the most checks fail. All checks of one fault take minutes."""
 
 
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
-    """Plant each fault in the first of the builds; in a quick run one of them, as the tests of each check plant others."""
+    """Plant each fault in the first build; a quick run plants one, because the tests of each check plant others."""
     subject = Subject.read(folders[0])
     faults = [fault for fault in FAULTS if fault.name == QUICK or not effort.quick]
     found = {fault.name: progress.once(fault.name, lambda fault=fault: verdicts(planted(subject, fault))) for fault in faults}
@@ -53,18 +53,18 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
 
 
 def planted(subject: Subject, fault: Fault) -> Subject:
-    """Return the build with a fault. Raises CodegenError: the text to replace does not stand there exactly once."""
+    """Return the build with a fault. Raises CodegenError unless the text to replace occurs exactly once."""
     path = f"src/{subject.prefix}_{fault.unit}.c"
     text = subject.files[path].decode("ascii")
     count = text.count(fault.old)
     if count == 0 or (count > 1 and fault.unit != "can"):
-        raise CodegenError(f"the text of {fault.name!r} stands there {count} times", where=path, remedy="plant it elsewhere")
+        raise CodegenError(f"the text of {fault.name!r} occurs {count} times", where=path, remedy="update planted.txt")
     files = {**subject.files, path: text.replace(fault.old, fault.new).encode("ascii")}
     return dataclasses.replace(subject, files=files, edited=(path,))
 
 
 def verdicts(subject: Subject) -> dict[str, object]:
-    """Run every check; return the names of those that fail, and for those that do not run the reason."""
+    """Run every check; return the names of failed checks, and the reasons of those that did not run."""
     report = run_checks(subject, Effort(quick=True), checks=[dataclasses.replace(check, quick=True) for check in CHECKS])
     missing = {name: one.findings[0] for name, one in report.outcomes.items() if one.verdict is Verdict.NOT_RUN}
     return {"failed": sorted(report.failed), "not run": missing}

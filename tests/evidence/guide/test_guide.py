@@ -1,4 +1,4 @@
-"""The guide as Sphinx builds it: without a warning, whole, and without a network."""
+"""The guide as built by Sphinx: without warnings, complete, and usable offline."""
 
 import os
 import subprocess
@@ -11,12 +11,20 @@ import pytest
 
 from tests.docs.blocks import PAGES, ROOT
 
-LOADS = {"script": "src", "img": "src", "source": "srcset", "iframe": "src", "video": "src", "audio": "src", "object": "data"}
-"""Elements that load something, and the attribute with its address; `link` is judged by its `rel`."""
+LOADING_ATTRIBUTES = {
+    "script": "src",
+    "img": "src",
+    "source": "srcset",
+    "iframe": "src",
+    "video": "src",
+    "audio": "src",
+    "object": "data",
+}
+"""Elements that load a resource, and the attribute with its address; `link` depends on its `rel`."""
 
 
 class Page(HTMLParser):
-    """A page of HTML: its text, and what it loads."""
+    """Text of an HTML page, and the resources it loads."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -28,8 +36,8 @@ class Page(HTMLParser):
         given = {name: value or "" for name, value in attrs}
         if tag == "link" and not {"next", "prev", "search", "canonical", "index"} & set(given.get("rel", "").split()):
             self.loads.append(given.get("href", ""))
-        if tag in LOADS and LOADS[tag] in given:
-            self.loads.append(given[LOADS[tag]])
+        if tag in LOADING_ATTRIBUTES and LOADING_ATTRIBUTES[tag] in given:
+            self.loads.append(given[LOADING_ATTRIBUTES[tag]])
 
 
 def build(target: Path) -> Path:
@@ -69,7 +77,7 @@ def test_nothing_is_loaded_from_a_network(pages: dict[str, Page], guide: Path) -
         assert "@import" not in text, style
 
 
-def test_formulae_are_there_without_a_script(pages: dict[str, Page]) -> None:
+def test_formulae_need_no_script(pages: dict[str, Page]) -> None:
     assert pages["theory-map.html"].text.count("<math ") > 20
     for name, page in pages.items():
         assert "mathjax" not in page.text.lower().replace("mathjax_ignore", ""), name

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def build(kind: str, source: Path, target: Path) -> Path:
-    """Call the build backend as pip does. It takes the project from the current folder, so it runs in its own process."""
+    """Call the build backend as pip does, in its own process because it uses the current folder."""
     script = f"import sys; from hatchling.build import build_{kind}; build_{kind}(sys.argv[1])"
     result = subprocess.run([sys.executable, "-c", script, str(target)], cwd=source, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
@@ -59,7 +59,7 @@ def test_the_sdist_builds_the_same_wheel(wheel: zipfile.ZipFile, tmp_path: Path)
     (tmp_path / "sdist").mkdir()
     (tmp_path / "wheel").mkdir()
     with tarfile.open(build("sdist", ROOT, tmp_path / "sdist")) as archive:
-        # The filter came with Python 3.11.4; without it later versions warn.
+        # The filter exists since Python 3.11.4; later versions warn without it.
         archive.extraction_filter = getattr(tarfile, "data_filter", None)
         archive.extractall(tmp_path)
     with zipfile.ZipFile(build("wheel", tmp_path / f"ars_codegen-{codegen.__version__}", tmp_path / "wheel")) as second:
@@ -74,8 +74,8 @@ def run(*command: str, folder: Path) -> str:
     return result.stdout
 
 
-def left_by_work() -> list[str]:
-    """Return an example of each pattern in .gitignore, and compiled Python in a folder that has a pattern of its own."""
+def ignored_files() -> list[str]:
+    """Return an example of each pattern in .gitignore, and compiled Python in a folder with its own pattern."""
     patterns = [one for one in (ROOT / ".gitignore").read_text(encoding="utf-8").split() if one != "*.py[co]"]
     examples = [one.strip("/").replace("*", "x") + ("/x" if one.endswith("/") else "") for one in patterns]
     return [*examples, "tests/evidence/vcan/__pycache__/x.pyc"]
@@ -84,7 +84,7 @@ def left_by_work() -> list[str]:
 def test_clean_leaves_the_environment_and_the_files_that_git_tracks(tmp_path: Path) -> None:
     for name in ("Makefile", ".gitignore"):
         shutil.copy(ROOT / name, tmp_path / name)
-    for name in (*left_by_work(), ".venv/bin/python", ".venv/lib/__pycache__/x.pyc", "codegen/config.py"):
+    for name in (*ignored_files(), ".venv/bin/python", ".venv/lib/__pycache__/x.pyc", "codegen/config.py"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("")
     run("git", "init", "-q", folder=tmp_path)

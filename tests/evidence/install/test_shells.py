@@ -23,7 +23,7 @@ IN_ZSH = """
 compdef() { :; }; compadd() { print -r -- $*; }; source <(codegen completion zsh)
 words=(codegen show my); CURRENT=3; _codegen_completion
 """
-"""The function alone, with stand-ins for the line editor."""
+"""The completion function alone, with stubs of the line editor."""
 
 
 def bash(line: str, *words: str) -> tuple[str, ...]:
@@ -36,7 +36,7 @@ def bash(line: str, *words: str) -> tuple[str, ...]:
         (bash("codegen show my"), "compopt -o filenames\n[my map.npz]"),
         (bash("codegen init oth"), "compopt -o filenames\ncompopt -o nospace\n[other/]"),
         (bash("codegen show *"), "[]"),
-        # bash makes the colon a word of its own.
+        # bash splits words at the colon.
         (bash("codegen hil --bus a:v --ecu na", "codegen", "hil", "--bus", "a", ":", "v", "--ecu", "na"), "[native]"),
         (("fish", "--no-config", "-c", IN_FISH), "my map.npz"),
         (("zsh", "-f", "-c", IN_ZSH), "-U -f -- my map.npz"),

@@ -1,7 +1,7 @@
-"""IPOPT against the exact solution, point by point: two methods that share the problem's description and nothing else.
+"""Comparison of IPOPT with the exact solution, point by point. The two methods share only the description of the problem.
 
-On the paper's car every cell of the default grid; then random cars, which a brute-force scan solves too. Cells whose feasible
-interval of rear angles is under 1e-6 rad are counted, not compared: there feasibility itself is decided by rounding.
+The tests cover every cell of the default grid on the paper's car, and random cars, which a brute-force scan solves too. Cells
+whose feasible interval of rear angles is under 1e-6 rad are counted but not compared: rounding decides their feasibility.
 """
 
 from typing import Any
@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.map_file.map import Binding
 from codegen.optimum import exact, ipopt
@@ -18,20 +19,18 @@ from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakp
 from codegen.optimum.stack import solve_stack
 from tests.optimum.cars import CASE, PAPER, SteadyModel, changed, check_against_scan, random_config
 
-FloatArray = npt.NDArray[np.float64]
-
 YAW_RATE_TOLERANCE = 1e-6  # rad/s
 MARGIN_MIN = 1e-6  # rad
 CONCAVE = "lambda 10"
 CASES = ("fws", "4ws-1", "4ws-2", CONCAVE)
-PARTS = 10
-"""Of the default grid: each takes about two seconds, and the quick form compares one of each case."""
-VEHICLES = 40
-"""In each batch."""
+PART_COUNT = 10
+"""Parts of the default grid. Each takes about two seconds; the quick form compares one of each case."""
+VEHICLE_COUNT = 40
+"""Vehicles in each batch."""
 
 
 def near_binding(problem: SteadyTurnProblem, speed: FloatArray, found: Solution) -> npt.NDArray[np.uint8]:
-    """Constraints used to within a hundredth of the binding tolerance of that tolerance: rounding decides their side."""
+    """Return the constraints whose use is within a hundredth of the binding tolerance from it, where rounding decides."""
     car = problem.car
     lateral_acceleration = np.abs(speed[:, np.newaxis] * found.yaw_rate)
     shares = {
@@ -49,7 +48,7 @@ def near_binding(problem: SteadyTurnProblem, speed: FloatArray, found: Solution)
 
 
 def both_methods(config: Config, case: Case, speed: FloatArray, front_angle: FloatArray) -> list[tuple[int, int]]:
-    """Solve one case with both methods and compare. Returns the cells (indices) that are too thin to compare."""
+    """Solve one case with both methods and compare. Return the cells (indices) that are too thin to compare."""
     problem = SteadyTurnProblem.from_config(config, case)
     reference, other = exact.solve(problem, speed, front_angle), ipopt.solve(config, problem, speed, front_angle)
     wide = np.abs(reference.margin) >= MARGIN_MIN
@@ -66,22 +65,22 @@ def both_methods(config: Config, case: Case, speed: FloatArray, front_angle: Flo
 
 
 def case_of(config: Config, name: str) -> Case:
-    """One of the paper's cases, or the one whose small weight makes the objective concave."""
+    """Return one of the paper's cases, or the one whose small weight makes the objective concave."""
     return Case(sideslip_weight_per_s2=10.0) if name == CONCAVE else config.case(name)
 
 
 def quick_and_long(count: int) -> list[Any]:
-    """0 in the quick form, the others in the long one."""
+    """Return 0 for the quick form and the other numbers for the long one."""
     return [0, *(pytest.param(number, marks=pytest.mark.long) for number in range(1, count))]
 
 
-@pytest.mark.parametrize("part", quick_and_long(PARTS))
+@pytest.mark.parametrize("part", quick_and_long(PART_COUNT))
 @pytest.mark.parametrize("name", CASES)
 def test_whole_grid(name: str, part: int) -> None:
     speed, front_angle = breakpoints(PAPER)
     assert (speed.size, front_angle.size) == (101, 100)
-    # Together the parts are the whole grid. Of about 1000 cells few are thin: the comparison is not empty.
-    assert len(both_methods(PAPER, case_of(PAPER, name), speed[part::PARTS], front_angle)) <= 5
+    # Few of the roughly 1000 cells are thin, so the comparison is not empty. Together the parts cover the whole grid.
+    assert len(both_methods(PAPER, case_of(PAPER, name), speed[part::PART_COUNT], front_angle)) <= 5
 
 
 @pytest.mark.parametrize("batch", quick_and_long(6))
@@ -89,11 +88,11 @@ def test_random_vehicles(batch: int) -> None:
     """Cars of any mass, geometry, tyres, limits and weight; about half of them oversteer."""
     rng = np.random.default_rng((20_240_615, batch))
     oversteering = thin = 0
-    for _ in range(VEHICLES):
+    for _ in range(VEHICLE_COUNT):
         config = random_config(rng)
         thin += len(both_methods(config, config.case(CASE), *breakpoints(config)))
         oversteering += SteadyTurnProblem.from_config(config, config.case(CASE)).car.understeer_coefficient < 0.0
-    assert thin <= 5 and oversteering >= VEHICLES // 5
+    assert thin <= 5 and oversteering >= VEHICLE_COUNT // 5
 
 
 @pytest.mark.parametrize("batch", quick_and_long(4))
@@ -106,13 +105,13 @@ def test_brute_force_on_random_cars(batch: int) -> None:
 
 @pytest.mark.parametrize("weight", [10.0, 32.5, 32.7, 100.0, 3_000.0])
 def test_brute_force_on_the_papers_car(weight: float) -> None:
-    """Weights on both sides of 32.6, below which the objective turns concave."""
+    """The objective is concave for weights below 32.6."""
     speeds, angles = breakpoints(PAPER)
     check_against_scan(SteadyModel.of(PAPER, Case(sideslip_weight_per_s2=weight)), speeds[::12], angles[::11])
 
 
 def test_without_a_weight_on_sideslip() -> None:
-    """Turns to both sides can then be equally good: both methods take the left one."""
+    """Turns to either side can then be equally good: both methods choose the left one."""
     rng = np.random.default_rng(20_240_616)
     for _ in range(12):
         config = random_config(rng, rear_steering=True)

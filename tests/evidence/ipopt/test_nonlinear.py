@@ -1,13 +1,14 @@
-"""The nonlinear map, driven in closed loop near its slip bounds."""
+"""The nonlinear map in closed loop near its slip bounds."""
 
 import math
 
 import numpy as np
 
-from codegen.configuration import KM_H, Config
+from codegen.configuration import Config
 from codegen.plausibility.build import excess_warning
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, compile_build
+from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres
 from tests import builds
 from tests.optimum.cars import PAPER, nonlinear, nonlinear_map
@@ -20,11 +21,11 @@ from tests.optimum.test_nonlinear import (
 TYRES = AxleTyres.from_config(PAPER)
 BOUNDS = np.array([TYRES.front_slip_bound, TYRES.rear_slip_bound])
 SLIP_TOLERANCE = 0.01
-"""Relative: on breakpoints the table is exact, and what is left is single precision and the residue of the settling."""
+"""Relative tolerance. The table is exact at breakpoints; single precision and the end of the transient remain."""
 
 
 def steady_slips(software: Software, config: Config, speed: float, front_angle: float) -> np.ndarray:
-    """Steady front and rear slip of a build on the plant, in fractions of their bounds: turned in slowly, then held."""
+    """Return the steady front and rear slip of a build on the plant as fractions of their bounds, after a slow turn-in."""
     time = np.arange(0.0, 30.0, config.plant.sampling_time_s)
     inputs = np.zeros((time.size, len(INPUT_COLUMNS)))
     inputs[:, INPUT_COLUMNS.index("speed")] = speed
@@ -39,7 +40,7 @@ def steady_slips(software: Software, config: Config, speed: float, front_angle: 
 
 
 def test_closed_loop_keeps_the_slip_bounds_in_steady_state() -> None:
-    """On breakpoints near the end of the map."""
+    """The points are breakpoints near the end of the map."""
     found, config = nonlinear_map(), nonlinear(PAPER, "4ws-2")
     folder = built(found, config)
     software = compile_build(folder.files, folder.manifest)
@@ -53,8 +54,8 @@ def test_closed_loop_keeps_the_slip_bounds_in_steady_state() -> None:
     assert 1.10 < slips.max() < 1.25  # the linear map exceeds the bounds on the same plant
 
 
-def test_kind_tracking_keeps_them_at_the_edge_with_its_default_trim_and_a_smaller_one_is_named() -> None:
-    """At the operating point where the reference model turns most above the map."""
+def test_kind_tracking_keeps_the_slip_bounds_at_the_edge_and_too_small_a_trim_is_named() -> None:
+    """The point is the one where the reference model exceeds the map most."""
     small = tracking(0.5)
     lacking = built(with_car(nonlinear_map(), small), small)
     assert "controller.tracking.trim_max_percent = " in excess_warning(lacking.manifest)

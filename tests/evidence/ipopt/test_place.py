@@ -1,4 +1,4 @@
-"""Chosen breakpoints over many maps with narrow bounds, and the design of the recommended preset."""
+"""Chosen breakpoints for many maps with narrow bounds, and the design of the recommended preset."""
 
 import math
 from dataclasses import replace
@@ -23,13 +23,13 @@ from tests.ecu_map.placements import (
     COARSE,
     FINE,
     ROUNDING,
-    coarsely,
     errors_against_optimum,
     largest_error,
     placed,
     random_points,
     rear_angle_error,
     truth_of,
+    with_coarse_grid,
 )
 from tests.ecu_map.test_placement import BARE_BOUND, bare
 from tests.optimum.cars import CASE, PAPER, changed, nonlinear, nonlinear_map, paper_map, random_config
@@ -40,18 +40,19 @@ LONG = pytest.mark.long
 
 
 def with_safe_case(config: Config) -> Config:
-    """The configuration with a passively safe 4WS-2 under the name "safe"."""
+    """Return the configuration with a passively safe 4WS-2 named "safe"."""
     return changed(config, cases={"safe": {**config.cases["4ws-2"].model_dump(mode="json"), "passive_safe": True}})
 
 
-FLASH = {(1, "float"): 0.12, (1, "int16"): 0.07, (2, "float"): 0.12, (2, "int16"): 0.07}
-"""Share of the even grid's flash for a bound of 0.05 deg/s: found 8.2 % and 4.7 % for one table, 10.6 % and 5.6 % for two."""
+FLASH_FRACTION = {(1, "float"): 0.12, (1, "int16"): 0.07, (2, "float"): 0.12, (2, "int16"): 0.07}
+"""Flash as a fraction of the even grid's for a bound of 0.05 deg/s. Measured: 8.2 % and 4.7 % for one table, 10.6 % and 5.6 %
+for two."""
 BOUNDS = [
     *(
         pytest.param(case, COARSE, 1, "float", marks=[LONG] if case != "fws" else [])
         for case in ("fws", "4ws-1", "4ws-2", "safe")
     ),
-    *(pytest.param("4ws-2", FINE, *table, marks=LONG) for table in FLASH),
+    *(pytest.param("4ws-2", FINE, *table, marks=LONG) for table in FLASH_FRACTION),
 ]
 
 
@@ -69,8 +70,8 @@ def test_the_bound_holds_at_random_points_against_the_optimum_solved_there(
         assert rear_angle_error(found, config, case) <= found.error.rear_yaw_rate_whole + ROUNDING <= bound + ROUNDING
     if bound == FINE:
         assert error > 0.4 * FINE
-        assert found.flash_bytes < FLASH[tables, storage] * extend(paper_map(), PAPER).yaw_rate.size * 4 * tables
-    if case == "fws":  # even axes where they take no more bytes
+        assert found.flash_bytes < FLASH_FRACTION[tables, storage] * extend(paper_map(), PAPER).yaw_rate.size * 4 * tables
+    if case == "fws":  # even axes if they need no more bytes
         assert placed(paper_map("fws"), PAPER, FINE).spacing == "even"
 
 
@@ -88,7 +89,7 @@ def test_the_bound_holds_for_any_car(seed: int) -> None:
 
 
 NONLINEAR = {
-    **{f"{case} {storage}": (coarsely(nonlinear(with_safe_case(PAPER), case)), case, storage)
+    **{f"{case} {storage}": (with_coarse_grid(nonlinear(with_safe_case(PAPER), case)), case, storage)
        for case in ("4ws-2", "safe") for storage in ("float", "int16")},
     **{f"car {seed}": (nonlinear(random_config(np.random.default_rng(seed)), CASE), CASE, "float") for seed in (101, 105)},
 }  # fmt: skip
@@ -104,7 +105,7 @@ def test_with_the_nonlinear_tyre_the_bound_holds_against_the_optimum(config: Con
     assert rear_angle <= found.error.rear_angle
     if config.vehicle == PAPER.vehicle:
         assert found.gap < 0.15 * COARSE and yaw_rate > 0.4 * COARSE
-        # One cap for all speeds and front angles is not enough: slip depends on both.
+        # Slip depends on speed and front angle, so one cap for all is not enough.
         without = replace(found.total, grip=None)
         assert case == "safe" or errors_against_optimum(config, case, without)[0] > 1.2 * COARSE
 
@@ -120,7 +121,7 @@ def test_with_the_nonlinear_tyre_the_bound_holds_against_the_optimum(config: Con
         (BARE_BOUND, 40, "float", "--max-error, --max-flash", "in 40 bytes"),
     ],
 )
-def test_a_request_that_no_table_meets_is_refused(
+def test_an_impossible_request_is_refused(
     max_error: float | None, max_flash: int | None, storage: str, place: str, remedy: str
 ) -> None:
     reference_map = paper_map() if place == "--max-error" else bare()
@@ -142,8 +143,8 @@ def test_every_friction_of_a_stack_keeps_the_bound() -> None:
 
 
 @LONG
-def test_a_search_for_bytes_fills_those_of_a_bound() -> None:
-    """It finds no larger error than a search for a bound, but for its step (`TIGHTER`, 3 %)."""
+def test_a_search_for_bytes_is_as_good_as_a_search_for_a_bound() -> None:
+    """The error is not larger than that of a search for a bound, except for its step (`TIGHTER`, 3 %)."""
     used = Maker(reference_surface_of(bare(), PAPER), Target(1, np.float32, "float"))
     first, even = (used.for_error(BARE_BOUND, (spacing,)) for spacing in ("uneven", "even"))
     assert first is not None and even is not None and even.bounded_error <= BARE_BOUND
@@ -156,8 +157,8 @@ def test_a_search_for_bytes_fills_those_of_a_bound() -> None:
 
 
 @LONG
-def test_the_excess_of_the_reference_model_is_the_largest_of_every_friction_and_that_of_the_tables() -> None:
-    """On a slippery road the same error of a table is a larger part of what the map requires."""
+def test_the_excess_of_the_reference_model_covers_every_friction_and_the_tables() -> None:
+    """On a slippery road the same table error is a larger fraction of the map's yaw rate."""
     config = changed(tracking(), grid={"speed_points": 31, "front_angle_points": 30})
     stack = solve_stack(config, "4ws-2", [0.4, 0.9])
     total = extend(stack, config, config.steering.front_angle_stop)
@@ -171,7 +172,7 @@ def test_the_excess_of_the_reference_model_is_the_largest_of_every_friction_and_
 
 
 def test_the_committed_schedule_is_the_design_of_the_recommended_preset() -> None:
-    """A gain has four digits, and another machine's linear algebra may change the last one."""
+    """Gains have four digits; another machine's linear algebra may change the last one."""
     config = load(Path(__file__).resolve().parents[3] / "generated/4ws2.npz").config
     assert config is not None and config.controller.tracking.schedule is not None
     made = design(preset("recommended"))

@@ -1,4 +1,4 @@
-"""Batches with every level of vector instructions of this machine, and faults planted in their C."""
+"""Batches with every level of vector instructions of this machine."""
 
 import numpy as np
 import pytest
@@ -6,26 +6,26 @@ import pytest
 from codegen.sil.batch import Isa, Lanes, compile_batch
 from tests import builds
 from tests.sil.test_batch import (
-    HERE,
+    AVAILABLE_ISAS,
     PROFILES,
     batch_of,
     check_cars,
-    check_company,
+    check_independence,
     random_car,
     require_equal,
     rows,
     single_run,
 )
 
-on_each_level = pytest.mark.parametrize("isa", HERE)
+on_each_level = pytest.mark.parametrize("isa", AVAILABLE_ISAS)
 
 
 @on_each_level
-def test_cars_and_company(isa: Isa) -> None:
+def test_cars_and_independence(isa: Isa) -> None:
     for kind in ("pi", "tracking"):
         for name in PROFILES:
             check_cars(batch_of(kind, isa), kind, name)
-    check_company(batch_of("pi", isa))
+    check_independence(batch_of("pi", isa))
 
 
 @on_each_level

@@ -1,4 +1,4 @@
-"""The look-up of every map, precision, kind of controller and storage."""
+"""The lookup of every map, precision, kind of controller and storage."""
 
 import re
 from dataclasses import replace
@@ -33,9 +33,9 @@ KINDS: tuple[Kind, ...] = ("tracking", "feedforward", "proportional", "pi")
 @pytest.mark.parametrize("name", builds.MAPS)
 @pytest.mark.parametrize("kind", ["pi", "tracking"])
 def test_each_map(kind: Kind, name: str) -> None:
-    """The checks that write the calibration need axes of many cells: `make test` runs them on such maps."""
+    """Checks that write the calibration need axes with many cells: `make test` runs them on such maps."""
     if kind == "tracking" and builds.MAPS[name]().rear_angle is None:
-        return  # not the optimum's: it has no rear angle
+        return  # not from the optimum: it has no rear angle
     found = case(f"{kind} {name}")
     for judge in (*whole(kind, ("map",)), SANITIZED):
         if not judge.of_single and not (judge.of_one_layer and name in STACKS):
@@ -52,7 +52,7 @@ def test_every_check_of_a_kind_in_double_precision(kind: Kind) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_stack_behind_every_kind(kind: Kind) -> None:
-    """As its second implementation has it; other checks of the controller know a map for one friction."""
+    """Only the second implementation is compared; other checks of the controller know a map for one friction."""
     judges = [judge for judge in whole(kind, ("controller",)) if judge.name.startswith("model: ")]
     assert judges
     for judge in judges:
@@ -70,13 +70,13 @@ def test_placed(which: tuple[Kind, Precision, Storage, Which]) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("share", ["1.5f", "(0.0f / 0.0f)", "-1.0f"])
-def test_a_share_that_flash_lost_fails_the_self_test_and_lifts_no_cap(share: str) -> None:
-    built = placed(*PLACED[5])[0].built
-    text = built.folder.files["src/ars_map.c"].decode("ascii")
+def test_a_damaged_grip_entry_fails_the_self_test_and_raises_no_cap(share: str) -> None:
+    built, path = placed(*PLACED[5])[0].built, "src/ars_calibration.c"
+    text = built.folder.files[path].decode("ascii")
     begin = text.index("grip_share_table[")
     numbers = list(re.compile(r"\d\.\d+f").finditer(text, begin, text.index("};", begin)))
     lost = numbers[len(numbers) // 2]
-    files = {**built.folder.files, "src/ars_map.c": (text[: lost.start()] + share + text[lost.end() :]).encode("ascii")}
+    files = {**built.folder.files, path: (text[: lost.start()] + share + text[lost.end() :]).encode("ascii")}
     software = compile_build(files, built.folder.manifest)
     assert not software.function("selftest")()
     speed, front_angle = np.meshgrid(np.linspace(1.0, 40.0, 120), np.linspace(0.0, 0.7, 120))
@@ -93,7 +93,7 @@ def test_a_negative_entry_is_invalid() -> None:
 
 
 def test_the_self_test_covers_each_number_of_a_stack() -> None:
-    """One number of a layer of either table, and a friction of the stack, off by the smallest step."""
+    """One number of either table of a layer, or a friction of the stack, is changed by the smallest step."""
     folder = case("feedforward rough stack").built.folder
     text = folder.files["src/ars_calibration.c"].decode("ascii")
     tables = [match.start() for match in re.finditer("const float ars_map_(yaw_rate|rear_angle)_table", text)]
@@ -104,9 +104,8 @@ def test_the_self_test_covers_each_number_of_a_stack() -> None:
         assert number is not None
         wrong = float(np.nextafter(np.float32(float(number[0].rstrip("f"))), np.float32(10.0)))
         changed.append(("src/ars_calibration.c", text[: number.start()] + f"{wrong!r}f" + text[number.end() :]))
-    code = folder.files["src/ars_map.c"].decode("ascii")
-    assert code.count("0.2f, 0.21f, 0.6f, 0.9f") == 1
-    changed.append(("src/ars_map.c", code.replace("0.2f, 0.21f, 0.6f, 0.9f", "0.2f, 0.21000002f, 0.6f, 0.9f")))
+    assert text.count("0.2f, 0.21f, 0.6f, 0.9f") == 1
+    changed.append(("src/ars_calibration.c", text.replace("0.2f, 0.21f, 0.6f, 0.9f", "0.2f, 0.21000002f, 0.6f, 0.9f")))
     for path, wrong_text in changed:
         faulty = replace(folder, files={**folder.files, path: wrong_text.encode("ascii")})
         assert not compile_build(faulty.files, faulty.manifest).selftest()

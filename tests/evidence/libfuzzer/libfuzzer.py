@@ -1,6 +1,7 @@
-"""Part "libfuzzer": the harnesses of `codegen.verify.fuzzing.check` under libFuzzer, which coverage guides.
+"""Part "libfuzzer": the harnesses of `codegen.verify.fuzzing.check` under coverage-guided libFuzzer.
 
-The properties are those of `codegen verify`. An input that breaks one is kept in build/fuzzing/, for the harness to run again.
+The properties are those of `codegen verify`. An input that breaks one is stored in build/fuzzing/, where the harness runs it
+again.
 """
 
 import os
@@ -23,9 +24,9 @@ from tests.evidence.parts import ROOT
 from tests.evidence.progress import Progress
 
 RUNS, QUICK_RUNS = 150_000, 5_000
-"""Inputs for each harness of each build. The seed is fixed, so the figures of a run repeat."""
+"""Inputs for each harness of each build. The seed is fixed, so results repeat."""
 
-KEPT = ROOT / "build" / "fuzzing"
+FAILING_INPUTS = ROOT / "build" / "fuzzing"
 LIMITS = ("-max_len=2048", "-timeout=60", "-seed=1")
 COUNTED = "-fsanitize=fuzzer-no-link"
 
@@ -36,7 +37,7 @@ _KEPT = re.compile(r"Test unit written to (\S+)")
 
 @dataclass(frozen=True)
 class Run:
-    """Result of a harness: inputs tried, and edges of the generated code, without those that the sanitizers add."""
+    """Result of a harness: inputs tried, and covered edges of the generated code, without those that the sanitizers add."""
 
     inputs: int
     reached: int
@@ -48,7 +49,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     """Run the part. Raises MissingTool: clang is not installed."""
     clang, count = find_clang(), QUICK_RUNS if effort.quick else RUNS
     todo: list[tuple[str, Subject, Name, Sequence[bytes]]] = [
-        # Seeds are made before the threads: CasADi releases the interpreter's lock, and its symbols are not safe in threads.
+        # Seeds are made before the threads start: CasADi releases the interpreter's lock, and its symbols are not thread-safe.
         (f"{subject.name} {name}", subject, name, inputs)
         for subject in map(Subject.read, folders)
         for name, inputs in seeds(subject).items()
@@ -80,8 +81,10 @@ def find_clang() -> Compiler:
     return Compiler((path,), compiler_identity((path,), ())[0])
 
 
-def fuzz(clang: Compiler, subject: Subject, name: Name, inputs: Sequence[bytes], count: int, kept: Path = KEPT) -> Run:
-    """Fuzz one harness of a build from some first inputs; those that break a property are kept.
+def fuzz(
+    clang: Compiler, subject: Subject, name: Name, inputs: Sequence[bytes], count: int, kept: Path = FAILING_INPUTS
+) -> Run:
+    """Fuzz one harness of a build from initial inputs; store inputs that break a property.
 
     Raises BuildError: the C does not compile.
     """
@@ -96,7 +99,7 @@ def fuzz(clang: Compiler, subject: Subject, name: Name, inputs: Sequence[bytes],
 
 
 def _execute(clang: Compiler, subject: Subject, name: Name, flags: Sequence[str], arguments: Sequence[str]) -> tuple[str, int]:
-    """Compile a harness with more flags and run it; return its standard error and exit code."""
+    """Compile a harness with additional flags and run it; return its standard error and exit code."""
     around = {f"fuzz_{name}.c": source(subject, name)}
     with compiled(clang, subject.sources(), around, flags, ("-fsanitize=fuzzer",)) as program:
         done = subprocess.run(
@@ -112,7 +115,7 @@ def _execute(clang: Compiler, subject: Subject, name: Name, flags: Sequence[str]
 
 
 def read(report: str, code: int) -> Run:
-    """Return a run from the standard error of libFuzzer and its exit code."""
+    """Return the result from libFuzzer's standard error and exit code."""
     edges, progress, written = _EDGES.search(report), _PROGRESS.findall(report), _KEPT.search(report)
     findings = findings_of(report)
     if code != 0 and not findings:

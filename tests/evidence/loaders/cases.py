@@ -1,4 +1,4 @@
-"""Part `loaders`: 100,000 damaged files, drawn from seeds, over all loaders."""
+"""Part `loaders`: 100,000 randomly damaged files for all loaders."""
 
 import functools
 import multiprocessing
@@ -15,10 +15,10 @@ from tests.loader_cases import Loader, damaged, fault_of, loaders
 
 CASES, QUICK_CASES = 100_000, 5_000
 Block = tuple[str, int, int]
-"""Loader, seed of its cases, and how many."""
-BLOCK = 200
-"""Cases of one seed."""
-SHOWS = "damaged files are read, or answered in one line that names the place"
+"""Loader, seed and number of its cases."""
+BLOCK_SIZE = 200
+"""Cases per seed."""
+SHOWS = "damaged files are read, or rejected in one line with the location"
 
 
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
@@ -30,7 +30,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     blocks: list[Block] = []
     for name, loader in found.items():
         count = max(1, round(share * loader.weight))
-        blocks += [(name, seed, min(BLOCK, count - seed * BLOCK)) for seed in range(-(-count // BLOCK))]
+        blocks += [(name, seed, min(BLOCK_SIZE, count - seed * BLOCK_SIZE)) for seed in range(-(-count // BLOCK_SIZE))]
     waiting = [block for block in blocks if progress.get(_key(block)) is None]
     with multiprocessing.Pool(os.cpu_count()) as pool:
         for block, faults in zip(waiting, pool.imap(_block, waiting), strict=True):
@@ -43,7 +43,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
 
 @functools.cache
 def _loaders() -> Mapping[str, Loader]:
-    """Return the loaders, made once in each process."""
+    """Return the loaders; made once per process."""
     return loaders()
 
 
@@ -52,7 +52,7 @@ def _key(block: Block) -> str:
 
 
 def _block(block: Block) -> list[str]:
-    """Return what is wrong in one block of cases: loader, seed and case of each."""
+    """Return the failures in one block of cases: loader, seed and case of each."""
     name, seed, count = block
     loader, generator = _loaders()[name], np.random.default_rng([seed, sum(name.encode())])
     findings = []

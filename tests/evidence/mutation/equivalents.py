@@ -1,4 +1,4 @@
-"""The mutants that are argued to be equivalent: equivalent.toml."""
+"""Mutants that are argued to be equivalent: equivalent.toml."""
 
 import tomllib
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ LIST = Path(__file__).with_name("equivalent.toml")
 
 @dataclass(frozen=True)
 class Equivalent:
-    """A mutant of a build, and why no input tells it from the C."""
+    """A mutant of a build, and why no input distinguishes it from the original C."""
 
     build: str
     key: Key

@@ -15,20 +15,22 @@ from tests.evidence.mutation.source import Unit
 from tests.sil.case import Case
 from tests.sil.suite import Judge
 
-SECONDS_MORE, TIMES_LONGER = 0.5, 10.0
-"""Processor time that a judge may take for a mutant, beyond and in multiples of its time for the unaltered C: a loop without
-end is killed by it. Processor time, so that a busy machine kills nothing."""
+EXTRA_SECONDS, TIME_FACTOR = 0.5, 10.0
+"""Time limit of a judge for a mutant, added to and in multiples of its time for the original C: it ends infinite loops.
+
+It counts processor time, so that a busy machine kills nothing.
+"""
 
 SURVIVED = ""
-"""The answer of `Bench.first_to_kill` where every judge passes."""
+"""Result of `Bench.first_to_kill` if every judge passes."""
 
 
 @dataclass(eq=False)
 class Bench:
-    """A build whose units can be exchanged for those with mutants.
+    """A build whose units can be replaced by mutated ones.
 
-    Judges are by path of the unit; their processor time in seconds for the unaltered C, and the messages of those that the
-    unaltered C fails, by name. A campaign needs no such faults.
+    Holds by path of the unit: the judges, their processor time in seconds for the original C, and the messages of judges that
+    the original C fails, by name. A campaign requires that there are none.
     """
 
     case: Case
@@ -39,7 +41,7 @@ class Bench:
     faults: dict[str, str] = field(default_factory=dict)
 
     def prepare(self) -> None:
-        """Run every judge twice, since the first run prepares what is kept; compile the library of each unit."""
+        """Run every judge twice, because the first run prepares cached results; compile the library of each unit."""
         for judge in {judge.name: judge for judges in self.judges.values() for judge in judges}.values():
             for _ in range(2):
                 begun = time.process_time()
@@ -54,8 +56,8 @@ class Bench:
     def first_to_kill(self, path: str, number: int, only: Judge | None = None) -> str:
         """Return the name of the first judge that a mutant fails, or what ended its process; `SURVIVED` otherwise.
 
-        Mutants have numbers from 1; 0 is the unaltered unit in the library of its mutants. Raises RuntimeError: the machine,
-        not the mutant, keeps the judges from an answer.
+        Mutants have numbers from 1; 0 is the original unit in the library of its mutants. Raises RuntimeError if the machine,
+        not the mutant, prevents a result.
         """
         unit = self.units[path]
         source = self.mutants[path][number - 1].source(unit) if number else unit.text()
@@ -65,24 +67,24 @@ class Bench:
         self.case.select(path, number, source)
         signal.signal(signal.SIGVTALRM, signal.SIG_DFL)
         for judge in [only] if only else self.judges[path]:
-            signal.setitimer(signal.ITIMER_VIRTUAL, SECONDS_MORE + TIMES_LONGER * self.seconds[judge.name])
+            signal.setitimer(signal.ITIMER_VIRTUAL, EXTRA_SECONDS + TIME_FACTOR * self.seconds[judge.name])
             try:
                 judge.run(self.case)
             except OSError:
-                raise  # the machine's fault, not the mutant's
+                raise  # caused by the machine, not by the mutant
             except Exception:
                 return judge.name
         return SURVIVED
 
 
 def _in_a_process(judge: Callable[[], str]) -> str:
-    """Return what a function returns in a copy of this process, or what ended that process."""
+    """Return a function's result from a forked process, or what ended that process."""
     with tempfile.TemporaryFile() as answer:
         child = os.fork()
         if child == 0:
             try:
                 faulthandler.disable()
-                os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the report of a crash is of no interest
+                os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # discard crash reports
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
                 os.write(answer.fileno(), judge().encode())
                 os._exit(0)
@@ -95,7 +97,7 @@ def _in_a_process(judge: Callable[[], str]) -> str:
         text = answer.read().decode(errors="replace")
     if os.WIFSIGNALED(status):
         number = os.WTERMSIG(status)
-        return "a loop without end" if number == signal.SIGVTALRM else signal.Signals(number).name
+        return "an endless loop" if number == signal.SIGVTALRM else signal.Signals(number).name
     if os.WEXITSTATUS(status) != 0:
         raise RuntimeError(f"a mutant could not be judged: {text}")
     return text

@@ -1,12 +1,10 @@
-"""The mutants of a unit of C: each one change, of the kinds that a wrong hand makes.
+"""Mutants of a unit of C: each has one change of a kind that programmers make by mistake.
 
-- relational: a boundary that belongs to the other side, a comparison the wrong way round;
-- arithmetic: another operator, a lost sign;
-- constant: one more, one less, half of a large one; a real number by one per cent, zero to one;
-- logical: "and" for "or", one condition left out, a lost "not", a decision that is always taken;
-- deletion: a statement left out.
+- relational: a boundary on the wrong side, a reversed comparison; - arithmetic: another operator, a lost sign; - constant: one
+more, one less, half of a large one; a real number changed by 1 %, zero to one; - logical: "and" for "or", a lost condition, a
+lost "not", a decision that is always taken; - deletion: a lost statement.
 
-Tables (arrays of nothing but numbers) and declarations are left as they are.
+Tables (arrays of numbers only) and declarations are unchanged.
 """
 
 import re
@@ -27,15 +25,15 @@ LOGICAL = {"&&": "||", "||": "&&"}
 LARGEST = re.compile(r"U?INT\d+_MAX")
 NUMBER = re.compile(r"(0[xX][0-9a-fA-F]+|\d+)([uUlL]*)")
 HALVED_FROM = 16
-"""A smaller number is told from its half by those of one more and one less."""
+"""Smallest number that is halved; the mutants by one cover smaller ones."""
 
 
 @dataclass(frozen=True)
 class Key:
-    """What names a mutant, whatever the lines around it do.
+    """Name of a mutant, independent of the lines around it.
 
-    The path of the unit; the function that it is in, or the constant that is defined; kind and change, such as "relational: <
-    to <="; what is changed, as it is printed; and the number, from 1, of those that the rest does not tell apart.
+    It has the path of the unit; the function or the defined constant that contains the mutant; kind and change, such as
+    "relational: < to <="; the changed code as printed; and a number from 1 for mutants that are otherwise equal.
     """
 
     path: str
@@ -52,7 +50,7 @@ class Key:
 
 @dataclass(frozen=True, eq=False)
 class Mutant:
-    """One change of a unit: its name, the line of the original, and the top-level node that it changes with its changed C."""
+    """One change of a unit: its name, the line of the original, and the index and C of the changed top-level node."""
 
     key: Key
     line: int
@@ -60,20 +58,20 @@ class Mutant:
     text: str
 
     def source(self, unit: Unit) -> str:
-        """The whole unit, changed."""
+        """Return the C of the whole changed unit."""
         parts = [self.text if index == self.index else printed(node) for index, node in enumerate(unit.nodes)]
         return unit.includes + "".join(parts)
 
 
 class _Change(NamedTuple):
-    """The attribute of a node, what stands there, what is put there, the operator, and the node that names the change."""
+    """A change of one attribute of a node: the old and new value, the operator, and the node shown in the mutant's name."""
 
     parent: Any
     name: str
     old: Any
     new: Any
     operator: str
-    told: Any
+    shown: Any
 
     def put(self, node: Any) -> None:
         attribute, _, index = self.name.partition("[")
@@ -84,13 +82,13 @@ class _Change(NamedTuple):
 
 
 def mutants_of(unit: Unit) -> list[Mutant]:
-    """Every mutant of a unit, in the order of the source."""
+    """Return every mutant of a unit, in source order."""
     found: list[Mutant] = []
     seen: Counter[tuple[str, str, str]] = Counter()
     for index, node in enumerate(unit.nodes):
         name = name_of(node)
         for change in _changes(node):
-            text = " ".join(c_generator.CGenerator().visit(change.told).split())
+            text = " ".join(c_generator.CGenerator().visit(change.shown).split())
             seen[name, change.operator, text] += 1
             key = Key(unit.path, name, change.operator, text, seen[name, change.operator, text])
             change.put(change.new)
@@ -101,7 +99,7 @@ def mutants_of(unit: Unit) -> list[Mutant]:
 
 
 def definitions(unit: Unit) -> tuple[str, ...]:
-    """All that a unit defines, as it is printed."""
+    """Return all definitions of a unit as printed."""
     return tuple(printed(node) for node in unit.nodes)
 
 
@@ -124,26 +122,26 @@ def _is_numbers(node: Any) -> bool:
     return isinstance(node, c_ast.Constant)
 
 
-LEFT = ((c_ast.StructRef, "field"), (c_ast.Cast, "to_type"), (c_ast.NamedInitializer, "name"), (c_ast.Case, "expr"))
-"""Parts of nodes that are left as they are."""
+UNCHANGED = ((c_ast.StructRef, "field"), (c_ast.Cast, "to_type"), (c_ast.NamedInitializer, "name"), (c_ast.Case, "expr"))
+"""Parts of nodes that stay unchanged."""
 
 
-def _inside(parent: Any, name: str, node: Any, told: Any) -> Iterator[_Change]:
-    """Changes of a node and of all below it; `told` is the expression around a number, by which a report names it."""
-    for new, operator, of in _at(name, node, told):
+def _inside(parent: Any, name: str, node: Any, shown: Any) -> Iterator[_Change]:
+    """Yield changes of a node and its descendants; `shown` is the expression around a number, for the mutant's name."""
+    for new, operator, of in _at(name, node, shown):
         yield _Change(parent, name, node, new, operator, of or node)
     if isinstance(node, c_ast.Decl):
         if node.init is not None and not _is_table(node):
             yield from _inside(node, "init", node.init, node)
         return
-    around = told if isinstance(node, c_ast.Constant | c_ast.ID | c_ast.Cast | c_ast.InitList | c_ast.ExprList) else node
+    around = shown if isinstance(node, c_ast.Constant | c_ast.ID | c_ast.Cast | c_ast.InitList | c_ast.ExprList) else node
     for each, child in node.children():
-        if not any(isinstance(node, kind) and each.startswith(left) for kind, left in LEFT):
+        if not any(isinstance(node, kind) and each.startswith(left) for kind, left in UNCHANGED):
             yield from _inside(node, each, child, around)
 
 
-def _at(name: str, node: Any, told: Any) -> Iterator[tuple[Any, str, Any]]:
-    """What is put in the place of the node itself, by which operator, and what names it if not the node."""
+def _at(name: str, node: Any, shown: Any) -> Iterator[tuple[Any, str, Any]]:
+    """Yield replacements of the node itself: new node, operator, and the node to show if it differs."""
     if isinstance(node, c_ast.BinaryOp):
         others = [("relational", new) for new in RELATIONAL.get(node.op, ())]
         others += [
@@ -165,27 +163,28 @@ def _at(name: str, node: Any, told: Any) -> Iterator[tuple[Any, str, Any]]:
         yield c_ast.Assignment(new, node.lvalue, node.rvalue), f"arithmetic: {node.op} to {new}", None
     elif isinstance(node, c_ast.Constant):
         for value in _other_numbers(node.value):
-            yield c_ast.Constant(node.type, value), f"constant: {node.value} to {value}", told
+            yield c_ast.Constant(node.type, value), f"constant: {node.value} to {value}", shown
     elif isinstance(node, c_ast.ID) and LARGEST.fullmatch(node.name):
         for value in (f"({node.name} - 1)", f"({node.name} / 2)"):
-            yield c_ast.ID(value), f"constant: {node.name} to {value}", told
+            yield c_ast.ID(value), f"constant: {node.name} to {value}", shown
     elif isinstance(node, c_ast.TernaryOp):
         yield node.iftrue, "logical: always taken", None
         yield node.iffalse, "logical: never taken", None
     elif isinstance(node, c_ast.If):
         yield c_ast.If(c_ast.ID("1"), node.iftrue, node.iffalse), "logical: always taken", node.cond
-    if _is_deletable(name, node) and not _is_one_statement_more(node):
+    if _is_deletable(name, node) and not _has_one_statement(node):
         yield c_ast.EmptyStatement(), "deletion", node.cond if isinstance(node, c_ast.If | c_ast.For) else None
 
 
 def _is_deletable(name: str, node: Any) -> bool:
-    """A statement of its own: not a declaration, and not a return, without which a value would be undefined."""
+    """Return whether a node is a complete statement: no declaration, and no return, which would leave a value undefined."""
     kinds = c_ast.Assignment | c_ast.FuncCall | c_ast.If | c_ast.For | c_ast.UnaryOp | c_ast.Break | c_ast.Switch
     return name.startswith(("block_items", "stmts")) and isinstance(node, kinds)
 
 
-def _is_one_statement_more(node: Any) -> bool:
-    """An "if" around one statement, without "else" and without a call: to lose it is to lose the statement."""
+def _has_one_statement(node: Any) -> bool:
+    """Return whether an "if" without "else" contains one statement and no call: deleting it would repeat the deletion of the
+    statement."""
     if not isinstance(node, c_ast.If) or node.iffalse is not None or not isinstance(node.iftrue, c_ast.Compound):
         return False
     return len(node.iftrue.block_items or ()) == 1 and not _calls(node.cond)

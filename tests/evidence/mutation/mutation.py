@@ -1,8 +1,8 @@
-"""Part "mutation": every small fault in the generated C is seen by a test, or argued to be no fault.
+"""Part "mutation": a test detects every small fault in the generated C, or the fault is shown to have no effect.
 
-Each mutant (see `mutants`) of every unit is judged by the checks of the unit (see `tests.sil.suite`), which are those of `make
-test`. A unit that an earlier build holds word for word is mutated there only. Mutants that survive must be argued one by one in
-equivalent.toml. Every judge must kill at least one mutant: a check that cannot fail proves nothing.
+The checks of each unit (see `tests.sil.suite`), which `make test` runs too, judge each of its mutants (see `mutants`). A unit
+that is identical in an earlier build is mutated only there. Each surviving mutant needs an argument in equivalent.toml. Every
+judge must kill at least one mutant: a check that cannot fail proves nothing.
 """
 
 import gc
@@ -31,23 +31,23 @@ from tests.sil.case import COMMITTED, Case, named
 from tests.sil.library import Compiler
 from tests.sil.suite import Judge, judges_of
 
-SHOWS = "the project's own tests see every small fault in the generated C"
+SHOWS = "the project's own tests detect every small fault in the generated C"
 MUTANTS_MIN = 300
 """Smallest number of mutants of a campaign."""
 EQUIVALENT_FRACTION_MAX = 0.05
 QUICK_COUNT = 400
-"""Mutants of a quick campaign: those with the lowest hashes of their names, the same ones each time."""
+"""Mutants of a quick campaign: those with the lowest hashes of their names, so that they stay the same."""
 PROCESS_COUNT = 2
 PLANTED_ONLY = ("tracking rough stack",)
-"""Builds whose look-up has other C than that of the committed ones."""
+"""Builds with lookup C that the committed ones lack."""
 
 JudgesOf = Callable[[Kind, str], Sequence[Judge]]
-"""Return the judges of a unit (path of its source) of a kind of controller."""
+"""Function that returns the judges of a unit (path of its source) of a kind of controller."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A mutant of a build and what killed it; `SURVIVED` if nothing did."""
+    """A mutant of a build and the judge that killed it, or `SURVIVED`."""
 
     build: str
     mutant: Mutant
@@ -56,8 +56,8 @@ class Judged:
 
 @dataclass
 class Tally:
-    """Result of a campaign: all mutants with their builds, and those that were judged; messages of judges that the unaltered C
-    fails, so that nothing is judged; judges that kill no mutant."""
+    """Result of a campaign: all mutants with their builds, and the judged ones; failures of judges on the original C, which
+    prevent any judging; judges that kill no mutant."""
 
     exist: list[tuple[str, Mutant]] = field(default_factory=list)
     judged: list[Judged] = field(default_factory=list)
@@ -66,7 +66,7 @@ class Tally:
 
 
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
-    """Run the part. Raises BuildError where there is no compiler."""
+    """Run the part. Raises BuildError without a compiler."""
     equivalents = read()
     names = [*(folder.name for folder in folders), *PLANTED_ONLY]
     return outcome_of(campaign(names, most=QUICK_COUNT if effort.quick else None, progress=progress), equivalents)
@@ -79,9 +79,9 @@ def campaign(
     most: int | None = None,
     progress: Progress | None = None,
 ) -> Tally:
-    """Make and judge the mutants of cases (see `tests.sil.case.named`); those that are not committed get planted faults alone.
+    """Make and judge the mutants of cases (see `tests.sil.case.named`); cases that are not committed get only planted faults.
 
-    Without `paths` all units are mutated. Without `most` all mutants are run, and every judge is tried.
+    Without `paths` all units are mutated. Without `most` all mutants are run, and every judge is tested.
     """
     tally, progress = Tally(), progress or Progress()
     with ExitStack() as stack:
@@ -97,7 +97,7 @@ def campaign(
                           *planted_in(case, unit)] for path, unit in units.items()}  # fmt: skip
             own = {path: mutants for path, mutants in own.items() if mutants}
             known |= {definitions(unit) for unit in units.values()}
-            benches.append(Bench(case, own, units, {path: _able(case, judges_of(case.kind, path)) for path in own}))
+            benches.append(Bench(case, own, units, {path: _applicable(case, judges_of(case.kind, path)) for path in own}))
             benches[-1].prepare()
             tally.faults += [f"{case.name}: unaltered, it fails {name}: {text}" for name, text in benches[-1].faults.items()]
         todo = [(index, path, number) for index, bench in enumerate(benches) for path, mutants in bench.mutants.items()
@@ -105,9 +105,7 @@ def campaign(
         tally.exist = [(benches[index].case.name, benches[index].mutants[path][number - 1]) for index, path, number in todo]
         if not tally.faults:
             with _Judges(benches, progress) as judges:
-                unaltered: list[Question] = [
-                    (index, path, 0, None) for index, bench in enumerate(benches) for path in bench.mutants
-                ]
+                unaltered: list[Job] = [(index, path, 0, None) for index, bench in enumerate(benches) for path in bench.mutants]
                 answers = judges.answers(unaltered, "libraries")
                 tally.faults += [f"{benches[index].case.name}/{path}: with no mutant selected, it fails {answer}"
                                  for (index, path, _, _), answer in zip(unaltered, answers, strict=True)
@@ -117,12 +115,12 @@ def campaign(
                 tally.judged = [Judged(benches[index].case.name, benches[index].mutants[path][number - 1], answer)
                                 for (index, path, number), answer in zip(chosen, answers, strict=True)]  # fmt: skip
                 if most is None:
-                    tally.powerless = _powerless(benches, judges, tally)
+                    tally.powerless = _ineffective(benches, judges, tally)
     return tally
 
 
-def _able(case: Case, judges: Sequence[Judge]) -> list[Judge]:
-    """Return the judges that can judge a case: some know the cap of a map for one friction only."""
+def _applicable(case: Case, judges: Sequence[Judge]) -> list[Judge]:
+    """Return the judges that apply to a case: some know the cap of a map for one friction only."""
     return [judge for judge in judges if not (judge.of_one_layer and case.built.total.layers)]
 
 
@@ -135,15 +133,15 @@ def _chosen(benches: Sequence[Bench], todo: list[tuple[int, str, int]], most: in
     return [one for one in todo if one in chosen]
 
 
-Question = tuple[int, str, int, str | None]
-"""Bench, path of the unit, number of the mutant, and the only judge, None for all of them in their order."""
+Job = tuple[int, str, int, str | None]
+"""Bench, path of the unit, number of the mutant, and the only judge; None for all judges in order."""
 
 _benches: Sequence[Bench] = ()
-"""The benches, for processes that are copies of this one."""
+"""Benches, inherited by forked processes."""
 
 
 class _Judges:
-    """Processes that judge, with the answers that an earlier run has stored."""
+    """Processes that judge, with the results stored by an earlier run."""
 
     def __init__(self, benches: Sequence[Bench], progress: Progress) -> None:
         global _benches
@@ -152,8 +150,8 @@ class _Judges:
 
     def __enter__(self) -> Self:
         gc.collect()
-        gc.freeze()  # a collection would copy all that the processes share
-        # A copy of a process that catches SIGTERM would survive it, and the pool would wait for it.
+        gc.freeze()  # garbage collection would copy the shared memory
+        # A forked process that inherits the SIGTERM handler would survive SIGTERM, and the pool would wait for it.
         ending = (signal.SIGTERM, signal.SIG_DFL)
         self._pool = multiprocessing.get_context("fork").Pool(PROCESS_COUNT, signal.signal, ending)
         return self
@@ -162,7 +160,7 @@ class _Judges:
         self._pool.terminate()
         gc.unfreeze()
 
-    def answers(self, questions: Sequence[Question], what: str) -> list[str]:
+    def answers(self, questions: Sequence[Job], what: str) -> list[str]:
         """Return what kills each mutant, in order."""
         new = [one for one in questions if self._progress.get(_named(one)) is None]
         with show_progress(what) as show:
@@ -172,23 +170,23 @@ class _Judges:
         return [self._progress.get(_named(one)) for one in questions]
 
 
-def _named(question: Question) -> str:
+def _named(question: Job) -> str:
     index, path, number, judge = question
     bench = _benches[index]
     what = bench.mutants[path][number - 1].key if number else f"{path} unaltered"
     return f"{bench.case.name}: {what}{'' if judge is None else f' alone {judge}'}"
 
 
-def _answer(question: Question) -> str:
+def _answer(question: Job) -> str:
     index, path, number, name = question
     only = next(judge for judge in _benches[index].judges[path] if judge.name == name) if name else None
     return _benches[index].first_to_kill(path, number, only)
 
 
-def _powerless(benches: Sequence[Bench], judges: _Judges, tally: Tally) -> list[str]:
-    """Return the judges that kill no mutant of any unit, even when they judge alone the mutants that others killed."""
+def _ineffective(benches: Sequence[Bench], judges: _Judges, tally: Tally) -> list[str]:
+    """Return the judges that kill no mutant of any unit, even when they alone judge the mutants that others killed."""
     killed = {(one.build, one.mutant.key) for one in tally.judged if one.by != SURVIVED}
-    tries: dict[str, list[Question]] = {}
+    tries: dict[str, list[Job]] = {}
     for index, bench in enumerate(benches):
         for path, mutants in bench.mutants.items():
             numbers = [k for k, mutant in enumerate(mutants, 1) if (bench.case.name, mutant.key) in killed]
@@ -205,7 +203,7 @@ def _powerless(benches: Sequence[Bench], judges: _Judges, tally: Tally) -> list[
 
 
 def outcome_of(tally: Tally, equivalents: Sequence[Equivalent], least: int = MUTANTS_MIN) -> Outcome:
-    """Return the verdict: passed if only argued equivalents survive, they are few, and the list holds nothing else."""
+    """Return the outcome: passed if only listed equivalents survive, they are few, and the list has no other entries."""
     argued = {(one.build, one.key) for one in equivalents}
     survived = [one for one in tally.judged if one.by == SURVIVED]
     known = [one for one in survived if (one.build, one.mutant.key) in argued]

@@ -1,8 +1,8 @@
 """One C source with every mutant of a unit, and the function that selects one by its number.
 
-Each mutated function becomes a static function of its own beside the original, and a function of the original name calls the
-selected one. A mutated constant becomes a variable that the selection overwrites. Number 0 selects the unaltered unit, so a
-unit is compiled once for all of its mutants.
+Each mutated function becomes a separate static function next to the original, and a function of the original name calls the
+selected one. A mutated constant becomes a variable that the selection overwrites. Number 0 selects the original unit, so a unit
+is compiled once for all of its mutants.
 """
 
 import re
@@ -20,7 +20,7 @@ SELECT = "mutant_select"
 
 
 def source_with(unit: Unit, mutants: Sequence[Mutant]) -> str:
-    """Return the C of a unit with all of its mutants; mutant k of the sequence has the number k + 1."""
+    """Return the C of a unit with all of its mutants; mutant k of the sequence has number k + 1."""
     numbered: dict[int, list[tuple[int, Mutant]]] = defaultdict(list)
     for number, mutant in enumerate(mutants, 1):
         numbered[mutant.index].append((number, mutant))
@@ -42,7 +42,7 @@ def source_with(unit: Unit, mutants: Sequence[Mutant]) -> str:
 
 
 def _renamed(text: str, name: str, new: str) -> str:
-    """Rename what a top-level definition defines: the first occurrence of its name."""
+    """Rename the definition of a top-level node: the first occurrence of its name."""
     return re.sub(rf"\b{name}\b", new, text, count=1)
 
 
@@ -72,7 +72,7 @@ def _constant(node: Any, numbered: Sequence[tuple[int, Mutant]], selections: lis
     name, text = name_of(node), printed(node)
     if "static" in node.storage:
         text = re.sub(r"\bconst ", "", text.partition("=")[0]) + "=" + text.partition("=")[2]
-    else:  # its header declares it const: it stays so, in a section that can be written
+    else:  # its header declares it const; a writable section makes the change possible
         text = text.replace(" =", ' __attribute__((section(".data.mutants"))) =', 1)
     parts = [text]
     for number, mutant in numbered:

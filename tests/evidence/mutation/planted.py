@@ -1,4 +1,4 @@
-"""Faults that no operator of `mutants` makes: each a place of the C, changed by hand, in planted.toml."""
+"""Faults beyond the operators of `mutants`: changes made by hand, in planted.toml."""
 
 import functools
 import tomllib
@@ -20,7 +20,7 @@ def _faults() -> list[dict[str, str]]:
 def planted_in(case: Case, unit: Unit) -> list[Mutant]:
     """Return the faults of a unit of a build as mutants.
 
-    Raises LookupError: the text to replace does not stand there exactly once, or the change is not inside one definition.
+    Raises LookupError unless the text to replace occurs exactly once and the change is inside one definition.
     """
     found = []
     files = dict(case.built.folder.files)

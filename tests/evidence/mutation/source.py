@@ -1,7 +1,6 @@
-"""The C of a unit as a tree: what the mutants are made of. Read by the compiler's preprocessor and pycparser.
+"""Syntax tree of a unit of C, from which mutants are made. Read by the compiler's preprocessor and pycparser.
 
-The tree is printed again for each mutant. That the printed C is the C that was read is not assumed: the tests compile both to
-the same machine code.
+The tree is printed again for each mutant. Tests compile the printed and the original C to identical machine code.
 """
 
 from __future__ import annotations
@@ -19,9 +18,9 @@ from pycparser import c_ast, c_generator, c_parser
 from codegen.errors import BuildError
 from codegen.sil.toolchain import compiler_command
 
-# Types stand for themselves, and what is a macro stays a name: printed again, it means what it meant.
+# Types are placeholders and macros stay names, so that the printed C keeps its meaning.
 TYPES = [f"{sign}int{bits}_t" for sign in ("", "u") for bits in (8, 16, 32, 64)]
-STAND_INS = {
+STUB_HEADERS = {
     "stdint.h": "".join(f"typedef int {name};\n" for name in TYPES),
     "stdbool.h": "typedef int bool;\n",
     "stddef.h": "typedef int size_t;\n",
@@ -33,8 +32,8 @@ INCLUDE = re.compile(r"^\s*#\s*include\b.*$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Unit:
-    """A source file as a tree: its path inside the build, its include lines, and its own top-level definitions in order; what
-    its headers declare is left out."""
+    """A source file as a tree: its path in the build, its include lines, and its own top-level definitions in order, without
+    those of its headers."""
 
     path: str
     includes: str
@@ -42,17 +41,17 @@ class Unit:
 
     @classmethod
     def read(cls, path: str, files: Mapping[str, bytes]) -> Unit:
-        """Parse a file of a build. Raises BuildError where it does not preprocess or parse."""
+        """Parse a file of a build. Raises BuildError if it cannot be preprocessed or parsed."""
         with tempfile.TemporaryDirectory(prefix="ars-tree-") as name:
             root = Path(name)
             for own, content in files.items():
                 if own == path or own.startswith("include/"):
                     (root / own).parent.mkdir(parents=True, exist_ok=True)
                     (root / own).write_bytes(content)
-            (root / "stand-ins").mkdir()
-            for own, text in STAND_INS.items():
-                (root / "stand-ins" / own).write_text(text, encoding="ascii")
-            command = [*compiler_command(), "-std=c99", "-E", "-nostdinc", "-Istand-ins", "-Iinclude", path]
+            (root / "stubs").mkdir()
+            for own, text in STUB_HEADERS.items():
+                (root / "stubs" / own).write_text(text, encoding="ascii")
+            command = [*compiler_command(), "-std=c99", "-E", "-nostdinc", "-Istubs", "-Iinclude", path]
             done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise BuildError(done.stderr.strip().partition("\n")[0], where=path)
@@ -65,17 +64,17 @@ class Unit:
         return cls(path, "".join(f"{line.strip()}\n" for line in INCLUDE.findall(text)), own_nodes)
 
     def text(self) -> str:
-        """The whole unit in C."""
+        """Return the C of the whole unit."""
         return self.includes + "".join(printed(node) for node in self.nodes)
 
 
 def printed(node: Any) -> str:
-    """A top-level node in C."""
+    """Return the C of a top-level node."""
     text: str = c_generator.CGenerator().visit(node)
     return text if isinstance(node, c_ast.FuncDef) else f"{text};\n"
 
 
 def name_of(node: Any) -> str:
-    """Of what a top-level node defines; empty for what has none."""
+    """Return the name that a top-level node defines; empty if it defines none."""
     declared = node.decl if isinstance(node, c_ast.FuncDef) else node
     return str(getattr(declared, "name", None) or "")

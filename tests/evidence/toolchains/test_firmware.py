@@ -19,12 +19,12 @@ FAULT, LATE, SELFTEST = 2, 1, 3
 """Exit codes of the image."""
 
 
-def ran(files: Mapping[str, bytes], name: str = "4ws2-paper", toolchain: Toolchain = "gcc") -> ImageRun:
+def run_project(files: Mapping[str, bytes], name: str = "4ws2-paper", toolchain: Toolchain = "gcc") -> ImageRun:
     return run_image(files, made(name).sent, toolchain)
 
 
 def changed(path: str, old: str, new: str, files: Mapping[str, bytes] | None = None) -> dict[str, bytes]:
-    """The files of a project with one place of one of them changed."""
+    """Return the files of a project with one text in one of them replaced."""
     files = dict(made().folder.files if files is None else files)
     text = files[path].decode()
     assert text.count(old) == 1, (path, old)
@@ -34,10 +34,10 @@ def changed(path: str, old: str, new: str, files: Mapping[str, bytes] | None = N
 @pytest.mark.parametrize("toolchain", TOOLCHAINS)
 @pytest.mark.parametrize("name", ["4ws2-paper", "4ws2"])
 def test_the_frames_are_those_of_the_software_in_the_loop(name: str, toolchain: Toolchain) -> None:
-    found = ran(made(name).folder.files, name, toolchain)
+    found = run_project(made(name).folder.files, name, toolchain)
     assert found.passed, found
     assert (found.compared, found.different, found.faults, found.exit_code) == (1500, 0, 0, 0)
-    assert found.cycles == found.ticks == 1500  # one tick of SysTick began each, none was missed
+    assert found.cycles == found.ticks == 1500  # each started with one SysTick tick, none was missed
     assert found.lost_samples == 2 and found.fpu and 0 < found.stack < 4096
 
 
@@ -79,35 +79,35 @@ FAULTS: dict[str, tuple[Callable[[], dict[str, bytes]], str]] = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_ends_the_program_and_is_reported(fault: str) -> None:
     plant, message = FAULTS[fault]
-    found = ran(plant())
+    found = run_project(plant())
     assert (found.faults, found.exit_code, found.passed) == (1, FAULT, False)
     assert re.fullmatch(message, found.message)
     if fault == "undefined instruction":
-        assert found.different == 1500 - 99  # those before were sent
+        assert found.different == 1500 - 99  # the earlier ones were sent
         assert found.first_difference.startswith("cycle 99: nothing sent")
 
 
-def test_a_cycle_that_takes_too_long_is_seen() -> None:
+def test_a_cycle_that_takes_too_long_is_detected() -> None:
     wait = "for (volatile uint32_t wait = 0u; (cycles == 7u) && (wait < 400000u); wait++) {\n        }"
-    found = ran(changed("src/main.c", CYCLE, f"{CYCLE}\n        {wait}"))
+    found = run_project(changed("src/main.c", CYCLE, f"{CYCLE}\n        {wait}"))
     assert (found.exit_code, found.faults, found.passed) == (LATE, 0, False)
     assert found.ticks > found.cycles == 1500
 
 
-def test_a_self_test_that_fails_ends_it() -> None:
-    found = ran(changed("src/main.c", "healthy = ars_selftest()", "healthy = !ars_selftest()"))
+def test_a_failed_self_test_ends_it() -> None:
+    found = run_project(changed("src/main.c", "healthy = ars_selftest()", "healthy = !ars_selftest()"))
     assert (found.exit_code, found.message, found.different) == (SELFTEST, "self-test failed", 1500)
 
 
 @pytest.mark.long
-def test_nothing_but_systick_begins_a_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_systick_starts_a_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(image, "RUN_LIMIT", 3.0)
     with pytest.raises(CodegenError, match="did not end within 3 s"):
-        ran(changed("src/board_mps2_an386.c", "SYSTICK->control = 7u", "SYSTICK->control = 5u"))
+        run_project(changed("src/board_mps2_an386.c", "SYSTICK->control = 7u", "SYSTICK->control = 5u"))
 
 
 def test_its_own_makefile_does_it_all(tmp_path: Path) -> None:
-    """In a folder whose name has blanks; with another compiler in `CC` and the objects elsewhere."""
+    """The folder's name has blanks, `CC` names another compiler and the objects are elsewhere."""
     folder = tmp_path / "a firmware"
     write_folder(made().folder, folder)
     environment = {name: value for name, value in os.environ.items() if name not in image.VARIABLES_OF_MAKE}

@@ -1,4 +1,4 @@
-"""FMUs of the other kind and scenario, of another configuration, and of a simulator that does everything wrong."""
+"""FMUs of the other kind and scenario, of another configuration, and under a misbehaving simulator."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def test_misuse_under_sanitizers(version: Version, tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_another_configuration(tmp_path: Path) -> None:
-    """Double precision, another prefix, tyres with a relaxation length, and a command that acts two samples later."""
+    """Double precision, another prefix, tyres with a relaxation length, and a command delayed by two samples."""
     settings, build = tmp_path / "ars.toml", tmp_path / "build"
     plant = "[plant]\ncommand_delay_samples = 2\nrelaxation_length_m = 0.3\n"
     settings.write_text(f'[controller]\nkind = "pi"\n{plant}', encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Fresh projects take a build over: with CMake, with Zephyr's CMake functions, and with link-time optimisation."""
+"""Builds in new projects: with CMake, with Zephyr's CMake functions, and with link-time optimisation."""
 
 import json
 import shutil
@@ -35,19 +35,19 @@ def cmake(folder: Path, *options: str) -> Path:
 
 
 def compile_commands(at: Path) -> dict[str, list[str]]:
-    """Return the words of the command of each compiled file, by the name of the file."""
+    """Return the compiler arguments of each compiled file, by file name."""
     commands = json.loads((at / "compile_commands.json").read_text())
     return {Path(each["file"]).name: each["command"].split() for each in commands}
 
 
 def check_contraction(at: Path) -> set[str]:
-    """Check that products and sums are kept apart in the generated files alone; return the names of the compiled files."""
+    """Check that only the generated files disable contraction of products and sums; return the names of compiled files."""
     for name, words in (commands := compile_commands(at)).items():
         assert ("-ffp-contract=off" in words) == name.startswith(("ars_", "rws_")), name
     return set(commands)
 
 
-def stretched(program: Path) -> Path:
+def with_scaled_speeds(program: Path) -> Path:
     """Copy a program with other speeds in its map, as a calibration tool would write them."""
     listed = text("src/ars_calibration.c").partition("ars_map_speed_breakpoints[")[2].partition("{")[2].partition("}")[0]
     speeds = np.array([number.strip().rstrip("f") for number in listed.split(",")], dtype=np.float32)
@@ -60,12 +60,12 @@ def stretched(program: Path) -> Path:
 
 
 @pytest.mark.long
-def test_link_time_optimisation_makes_no_constant_of_a_calibrated_number(tmp_path: Path) -> None:
-    """Nor does a unity build. Changed in the finished program, the map returns another value."""
+def test_link_time_optimisation_does_not_fold_calibrated_numbers(tmp_path: Path) -> None:
+    """A unity build does not either. Modified in the finished program, the map returns another value."""
     files = {"main.c": MAP_MAIN, "CMakeLists.txt": CMAKE_HELLO + CMAKE_LINES}
     options = ("-DCMAKE_INTERPROCEDURAL_OPTIMIZATION=ON", "-DCMAKE_UNITY_BUILD=ON", "-DCMAKE_BUILD_TYPE=Release")
     program = cmake(project(tmp_path / "one", files, "ars"), *options) / "hello"
-    assert done(run([program], tmp_path)) != done(run([stretched(program)], tmp_path))
+    assert done(run([program], tmp_path)) != done(run([with_scaled_speeds(program)], tmp_path))
 
 
 def test_cmake_builds_and_tests_the_folder(tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_cmake_builds_and_tests_the_folder(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("main", ["the example", "the self-test"])
 def test_a_fresh_cmake_project_needs_two_lines(tmp_path: Path, main: str) -> None:
-    """The example and the tests of the build stay out of it."""
+    """The example and the tests of the build are not part of it."""
     program = text("example/example_main.c") if main == "the example" else SELFTEST_MAIN
     lists = CMAKE_HELLO + "enable_testing()\n" + CMAKE_LINES
     folder = project(tmp_path / "a plain project", {"CMakeLists.txt": lists, "main.c": program}, "ars")
@@ -87,8 +87,8 @@ def test_a_fresh_cmake_project_needs_two_lines(tmp_path: Path, main: str) -> Non
     assert not [*at.rglob("*example*"), *at.rglob("ars_ecu*")]
 
 
-def test_the_options_of_the_project_around_it_stay(tmp_path: Path) -> None:
-    """The project keeps its standard and options, and those of the build win over an option of the project."""
+def test_the_options_of_the_enclosing_project_stay(tmp_path: Path) -> None:
+    """The project keeps its standard and options; the build's options override those of the project."""
     options = "set(CMAKE_C_STANDARD 11)\nadd_compile_options(-ffp-contract=fast -Wall -Wextra -Werror -Wconversion)\n"
     lists = CMAKE_HELLO.replace("add_executable", options + "add_executable") + CMAKE_LINES
     folder = project(tmp_path / "ecu", {"CMakeLists.txt": lists, "main.c": SELFTEST_MAIN}, "ars")
@@ -98,8 +98,8 @@ def test_the_options_of_the_project_around_it_stay(tmp_path: Path) -> None:
         assert (("-std=c99" in words), ("-std=gnu11" in words)) == (ours, not ours)
 
 
-def test_two_builds_stand_in_one_cmake_project(tmp_path: Path) -> None:
-    """One of them lies outside the project."""
+def test_two_builds_share_one_cmake_project(tmp_path: Path) -> None:
+    """One of them is outside the project."""
     lists = CMAKE_HELLO + "add_subdirectory(ars)\nadd_subdirectory(../rws build-of-rws)\n"
     lists += "target_link_libraries(hello PRIVATE ars::ars rws::rws)\n"
     write_folder(made("rws"), tmp_path / "rws")
@@ -116,7 +116,7 @@ def test_two_builds_of_one_prefix_are_refused_with_the_remedy(tmp_path: Path) ->
     assert "build one of the two with another --prefix" in " ".join(result.stderr.split())
 
 
-# Zephyr's functions as its documentation describes them (cmake/modules/extensions.cmake), on top of plain CMake.
+# Zephyr's functions as documented (cmake/modules/extensions.cmake), in plain CMake.
 ZEPHYR_CMAKE = """cmake_minimum_required(VERSION 3.20)
 project(zephyr_application LANGUAGES C)
 add_executable(app main.c)
@@ -146,7 +146,7 @@ add_subdirectory(rws/zephyr module-rws)
 
 
 def test_the_cmake_of_the_zephyr_module_compiles_and_links(tmp_path: Path) -> None:
-    """Both modules, one of them with the dynamics; a module that is off adds nothing."""
+    """Both modules, one of them with the dynamics; a disabled module adds nothing."""
     on = ["-DCONFIG_ARS_REAR_STEERING=y", "-DCONFIG_RWS_REAR_STEERING=y", "-DCONFIG_ARS_REAR_STEERING_DYNAMICS=y"]
     folder = project(tmp_path / "an application", {"CMakeLists.txt": ZEPHYR_CMAKE, "main.c": BOTH_MAIN}, "ars", "rws")
     at = cmake(folder, *on)

@@ -1,4 +1,4 @@
-"""Runs the tests marked `vcan` in a second pytest, under `vcan_run`, and the others here: see README.md."""
+"""Runs the tests marked `vcan` in a second pytest under `vcan_run`, and the others here: see README.md."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from tests.evidence.vcan.vcan_run import UNAVAILABLE
 HERE = Path(__file__).resolve().parent
 FOLDER = HERE.parents[2] / "generated/4ws2-paper"
 STATE = "VCAN_TESTS"
-"""Environment variable: `done` when the marked tests have run, `unavailable` when this machine has no way to run them."""
+"""Environment variable: `done` when the marked tests have run, `unavailable` if this machine cannot run them."""
 
 
 @pytest.fixture
 def vcan() -> Iterator[str]:
-    """The name of a virtual CAN interface that is up and unused; it is up again after the test."""
+    """Provide the name of a virtual CAN interface that is up and unused; set it up again after the test."""
     assert is_up(INTERFACE), f"{INTERFACE} is not up: the test needs pytest.mark.vcan"
     yield INTERFACE
     if not is_up(INTERFACE):
@@ -32,12 +32,12 @@ def vcan() -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def software() -> Software:
-    """The committed build, compiled."""
+    """Return the committed build, compiled."""
     return load(FOLDER)
 
 
 def is_under_vcan_run() -> bool:
-    """Whether SocketCAN and an own vcan0 exist in this process."""
+    """Return whether SocketCAN and a private vcan0 exist in this process."""
     return "VCAN_RUN" in os.environ
 
 
@@ -52,7 +52,7 @@ def pytest_cmdline_main(config: pytest.Config) -> Generator[None, int | None, in
     there = subprocess.run([*place, "--", *tests], env={**os.environ, "ARS_CACHE": str(cache_folder())}).returncode
     os.environ[STATE] = "unavailable" if there == UNAVAILABLE else "done"
     if there == UNAVAILABLE and os.environ.get("CI", "").lower() in ("", "0", "false"):
-        there = int(pytest.ExitCode.NO_TESTS_COLLECTED)  # in CI, where all tests must run, it is a failure
+        there = int(pytest.ExitCode.NO_TESTS_COLLECTED)  # a failure in CI, where all tests must run
     here = yield
     codes = {there, int(here or 0)} - {int(pytest.ExitCode.NO_TESTS_COLLECTED)}
     return max(codes, default=int(pytest.ExitCode.NO_TESTS_COLLECTED))

@@ -1,7 +1,8 @@
-"""Process 1 of the User Mode Linux guest: prepares it, runs the job, stores its exit code, powers off.
+"""Process 1 of the User Mode Linux guest: prepare it, run the job, store its exit code, power off.
 
-`python -m tests.evidence.vcan.guest_init FOLDER`. FOLDER, on the host, holds `job.json` (see `Job`). It gets `booted` when the
-command starts, and `status` with its exit code. Without `status` the guest died. Errors are printed in one line.
+`python -m tests.evidence.vcan.guest_init FOLDER`. FOLDER, on the host, holds `job.json` (see `Job`). This program creates
+`booted` there when the command starts, and `status` with its exit code. Without `status` the guest died. Errors are printed in
+one line.
 
 The guest's root is the host's, read-only; /dev, /run and /dev/shm are its own.
 """
@@ -64,7 +65,7 @@ def main(folder: Path) -> None:
             termios.tcdrain(output)
         _write(folder / "status", str(status))
     except Exception as error:
-        _tell(f"the guest cannot start: {error}")
+        _print_error(f"the guest cannot start: {error}")
     finally:
         os.sync()
         _LIBC.reboot(RB_POWER_OFF)
@@ -88,7 +89,7 @@ def _mount_own_file_systems() -> None:
 
 
 def _connect_outputs() -> None:
-    """Terminal 0 is the host's standard output, terminal 1 its standard error; as pipes: no line end becomes two."""
+    """Connect terminals 0 and 1 to the host's standard output and error; as pipes, so that line ends stay unchanged."""
     for target, device, mode in ((0, "null", os.O_RDONLY), (1, "tty0", os.O_RDWR), (2, "tty1", os.O_RDWR)):
         opened = os.open(f"/dev/{device}", mode | os.O_NOCTTY)
         os.dup2(opened, target)
@@ -106,7 +107,7 @@ def _prepare(job: Job) -> None:
         _load_module(module)
     set_loopback_up()
     add_vcan(INTERFACE)
-    # A process that the host holds up for a second finds all frames of that second: by default a socket holds some 200 of them
+    # If the host stops a process for a second, all frames of that second wait for it. A default socket holds about 200 frames
     # and drops the others.
     for limit in ("rmem_default", "rmem_max"):
         Path("/proc/sys/net/core", limit).write_text(str(RECEIVE_BUFFER), encoding="ascii")
@@ -116,7 +117,7 @@ def _run(job: Job) -> int:
     try:
         child = subprocess.Popen(job.command, cwd=job.folder, env=job.environment, start_new_session=True)
     except OSError as error:
-        _tell(f"vcan_run: {error}")
+        _print_error(f"vcan_run: {error}")
         return CANNOT_RUN
     while True:  # process 1 is also the parent of all orphans
         ended, status = os.wait()
@@ -137,12 +138,12 @@ def _load_module(file: str) -> None:
     os.close(opened)
 
 
-def _tell(line: str) -> None:
+def _print_error(line: str) -> None:
     os.write(2, f"{line}\n".encode())  # sys.stderr may be None: the kernel starts process 1 without open files
 
 
 def _write(file: Path, text: str) -> None:
-    """Written on the host's side too when this returns."""
+    """Write a file and sync it to the host's disk."""
     with file.open("w", encoding="utf-8") as stream:
         stream.write(text)
         stream.flush()

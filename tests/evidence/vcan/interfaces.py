@@ -1,4 +1,4 @@
-"""Network interfaces by the kernel's own calls: no `ip`, no `modprobe`, nothing but the standard library. Linux only."""
+"""Network interfaces through kernel calls: no `ip`, no `modprobe`, only the standard library. Linux only."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ROUTE = struct.Struct("=8BI")
 
 
 def has_socketcan() -> bool:
-    """Whether this kernel has raw CAN sockets; the check loads its modules where allowed."""
+    """Return whether this kernel has raw CAN sockets; the check loads its modules if permitted."""
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except (OSError, AttributeError):  # AttributeError: not Linux
@@ -34,7 +34,7 @@ def has_socketcan() -> bool:
 
 
 def is_up(name: str) -> bool:
-    """Whether the interface exists and is up."""
+    """Return whether the interface exists and is up."""
     try:
         return bool(_flags(name) & IFF_UP)
     except OSError:
@@ -42,13 +42,13 @@ def is_up(name: str) -> bool:
 
 
 def set_interface(name: str, up: bool) -> None:
-    """Set an interface up or down. Raises OSError: there is none, or this is not root."""
+    """Set an interface up or down. Raises OSError: it does not exist, or this process is not root."""
     flags = _flags(name)
     _ioctl(SIOCSIFFLAGS, name, flags | IFF_UP if up else flags & ~IFF_UP)
 
 
 def add_vcan(name: str) -> None:
-    """Make a virtual CAN interface and set it up. Raises OSError: there is one, no right to, or a kernel without vcan."""
+    """Create a virtual CAN interface and set it up. Raises OSError: it exists, no permission, or a kernel without vcan."""
     link = _attribute(IFLA_IFNAME, name.encode() + b"\0") + _attribute(IFLA_LINKINFO, _attribute(IFLA_INFO_KIND, b"vcan"))
     _netlink(RTM_NEWLINK, _LINK.pack(socket.AF_UNSPEC, 0, 0, IFF_UP, IFF_UP) + link)
 
@@ -60,7 +60,7 @@ def remove(name: str) -> None:
 
 
 def set_loopback_up() -> None:
-    """Set `lo` up, with a route for multicast: where it is the only network, `udp_multicast` works on it."""
+    """Set `lo` up, with a route for multicast: `udp_multicast` then works even without another network."""
     _ioctl(SIOCSIFFLAGS, "lo", _flags("lo") | IFF_UP | IFF_MULTICAST)
     to = _attribute(RTA_DST, socket.inet_aton("224.0.0.0"))
     to += _attribute(RTA_OIF, struct.pack("=I", socket.if_nametoindex("lo")))
@@ -84,7 +84,7 @@ def _attribute(kind: int, value: bytes) -> bytes:
 
 
 def _netlink(kind: int, body: bytes, flags: int = NLM_F_REQUEST | NLM_F_ACK | NLM_F_CREATE | NLM_F_EXCL) -> None:
-    """Ask for something, by default new; wait for the answer."""
+    """Send a request, by default to create something, and wait for the reply."""
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as kernel:
         kernel.send(_NETLINK_HEADER.pack(_NETLINK_HEADER.size + len(body), kind, flags, 1, 0) + body)
         (error,) = struct.unpack_from("=i", kernel.recv(4096), _NETLINK_HEADER.size)

@@ -1,4 +1,4 @@
-"""The bench on a real vcan0: the same bits as in process, no frame lost in real time, defined behaviour under faults."""
+"""The bench on a real vcan0: the same bits as in one process, no frame lost in real time, defined behaviour under faults."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -26,8 +26,8 @@ pytestmark = pytest.mark.vcan
 RATE_LIMIT_DEG_S = 30.0
 """Rate limit of the paper's actuator."""
 SYNC_FRAMES_MAX = 2
-"""Frames that prove the counter after a silence: the first, and sync_counter_init = 1 more."""
-CAUSES_OF_TIME = 1 << 8 | 1 << 9
+"""Frames that validate the counter after a silence: the first, and sync_counter_init = 1 more."""
+TIMING_CAUSES = 1 << 8 | 1 << 9
 """Bits of the diagnostics: timeout, task late."""
 FAULTS = (
     Fault("drop", 0.3, 0.05, "VehicleMotion"),
@@ -46,7 +46,7 @@ def address(vcan: str) -> BusAddress:
 
 
 def corner(duration: float, *faults: Fault) -> Scenario:
-    """4 deg at the front wheels from the start, 65 km/h: the rear wheels steer."""
+    """Return a scenario with 4 deg at the front wheels from the start, 65 km/h: the rear wheels steer."""
     scenario = find("step-steer")
     settings = replace(scenario.settings, speed_km_h=65.0, steering_wheel_angle_deg=4.0 * 90.0 / 6.75)
     drive = manoeuvres.step(0.1)
@@ -61,7 +61,9 @@ def corner(duration: float, *faults: Fault) -> Scenario:
         pytest.param("4ws2", find("sine-with-dwell"), "native", marks=pytest.mark.long),
     ],
 )
-def test_in_lock_step_the_bits_are_those_in_process(address: BusAddress, build: str, scenario: Scenario, kind: EcuKind) -> None:
+def test_lock_step_gives_the_same_bits_as_one_process(
+    address: BusAddress, build: str, scenario: Scenario, kind: EcuKind
+) -> None:
     folder = FOLDER.with_name(build)
     built = load(folder)
     wanted = run_through_can(built, scenario).record
@@ -74,8 +76,8 @@ def test_in_lock_step_the_bits_are_those_in_process(address: BusAddress, build: 
 def test_a_minute_without_a_lost_frame(address: BusAddress, software: Software, monkeypatch: pytest.MonkeyPatch) -> None:
     """6,000 cycles. A busy machine may delay any of them, but every frame must arrive.
 
-    On the car's side the counters of all commands are consecutive. On the ECU's side no command reports a gap, a wrong CRC
-    or a repetition, and a wrong sequence only where its counter proves itself after a silence (SYNC).
+    For the car, the counters of all commands are consecutive. For the ECU, no command reports a gap, a wrong CRC or a
+    repetition, and a wrong sequence only where its counter is validated after a silence (SYNC).
     """
     arrived: list[tuple[int, int]] = []  # counter and diagnostics of each command
     codec, original = Codec(software.config.can), PlantNode.receive
@@ -91,41 +93,41 @@ def test_a_minute_without_a_lost_frame(address: BusAddress, software: Software, 
     assert len(result.record) == 6000
     assert result.send_errors == counters["send_errors"] == result.received["lost"] == 0
     assert all((later - earlier) % 15 == 1 for (earlier, _), (later, _) in pairwise(arrived))
-    silent = SYNC_FRAMES_MAX  # before the run the bus was silent
+    silent = SYNC_FRAMES_MAX  # the bus was silent before the run
     for _, diagnostics in arrived:
         for missing, wrong_sequence in ((1 << 0, 1 << 3), (1 << 5, 1 << 8)):
             assert not diagnostics & (missing << 1 | missing << 2)
             assert not diagnostics & missing << 4 or counters["discarded"]
-            assert not diagnostics & wrong_sequence or silent >= 0 or counters["discarded"]  # read, and too old to use
+            assert not diagnostics & wrong_sequence or silent >= 0 or counters["discarded"]  # received, but too old to use
         silent = SYNC_FRAMES_MAX if diagnostics & (1 << 0 | 1 << 5) else silent - 1
 
 
 def drive(scenario: Scenario, address: BusAddress, software: Software, kind: EcuKind = "native") -> BenchResult:
-    """Run in real time: δr stays within bounds at every sample, and the ECU has control in the end."""
+    """Run in real time; check that δr stays within bounds at every sample, and that the ECU has control at the end."""
     result = run_hil(Setup(software.config, scenario, address), FOLDER, kind).result
     rear, commands = (column(result.record, name) for name in ("rear_angle_rad", "rear_angle_command_rad"))
     assert np.abs(commands).max() <= np.deg2rad(3.5) + 5e-5
     assert np.abs(np.diff(rear)).max() <= np.deg2rad(RATE_LIMIT_DEG_S) * 0.01 * (1 + 1e-9)
-    # At the end, except for a sample that a busy machine delays.
+    # A busy machine may delay a sample.
     assert (column(result.record, "status")[-50:] <= Status.LIMITED).any()
     return result
 
 
 @kinds
 def test_the_ecu_is_killed_and_restarted(address: BusAddress, software: Software, kind: EcuKind) -> None:
-    duration = 3.0 if kind == "native" else 30.0  # Python has to start again, in a guest on a busy machine
+    duration = 3.0 if kind == "native" else 30.0  # Python has to restart, in a guest on a busy machine
     result = drive(corner(duration, Fault("ecu-restart", 1.0, 0.5)), address, software, kind)
-    assert column(result.record, "status")[140] == Status.FAIL_SAFE  # the actuator's: no command comes
+    assert column(result.record, "status")[140] == Status.FAIL_SAFE  # of the actuator, which receives no command
     assert len(set(column(result.record, "rear_angle_command_rad")[102:150])) == 1  # held
     assert np.isfinite(result.response[-50:]).any()
 
 
 @kinds
 def test_faults_of_end_to_end_protection(address: BusAddress, software: Software, kind: EcuKind) -> None:
-    """The ECU reports every cause that it reports in process, where the frames have the same faults."""
+    """The ECU reports every cause that it reports in one process with the same faults in the frames."""
     scenario = corner(2.5, *FAULTS)
-    causes = int(np.bitwise_or.reduce(run_through_can(software, scenario).diagnostics)) & ~CAUSES_OF_TIME
-    # All of motion and conditions but missing conditions; unavailable, speed replaced, intermittent.
+    causes = int(np.bitwise_or.reduce(run_through_can(software, scenario).diagnostics)) & ~TIMING_CAUSES
+    # All causes of motion and conditions except missing conditions; unavailable, speed replaced, intermittent.
     assert causes == 0x8F7, f"{causes:#x}"
     seen = int(np.bitwise_or.reduce(drive(scenario, address, software, kind).diagnostics))
     assert seen & causes == causes, f"{seen:#x}"
@@ -134,14 +136,14 @@ def test_faults_of_end_to_end_protection(address: BusAddress, software: Software
 @pytest.mark.long
 def test_the_plant_is_killed_and_restarted(address: BusAddress, software: Software) -> None:
     result = drive(corner(3.0, Fault("plant-restart", 1.0, 0.3)), address, software)
-    assert (result.diagnostics[130:160] & (1 << 2)).any()  # the counters start again
+    assert (result.diagnostics[130:160] & (1 << 2)).any()  # the counters restart
 
 
 @pytest.mark.long
-def test_strangers_on_the_bus(address: BusAddress, software: Software) -> None:
-    """The bus full of frames of other nodes, and a listener that gets every frame.
+def test_foreign_frames_on_the_bus(address: BusAddress, software: Software) -> None:
+    """The bus is full of other nodes' frames, and a listener receives every frame.
 
-    One of three runs must be free of faults: a busy machine delays frames now and then.
+    One of three runs must be free of faults: a busy machine delays frames occasionally.
     """
     cars = [{"can_id": identifier, "can_mask": 0x7FF, "extended": False} for identifier in (0x101, 0x102)]
     for _ in range(3):

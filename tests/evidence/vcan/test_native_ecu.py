@@ -1,4 +1,4 @@
-"""The native ECU on SocketCAN: the answers of the generated task, in lock-step and in real time, and recovery from failures."""
+"""The native ECU on SocketCAN: the generated task's answers, in lock-step and in real time, and recovery from failures."""
 
 import os
 import shlex
@@ -34,15 +34,15 @@ MOTION, CONDITIONS, COMMAND = (
 )
 PERIOD = CONFIG.controller.sampling_time_s
 EXTENDED, REMOTE = 0x80000000, 0x40000000  # linux/can.h: CAN_EFF_FLAG, CAN_RTR_FLAG
-PATIENCE = 10.0
-"""s: far longer than anything here takes; only a failure waits so long."""
+TIMEOUT_S = 10.0
+"""Timeout in s; only a failure waits this long."""
 GOOD = (Status.TRACKING, Status.LIMITED, Status.STANDBY)
 STEADY_TURN, STRAIGHT_REAR = VehicleMotion(speed=15.0, front_angle=0.02, yaw_rate=0.1), VehicleConditions(rear_angle=0.0)
 MISSING, WRONG_CRC, YAW_RATE_REPLACED = 1 << 0 | 1 << 3, 1 << 1 | 1 << 4, 1 << 9
 
 
-class Wire:
-    """A raw socket on the bus, with the kernel's frames as they are. It does not hear itself."""
+class RawSocket:
+    """A raw socket on the bus, with the kernel's frames. It does not receive its own frames."""
 
     layout = struct.Struct("=IB3x8s")
 
@@ -54,7 +54,7 @@ class Wire:
         for identifier, data in frames:
             self._socket.send(self.layout.pack(identifier, len(data), data))
 
-    def receive(self, timeout: float = PATIENCE) -> Frame | None:
+    def receive(self, timeout: float = TIMEOUT_S) -> Frame | None:
         """Return the next frame, or None at the timeout."""
         self._socket.settimeout(max(timeout, 1e-6))
         try:
@@ -63,7 +63,7 @@ class Wire:
             return None
         return Frame(identifier, data[:length])
 
-    def __enter__(self) -> "Wire":
+    def __enter__(self) -> "RawSocket":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -89,9 +89,9 @@ class Car:
         assert frame is not None, "no answer"
         return Codec(CONFIG.can).decode(frame.id, frame.data)
 
-    def takes_control(self, wire: Wire) -> bool:
-        """Send a set for each command, until a command is that of an active controller."""
-        limit = time.monotonic() + PATIENCE
+    def takes_control(self, wire: RawSocket) -> bool:
+        """Send a set for each command, until a command comes from an active controller."""
+        limit = time.monotonic() + TIMEOUT_S
         while time.monotonic() < limit:
             wire.send(*self.frames())
             frame = wire.receive(2.0 * PERIOD)
@@ -101,14 +101,14 @@ class Car:
 
 
 @pytest.fixture
-def wire(vcan: str) -> Iterator[Wire]:
-    with Wire(vcan) as wire:
+def wire(vcan: str) -> Iterator[RawSocket]:
+    with RawSocket(vcan) as wire:
         yield wire
 
 
 @contextmanager
 def started(command: list[str]) -> Iterator[subprocess.Popen[str]]:
-    """A process with pipes, killed at the end."""
+    """Start a process with pipes; kill it at the end."""
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             yield process
@@ -118,20 +118,20 @@ def started(command: list[str]) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.fixture(params=[True, False], ids=["lock-step", "real-time"])
 def running(request: pytest.FixtureRequest, vcan: str) -> Iterator[tuple[subprocess.Popen[str], bool]]:
-    """An ECU, and whether it is in lock-step."""
+    """Start an ECU; return it and whether it is in lock-step."""
     with started(native.command(FOLDER, vcan, lock_step=request.param, parent=os.getpid())) as process:
         assert process.stdout.readline() == "ready\n"
         yield process, request.param
 
 
 def end(ecu: subprocess.Popen[str], number: signal.Signals = signal.SIGTERM) -> str:
-    """End an ECU by a signal, and return its line of counters or its error."""
+    """End an ECU with a signal; return its line of counters or its error."""
     ecu.send_signal(number)
-    return ecu.communicate(timeout=PATIENCE)[1]
+    return ecu.communicate(timeout=TIMEOUT_S)[1]
 
 
 def foreign_frames(rng: np.random.Generator) -> list[tuple[int, bytes]]:
-    """Frames that an ECU must ignore: other nodes' frames, other kinds of frames, a command of another sender."""
+    """Return frames that an ECU must ignore: other nodes' frames, other kinds of frames, a command from another sender."""
     data = rng.bytes(8)
     frames = [
         (int(rng.integers(0x100)), data),
@@ -145,7 +145,8 @@ def foreign_frames(rng: np.random.Generator) -> list[tuple[int, bytes]]:
 
 
 def random_set(rng: np.random.Generator, car: Car) -> list[tuple[int, bytes]]:
-    """Both frames, some with a missing signal or a flipped bit, some after conditions that open no set or a wrong length."""
+    """Return both frames, some with a missing signal or a flipped bit, some after conditions that start no set or have a wrong
+    length."""
     yaw_rate = rng.uniform(-0.8, 0.8) if rng.random() < 0.95 else float("nan")
     motion = VehicleMotion(rng.uniform(-2.0, 40.0), rng.uniform(-0.3, 0.3), yaw_rate)
     conditions = VehicleConditions(rng.uniform(-0.05, 0.05), float(rng.choice([0.3, 0.9, np.nan])), bool(rng.random() < 0.1))
@@ -160,7 +161,7 @@ def random_set(rng: np.random.Generator, car: Car) -> list[tuple[int, bytes]]:
     return frames
 
 
-def test_each_set_is_answered_once_with_the_bits_of_the_task(vcan: str, wire: Wire, software: Software) -> None:
+def test_each_set_is_answered_once_with_the_bits_of_the_task(vcan: str, wire: RawSocket, software: Software) -> None:
     rng, car, sets, seen = np.random.default_rng(1), Car(), 500, 0
     task = software.task()
     with EcuProcess(native.command(FOLDER, vcan, lock_step=True, parent=os.getpid())) as ecu:
@@ -181,7 +182,7 @@ def test_each_set_is_answered_once_with_the_bits_of_the_task(vcan: str, wire: Wi
     assert seen & WRONG_CRC
 
 
-def test_no_command_is_left_out_and_none_is_extra(wire: Wire, vcan: str) -> None:
+def test_every_period_has_exactly_one_command(wire: RawSocket, vcan: str) -> None:
     """Before the first frames every signal is `not available`."""
     begun, car = time.monotonic(), Car()
     with EcuProcess(native.command(FOLDER, vcan, parent=os.getpid())) as ecu:
@@ -198,17 +199,17 @@ def test_no_command_is_left_out_and_none_is_extra(wire: Wire, vcan: str) -> None
     found = [(answer.id, answer.data[1] & 0x0F) for answer in answers if answer is not None]
     assert found == [(COMMAND, number % 15) for number in range(len(answers))]
     assert counts["cycles"] == counts["sent"] == len(answers)
-    # One run at the start of each period, and one more where the phase was set.
+    # One run at the start of each period, and one more when the phase was set.
     assert counts["cycles"] <= elapsed / PERIOD + 2
 
 
-def test_silence_degrades_then_fails_safe_and_ends(wire: Wire, vcan: str) -> None:
+def test_silence_degrades_then_fails_safe_and_ends(wire: RawSocket, vcan: str) -> None:
     car = Car()
     with EcuProcess(native.command(FOLDER, vcan, parent=os.getpid())):
         assert car.takes_control(wire)
         commands = [car.command(wire.receive()) for _ in range(12)]
         statuses = [command.status for command in commands]
-        while any(status in GOOD for status in statuses):  # the last set may still have been under way
+        while any(status in GOOD for status in statuses):  # the last set may still be under way
             del statuses[0]
         tolerated = CONFIG.controller.fail_safe.degraded_samples_max
         assert statuses[:tolerated] == [Status.DEGRADED] * tolerated
@@ -218,7 +219,7 @@ def test_silence_degrades_then_fails_safe_and_ends(wire: Wire, vcan: str) -> Non
         assert car.takes_control(wire)
 
 
-def response_times(wire: Wire, car: Car, cycles: int) -> list[float]:
+def response_times(wire: RawSocket, car: Car, cycles: int) -> list[float]:
     """Send sets at absolute deadlines, and return the time from each deadline to the first answer of its cycle."""
     responses, begun = [], time.monotonic()
     for cycle in range(cycles):
@@ -232,11 +233,11 @@ def response_times(wire: Wire, car: Car, cycles: int) -> list[float]:
 
 
 @pytest.mark.long
-def test_the_phase_is_half_a_period_after_the_frames_and_set_again_after_silence(wire: Wire, vcan: str) -> None:
-    """Each time the car begins right after a run of the timer: with an unchanged phase the answers come a whole period later.
+def test_the_phase_is_half_a_period_after_the_frames_and_set_again_after_silence(wire: RawSocket, vcan: str) -> None:
+    """The car always starts right after a run of the timer: with an unchanged phase the answers come a whole period later.
 
-    Frames of others do not end the silence. A first set that comes late, as on a busy machine, defers the phase to the next
-    silence: one phase in eight must be right, and a timer that keeps its own phase has none.
+    Frames of other nodes do not end the silence. A late first set, as on a busy machine, defers the phase to the next silence.
+    One phase in eight must be right; a timer that keeps its own phase never is.
     """
     car, medians = Car(), []
     with EcuProcess(native.command(FOLDER, vcan, parent=os.getpid())):
@@ -254,8 +255,8 @@ def test_the_phase_is_half_a_period_after_the_frames_and_set_again_after_silence
 
 
 @contextmanager
-def stopped(ecu: subprocess.Popen[str], wire: Wire, silence: float) -> Iterator[None]:
-    """The ECU gets no processor until the block ends; before the block the bus is silent for `silence` seconds."""
+def stopped(ecu: subprocess.Popen[str], wire: RawSocket, silence: float) -> Iterator[None]:
+    """Stop the ECU's process during the block, after `silence` seconds without frames on the bus."""
     ecu.send_signal(signal.SIGSTOP)
     os.waitid(os.P_PID, ecu.pid, os.WSTOPPED)
     while wire.receive(silence) is not None:
@@ -264,8 +265,8 @@ def stopped(ecu: subprocess.Popen[str], wire: Wire, silence: float) -> Iterator[
     ecu.send_signal(signal.SIGCONT)
 
 
-def test_a_pause_is_counted_not_made_up_for_and_its_frames_are_discarded(wire: Wire, vcan: str) -> None:
-    """Thirty samples in sequence come while the ECU has no processor. They are old when it wakes."""
+def test_a_pause_is_counted_and_its_frames_are_discarded(wire: RawSocket, vcan: str) -> None:
+    """Thirty consecutive samples arrive while the ECU is stopped. They are outdated when it resumes."""
     car, begun = Car(), time.monotonic()
     with started(native.command(FOLDER, vcan, parent=os.getpid())) as ecu:
         assert car.takes_control(wire)
@@ -286,13 +287,13 @@ def test_a_pause_is_counted_not_made_up_for_and_its_frames_are_discarded(wire: W
 
 
 def wait_for_runs(ecu: int, count: int) -> None:
-    """Wait until a process has slept `count` times more: an ECU sleeps after each run and each look for the bus."""
+    """Wait until a process has slept `count` more times: an ECU sleeps after each run and each check of the bus."""
 
     def sleeps() -> int:
         (line,) = (line for line in Path(f"/proc/{ecu}/status").read_text().splitlines() if line.startswith("voluntary_ctxt"))
         return int(line.split()[1])
 
-    wanted, limit = sleeps() + count, time.monotonic() + PATIENCE
+    wanted, limit = sleeps() + count, time.monotonic() + TIMEOUT_S
     while sleeps() < wanted:
         assert time.monotonic() < limit, "it no longer runs"
         time.sleep(PERIOD / 2.0)
@@ -311,31 +312,31 @@ def test_it_recovers_when_the_interface_is_back(
     repair: Callable[[str], None],
 ) -> None:
     car, (ecu, lock_step) = Car(), running
-    with Wire(vcan) as wire:
+    with RawSocket(vcan) as wire:
         assert car.takes_control(wire)
     fail(vcan)
     try:
         wait_for_runs(ecu.pid, 10)
     finally:
         repair(vcan)
-    with Wire(vcan) as wire:
+    with RawSocket(vcan) as wire:
         assert car.takes_control(wire)
     counts = native.counters(end(ecu))
-    assert (counts["send_errors"] == 0) == lock_step  # there was nothing to answer
+    assert (counts["send_errors"] == 0) == lock_step  # there was no request
     assert counts["cycles"] == counts["sent"] + counts["send_errors"]
 
 
-def test_an_interface_that_is_down_is_waited_for_and_no_set_after_it_is_missed(vcan: str) -> None:
+def test_it_waits_for_an_interface_that_is_down_and_misses_no_later_set(vcan: str) -> None:
     car = Car()
     set_interface(vcan, up=False)
     with EcuProcess(native.command(FOLDER, vcan, lock_step=True, parent=os.getpid())):
         set_interface(vcan, up=True)
-        with Wire(vcan) as wire:
+        with RawSocket(vcan) as wire:
             assert car.takes_control(wire)
         for _ in range(3):
             set_interface(vcan, up=False)
             set_interface(vcan, up=True)
-            with Wire(vcan) as wire:
+            with RawSocket(vcan) as wire:
                 wire.send(*car.frames())
                 assert car.command(wire.receive()).status in GOOD
 
@@ -348,12 +349,12 @@ def test_a_signal_ends_it_with_its_counters(running: tuple[subprocess.Popen[str]
 
 
 def test_it_ends_with_its_parent(vcan: str) -> None:
-    """A shell that is killed cannot end its children: they must notice it themselves."""
+    """A killed shell cannot end its children; they must detect it themselves."""
     script = f"{shlex.join(native.command(FOLDER, vcan, lock_step=True))} --parent $$ & wait"
     with started(["sh", "-c", script]) as shell:
         assert shell.stdout.readline() == "ready\n"
         shell.kill()
-        _, errors = shell.communicate(timeout=PATIENCE)  # until the last process that holds the pipes has ended
+        _, errors = shell.communicate(timeout=TIMEOUT_S)  # until the last process with the pipes has ended
     assert native.counters(errors)["cycles"] == 0
 
 
@@ -365,11 +366,11 @@ def test_it_ends_with_its_parent(vcan: str) -> None:
     ],
 )
 def test_an_interface_that_cannot_be_used_is_named(interface: str, message: str) -> None:
-    result = subprocess.run(native.command(FOLDER, interface), capture_output=True, text=True, timeout=PATIENCE, check=False)
+    result = subprocess.run(native.command(FOLDER, interface), capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     assert (result.returncode, result.stdout, result.stderr) == (2, "", f"error: {interface}: {message}\n")
 
 
-def test_priority_is_taken_or_refused(vcan: str) -> None:
+def test_priority_is_set_or_rejected(vcan: str) -> None:
     with started([*native.command(FOLDER, vcan, lock_step=True, parent=os.getpid()), "--priority", "7"]) as ecu:
         if ecu.stdout.readline() == "ready\n":
             assert os.sched_getscheduler(ecu.pid) == os.SCHED_FIFO

@@ -1,4 +1,4 @@
-"""The bus of these tests, `codegen doctor` on it, and the blocks of README and guide that name vcan0."""
+"""The bus of these tests, `codegen doctor` with it, and the blocks of README and guide that use vcan0."""
 
 from __future__ import annotations
 

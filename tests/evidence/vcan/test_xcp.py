@@ -41,8 +41,8 @@ from tests.evidence.vcan.conftest import FOLDER
 pytestmark = pytest.mark.vcan
 
 CAN = builds.CONFIG.can
-PATIENCE = 10.0
-"""s: far longer than anything here takes; only a failure waits so long."""
+TIMEOUT_S = 10.0
+"""Timeout in s; only a failure waits this long."""
 GAIN = "ars_parameters_default.proportional_gain"
 MEASURED = {
     "yaw_rate_reference": ("ecu.task.controller.yaw_rate_reference", "F32"),
@@ -54,8 +54,8 @@ CHANGED_AT = 130
 """Cycle, in the turn-in of the scenario."""
 STRONGER = 0.2
 """s; twenty times the preset's gain."""
-KEPT: list[Any] = []
-"""Objects that pyxcp's listening thread may still call from C++ after a session: they live as long as this process."""
+KEEP_ALIVE: list[Any] = []
+"""Objects that pyxcp's listening thread may still call from C++ after a session; they live until the process ends."""
 
 
 Program = Callable[[str], Place]
@@ -63,24 +63,24 @@ Program = Callable[[str], Place]
 
 @pytest.fixture(scope="module")
 def program() -> Program:
-    """Return the place of an object of the native ECU by its name."""
+    """Return a function that finds an object of the native ECU by its name."""
     return Elf.read(native.compile_ecu(FOLDER)).place
 
 
 @pytest.fixture
 def ecu(vcan: str) -> Iterator[EcuProcess]:
-    """An ECU in lock-step, which must still run after the test."""
+    """Start an ECU in lock-step; it must still run after the test."""
     with EcuProcess(native.command(FOLDER, vcan, lock_step=True, parent=os.getpid(), xcp=True)) as ecu:
         yield ecu
         assert ecu.alive
 
 
 SHORT = replace(find("step-steer"), duration=2.0, steer_time=1.0, drive=manoeuvres.step(1.0))
-"""A turn-in after a second."""
+"""Turn-in after one second."""
 
 
 class Rows(DaqOnlinePolicy):  # type: ignore[misc]
-    """The values of one list of measurements, run by run, as pyxcp decodes them."""
+    """Values of one measurement list, run by run, as decoded by pyxcp."""
 
     def __init__(self, program: Program) -> None:
         measured = [(name, program(path).address, 0, kind) for name, (path, kind) in MEASURED.items()]
@@ -102,9 +102,9 @@ class Rows(DaqOnlinePolicy):  # type: ignore[misc]
             self._came.notify_all()
 
     def wait_for(self, count: int) -> None:
-        """Wait until `count` samples have come."""
+        """Wait until `count` samples have arrived."""
         with self._came:
-            assert self._came.wait_for(lambda: len(self.rows) >= count, PATIENCE), f"{len(self.rows)} of {count} samples came"
+            assert self._came.wait_for(lambda: len(self.rows) >= count, TIMEOUT_S), f"{len(self.rows)} of {count} samples came"
 
 
 def application(interface: str) -> PyXCP:
@@ -113,15 +113,15 @@ def application(interface: str) -> PyXCP:
     settings |= {"can_id_master": CAN.xcp_receive_id, "can_id_slave": CAN.xcp_transmit_id}
     made = create_application_from_config({"Transport": {"CAN": settings}}, log_level=logging.WARNING)
     made.transport.layer = "CAN"
-    made.general.disable_error_handling = True  # no retries: an error is the slave's answer
+    made.general.disable_error_handling = True  # no retries: an error is a valid response
     return made
 
 
 @contextmanager
 def connected(interface: str, policy: Any = None) -> Iterator[Master]:
-    """A master with a session."""
+    """Provide a master with a session."""
     with Master("can", config=application(interface), policy=policy) as master:
-        KEPT.extend((master, policy))
+        KEEP_ALIVE.extend((master, policy))
         master.connect()
         yield master
         master.disconnect()
@@ -129,7 +129,7 @@ def connected(interface: str, policy: Any = None) -> Iterator[Master]:
 
 @pytest.fixture(autouse=True)
 def settings(vcan: str) -> Iterator[None]:
-    """Set pyxcp's settings of this process, which its lists of measurements read."""
+    """Set pyxcp's settings of this process, which its measurement lists read."""
     set_application(application(vcan))
     yield
     reset_application()
@@ -175,25 +175,25 @@ def simulate(software: Software, gain: float | None = None) -> tuple[list[Frame]
 
 
 def _field(struct: Any, path: str) -> Any:
-    """Return a field of a struct, in one of its structs where the path has a point."""
+    """Return a field of a struct; a dot in the path selects a nested struct."""
     return functools.reduce(getattr, path.split("."), struct)
 
 
 def drive(interface: str, software: Software, before: Callable[[int], None] = lambda cycle: None) -> list[Frame]:
-    """Drive the ECU on the bus in lock-step, call `before` ahead of each cycle, and return the ECU's frames."""
+    """Run the ECU on the bus in lock-step, call `before` before each cycle, and return the ECU's frames."""
     frames, node = [], PlantNode(software.config, SHORT)
     with Bus(BusAddress("socketcan", interface)) as bus:
         for cycle in range(node.cycles):
             before(cycle)
             for frame in node.outgoing(cycle):
                 assert bus.send(frame)
-            frames.append(next(frame for frame in iter(lambda: bus.receive(PATIENCE), None) if node.receive(frame)))
+            frames.append(next(frame for frame in iter(lambda: bus.receive(TIMEOUT_S), None) if node.receive(frame)))
             node.finish(cycle)
     return frames
 
 
 def check_command(frame: Frame, row: dict[str, Any]) -> None:
-    """Compare a command with the measured state of the same run: half a step, and a tenth of a thousandth for rounding."""
+    """Compare a command with the measured state of the same run. Tolerance: half a step, and 1e-4 for rounding."""
     command, step = Codec(CAN).decode(frame.id, frame.data), CAN.rear_steer_command
     assert isinstance(command, RearSteerCommand)
     assert command.status == row["status"]
@@ -224,7 +224,7 @@ def test_a_list_holds_each_run_of_the_task(vcan: str, ecu: EcuProcess, software:
 def test_a_gain_changed_in_the_loop_changes_the_response(
     vcan: str, ecu: EcuProcess, software: Software, program: Program
 ) -> None:
-    """The frames are those of the task in this process with that gain from that sample on, bit for bit."""
+    """The frames equal those of the task in this process with that gain from that sample on, bit for bit."""
     with connected(vcan) as master:
 
         def change(cycle: int) -> None:
@@ -241,7 +241,7 @@ def test_a_gain_changed_in_the_loop_changes_the_response(
 
 
 def test_measurements_in_real_time(vcan: str, software: Software, program: Program) -> None:
-    """The list's sample of the same run follows each command. While commands are in time, the run is that of lock-step."""
+    """The list's sample of the same run follows each command. While commands are on time, the run equals lock-step."""
     seen: list[can.Message] = []
     rows, address = Rows(program), BusAddress("socketcan", vcan)
     wanted = run_through_can(software, SHORT).record
@@ -265,13 +265,13 @@ def test_measurements_in_real_time(vcan: str, software: Software, program: Progr
         counters = native.counters(ecu.stop())
     assert (result.send_errors, counters["send_errors"], counters["lost_packets"]) == (0, 0, 0)
     sent = [message.data[1] & 0xF for message in seen if message.arbitration_id == ids[0]]
-    assert {(later - earlier) % 15 for earlier, later in pairwise(sent)} == {1}  # the counters of E2E: none is left out
+    assert {(later - earlier) % 15 for earlier, later in pairwise(sent)} == {1}  # E2E counters: none is missing
     samples = [k for k, message in enumerate(seen) if message.arbitration_id == ids[1] and message.data[0] == 0]
     assert len(samples) == len(rows.rows) > 150
     for row, k in zip(rows.rows, samples, strict=True):
         check_command(Frame(seen[k - 1].arbitration_id, bytes(seen[k - 1].data)), row)
     answered = np.isfinite(result.response) & (result.diagnostics == 0)
-    in_control = column(result.record, "status") <= Status.LIMITED  # before the car came, it was fail-safe
+    in_control = column(result.record, "status") <= Status.LIMITED  # fail-safe before the car started
     first = int(np.argmax(answered & in_control))
     late = np.flatnonzero(~answered[first:])
     end = first + int(late[0]) if late.size else len(answered)
@@ -283,7 +283,7 @@ def test_measurements_in_real_time(vcan: str, software: Software, program: Progr
 def test_without_the_option_there_is_no_slave_and_the_memory_is_read_only(vcan: str, program: Program, xcp: bool) -> None:
     command = native.command(FOLDER, vcan, lock_step=True, parent=os.getpid(), xcp=xcp)
     with EcuProcess(command) as ecu, Master("can", config=application(vcan)) as master:
-        master.transport.timeout = int((PATIENCE if xcp else 0.2) * 1e9)
+        master.transport.timeout = int((TIMEOUT_S if xcp else 0.2) * 1e9)
         if xcp:
             master.connect()
         else:

@@ -1,6 +1,6 @@
-/* Preloaded into linux.uml (and into nothing that runs inside it): lets it run on processors with a large XSAVE area.
+/* Preloaded into linux.uml, not into programs that run inside it: supports processors with a large XSAVE area.
  *
- * User Mode Linux 6.1 knows an XSAVE area that ends before that of Intel AMX (11008 bytes). The host's kernel refuses a
+ * User Mode Linux 6.1 supports an XSAVE area that ends before that of Intel AMX (11008 bytes). The host's kernel rejects a
  * PTRACE_SETREGSET of the shorter one (EFAULT), and the guest dies with "ptrace set fp regs failed, errno = 14". Here the
  * buffer is padded to the host's size; the components beyond its end are marked as in their initial state.
  *
@@ -39,7 +39,7 @@ static void look_at_the_host(size_t guest_size)
 
 static long set_xstate(long pid, void *address, const struct iovec *guest)
 {
-    static char area[LARGEST] __attribute__((aligned(64))); /* static: linux.uml is one thread */
+    static char area[LARGEST] __attribute__((aligned(64))); /* static: linux.uml has one thread */
     if (host_size == 0u) {
         look_at_the_host(guest->iov_len);
     }

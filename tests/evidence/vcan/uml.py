@@ -1,4 +1,4 @@
-"""User Mode Linux: a Linux kernel that runs as an ordinary process, as an ordinary user; here one that has SocketCAN.
+"""User Mode Linux: a Linux kernel that runs as an ordinary process of an ordinary user; this one has SocketCAN.
 
 It is Debian's package `user-mode-linux`. Its first program is `guest_init`.
 """
@@ -34,7 +34,7 @@ def find_kernel() -> Path:
     """Return the installed kernel. Raises Unavailable."""
     if platform.system() != "Linux" or platform.machine() != "x86_64":
         raise Unavailable("User Mode Linux needs Linux on x86-64")
-    if re.search(r"[\s:]", str(cache_folder())):  # in a kernel's command line and in LD_PRELOAD nothing can be quoted
+    if re.search(r"[\s:]", str(cache_folder())):  # a kernel's command line and LD_PRELOAD have no quoting
         raise Unavailable(f"User Mode Linux allows no space and no colon in the cache's path, {cache_folder()}: set ARS_CACHE")
     if not KERNEL.exists():
         raise Unavailable(f"this kernel has no SocketCAN, and {KERNEL} is missing; install user-mode-linux")
@@ -84,16 +84,16 @@ def write_job(folder: Path, command: Sequence[str], writable: Sequence[Path]) ->
 
 
 def kernel_command(folder: Path) -> list[str]:
-    """The command line: terminal 0 is standard output, terminal 1, also the kernel's console, standard error."""
+    """Return the command line: terminal 0 is standard output, terminal 1, also the kernel's console, standard error."""
     root = "root=/dev/root rootfstype=hostfs rootflags=/ ro quiet loglevel=0"
     terminals = "con=null con0=null,fd:1 con1=null,fd:2 console=tty1 ssl=null"
     return [str(KERNEL), f"mem={MEMORY_MB}M", f"uml_dir={folder}/", *root.split(), *terminals.split(), f"init={folder}/init"]
 
 
 def kernel_environment(*, steady: bool) -> dict[str, str]:
-    """The environment of linux.uml. With `steady` its clock does not count pauses by the host (uml-clock.c).
+    """Return the environment of linux.uml. With `steady` its clock ignores pauses by the host (uml-clock.c).
 
-    The guest's memory is an executable mapping of a file in TMPDIR: /dev/shm, where that is large enough and not noexec.
+    The guest's memory is an executable mapping of a file in TMPDIR: /dev/shm, if that is large enough and not noexec.
     """
     folder = "/tmp"
     if Path("/dev/shm").is_dir():

@@ -1,15 +1,16 @@
-"""Run a command where SocketCAN and an own `vcan0` exist: the same output, the same exit code.
+"""Run a command with SocketCAN and its own `vcan0`: the same output, the same exit code.
 
     python -m tests.evidence.vcan.vcan_run [--writable FOLDER]... [--steady] -- COMMAND...
 
-native: this kernel has SocketCAN. The command gets a network namespace of its own with lo and vcan0. Where that is not allowed,
-        it gets the existing vcan0.
-uml:    a User Mode Linux guest runs the command. Its root is the host's, read-only except for the current folder and those of
-        --writable.
+native: this kernel has SocketCAN. The command gets its own network namespace with lo and vcan0, or the existing vcan0 if that
+is not permitted.
 
---steady: in a guest, the clock does not count pauses by a busy host; for tests, never for measurements.
+uml: a User Mode Linux guest runs the command. Its root is the host's, read-only except for the current folder and those of
+--writable.
 
-Standard input is closed. Exit codes: 125 the guest died, 69 neither way is possible here.
+--steady: in a guest, the clock ignores pauses by a busy host; for tests, never for measurements.
+
+Standard input is closed. Exit codes: 125 the guest died, 69 this machine supports neither way.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def main() -> int:
     options = parser.parse_args()
     for number in SIGNALS:
         signal.signal(number, _stop)
-    if sys.platform == "linux":  # a guest does not outlive a pytest that is killed
+    if sys.platform == "linux":  # a guest ends with a killed pytest
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     try:
         return run(options.command, options.writable, steady=options.steady)
@@ -64,7 +65,7 @@ def main() -> int:
 
 def _stop(number: int, frame: FrameType | None) -> NoReturn:
     for other in SIGNALS:
-        signal.signal(other, signal.SIG_IGN)  # not again while it cleans up
+        signal.signal(other, signal.SIG_IGN)  # ignored during cleanup
     raise SystemExit(128 + number)
 
 
@@ -91,7 +92,7 @@ def _run_native(command: Sequence[str]) -> int:
 
 
 def _enter_own_network() -> None:
-    """Enter a network that ends with its last process. A user who is not root becomes root in it."""
+    """Enter a network that ends with its last process. A user other than root becomes root in it."""
     user, group = os.getuid(), os.getgid()
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.unshare(CLONE_NEWNET) != 0:
@@ -131,7 +132,7 @@ def _start(
 
 
 def _finish(process: subprocess.Popen[bytes]) -> int:
-    """Wait for a process and return its exit code. In any case, end all processes of its session."""
+    """Wait for a process and return its exit code; end all processes of its session in any case."""
     try:
         return process.wait()
     finally:

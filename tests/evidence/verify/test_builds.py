@@ -1,4 +1,4 @@
-"""The checks of `codegen verify` on builds of every kind, precision, grid and layout: nothing is found."""
+"""The checks of `codegen verify` on builds of every kind, precision, grid and layout: no findings."""
 
 import functools
 import importlib
@@ -16,11 +16,11 @@ from tests.verify import builds, planted
 
 MODULES = {check.name: check.module for check in CHECKS}
 LONG = ("proof", "static-analysis", "sanitizers", "fuzzing")
-"""Checks that are in the long form alone."""
+"""Checks that run only in the long form."""
 
 
 def other_car() -> Folder:
-    """Return a build with the map of another car: the car that steers where grip ends stands in the C alone."""
+    """Return a build with the map of another car: only the C contains the car that steers at the limit of grip."""
     config = builds.config_of("tracking", "uneven")
     heavier = config.model_copy(update={"vehicle": config.vehicle.model_copy(update={"mass_kg": 2400.0})})
     return builds.build_of(solve_case(config, builds.CASE), heavier, "ars.toml")
@@ -45,7 +45,7 @@ def other_frames() -> Folder:
 
 @functools.cache
 def placed() -> Folder:
-    """Return a build with another prefix, chosen breakpoints and tables of 16 bits."""
+    """Return a build with another prefix, chosen breakpoints and 16-bit tables."""
     request = Request(math.radians(0.5), None, "int16", "--max-error 0.5deg/s --storage int16")
     config = builds.config_of("tracking")
     return builds.build_of(solve_case(config, builds.CASE), config, prefix="rear_axle", request=request)
@@ -62,7 +62,7 @@ BUILDS = {
     "placed": placed,
 }
 NOT_RUN = {("budgets", "double"), ("budgets", "double stack"), ("proof", "double"), ("proof", "double stack")}
-"""These checks are for single precision."""
+"""Checks that support single precision only."""
 
 
 def case(check: str, name: str) -> object:
@@ -80,7 +80,7 @@ def test_nothing_is_found(check: str, name: str) -> None:
     assert outcome.findings == ()
     assert outcome.verdict is Verdict.PASSED
     if check == "budgets":
-        # 1650 instructions are a third of a percent of 10 ms at 100 MHz and two cycles each.
+        # 1650 instructions of two cycles are a third of a percent of 10 ms at 100 MHz.
         step = outcome.figures["functions"]["controller_step"]["instructions_with_limiter"]["max"]
         assert step <= (1_650 if "tracking" in subject.kind else 900)
 

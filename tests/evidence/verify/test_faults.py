@@ -32,7 +32,7 @@ def changed(unit: str, old: str, new: str, folder: builds.Folder = PI) -> Subjec
 # Processor in the loop: faults of single cores.
 
 CORES = {
-    # The host has no such instruction, or gcc, which does not know the pragma; for a Cortex-M4F it is too slow for clang.
+    # The host lacks the instruction, or gcc ignores the pragma; clang considers it too slow for a Cortex-M4F.
     "a fused multiplication": (
         "limiter_step",
         "    float result = planted_ars_limiter_step(self, parameters, input);\n"
@@ -40,7 +40,7 @@ CORES = {
         "    result = (result * 1.0000001f) + (0.1f * self->front_angle);\n#ifdef __clang__\n    }\n#endif\n    return result;",
         "random steps, step ",
     ),
-    # clang for the Cortex-M7 makes a maximum of it, which returns such a NaN; a comparison and a jump do not.
+    # clang compiles it to a maximum for the Cortex-M7, which returns such a NaN; a comparison with a jump does not.
     "a signalling NaN in a comparison": (
         "map_yaw_rate_on_road",
         "    const float bounded = (speed > 0.5f) ? speed : 0.5f;\n"
@@ -74,11 +74,11 @@ def test_dynamics_beyond_their_bound_are_found(monkeypatch: pytest.MonkeyPatch) 
     assert re.match("PowerPC, big-endian: dynamics, magic_formula.yaw_rate is .*, further apart than ", finding)
 
 
-# Budgets: the longest step, where it is rare, and what a step takes.
+# Budgets: a rare longest step, and the cost of a step.
 
-NOPS = 1_000
+NOP_COUNT = 1_000
 """More instructions than a step has, so that a step with them is the longest."""
-RARE = {
+RARE_STEPS = {
     "the law starts afresh": (
         "controller",
         "            self->status = self->law.is_limited ?",
@@ -92,16 +92,16 @@ RARE = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("unit", "place", "condition", "goes_on"), RARE.values(), ids=RARE)
+@pytest.mark.parametrize(("unit", "place", "condition", "goes_on"), RARE_STEPS.values(), ids=RARE_STEPS)
 def test_a_rare_long_step_is_found(unit: str, place: str, condition: str, goes_on: bool) -> None:
-    """Where the law may follow, it is found together with nearly the longest of what else a step does."""
-    nops = f'    if ({condition}) {{ __asm__ volatile ("{"nop; " * NOPS}"); }}\n'
+    """If the law runs after it, the finding includes at least 90 % of a usual longest step."""
+    nops = f'    if ({condition}) {{ __asm__ volatile ("{"nop; " * NOP_COUNT}"); }}\n'
     usual = measure_step(planted.subject_of(PI), QUICK).worst
-    assert measure_step(changed(unit, place, nops + place), QUICK).worst >= NOPS + (0.9 * usual if goes_on else 0)
+    assert measure_step(changed(unit, place, nops + place), QUICK).worst >= NOP_COUNT + (0.9 * usual if goes_on else 0)
 
 
-def test_stack_that_the_compiler_does_not_know_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every call meets it: few are enough."""
+def test_stack_use_unknown_to_the_compiler_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few calls are enough, because every call uses it."""
     monkeypatch.setattr("codegen.verify.budgets.measure.QUICK_SAMPLES", 40)
     monkeypatch.setattr("codegen.verify.budgets.measure.QUICK_ROUNDS", 1)
     hidden = '    __asm__ volatile ("sub sp, #512; str r0, [sp]; add sp, #512" ::: "memory");\n'
@@ -114,7 +114,7 @@ def test_stack_that_the_compiler_does_not_know_is_found(monkeypatch: pytest.Monk
 
 
 def test_functions_that_a_target_may_lack_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The code is free of warnings: every conversion is explicit and every function is declared."""
+    """The code has no warnings: every conversion is explicit and every function is declared."""
     for name in ("by_gcc", "not_refused", "takes_fast_math"):
         monkeypatch.setattr(compiles, name, lambda *given: ())
     files = dict(PI.files)
@@ -162,7 +162,7 @@ def test_undefined_behaviour_traps(monkeypatch: pytest.MonkeyPatch, statement: s
 
 
 def test_the_map_of_another_version_is_judged_by_its_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The order of the operations may be another one there; a wrong cell shows all the same."""
+    """Its order of operations may differ; a wrong cell is still detected."""
     monkeypatch.setattr(sanitizers, "run_all", lambda config, runner: [])
     monkeypatch.setattr(trap_build, "trapped", lambda subject, effort: ())
     for factor, verdict in ((1.000001, Verdict.PASSED), (1.001, Verdict.FAILED)):
@@ -179,8 +179,8 @@ CALL = {
     "reference_model_step": "planted_ars_reference_model_step(self, input);",
     "controller_step": "ars_command_t result = planted_ars_controller_step(self, parameters, measurement);",
 }
-"""The call of the original at the start of a body. Bodies of other functions call it themselves."""
-MENDED = (
+"""Call of the original function at the start of a body. Bodies of other functions call it themselves."""
+ACCEPT_ANY_CRC = (
     "uint8_t mended[8]; for (int k = 0; k < 8; k++) { mended[k] = data[k]; }\n"
     "    mended[0] = ars_e2e_crc(data_id, mended);\n    return planted_ars_e2e_check(self, data_id, mended);"
 )
@@ -191,8 +191,8 @@ UNUSED = "a frame that must not be used makes no difference"
 REFERENCE, STATUS = "result.yaw_rate_reference", "result.status"
 FAULTS = {
     "can": [
-        ("e2e_check", MENDED, UNUSED),
-        ("e2e_check", MENDED.replace("mended[0] =", "if ((data[7] & 0xF0u) == 0x50u) mended[0] ="), UNUSED),
+        ("e2e_check", ACCEPT_ANY_CRC, UNUSED),
+        ("e2e_check", ACCEPT_ANY_CRC.replace("mended[0] =", "if ((data[7] & 0xF0u) == 0x50u) mended[0] ="), UNUSED),
         ("e2e_protect", "*counter += (*counter == 7u);", "counter of the command"),
         ("task_on_can_frame", "planted_ars_task_on_can_frame(self, id, data, (length < 8u) ? 8u : length);", "src/ars_e2e.c:"),
         ("task_10ms", "return planted_ars_task_10ms(self, data) + (data[6] == 0x09u);", "identifier of the command"),
@@ -239,7 +239,7 @@ def test_every_property_can_fail(
     assert outcome.findings[0].startswith(f"{name}: {start}"), outcome.findings
 
 
-def test_an_input_that_does_not_end_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_input_with_an_endless_loop_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fuzzing, "SECONDS_MAX", 1.0)
     monkeypatch.setattr(fuzzing, "HARNESSES", ("step",))
     endless = planted.limiter(TRACKING, "    while (input->demand > 0.05f) {\n        result += 0.0f;\n    }")

@@ -1,4 +1,4 @@
-"""The charts of a report hold the numbers of maps, runs, tyres, losses and budgets."""
+"""Charts of a report: they show the numbers of maps, runs, tyres, losses and budgets."""
 
 import math
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen.configuration import KM_H, preset
+from codegen.configuration import preset
 from codegen.design.loss import loss_of_function
 from codegen.design.loss_simulation import MODES
 from codegen.emit.folder import read_manifest
@@ -17,16 +17,15 @@ from codegen.optimum.problem import SteadyTurnProblem
 from codegen.report.html import maps
 from codegen.report.html.blocks import Chart
 from codegen.report.html.charts import cell_edges
-from codegen.report.html.compare import comparison
 from codegen.report.html.curves import front_angle_chart
-from codegen.report.html.ecu_table import extended
-from codegen.report.html.loop import margins_chart
 from codegen.report.html.loss import loss_blocks
 from codegen.report.html.maps import NamedMap
-from codegen.report.html.report import to_compare
+from codegen.report.html.report import comparison, extended, to_compare
+from codegen.report.html.robust import margins_chart
 from codegen.report.html.runs import PANELS, run_chart
 from codegen.report.published import PAPER_TABLE
 from codegen.sil.software import RECORD_COLUMNS
+from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres
 from tests.report.figures import unpacked
 
@@ -43,7 +42,7 @@ def solved() -> NamedMap:
 
 @pytest.fixture(scope="module")
 def bare() -> NamedMap:
-    """Return a map with another number in each cell, one of them infeasible."""
+    """Return a map with a different number in each cell, one of them infeasible."""
     arrays = {"vx": SPEED, "delta_f": ANGLE, "yaw_rate": np.where(FEASIBLE, RATES, np.nan), "feasible": FEASIBLE}
     return NamedMap("bare", from_arrays(arrays, "test"))
 
@@ -57,12 +56,12 @@ def test_a_bare_map_is_drawn_with_speed_to_the_right(bare: NamedMap) -> None:
     data = maps.cuts([bare]).data["maps"][0]
     assert (list(data["tables"]), data["binding"]) == (["yaw_rate"], None)
     assert to_compare(bare.map) is None
-    # A cell beside a wide gap keeps the width of its neighbour.
+    # A cell next to a wide gap has the width of its other neighbour.
     np.testing.assert_allclose(cell_edges([0.0, 20.0, 21.0, 22.0, 50.0]), [0.0, 19.5, 20.5, 21.5, 22.5, 50.0])
 
 
 def test_maps_are_compared_on_the_axes_of_the_first(bare: NamedMap) -> None:
-    """The second is linear in both axes, so that linear interpolation is exact, but for single precision."""
+    """The second is linear in both axes, so that linear interpolation is exact up to single precision."""
     speed, angle = np.array([5.0, 40.0]), np.radians([0.5, 3.0])
     plane = 0.01 * speed[:, np.newaxis] + angle[np.newaxis, :]
     other = NamedMap("plane", from_arrays({"vx": speed, "delta_f": angle, "yaw_rate": plane}, "test"))
@@ -72,7 +71,7 @@ def test_maps_are_compared_on_the_axes_of_the_first(bare: NamedMap) -> None:
     np.testing.assert_allclose(difference, expected.T, rtol=1e-5, atol=1e-5)
 
 
-def test_cells_of_the_ecu_are_counted_as_in_the_manifest(solved: NamedMap) -> None:
+def test_cells_of_the_ecu_match_the_manifest(solved: NamedMap) -> None:
     chart, table = extended(solved, preset())
     manifest = read_manifest(GENERATED / "4ws2-paper")
     counts = {row[1].partition(", from there")[0]: int(row[2].replace(",", "")) for row in table.rows}
@@ -83,7 +82,7 @@ def test_cells_of_the_ecu_are_counted_as_in_the_manifest(solved: NamedMap) -> No
 
 
 def record() -> np.ndarray:
-    """Return a run in which each column is a line of its own slope."""
+    """Return a run in which each column is a line with its own slope."""
     time = 0.01 * np.arange(400)
     made = np.stack([(k + 1) * time / 5.0 for k in range(len(RECORD_COLUMNS))], axis=1)
     made[:, 0], made[:, -1] = time, 0.0
@@ -114,7 +113,7 @@ def test_limits_are_those_of_the_configuration() -> None:
     assert {shape["yref"]: shape["y0"] for shape in shapes} == pytest.approx({"y2": 3.0, "y3": 2.0, "y4": 0.8 * 9.81, **slips})
 
 
-def test_the_cut_is_the_optimum_and_the_published_marks_are_on_its_side() -> None:
+def test_the_cut_shows_the_optimum_and_the_published_marks() -> None:
     chart = front_angle_chart(preset(), 4.0, paper=True)
     drawn = {(each["name"], each["yaxis"]): each for each in chart.figure["data"] if each["mode"] == "lines"}
     for case in ("fws", "4ws-1", "4ws-2"):
@@ -122,7 +121,7 @@ def test_the_cut_is_the_optimum_and_the_published_marks_are_on_its_side() -> Non
         speed = unpacked(shown["x"])
         problem = SteadyTurnProblem.from_config(preset(), preset().case(case))
         expected = np.degrees(exact.solve(problem, speed.astype(float) * KM_H, np.array([math.radians(4.0)])).sideslip[:, 0])
-        # Single precision of speed and sideslip; at an edge of the feasible speeds it may decide.
+        # Single precision of speed and sideslip may decide at an edge of the feasible speeds.
         both = np.isfinite(expected) & np.isfinite(unpacked(shown["y"]))
         assert both.sum() > 100
         np.testing.assert_allclose(unpacked(shown["y"])[both], expected[both], atol=1e-4)
@@ -151,7 +150,7 @@ def test_losses_are_those_of_the_simulation(solved: NamedMap) -> None:
 
 
 def test_margins_are_those_of_the_design() -> None:
-    """The recommended controller keeps the margins of its design; the paper's does not, at speed."""
+    """The recommended controller meets the margins of its design; the paper's does not at high speed."""
     config = npz.load(GENERATED / "4ws2.npz").config
     chart = margins_chart({"tracking": config, "pi": preset()})
 

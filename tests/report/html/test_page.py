@@ -1,4 +1,4 @@
-"""The page of a report, and the files that a report reads."""
+"""The page of a report and its input files."""
 
 import json
 import re
@@ -26,7 +26,7 @@ from hil_sim.logs import BusLog
 from tests.report.html.test_charts import record
 
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
-EVIL = "</script><script>alert(1)</script><!-- & 'x' \"y\""
+INJECTION = "</script><script>alert(1)</script><!-- & 'x' \"y\""
 CAN = preset().can
 
 
@@ -34,7 +34,7 @@ def nothing(done: int, total: int) -> None: ...
 
 
 def test_the_page_of_a_build_is_reproducible_self_contained_and_linked() -> None:
-    """Everything that could load something, outside of Plotly's own code, which a test in the browser watches."""
+    """It covers everything that could load a resource except Plotly's code, which a browser test monitors."""
     material = gather(read(Request(GENERATED / "4ws2-paper.npz", build=GENERATED / "4ws2-paper", simulate=False)), nothing)
     first, second = (page.render("report", list(sections(material))) for _ in range(2))
     assert first == second
@@ -48,14 +48,14 @@ def test_the_page_of_a_build_is_reproducible_self_contained_and_linked() -> None
 
 
 def test_text_is_escaped() -> None:
-    figure = {"data": [{"type": "scatter", "name": EVIL}], "layout": {}}
-    blocks = (Text(EVIL), Table(EVIL, (EVIL, "b"), [(EVIL, "c")]), Chart("x", figure, EVIL, EVIL))
-    text = page.render(EVIL, [Section("s", EVIL, blocks)]).decode("utf-8")
+    figure = {"data": [{"type": "scatter", "name": INJECTION}], "layout": {}}
+    blocks = (Text(INJECTION), Table(INJECTION, (INJECTION, "b"), [(INJECTION, "c")]), Chart("x", figure, INJECTION, INJECTION))
+    text = page.render(INJECTION, [Section("s", INJECTION, blocks)]).decode("utf-8")
     assert "<script>alert" not in text
     assert text.count("<script") == text.count("</script>") == 3
 
 
-def test_the_record_of_the_verification_is_complete_current_or_named_as_neither(tmp_path: Path) -> None:
+def test_an_incomplete_or_outdated_verification_record_is_named(tmp_path: Path) -> None:
     tables = [block for block in build.verification_blocks(GENERATED / "4ws2-paper") if isinstance(block, Table)]
     assert [row[3] for row in tables[0].rows] == ["passed"] * len(CHECKS)
     captions = [block.caption.partition(" (")[0] for block in tables[1:]]
@@ -83,31 +83,34 @@ def test_a_bare_map_makes_a_report(tmp_path: Path) -> None:
     assert page.render("own", list(made.values()))
 
 
-Sent = tuple[int, float, bool]  # identifier, time in s, and whether the frame was received
+LoggedFrame = tuple[int, float, bool]  # identifier, time in s, and whether the frame was received
 
 
-def log(path: Path, frames: list[Sent]) -> Path:
+def log(path: Path, frames: list[LoggedFrame]) -> Path:
     with BusLog(path) as bus_log:
         for identifier, time, received in frames:
             bus_log.write(Frame(identifier, bytes(8), time), received=received)
     return path
 
 
-def cycles(periods: tuple[float, ...], delay: float = 0.004) -> list[Sent]:
+def cycles(periods: tuple[float, ...], delay: float = 0.004) -> list[LoggedFrame]:
     """Return the frames of cycles that begin after `periods` (s), each answered after `delay`."""
-    frames: list[Sent] = []
+    frames: list[LoggedFrame] = []
     for now in np.cumsum((0.0, *periods)):
         frames += [(0x101, now, False), (0x102, now, False), (CAN.rear_steer_command.id, now + delay, True)]
     return frames
 
 
 def test_a_log_gives_periods_and_answer_times(tmp_path: Path) -> None:
-    """A frame that its sender hears counts once, at its sending; an answer after the next sample belongs to that one.
+    """A frame received by its own sender counts once, when sent; a late answer belongs to the next sample.
 
-    A log has microseconds or better. In lock-step a command has the time of its sample: the log contains no punctuality.
+    A log resolves at least microseconds. In lock-step a command has the time of its sample, so the log contains no response
+    times.
     """
     late = enumerate((0.0, 0.002, 0.0))
-    echo: list[Sent] = [each for k, late in late for each in ((0x101, 0.01 * k, False), (0x101, 0.01 * k + 1e-3 + late, True))]
+    echo: list[LoggedFrame] = [
+        each for k, late in late for each in ((0x101, 0.01 * k, False), (0x101, 0.01 * k + 1e-3 + late, True))
+    ]
     for name, frames, periods, answers in (
         ("bus.blf", cycles((0.01, 0.012, 0.008)), [10.0, 12.0, 8.0], [4.0] * 4),
         ("echo.blf", echo, [10.0, 10.0], []),
@@ -117,10 +120,10 @@ def test_a_log_gives_periods_and_answer_times(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.periods["VehicleMotion"], periods, atol=2e-3)
         np.testing.assert_allclose(found.answers, answers, atol=2e-3)
         assert found.cycle == 10.0
-        assert len(answers) < 4 or found.is_simulated == (name == "lock-step.asc"), name  # too few to tell
+        assert len(answers) < 4 or found.is_simulated == (name == "lock-step.asc"), name  # too few to decide
 
 
-def test_faults_and_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fault_markers_and_run_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fault: dict[str, object] = dict.fromkeys(FaultEntry.__annotations__, 0.0)
     fault |= {"name": "x", "injected": "a frame lost", "seen": [], "reached": "A", "defined": "A", "violations": []}
     path = tmp_path / "faults.json"
@@ -134,7 +137,7 @@ def test_faults_and_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.chdir(tmp_path)
     assert named("C1=a/b.csv") == ("C1", Path("a/b.csv"))
     assert named("a/b.csv") == ("b", Path("a/b.csv"))
-    Path("x=y.csv").touch()  # a file may have such a name
+    Path("x=y.csv").touch()  # a valid file name
     assert named("x=y.csv") == ("x=y", Path("x=y.csv"))
     exported.save(record(), tmp_path / "run.csv")
     np.testing.assert_array_equal(read_files(["mine=run.csv"], CAN).runs["mine"], record())

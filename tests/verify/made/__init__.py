@@ -1,1 +1,1 @@
-"""Checks with known outcomes, each a module, as those of `codegen.verify`, so that other processes can import them."""
+"""Checks with known outcomes: modules like those of `codegen.verify`, so that other processes can import them."""

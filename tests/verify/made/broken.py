@@ -1,4 +1,4 @@
-"""A check with a fault of its own."""
+"""A check that raises an unexpected error."""
 
 
 def check(*_: object) -> None:

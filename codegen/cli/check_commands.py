@@ -1,0 +1,149 @@
+"""The commands that judge what is there: a configuration, a map or a build, and this machine."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from codegen import console
+from codegen.cli.base import example, json_option
+from codegen.cli.values import FileType, build_folder, checked_path, configuration_file
+from codegen.errors import CheckFailed
+
+if TYPE_CHECKING:
+    from codegen.doctor.examination import Examination
+    from codegen.doctor.finding import Finding
+
+EXAMPLE = "codegen check ars.toml\n  codegen check 4ws2.npz\n  codegen check generated/4ws2"
+
+
+@click.command(short_help="Check a car, a map or a build for plausibility.", epilog=example(EXAMPLE))
+@click.argument("subject", metavar="ars.toml|MAP.npz|BUILD", type=checked_path)
+@click.option(
+    "--config", "config_path", type=configuration_file, help="For a map: ars.toml; by default the map's own configuration."
+)
+@json_option
+def check(subject: Path, config_path: Path | None, as_json: bool) -> None:
+    """Check a configuration, a map or a build for implausible values and contradictions, in seconds and without driving it.
+
+    The car: yaw inertia, tyre stiffness, understeer gradient. Across sections: limits against the actuator, rates, the lag
+    that the gains were tuned for. The map, and the build that would be made of it: units, the share that actuator and limiter
+    reach, slip bounds, margins, and whatever `codegen build` refuses. The build: the same, edited files, verification.
+    `solve`, `tune` and `build` report the same warnings. Exit code 1 where there is any.
+    """
+    from codegen.plausibility.check import check_path
+
+    with console.status(f"checking {subject}"):
+        found = check_path(subject, config_path)
+    if as_json:
+        facts: dict[str, Any] = {"subject": str(subject), "kind": found.kind}
+        console.print_json({**facts, **found.facts, "notes": list(found.notes), "warnings": list(found.warnings)})
+    else:
+        for line in found.lines:
+            console.say(line)
+        for text in found.notes:
+            console.note(text)
+        for text in found.warnings:
+            console.warn(text)
+    if found.warnings:
+        one = len(found.warnings) == 1
+        count = "1 warning" if one else f"{len(found.warnings)} warnings"
+        raise CheckFailed(count, where=subject, remedy=f"resolve {'it' if one else 'them'}")
+    if not as_json:
+        console.say("no warnings")
+
+
+@click.command(epilog=example("codegen verify generated/4ws2"))
+@click.argument("build", type=build_folder, metavar="DIR")
+@click.option("--quick", is_flag=True, help="Run only the checks that finish in half a minute.")
+@click.option(
+    "--json", "json_file", type=FileType((".json",), to_write=True), metavar="FILE", help="Write the result as JSON too."
+)
+def verify(build: Path, quick: bool, json_file: Path | None) -> None:
+    """Verify the C of a build.
+
+    Compiles it for ECU cores, analyses it, runs it on emulated processors, counts its instructions, proves its bounds, and
+    feeds it faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1 if a
+    check fails, or none could be run; one whose tool is missing is not run, and says so.
+    """
+    from codegen.emit.outputs import check_output
+    from codegen.files import write_atomically
+    from codegen.sil.software import require_can_side
+    from codegen.verify import record, runner, table
+    from codegen.verify.check import Effort, Subject, Verdict
+
+    check_output(json_file, ".json", (build,))
+    subject = Subject.read(build)
+    require_can_side(subject.manifest, build)
+    record.require_place(build)
+    for path in subject.edited:
+        console.note(f"{build / path} is not as it was built; what follows is about the file as it is")
+    with console.progress(f"verifying {build}") as progress:
+        report = runner.run(subject, Effort(quick), progress)
+    if json_file is not None:
+        write_atomically(json_file, record.render(report))
+    console.say(table.table(report))
+    for line in table.findings(report):
+        console.say(line)
+    if record.write(report, build):
+        console.say(f"written: {build / record.JSON}, {build / record.MANUAL}")
+    else:
+        console.note(f"{build / record.JSON} and {record.MANUAL} are of a whole run of the same files, and stay")
+    passed, not_run = report.count(Verdict.PASSED), report.count(Verdict.NOT_RUN)
+    if report.failed:
+        raise CheckFailed(
+            f"{len(report.failed)} of {len(report.outcomes)} checks failed: {', '.join(report.failed)}", where=build
+        )
+    if not passed:
+        raise CheckFailed("no check could be run", where=build, remedy='pip install "ars-codegen[verify]"')
+    console.say(f"{passed} checks passed" + (f", {not_run} not run" if not_run else ""))
+
+
+COLOURS = {"good": "green", "missing": "yellow", "bad": "red"}
+
+
+@click.command(short_help="Check the installation and list missing optional tools.", epilog=example("codegen doctor"))
+@json_option
+def doctor(as_json: bool) -> None:
+    """Report what is installed, what each missing extra would add, and which buses work: each of them is tried.
+
+    Exits with 1 where something is missing that codegen sil needs.
+    """
+    from codegen.doctor.examination import examine
+
+    with console.status("looking around"):
+        found = examine()
+    if as_json:
+        console.print_json(found.to_dict())
+    else:
+        for line in _lines(found, coloured=console.has_colour(sys.stdout)):
+            console.say(line)
+    if found.stopping:
+        names = ", ".join(finding.name for finding in found.stopping)
+        raise CheckFailed(f"codegen sil cannot work: {names}", remedy=found.stopping[0].remedy)
+
+
+def _lines(found: Examination, *, coloured: bool) -> Iterator[str]:
+    names = max(len(finding.name) for section in found.sections for finding in section.findings)
+    for number, section in enumerate(found.sections):
+        yield from ("", section.title) if number else (section.title,)
+        for finding in section.findings:
+            yield from _of(finding, names, coloured)
+
+
+def _of(finding: Finding, width: int, coloured: bool) -> Iterator[str]:
+    state = f"{finding.state:<7}"
+    shown = click.style(state, fg=COLOURS[finding.state]) if coloured else state
+    yield f"  {shown}  {finding.name:<{width}}  {finding.what}"
+    margin = " " * (13 + width)
+    if finding.state != "good" and finding.serves:
+        yield f"{margin}for {finding.serves}"
+    if finding.remedy:
+        yield f"{margin}-> {finding.remedy}"
+
+
+COMMANDS = (check, verify, doctor)

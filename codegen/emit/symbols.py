@@ -1,0 +1,41 @@
+"""The objects with external linkage in the C of a build, as the manifest lists them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from codegen.emit.map_view import AxisView, MapView
+
+
+def symbols_of(table: MapView, prefix: str, real: str, epk: str) -> dict[str, dict[str, Any]]:
+    """Return name to type, shape, unit and section of each object; all are defined in `<prefix>_calibration.c`.
+
+    Numbers of a table are stored row by row, the speeds in rows. `unit` is that of a raw number 1 for whole numbers.
+    """
+    layers = (table.layer_count,) if table.stacked else ()
+    found = {
+        f"{prefix}_parameters_default": _symbol(f"{prefix}_parameters_t"),
+        f"{prefix}_epk": _symbol("char", (len(epk) + 1,)),
+        f"{prefix}_calibration_expected_checksum": _symbol("uint32_t"),
+        **dict(_axes((table.speed, table.front_angle), real, "calibration")),
+        **{
+            each.name: _symbol(each.type, (*layers, table.speed.size, table.front_angle.size), each.unit)
+            for each in table.tables
+        },
+        f"{prefix}_constants": _symbol(f"{prefix}_constants_t", section="const"),
+    }
+    if table.grip is not None:
+        axes, share = (table.grip.speed, table.grip.front_angle), table.grip.share
+        found |= dict(_axes(axes, real, "const"))
+        found[share.name] = _symbol(share.type, (*layers, axes[0].size, axes[1].size), section="const")
+    return found
+
+
+def _axes(axes: tuple[AxisView, ...], real: str, section: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    for axis in axes:
+        yield axis.breakpoints, _symbol(real, (axis.size,), axis.unit, section)
+
+
+def _symbol(kind: str, shape: tuple[int, ...] = (), unit: str = "", section: str = "calibration") -> dict[str, Any]:
+    return {"type": kind, "shape": list(shape), "unit": unit, "section": section}

@@ -1,0 +1,104 @@
+"""A kind of controller that is added to the tables is built, driven and compared with a second implementation."""
+
+from __future__ import annotations
+
+from tests.additions.copy import ROOT, Copy
+
+LAW_C = """/* Control law "share": a share of the front angle, smoothed, at the rate limit. */
+
+{{ P }}_SECTION_CODE void {{ p }}_law_init({{ p }}_law_t *self, {{ real }} rear_angle)
+{
+    self->smoothed = rear_angle;
+    self->is_limited = false;
+}
+
+{{ P }}_SECTION_CODE {{ p }}_law_output_t {{ p }}_law_step(
+    {{ p }}_law_t *self, const {{ p }}_parameters_t *parameters, const {{ p }}_measurement_t *sample, {{ p }}_law_phase_t phase,
+    {{ real }} friction, {{ real }} rear_angle, {{ real }} yaw_rate_error)
+{
+    const {{ real }} command_step_max = command_step(parameters);
+    {{ real }} bounded_demand;
+    {{ p }}_law_output_t output;
+
+    (void)yaw_rate_error;
+    if (phase == {{ P }}_LAW_STARTS) {
+        self->smoothed = rear_angle;
+    }
+    self->smoothed += {{ quarter }} * ((parameters->front_share * sample->front_angle) - self->smoothed);
+    bounded_demand = bounded(self->smoothed, parameters->rear_angle_max);
+    output.rear_angle = clamp(bounded_demand, rear_angle - command_step_max, rear_angle + command_step_max);
+    output.yaw_rate_reference = {{ p }}_map_yaw_rate_on_road(sample->speed, sample->front_angle, friction);
+    self->is_limited = (self->smoothed > output.rear_angle) || (self->smoothed < output.rear_angle);
+    return output;
+}
+"""
+LAW = """        Law(
+            kind="share",
+            title="a share of the front angle",
+            parameters=lambda config: (Parameter("front_share", 0.2, "of the front angle", 0.0, 0.5),),
+            state=(Field("real", "smoothed", "rad, of rear angle"),),
+        ),
+"""
+SECOND = """class SecondShare(SecondController):
+    smoothed: Any = 0.0
+
+    def start(self, m: Measurement) -> None:
+        self.smoothed = self.angle
+
+    def law(self, m: Measurement) -> tuple[Any, bool]:
+        self.smoothed = self.smoothed + self.real(0.25) * (self.parameter("front_share") * m.front_angle - self.smoothed)
+        bound = self.parameter("rear_angle_max")
+        self.angle = self.reachable(clip(self.smoothed, -bound, bound))
+        return self.map_yaw_rate(m), bool(self.angle != self.smoothed)
+
+
+"""
+CHECK = """
+import sys
+from pathlib import Path
+
+from codegen.configuration import parse, preset
+from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.map_file import map as npz
+from codegen.sil.closed_loop import ClosedLoop
+from codegen.sil.software import RECORD_COLUMNS, compile_build
+from codegen.verify.check import Effort, Subject, Verdict
+from codegen.verify.law import check as law
+from hil_sim.scenarios import find
+
+data = preset("recommended").model_dump()
+data["controller"]["kind"] = "share"
+config = parse(data, "test")
+reference_map = npz.load(Path(sys.argv[1]))
+folder = build(reference_map, config, BuildOptions("share"), BuildInputs("map.npz", "0" * 64, "car.toml"))
+software = compile_build(folder.files, folder.manifest)
+assert software.selftest()
+
+run = ClosedLoop(software).run(find("step-steer").inputs(config))
+rear, front = (run[-1, RECORD_COLUMNS.index(f"{name}_rad")] for name in ("rear_angle", "front_angle"))
+assert abs(rear - 0.2 * front) < 1e-4 and abs(front) > 0.01
+
+manifest = {"files": {}, **folder.manifest}
+outcome = law.check(Subject("share", folder.files, manifest), Effort(quick=True))
+assert outcome.verdict is Verdict.PASSED, outcome.findings
+"""
+
+
+def test_a_kind_touches_at_most_five_files(tree: Copy) -> None:
+    tree.add("templates/law/share/law.c.j2", LAW_C)
+    tree.replace("codegen/configuration/controller.py", '"proportional"]\n', '"proportional", "share"]\n')
+    budget = '    "proportional": {"step_instructions_max": 690, "task_instructions_max": 1_650},\n'
+    tree.after("codegen/configuration/budgets.py", budget, budget.replace("proportional", "share"))
+    tree.replace(
+        "codegen/emit/laws.py",
+        '        Law(\n            kind="proportional",\n',
+        LAW + '        Law(\n            kind="proportional",\n',
+    )
+    tree.replace("codegen/verify/law/kinds.py", "def _around_look_up", SECOND + "def _around_look_up")
+    tree.after(
+        "codegen/verify/law/kinds.py",
+        '    "proportional": _around_look_up(SecondProportional),\n',
+        '    "share": _around_look_up(SecondShare),\n',
+    )
+    tree.run("-c", CHECK, str(ROOT / "generated" / "4ws2-paper.npz"))
+    assert len(tree.touched) <= 5
