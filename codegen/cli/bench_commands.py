@@ -210,8 +210,8 @@ def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: boo
     rear wheels went, and when control was back. On a bus each run takes its time, and a late machine is a fault of its own."""
     from codegen.cli.bench_report import note_edited
     from codegen.report.fault_table import HEADER, fault_data, fault_rows
-    from codegen.report.summary import table
     from codegen.sil.software import load
+    from codegen.text_table import text_table
     from hil_sim.bench import BenchResult
     from hil_sim.bus import BusAddress
     from hil_sim.fault_catalogue import run_all
@@ -237,7 +237,7 @@ def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: boo
     if as_json:
         console.print_json({"build": str(build_path), "bus": bus, "faults": fault_data(outcomes)})
     else:
-        console.say(table(HEADER, fault_rows(outcomes)))
+        console.say(text_table(HEADER, fault_rows(outcomes)))
     wrong = [outcome.case.name for outcome in outcomes if outcome.violations]
     if wrong:
         raise CheckFailed(f"not as defined: {', '.join(wrong)}", where=build_path, remedy="see the table")

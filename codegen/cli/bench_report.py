@@ -89,7 +89,8 @@ class Outputs:
         from codegen.export import runs as exported
         from codegen.report import plots
         from codegen.report.bench_summary import bus_facts, bus_lines
-        from codegen.report.summary import metric_rows, table
+        from codegen.report.summary import metric_rows
+        from codegen.text_table import text_table
         from hil_sim.metrics import Run, evaluate, verdict
         from hil_sim.recording import save_csv
 
@@ -111,7 +112,7 @@ class Outputs:
         console.say(f"{title}: {scenario.title}")
         if facts.get("sensors", "ideal") != "ideal":
             console.say(f"measured by the sensors of the configuration, {facts['sensors']}")
-        console.say(table(("", *evaluation.runs), metric_rows(evaluation)))
+        console.say(text_table(("", *evaluation.runs), metric_rows(evaluation)))
         console.say(judged)
         if result is not None:
             if not result.received["commands"]:

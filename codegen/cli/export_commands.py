@@ -181,7 +181,7 @@ def firmware(build_path: Path, output: Path, run_it: bool, toolchain: str | None
 
 
 def _tell(ran: ImageRun, output: Path, as_json: bool) -> None:
-    from codegen.report.summary import table
+    from codegen.text_table import text_table
 
     if not as_json:
         rows = [
@@ -193,7 +193,7 @@ def _tell(ran: ImageRun, output: Path, as_json: bool) -> None:
             ("RAM [bytes], both stacks included", ran.sizes.ram),
             ("deepest stack of the program [bytes]", ran.stack),
         ]
-        console.say(table((f"in QEMU, built by {ran.toolchain}", ""), [(name, str(value)) for name, value in rows]))
+        console.say(text_table((f"in QEMU, built by {ran.toolchain}", ""), [(name, str(value)) for name, value in rows]))
     if not ran.passed:
         raise CheckFailed(_failure(ran), where=output)
 

@@ -124,7 +124,8 @@ def _refuse_options(options: dict[str, object], purpose: str) -> None:
 def _import_map(path: Path, output: Path, names: dict[str, str], units: str | None, rows: str | None, as_json: bool) -> None:
     from codegen.importing.maps import Choices, import_map
     from codegen.map_file import map as npz
-    from codegen.report.summary import map_summary, table
+    from codegen.report.summary import map_summary
+    from codegen.text_table import text_table
 
     axis = "vx" if rows == "vx" else "delta_f" if rows == "delta_f" else None
     imported = import_map(path, Choices(names, units, axis))  # type: ignore[arg-type]
@@ -137,9 +138,9 @@ def _import_map(path: Path, output: Path, names: dict[str, str], units: str | No
     for text in imported.said:
         console.note(text)
     console.say(f"{output}: {summary.headline}")
-    console.say(table(("", "from", "to", "unit", "points"), summary.axis_rows))
+    console.say(text_table(("", "from", "to", "unit", "points"), summary.axis_rows))
     console.say("")
-    console.say(table(("", "from", "to", "unit"), summary.value_rows))
+    console.say(text_table(("", "from", "to", "unit"), summary.value_rows))
 
 
 # --- tyres ---------------------------------------------------------------------------------------------------------------
@@ -160,12 +161,12 @@ def _import_tyres(files: tuple[Path, ...], output: Path, config_path: Path, peak
 
 
 def _print_tyres(imported: TyreImport, output: Path) -> None:
-    from codegen.report.summary import table
+    from codegen.text_table import text_table
 
     console.say(f"{output}: {', '.join(dict.fromkeys(f'{axle.file} ({axle.version})' for axle in imported.axles))}")
     columns = [_column(axle) for axle in imported.axles]
     rows = [(title, *(column[title] for column in columns)) for title in columns[0]]
-    console.say(table(("one tyre of the axle", *(axle.axle for axle in imported.axles)), rows))
+    console.say(text_table(("one tyre of the axle", *(axle.axle for axle in imported.axles)), rows))
     console.say(f"next: codegen solve --config {output} --case 4ws-2 -o 4ws2.npz")
 
 

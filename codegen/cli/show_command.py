@@ -36,7 +36,8 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
     from codegen.emit.outputs import check_output
     from codegen.map_file import map as npz
     from codegen.plausibility.map import beyond_grip
-    from codegen.report.summary import map_summary, table
+    from codegen.report.summary import map_summary
+    from codegen.text_table import text_table
 
     check_output(plot, ".png", (map_path, config_path, against))
     if against is not None and flash:
@@ -64,15 +65,17 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
     console.say(f"{map_path}: {summary.headline}")
     if summary.tyre_line:
         console.say(summary.tyre_line)
-    console.say(table(("", "from", "to", "unit", "points"), summary.axis_rows))
+    console.say(text_table(("", "from", "to", "unit", "points"), summary.axis_rows))
     console.say("")
-    console.say(table(("", "from", "to", "unit"), summary.value_rows))
+    console.say(text_table(("", "from", "to", "unit"), summary.value_rows))
     if summary.binding_rows:
         console.say("")
-        console.say(table(("what binds", "cells", "share"), summary.binding_rows))
+        console.say(text_table(("what binds", "cells", "share"), summary.binding_rows))
     if summary.stack_rows:
         console.say("")
-        console.say(table(("friction", "feasible cells", "share", "lateral acceleration, largest [m/s^2]"), summary.stack_rows))
+        console.say(
+            text_table(("friction", "feasible cells", "share", "lateral acceleration, largest [m/s^2]"), summary.stack_rows)
+        )
     if plot is not None:
         console.say(f"\nplot: {plot}")
 
@@ -82,7 +85,7 @@ def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: P
     from codegen.map_file import map as npz
     from codegen.optimum.slip_use import slip_use
     from codegen.report.map_difference import CAR_HEADER, DIFFERENCE_HEADER, POINT_HEADER, caveats, map_difference, same_car
-    from codegen.report.summary import table
+    from codegen.text_table import text_table
 
     if against.exists() and against.samefile(map_path):
         raise CodegenError("is the map itself", where=f"--against {against}", remedy="name another map")
@@ -108,12 +111,12 @@ def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: P
     for text in caveats(first, second):
         console.note(text)
     console.say(f"first:  {map_path}\nsecond: {against}\n")
-    console.say(table(CAR_HEADER, found.rows))
+    console.say(text_table(CAR_HEADER, found.rows))
     console.say("")
-    console.say(table(DIFFERENCE_HEADER, [found.difference_row]))
+    console.say(text_table(DIFFERENCE_HEADER, [found.difference_row]))
     if found.points:
         console.say("\nyaw rate r [deg/s] and rear angle [deg]:")
-        console.say(table(POINT_HEADER, found.point_rows))
+        console.say(text_table(POINT_HEADER, found.point_rows))
     if plot is not None:
         console.say(f"\nplot: {plot}")
 
@@ -126,7 +129,7 @@ def _show_flash(
     from codegen.emit.laws import law_of
     from codegen.map_file.choose import choose_config
     from codegen.report.flash import HEADER, flash_dict, flash_figure, flash_headline, flash_rows
-    from codegen.report.summary import table
+    from codegen.text_table import text_table
 
     chosen = choose_config(reference_map, config_path)
     tables = 2 if law_of(chosen.config).uses_rear_angle else 1
@@ -142,7 +145,7 @@ def _show_flash(
     for text in chosen.notes:
         console.note(text)
     console.say(f"{map_path}: {flash_headline(found)}\n")
-    console.say(table(HEADER, flash_rows(found)))
+    console.say(text_table(HEADER, flash_rows(found)))
     if plot is not None:
         console.say(f"\nplot: {plot}")
 

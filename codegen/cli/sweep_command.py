@@ -157,8 +157,8 @@ def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec
         row = {name: _as_stored(name, value) for name, value in found.row.items() if name != "run"}
         console.print_json({"run": run, "scenario": found.profile.name, "controller": found.controller, **row})
         return
-    from codegen.report.summary import table
     from codegen.sweep.store import YES_NO
+    from codegen.text_table import text_table
 
     rows = [
         (name, ("no", "yes")[int(value)] if name in YES_NO else f"{value:.6g}")
@@ -166,7 +166,7 @@ def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec
         if name != "run"
     ]
     console.say(f"run {run}: {found.profile.name}, {found.controller}")
-    console.say(table(("", "value"), rows))
+    console.say(text_table(("", "value"), rows))
     for name, path in (("plot", plot), ("recording", run_path)):
         if path is not None:
             console.say(f"{name}: {path}")

@@ -195,7 +195,7 @@ def _to_dict(config: Config, made: Design, least: Weakest) -> dict[str, Any]:
 
 
 def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
-    from codegen.report.summary import table
+    from codegen.text_table import text_table
     from codegen.units import KM_H
 
     tuning = config.tuning
@@ -221,7 +221,7 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
         )
         for row, limiting in zip(_rows(made), made.limiting, strict=True)
     ]
-    console.say(table(HEADER, rows))
+    console.say(text_table(HEADER, rows))
     console.say(
         f"the configured car: at least {least.gain_margin_db:.1f} dB (at {least.gain_margin_speed / KM_H:.0f} km/h) "
         f"and {least.phase_margin_deg:.1f} deg (at {least.phase_margin_speed / KM_H:.0f} km/h)"
@@ -232,7 +232,7 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
 
 
 def _print_responses(responses: Sequence[Response], ahead: float) -> None:
-    from codegen.report.summary import table
+    from codegen.text_table import text_table
     from codegen.tuning.transient import OVERSHOOT_PERCENT, SETTLING_S
 
     rows = [
@@ -250,7 +250,7 @@ def _print_responses(responses: Sequence[Response], ahead: float) -> None:
     console.say(
         f"step responses of the simulated car: at most {OVERSHOOT_PERCENT:g} % and {SETTLING_S:g} s, then the shortest t90"
     )
-    console.say(table(RESPONSE_HEADER, rows))
+    console.say(text_table(RESPONSE_HEADER, rows))
     console.say(f"controller.tracking.response_ahead_s: {ahead:g}: so far the model's yaw rate is looked ahead")
     missed = [f"{one.speed_km_h:g}" for one in responses if not one.is_met]
     if missed:
@@ -266,7 +266,7 @@ def _fail_safe_facts(made: Tuned) -> dict[str, Any]:
 
 
 def _print_fail_safe(found: FailSafeRate) -> None:
-    from codegen.report.summary import table
+    from codegen.text_table import text_table
 
     first, *_ = found.outcomes
     others = max(one.family_runs for one in found.outcomes)
@@ -283,7 +283,7 @@ def _print_fail_safe(found: FailSafeRate) -> None:
         )
         for one in sorted(found.outcomes, key=lambda outcome: outcome.rate_deg_s)
     ]
-    console.say(table(FAIL_SAFE_HEADER, rows))
+    console.say(text_table(FAIL_SAFE_HEADER, rows))
     before = first.rate_deg_s
     changed = "" if found.rate_deg_s == before else f" instead of {before:g}"
     console.say(f"controller.fail_safe.rate_deg_s: {found.rate_deg_s:g}{changed}")

@@ -254,11 +254,6 @@ def _bounds(config: Config, path: tuple[str, ...]) -> tuple[float, float]:
     return found[0].low, found[0].high
 
 
-def start_values(controls: tuple[Control, ...]) -> dict[str, float]:
-    """Key -> value at the start."""
-    return {control.key: control.value for control in controls}
-
-
 def checked(controls: tuple[Control, ...], given: object) -> dict[str, float]:
     """Key -> number, of all controls; what is not given keeps its value of the start.
 

@@ -30,9 +30,10 @@ from codegen.report.html.page import render
 from codegen.report.html.report import Material, sections
 from codegen.report.paper_tables import CASES, RUNS, TableRow, optimum_rows, optimum_table, run_table
 from codegen.report.published import TABLE_FRONT_ANGLE_DEG
-from codegen.report.summary import metric_rows, table
+from codegen.report.summary import metric_rows
 from codegen.sil.compile import find_compiler
 from codegen.sil.software import load
+from codegen.text_table import text_table
 from hil_sim.fault_catalogue import run_all
 from hil_sim.metrics import Evaluation, StepMetrics, evaluate, step_metrics
 from hil_sim.recording import save_csv
@@ -77,16 +78,16 @@ class Reproduction:
         text = [
             f"Optimum at a front angle of {TABLE_FRONT_ANGLE_DEG:g} deg, beside the paper's table for 43.9 km/h",
             "",
-            table(*optimum_table(self.table)),
+            text_table(*optimum_table(self.table)),
             "",
             "The paper's three rows fit 43.35 km/h better than the 43.9 km/h that it names: it was most likely read one",
             "grid column beside its label. Both speeds are shown, and no parameter is bent to hide the difference.",
             "",
             f"Closed loop: {find(DEFAULT).title}, two-track plant, controller in generated C",
             "",
-            table(("", *self.evaluation.runs), metric_rows(self.evaluation)),
+            text_table(("", *self.evaluation.runs), metric_rows(self.evaluation)),
             "",
-            table(*run_table(self.runs)),
+            text_table(*run_table(self.runs)),
             "",
             "The paper's maximum fits the steady value; the printed PI overshoots a reference that jumps. The paper's plant is",
             "a commercial multi-body car whose data are not published, so its sideslip cannot be compared.",

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
+from codegen.text_table import text_table
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cars import SHARES, SPEEDS_KM_H
 from hil_sim.suite.conditions import LAGS, NOMINAL
@@ -62,20 +63,6 @@ def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
 # --- laying out --------------------------------------------------------------------------------------------------------
 
 
-def columns(headers: Sequence[Sequence[str]], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    """Text columns below one or more lines of headers: the first `left` flush left, the others flush right."""
-    widths = [max(len(row[k]) for row in (*headers, *rows)) for k in range(len(rows[0]))]
-
-    def line(cells: Sequence[str]) -> str:
-        placed = [
-            cell.ljust(width) if k < left else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(cells, widths, strict=True))
-        ]
-        return "  ".join(placed).rstrip()
-
-    return "\n".join([*map(line, headers), "  ".join("-" * width for width in widths), *map(line, rows)])
-
-
 def _wrapped(text: str) -> str:
     return textwrap.fill(text, WIDTH, subsequent_indent="  ")
 
@@ -103,7 +90,7 @@ def requirement_table(rows: Sequence[Requirement]) -> str:
         for row in group:
             note = "" if row.passed is None else textwrap.shorten(row.note, NOTE_WIDTH, placeholder=" ...")
             cells.append((f"  {row.figure}", row.asked, measured_text(row), verdict(row), note))
-    return columns([("", "asked", "measured", "", "")], cells, left=5)
+    return text_table(("", "asked", "measured", "", ""), cells, left=5)
 
 
 def measured_text(row: Requirement) -> str:
@@ -152,7 +139,7 @@ def car_sections(result: CarsResult) -> Iterator[tuple[str, str]]:
     )
     driven = [car for car in result.cars if car.summary is not None]
     if driven:
-        yield "Largest of all cells, and where", columns([_CAR_HEADER], [_car_row(car) for car in driven])
+        yield "Largest of all cells, and where", text_table(_CAR_HEADER, [_car_row(car) for car in driven])
     told = f"Cells: step steers at {speeds} km/h with {shares} % of the largest feasible front angle, one sample of delay."
     limits = "; ".join(f"{row.figure} {row.asked}" for row in driven[0].requirements) if driven else ""
     yield "Limits of every car", _wrapped(f"{limits}. {told}")
@@ -216,7 +203,7 @@ def condition_tables(result: SuiteResult) -> Iterator[tuple[str, str]]:
             (condition.title, *(text(result.summary(name, condition.name)) for name in result.subjects))
             for condition in result.conditions
         ]
-        yield title, columns([("", *result.subjects)], rows)
+        yield title, text_table(("", *result.subjects), rows)
     more = [f"{condition.title}: {condition.what}." for condition in result.conditions if condition.what]
     told = f"Cells: {_cells_text(result)}. A cell in which the car spins counts in the last table alone."
     yield "How to read these five tables", _wrapped(" ".join([told, *more]))
@@ -273,7 +260,7 @@ def c1_table(result: SuiteResult) -> str:
             runs = [result.c1[subject][lag.name] for subject in result.subjects]
             texts = [SPUN if run.spun else _number(getattr(run, field), digits) for run in runs]
             rows.append(("" if place else lag.title, f"{figure} ({unit})", *texts))
-    return columns([("", "", *result.subjects)], rows, left=2)
+    return text_table(("", "", *result.subjects), rows, left=2)
 
 
 # --- margins -----------------------------------------------------------------------------------------------------------
@@ -289,7 +276,7 @@ def margin_table(result: SuiteResult) -> str:
         for name in names:
             row += [_margins(result.margins[name].configured[place]), _margins(result.margins[name].points[place])]
         rows.append(row)
-    return columns([header], rows)
+    return text_table(header, rows)
 
 
 def _margins(point: MarginPoint) -> str:
@@ -307,7 +294,7 @@ def rise_table(result: SuiteResult) -> str:
     for at in zip(*(result.rise_times[name] for name in result.subjects), strict=True):
         texts = [NONE if one.mean_s is None else f"{one.mean_s:.2f} / {_number(one.largest_s, 2)}" for one in at]
         rows.append((f"{at[0].speed_km_h:g} km/h", *texts))
-    return columns([("", *result.subjects)], rows)
+    return text_table(("", *result.subjects), rows)
 
 
 def sine_table(result: SuiteResult) -> str:
@@ -315,7 +302,7 @@ def sine_table(result: SuiteResult) -> str:
     rows = []
     for at in zip(*(result.sine[name] for name in result.subjects), strict=True):
         rows.append((f"{at[0].speed_km_h:g} km/h, {at[0].frequency_hz:g} Hz", *map(_sine, at)))
-    return columns([("", *result.subjects)], rows) if rows else "the grid ends below the speeds of this comparison"
+    return text_table(("", *result.subjects), rows) if rows else "the grid ends below the speeds of this comparison"
 
 
 def _sine(row: SineTracking) -> str:
@@ -394,7 +381,7 @@ def timing_table(result: SuiteResult) -> str:
         )
         for name in TIMINGS
     ]
-    return columns([("", *result.timing)], rows)
+    return text_table(("", *result.timing), rows)
 
 
 def path_table(result: SuiteResult) -> str:
@@ -403,14 +390,14 @@ def path_table(result: SuiteResult) -> str:
         (name, *(SPUN if errors[name] is None else _number(errors[name], 3) for errors in result.path_errors.values()))
         for name in PATH_SCENARIOS
     ]
-    return columns([("", *result.path_errors)], rows)
+    return text_table(("", *result.path_errors), rows)
 
 
 def third_party_table(result: SuiteResult, text: Callable[[CellResult], str]) -> str:
     """A row for each cell."""
     names = [name for name in result.subjects if name in result.third_party]
     rows = [(at[0].cell.title, *map(text, at)) for at in zip(*(result.third_party[name] for name in names), strict=True)]
-    return columns([("", *names)], rows)
+    return text_table(("", *names), rows)
 
 
 def _cell(result: CellResult) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator, Mapping
 
-from codegen.report.summary import table
 from codegen.sweep.chunk import DRIVEN
 from codegen.sweep.spec import FACTORS
 from codegen.sweep.summary import BINS, QUANTILES, Outcome, Summary
+from codegen.text_table import text_table
 
 TITLES = {
     "overshoot_percent": ("overshoot", "%"),
@@ -97,8 +97,8 @@ def _text(outcome: Outcome) -> str:
     if outcome.failed_by:
         told = ", ".join(f"{CRITERIA[name]} {count}" for name, count in outcome.failed_by.items())
         parts.append(textwrap.fill(f"Fail by: {told}", WIDTH))
-    parts += [OF_WHICH, table(HEADER, rows)] if rows else []
-    parts += [table(WORST_HEADER, worst)] if worst else []
+    parts += [OF_WHICH, text_table(HEADER, rows)] if rows else []
+    parts += [text_table(WORST_HEADER, worst)] if worst else []
     return "\n\n".join(parts)
 
 

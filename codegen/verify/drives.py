@@ -46,13 +46,6 @@ YAW_RATE_NOISE = 1e-3
 """Change of the yaw rate between samples, in rad/s. A constant yaw rate in a turn counts as frozen."""
 
 
-def drive_of(measurements: Sequence[Measurement]) -> Samples:
-    """Convert measurements to an array."""
-    rows = [[float(getattr(measurement, name)) for name in COLUMNS] for measurement in measurements]
-    with np.errstate(over="ignore"):  # beyond float32: infinity, as in the C
-        return np.array(rows, dtype=np.float32).reshape(-1, len(COLUMNS))
-
-
 def measurements_of(drive: Samples) -> list[Measurement]:
     """Convert an array to measurements."""
     rows = (dict(zip(COLUMNS, row, strict=True)) for row in drive.tolist())

@@ -18,10 +18,9 @@ from codegen.configuration.can import E2e
 from codegen.emit.text import Precision, numpy_type
 from codegen.errors import CodegenError
 from codegen.verify.drives import COLUMNS, Samples, Thresholds, drawn, measured
-from hil_sim.fault_catalogue import catalogue, scenario
 from hil_sim.frames import Frame
 from hil_sim.plant_node import PlantNode
-from hil_sim.scenarios import SCENARIOS, Scenario
+from hil_sim.scenarios import SCENARIOS
 
 SPECIAL = (0.0, -0.0, 1e-45, -1e-38, 1e-30, 1e30, -3e38, np.inf, -np.inf, np.nan)
 """Values that no sensor sends, and zero."""
@@ -35,11 +34,6 @@ def loops(config: Config) -> Iterator[tuple[str, FloatArray]]:
             yield name, run.inputs(config)
         except CodegenError:
             continue
-
-
-def fault_scenarios(config: Config) -> tuple[Scenario, ...]:
-    """Return a scenario for every fault of the catalogue."""
-    return tuple(scenario(case) for case in catalogue(config.can, config.controller.sampling_time_s))
 
 
 def are_faults_defined_for(config: Config) -> bool:

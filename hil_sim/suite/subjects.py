@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen import configuration
-from codegen.configuration import Config, Kind
+from codegen.configuration import Config
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
@@ -159,11 +159,6 @@ def _with_controller(config: Config, **changes: Any) -> Config:
 def of_config(name: str, reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> Subject:
     """Return the controller of a configuration on a map."""
     return Subject(name, config, around(reference_map, config, precision))
-
-
-def of_kind(reference_map: ReferenceMap, config: Config, kind: Kind, name: str | None = None) -> Subject:
-    """Return a kind of controller on a map, otherwise as configured."""
-    return of_config(name or kind, reference_map, _with_controller(config, kind=kind))
 
 
 def baselines(reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> tuple[Subject, ...]:

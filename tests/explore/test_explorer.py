@@ -9,7 +9,6 @@ import pytest
 from codegen.design.margins import family_margins, nominal_margins
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.laws import law_of
-from codegen.explore.controls import start_values
 from codegen.explore.explorer import Explorer
 from codegen.map_file.map import Binding
 from codegen.map_file.road import on_road
@@ -159,7 +158,7 @@ def test_threads_do_not_share_settings(pi: Explorer) -> None:
 
 
 def test_each_setting_changes_only_its_key(pi: Explorer, tracking: Explorer) -> None:
-    assert tracking.configured(start_values(tracking.controls)) is tracking.start
+    assert tracking.configured({control.key: control.value for control in tracking.controls}) is tracking.start
     data = pi.start.model_dump(mode="json")
     data["cases"]["4ws-2"]["sideslip_weight_per_s2"] = 100.0
     data["limits"]["rear_angle_max_deg"] = 2.0
