@@ -164,10 +164,10 @@ def run_in_lock_step(node: PlantNode, bus: Bus, *, log: BusLog | None = None, ob
         raise CodegenError(
             "faults on the bus have no meaning in lock-step: where a frame is missing, no task would run",
             where="--lock-step",
-            remedy="take --real-time",
+            remedy="use --real-time",
         )
     if node.is_free_running:
-        raise CodegenError("in lock-step there is one clock", where="--lock-step", remedy="take --real-time")
+        raise CodegenError("in lock-step there is one clock", where="--lock-step", remedy="use --real-time")
     recorder = _Recorder(node, observe)
     _drain(bus)
     for cycle in range(node.cycles):

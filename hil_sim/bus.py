@@ -156,7 +156,7 @@ def _cannot_open(address: BusAddress, error: BaseException) -> CodegenError:
         return CodegenError(
             "this system has no SocketCAN",
             where=str(address),
-            remedy="load it (sudo modprobe vcan), or take --bus udp_multicast:239.74.163.2",
+            remedy="load it (sudo modprobe vcan), or use --bus udp_multicast:239.74.163.2",
         )
     text = one_line(str(error)) or type(error).__name__
     return CodegenError(

@@ -225,4 +225,4 @@ def _check(fault: Fault, messages: Mapping[str, Message], command: str) -> None:
 
 def _unknown(what: str, name: str, known: Collection[str]) -> CodegenError:
     remedy = f"known: {', '.join(known)}{suggestion(name, known)}"
-    return CodegenError(f"a fault names the {what} {name!r}, which there is not", where="faults", remedy=remedy)
+    return CodegenError(f"a fault names the unknown {what} {name!r}", where="faults", remedy=remedy)

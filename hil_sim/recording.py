@@ -39,7 +39,7 @@ def load_csv(path: Path) -> FloatArray:
         try:
             row = [float(text) for text in line.split(",")]
         except ValueError as error:
-            raise CodegenError(str(error), where=f"{path}, line {number}", remedy="mend the number") from None
+            raise CodegenError(str(error), where=f"{path}, line {number}", remedy="correct the number") from None
         if len(row) != len(RECORD_COLUMNS):
             raise CodegenError(
                 f"{len(row)} values, {len(RECORD_COLUMNS)} needed",

@@ -298,7 +298,7 @@ def _columns(text: str, path: Path) -> dict[str, FloatArray]:
             if any(cell.strip() for cell in cells):
                 _take_row(cells, wanted, values, f"{path}, line {reader.line_num}", len(header))
     except csv.Error as error:
-        raise CodegenError(f"not CSV ({error})", where=f"{path}, line {reader.line_num}", remedy="mend that line") from None
+        raise CodegenError(f"not CSV ({error})", where=f"{path}, line {reader.line_num}", remedy="correct that line") from None
     if len(values["time_s"]) < 2:
         raise CodegenError(f"{len(values['time_s'])} rows, at least 2 are needed", where=path, remedy="record a drive")
     columns = {name: np.array(numbers) for name, numbers in values.items()}
@@ -337,7 +337,7 @@ def _take_row(
     cells: Sequence[str], wanted: Mapping[str, int], values: Mapping[str, list[float]], place: str, width: int
 ) -> None:
     if len(cells) != width:
-        raise CodegenError(f"{len(cells)} values, {width} columns", where=place, remedy="mend that line")
+        raise CodegenError(f"{len(cells)} values, {width} columns", where=place, remedy="correct that line")
     for name, index in wanted.items():
         value = _number(cells[index], name, f"{place}, column {name}")
         if name == "time_s" and values[name] and not value > values[name][-1]:
@@ -356,7 +356,7 @@ def _number(cell: str, name: str, place: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise CodegenError(f"not a number: {text[:40]!r}", where=place, remedy="mend the number") from None
+        raise CodegenError(f"not a number: {text[:40]!r}", where=place, remedy="correct the number") from None
     try:
         RANGES[name].check(value)
         if name == "inhibit" and value not in (0.0, 1.0):

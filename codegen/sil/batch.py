@@ -338,12 +338,12 @@ def compile_batch(
         )
         if is_vectorised(library, level):
             return BatchSoftware(Software(library, prefix, precision, config, edited), level)
-    raise BuildError(f"the compiler made no vectors of {isa} of the plant", remedy='take "none"')
+    raise BuildError(f"the compiler made no vectors of {isa} of the plant", remedy='use "none"')
 
 
 def _require(isa: Isa) -> None:
     # Unsupported instructions would terminate the process.
     if not machine_runs(isa):
-        raise BuildError(f"this machine has no instructions of {isa}", remedy='take "none", or leave the choice')
+        raise BuildError(f"this machine has no instructions of {isa}", remedy='use "none", or leave the choice')
     if not compiler_offers(isa):
-        raise BuildError(f"the compiler makes no vectors of {isa}", remedy='take "none", or GCC with glibc 2.35 or newer')
+        raise BuildError(f"the compiler makes no vectors of {isa}", remedy='use "none", or GCC with glibc 2.35 or newer')

@@ -208,7 +208,7 @@ class LeftModelError(CodegenError):
         super().__init__(
             f"the multi-body car has left the range of its model ({how})",
             where="second plant",
-            remedy="look at the run before that moment",
+            remedy="check the run before that time",
         )
 
 

@@ -65,7 +65,7 @@ def files(here: Path) -> None:
         (f"{SUITE} --scenario step-steer", "--scenario: it is about one scenario"),
         ("sil -o pictures --build nowhere", "--plot"),
         (f"hil --build {BUILD} --ecu cffi --bus vcan0", "'vcan0' is not INTERFACE:CHANNEL"),
-        (f"{HIL} --lock-step --scenario ecu-loss", "take --real-time"),
+        (f"{HIL} --lock-step --scenario ecu-loss", "use --real-time"),
         ("plant --json --bus virtual:x --scenario ecu-loss", "cannot be switched off from here"),
         (f"faults --build {BUILD} --ecu native", "add --bus"),
         ("tune --map bare.npz -o t.npz", "bare.npz: it brings no configuration"),

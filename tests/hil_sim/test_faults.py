@@ -127,7 +127,7 @@ def test_foreign_traffic_exactly_fills_the_bus() -> None:
     ("kind", "more", "words"),
     [
         ("drop", {"message": "VehicleMoton"}, "did you mean 'VehicleMotion'"),
-        ("stuck-value", {"message": "VehicleConditions", "signal": "speed"}, "names the signal 'speed'"),
+        ("stuck-value", {"message": "VehicleConditions", "signal": "speed"}, "names the unknown signal 'speed'"),
         ("bus-down", {"message": "VehicleMotion"}, "takes no message"),
         ("not-a-number", {"message": "RearSteerCommand", "signal": "rear_angle"}, "is the controller's"),
         ("delay", {}, "delay of 0 cycles"),
