@@ -166,7 +166,6 @@ def _map(kind: Kind) -> list[Judge]:
     )
     (cap,) = _of_built(checks_lookup.check_cap)  # for one friction only
     judges = [reference, *_of_built(checks_lookup.check_map_functions), replace(cap, of_one_layer=True)]
-    judges += _of_calibration(*_in(checks_calibration))
     return [*judges, *_of_units(*_in(checks_map_reference))] if kind in ("tracking", "feedforward") else judges
 
 
@@ -211,7 +210,7 @@ UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
         *_inits(kind),
     ],
     "limiter": _limiter,
-    "map": _map,
+    "map": lambda kind: [*_map(kind), *_of_calibration(*_in(checks_calibration))],
     "reference_model": _reference_model,
     "can": lambda _: [FRAMES],
     "e2e": lambda kind: [RECEIVER, *_inits(kind)],

@@ -22,8 +22,8 @@ from codegen.verify.drives import Samples, Thresholds, drawn, recorded
 USUAL_SAMPLES = 300
 """Samples of each built-in scenario over which the mean is taken."""
 
-SAMPLES, QUICK_SAMPLES = 1_500, 500
-ROUNDS, QUICK_ROUNDS = 12, 5
+SAMPLES, QUICK_SAMPLES = 1_500, 250
+ROUNDS, QUICK_ROUNDS = 12, 3
 """Samples of the drawn drives, and rounds of the search after them. Four times as many of both found no longer cycle."""
 
 NOT_SINGLE = "a build in double precision is not for a Cortex-M4F, whose FPU has single precision"

@@ -28,7 +28,7 @@ from codegen.verify.target.cross import CORTEX_M4F, CORTEX_M7, POWERPC_BE, Core
 CORES: Mapping[bool, tuple[Core, ...]] = {True: (CORTEX_M4F, CORTEX_M7, POWERPC_BE), False: (POWERPC_BE,)}
 """Cores whose emulated FPU supports single (True) or double (False) precision builds."""
 
-STEPS, QUICK_STEPS = 100_000, 10_000
+STEPS, QUICK_STEPS = 100_000, 5_000
 OTHERS_SHARE = 0.2
 """Rows of every other batch, as a fraction of the controller's steps."""
 
