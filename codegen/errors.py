@@ -23,7 +23,7 @@ def one_line(text: object, limit: int = 300) -> str:
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """What to add to a remedy: "; did you mean 'NAME'?" for the known name nearest to `word`, "" where none is near."""
+    """Return an addition to a remedy: "; did you mean 'NAME'?" for the known name nearest to `word`, "" if none is near."""
     near = difflib.get_close_matches(word, list(known), n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
 

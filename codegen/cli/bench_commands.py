@@ -45,7 +45,7 @@ class Choices:
     as_json: bool
 
     def outputs(self, *inputs: Path | None) -> Outputs:
-        """Where the results go; refused before anything runs where they could not be written. `inputs`: files that are read."""
+        """Return the files for the results, once each is known to be writable. `inputs`: files that are read."""
         from codegen.cli.bench_report import Outputs
 
         outputs = Outputs(self.plot, self.csv, self.log, self.files, self.as_json)

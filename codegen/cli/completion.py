@@ -1,7 +1,7 @@
-"""What a shell is offered for a half-typed word: click's completion, with values that fit the option.
+"""Shell completion: that of click, with values that suit the option.
 
-A shell asks by starting the command with `_CODEGEN_COMPLETE` set. Nothing heavy is imported then, and nothing is printed but
-the answer. What values are offered for says `codegen.cli.values`.
+A shell starts the command with `_CODEGEN_COMPLETE` set. The command then imports nothing that takes long, and prints only the
+completions. `codegen.cli.values` has the options with values.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ complete -o nosort -F %(complete_func)s %(prog_name)s
 
 
 class PathsInBash(BashComplete):
-    """As click's, but file names with any character are quoted, a folder gets no space, and values may hold ':' and '='."""
+    """Click's completion for bash, but special characters in file names are quoted, no space follows a folder, and values
+    may hold ':' and '='."""
 
     source_template = _BASH
 
@@ -75,7 +76,7 @@ class PathsInBash(BashComplete):
         return words[:-1], words[-1] if words else ""
 
     def complete(self) -> str:
-        """As click's; of each value the part that bash itself takes for the word."""
+        """Return click's completions, reduced to the part of each value that bash regards as the word."""
         arguments, incomplete = self.get_completion_args()
         items = self.get_completions(arguments, incomplete)
         if incomplete.startswith("-"):
@@ -88,10 +89,10 @@ class PathsInBash(BashComplete):
 
 
 class _WholeWord(ShellComplete):
-    """For shells to which `--option=value` is one word: what is offered takes its place as a whole."""
+    """Completion for shells in which `--option=value` is one word: a completion replaces all of it."""
 
     def get_completions(self, args: list[str], incomplete: str) -> list[CompletionItem[str]]:
-        """As click's, with the option before each value."""
+        """Return click's completions, with the option before each value."""
         items = super().get_completions(args, incomplete)
         option, equals, _ = incomplete.partition("=")
         if option.startswith("-") and equals:
@@ -101,7 +102,7 @@ class _WholeWord(ShellComplete):
 
 
 class PathsInZsh(_WholeWord, ZshComplete):
-    """As click's, but a folder gets no space."""
+    """Click's completion for zsh, but no space follows a folder."""
 
     source_template = ZshComplete.source_template.replace(
         '        elif [[ "$type" == "dir" ]]; then',
@@ -116,7 +117,7 @@ class PathsInZsh(_WholeWord, ZshComplete):
 
 
 class PathsInFish(_WholeWord, FishComplete):
-    """As click's; fish itself quotes, and goes on after a folder. A value may hold a comma."""
+    """Click's completion for fish, which quotes and continues after a folder itself. A value may hold a comma."""
 
     source_template = FishComplete.source_template.replace('string split ","', 'string split -m 1 ","')
 

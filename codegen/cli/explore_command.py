@@ -100,10 +100,10 @@ def _serve(server: ExploreServer, *, browser: bool) -> None:
 
 @contextlib.contextmanager
 def _opened(address: str) -> Iterator[None]:
-    """In the user's browser, by a file that leads there and is deleted at the end.
+    """Open an address in the user's browser, through a file that redirects to it and is deleted at the end.
 
-    What a command is started with can be read by every user of the computer, and the address has the page's key in it. The
-    file, and the folder that it is in, can be read by this user alone.
+    Every user of the computer can read the arguments of a process, and the address contains the key of the page. Only this user
+    can read the file and its folder.
     """
     with contextlib.ExitStack() as stack:
         try:

@@ -25,7 +25,7 @@ PATH = "path"
 
 MANIFEST = "manifest.json"
 OF_EVERY_CASE = ("fws", "4ws-1", "4ws-2")
-"""Of the presets; here, as the scenarios are, because to read them where they are takes longer than one waits for a key."""
+"""Cases of all presets. They are repeated here, as the scenarios are, because reading the presets would delay completion."""
 SCENARIOS = (
     "step-steer",
     "ramp-steer",

@@ -1,4 +1,4 @@
-"""What `codegen --version` prints. Read from the packages' metadata: none of them is imported."""
+"""Output of `codegen --version`. It is read from the metadata of the packages, without importing them."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ Kind = Literal["tracking", "pi", "feedforward", "proportional"]
 
 
 class Inputs(Section):
-    """Which measurements the controller accepts, and what replaces the others.
+    """Ranges of accepted measurements, and substitutes for the others.
 
     Each measurement has a range and a largest rate of change. A yaw rate is accepted up to the limit of the road plus a
     tolerance. It counts as frozen where it stays equal to the bit while the yaw rate of the linear car moves away from it. A

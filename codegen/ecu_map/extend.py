@@ -169,7 +169,8 @@ def _fill_inside(reference_map: ReferenceMap, table: FloatArray) -> tuple[FloatA
 
 
 def _edges(reference_map: ReferenceMap, inside: _Filled, turns: SteadyTurns | None) -> _Edges:
-    """For a solved map from the continuous problem; else, and beyond the last angle, the last known cell of each row."""
+    """Return the edges: of a solved map from the continuous problem; else, and beyond the last angle, the last known cell of
+    each row."""
     front_angle = reference_map.front_angle
     known = np.isfinite(inside.yaw_rate)
     last = known.shape[1] - 1 - np.argmax(known[:, ::-1], axis=1)

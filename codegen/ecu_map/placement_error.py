@@ -101,7 +101,7 @@ class ErrorEstimator:
         return MeasuredError(yaw_rate=top if own else 0.0, yaw_rate_whole=top)
 
     def _differences(self, lookup: Lookup, index: int, axes: Axes, truth: Pair) -> list[FloatArray]:
-        """Of each channel, with what the layer's surfaces may be off themselves."""
+        """Return the differences of each channel, including the error of the layer's surfaces themselves."""
         layer, speed = self.surface.layers[index], axes[0][:, np.newaxis]
         friction = _lowest(lookup) if index == 0 else float(lookup.frictions[index])
         yaw_rate, rear_angle = (each.astype(np.float64) for each in lookup.reference(speed, axes[1][np.newaxis, :], friction))

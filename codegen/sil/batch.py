@@ -117,7 +117,7 @@ decays within about a hundred steps, near the limit of grip within about a thous
 and without vectors in 8,000 runs of random cars, step steer and sine with dwell: at most 1.5e-13 rad/s and 1.6e-12 m/s^2."""
 
 DIFFERENCE_MAX_FLIPPED = 1e-6
-"""As DIFFERENCE_MAX, where a measured signal rounds to the other neighbour in single precision.
+"""The same limit if a measured signal rounds to the other neighbour in single precision.
 
 This happens about once in ten million samples: 6e-8 rad of front angle are 5e-7 rad/s of reference at 8 (rad/s)/rad."""
 

@@ -25,10 +25,11 @@ AHEAD = 2
 CONNECT_TIMEOUT = 20.0
 """s"""
 DEATHS_MAX = 10
-"""Times that the cluster may give up a chunk because the workers that drove it died, each time after several deaths of its own
-counting: more, and it is the chunk that kills them."""
+"""Largest number of times that the cluster may give up a chunk because its workers died, each time after several deaths.
+Beyond it
+the chunk itself kills them."""
 CLOSINGS_MAX = 10
-"""Times that a client is told to close, which waits for up to 0.1 s, before it is left as it is."""
+"""Attempts to close a client, each of which waits for up to 0.1 s."""
 TALKATIVE = ("distributed", "tornado", "asyncio")
 """Loggers, with all below them, that tell a lost connection by tracebacks, beside the one line that says what to do."""
 

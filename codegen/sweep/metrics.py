@@ -31,7 +31,7 @@ Figures = dict[str, FloatArray]
 """Name, with its unit, to (n,); NaN where the run does not have it. Yes and no are 1 and 0."""
 
 COLUMNS = tuple(name for name in RECORD_COLUMNS if name not in ("time_s", "speed_m_s", "rear_angle_command_rad"))
-"""What the figures are read from."""
+"""Columns from which the figures are computed."""
 
 
 @dataclass(frozen=True, eq=False)

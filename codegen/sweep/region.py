@@ -1,10 +1,10 @@
-"""Where a controller's loop is stable, over speed, friction and mass: from the plant's linearisation, confirmed by driving.
+"""Stability region of a controller's loop over speed, friction and mass: from the linearised plant, confirmed by simulation.
 
-The linear part is `design.linearised`: gain and phase margin of the loop around the two-track plant, straight ahead and in a
-turn. Confirmed is the loop straight ahead: in every cell the generated C drives the nonlinear plant through a small steering
-pulse, and what is left of it decides. So is the gain margin of every third cell: the plant's rear angle command is multiplied,
-which multiplies the gain of the loop exactly whatever the controller is, up to just within the margin and to just beyond it.
-All is computed here from nothing but a build.
+`design.linearised` gives gain and phase margin of the loop around the two-track plant, straight ahead and in a turn. Two things
+are confirmed straight ahead with the generated C and the nonlinear plant. In every cell, the response to a small steering pulse
+must decay if and only if the loop is stable. In every third cell, the plant's rear angle command is multiplied by just less and
+just more than the gain margin, which multiplies the gain of the loop exactly, whatever the controller. A build is the only
+input.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ TURN_SHARE = 0.5
 """Lateral acceleration of the turn, as a fraction of friction times gravity."""
 
 PULSE_DEG, PULSE_FROM, PULSE_TO = 0.05, 0.5, 0.7
-"""At the front wheels, s. So small that neither tyres nor actuator leave their linear range while a stable loop answers."""
+"""Steering pulse: deg at the front wheels, beginning and end in s. Tyres and actuator stay in their linear range if the loop
+is stable."""
 EARLY, LATE = (1.0, 4.0), (7.0, 10.0)
 """s of the drive: an unstable loop swings more in the second than in the first."""
 GROWN, WINDOW = 2.0, 1.0
@@ -46,15 +47,17 @@ grows leaves the linear range, where a bounded actuator, or a controller that ta
 QUIET = 1e-5
 """rad/s. What swings less at the end has died out: float32 resolves a yaw rate at rest far finer."""
 MARGIN_SHARES = (0.9, 1.1)
-"""Of the gain margin as a factor: driven with the one the loop must be stable, with the other unstable."""
+"""Fractions of the gain margin, as a factor: the loop must be stable with the first and unstable with the second."""
 MARGIN_EVERY = 3
-"""Of the cells, along every axis of the grid in turn: all speeds, frictions and masses come up, in a few seconds."""
+"""The gain margin is simulated in every third cell along each axis, so that all speeds, frictions and masses occur, in a few
+seconds."""
 NEAR = 0.02
 """A loop whose slowest pole moves by less than this share in a second is neither seen to grow nor to die out."""
 
 
 ALONE_UNSTABLE, MODEL_UNSTABLE, UNEXPLAINED = "car alone unstable", "reference model unstable", "unexplained"
-"""What explains that a cell is driven otherwise than computed: feedback of bounded authority does not hold such a car."""
+"""Explanations of a difference between simulation and linearisation: feedback of bounded authority does not stabilise such a
+car."""
 
 
 @dataclass(frozen=True, eq=False)

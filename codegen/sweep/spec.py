@@ -45,12 +45,12 @@ PASSIVE = "passive"
 
 @dataclass(frozen=True)
 class Factor:
-    """What may vary: its key holds the unit.
+    """A quantity that may vary; its key names the unit.
 
     Attributes:
-        low, high: what a car, a road or a driver can have.
-        default: where a spec does not name it; None: the car's, the scenario's or the road's own.
-        what: a line for tables.
+        low, high: range of cars, roads or drivers.
+        default: value if a spec does not name it; None: that of the car, the scenario or the road.
+        what: description for tables.
         whole: whether only whole numbers make sense.
     """
 
@@ -103,7 +103,7 @@ _Pair = Annotated[list[_Number], Field(min_length=2, max_length=2)]
 
 
 class Values(Section):
-    """How one factor varies: evenly between two ends, by a truncated normal distribution, or over given values.
+    """Distribution of one factor: uniform between two ends, truncated normal, or given values.
 
     In a factorial design `uniform` needs `points`, and there is no `normal`.
     """

@@ -36,7 +36,7 @@ ROWS_PER_GROUP = 2**13
 until the file is closed. 2^13 rows of a step are 2 MB, their part of the footer some 50 kB: about the least for a million runs.
 """
 ROWS_PER_BATCH = 2**12
-"""At most so many are in memory at once where the finished file is read."""
+"""Largest number of rows in memory while the finished file is read."""
 
 WRITING: Mapping[str, Any] = {"compression": "zstd", "write_page_checksum": True, "use_dictionary": list(NAMES)}
 """No dictionaries of figures: hardly two runs have the same, and to look costs time, memory and a fifth of the file."""
@@ -98,7 +98,7 @@ def check_same(folder: Path, plan: Plan) -> None:
 
 
 def _facts(folder: Path) -> bytes | None:
-    """What stands in `campaign.json`, be it text or not; None where there is none. Raises CodegenError."""
+    """Return the bytes of `campaign.json`; None if there is none. Raises CodegenError."""
     path = folder / FACTS
     return read_file(path, FACTS_BYTES_MAX, "check its rights") if path.is_file() else None
 
@@ -152,7 +152,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _other(content: bytes, plan: Plan, folder: Path, remedy: str) -> CodegenError:
-    """That a folder holds another campaign: which facts are not those of the plan."""
+    """Return the error of a folder with another campaign; it names the facts that differ from the plan."""
     try:
         there = json.loads(content)
     except (ValueError, RecursionError):  # no JSON, not even text, or nested without end
@@ -230,7 +230,7 @@ def to_arrow(table: Table, plan: Plan) -> Any:
 
 
 def _metadata(table: Any, plan: Plan) -> dict[bytes, bytes]:
-    """What a part says of itself: the campaign, and the columns that it was written with."""
+    """Return the metadata of a part: its campaign and its columns."""
     return {b"campaign": facts_text(plan).encode(), b"columns": ",".join(table.column_names).encode()}
 
 

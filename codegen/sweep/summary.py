@@ -102,7 +102,7 @@ class Figure:
         self.quantiles = tuple(float(self.low + width * (at + 0.5) / BINS) if width else self.low for at in bins)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
         names = [f"quantile_{round(100 * share)}_percent" for share in QUANTILES]
         ends = {"low": self.low, "high": self.high} if self.count else {}
         mean = {"mean": self.mean, "deviation": self.deviation} if self.count else {}
@@ -137,7 +137,7 @@ class Outcome:
     failed_by: dict[str, int] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON values."""
 
         def rows(found: list[Worst]) -> list[dict[str, Any]]:
             return [{"run": one.run, "value": one.value} for one in found]
@@ -157,13 +157,13 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Summary:
-    """Of a campaign: outcomes by scenario and controller, in the order of the spec."""
+    """Summary of a campaign: outcomes by scenario and controller, in the order of the spec."""
 
     outcomes: Mapping[Group, Outcome]
     runs: int
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: scenario to controller to outcome."""
+        """Return JSON values: scenario to controller to outcome."""
         found: dict[str, dict[str, Any]] = {}
         for (scenario, controller), outcome in self.outcomes.items():
             found.setdefault(scenario, {})[controller] = outcome.to_dict()
@@ -212,7 +212,8 @@ def _count(outcome: Outcome, names: list[str], table: Mapping[str, npt.NDArray[A
 
 
 def _count_failures(failed_by: dict[str, int], table: Mapping[str, npt.NDArray[Any]], plan: Plan) -> None:
-    """By each criterion of `hil_sim.metrics.sine_with_dwell` (FMVSS 126, S5.2); what a spin took away is the spin's alone."""
+    """Count the failures by criterion of `hil_sim.metrics.sine_with_dwell` (FMVSS 126, S5.2); a run that spins counts as a
+    spin only."""
     spun = table["spun_at_s"]
     factors = {name: values for name, values in table.items() if name == "mass_percent"}
     heavy = cars(plan.config, factors, spun.size)[:, PLANT_PARAMETERS.index("mass")] > HEAVY_MASS

@@ -31,7 +31,7 @@ EXTENDED = {Rule.HOLD, Rule.PASSIVE_SLOPE, Rule.CONTINUED}
 """Rules by which a build extends its map beyond the edges."""
 
 Covers = Callable[[FloatArray, FloatArray], BoolArray]
-"""From speeds (n,) in m/s and front angles (n,) in rad to whether each lies inside the map, not where a build extends it."""
+"""Function of speeds (n,) in m/s and front angles (n,) in rad: whether each is inside the map, not where a build extends it."""
 
 
 def coverage(manifest: Mapping[str, Any]) -> Covers:

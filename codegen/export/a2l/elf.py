@@ -48,7 +48,7 @@ class Place:
 
     @property
     def bytes(self) -> int:
-        """Of all of them."""
+        """Return the size of all elements."""
         return self.size * self.count
 
 
@@ -93,9 +93,10 @@ class Elf:
         return cls(str(path), read_file(path, ELF_BYTES_MAX, "give the linked program", BuildError))
 
     def place(self, path: str) -> Place | None:
-        """Where `name.field[2]` lies, or `file.c:name` where several files have one; None where the program has none.
+        """Return the place of `name.field[2]`, or of `file.c:name` if several files have the name; None if the program has
+        none.
 
-        Raises BuildError: there are several, or it has no such part, or one that is no number.
+        Raises BuildError: the name is ambiguous, has no such part, or the part is no number.
         """
         with _whole(self.name):
             return self._place(path)

@@ -160,7 +160,7 @@ def _type(variable: Variable, version: Version) -> str:
 
 
 def context(what: What, config: Config, prefix: str, precision: Precision, variables: Sequence[Variable]) -> dict[str, object]:
-    """What the templates of the model see."""
+    """Return the context of the templates of the model."""
     return {
         "build": {"prefix": prefix, "PREFIX": prefix.upper()},
         "real": "float" if precision == "single" else "double",

@@ -1,6 +1,6 @@
-"""That every loop of the generated C ends after a number of rounds that is known when it is compiled.
+"""Check that every loop of the generated C has a number of rounds that is known at compile time.
 
-With that, and without recursion, there is a largest number of instructions that a call can take. The rule, on the syntax tree:
+Then, and without recursion, a call has a largest number of instructions. The rule, on the syntax tree:
 
 - the only loop is `for (i = constant; i < constant; i++)`, or likewise downwards or with another constant step;
 - its counter is not written in its body;
@@ -22,7 +22,7 @@ from codegen.verify.analysis.number_tables import without_tables
 from codegen.verify.target.cross import preprocess
 
 LIBRARY = ("memcpy",)
-"""Of constant size wherever the generated C calls it."""
+"""Library functions without a bound of their own; the generated C calls them with constant sizes."""
 
 UPWARDS, DOWNWARDS = {"<": "upwards", "<=": "upwards"}, {">": "downwards"}
 STEPS = {"p++": "upwards", "++": "upwards", "+=": "upwards", "p--": "downwards", "--": "downwards", ">>=": "downwards"}
@@ -51,7 +51,7 @@ class _Function:
 
 
 def complaints(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> tuple[str, ...]:
-    """What breaks the rule in the sources of a build, a line each with file and line; empty where nothing does.
+    """Return violations of the rule in the sources of a build, one text each, with file and line.
 
     Raises:
         CodegenError: `ziglang`, which resolves the preprocessor's lines, is not installed.
@@ -92,7 +92,7 @@ class _Program:
         return (*found, *self._recursions())
 
     def _why_unbounded(self, loop: Any, function: _Function) -> str:
-        """What is wrong with a for loop; "" for nothing."""
+        """Describe why a for loop breaks the rule; "" if it does not."""
         head = loop.init
         if not (isinstance(head, c_ast.Assignment) and head.op == "=" and isinstance(head.lvalue, c_ast.ID)):
             return "a for loop that does not start with counter = constant"
