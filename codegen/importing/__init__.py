@@ -1,4 +1,4 @@
-"""What comes in: maps from MATLAB files and text tables, tyres from tyre property files.
+"""Import of maps from MATLAB files and text tables, and of tyres from tyre property files.
 
 Layers: see `tests/test_layers.py`.
 """
