@@ -27,7 +27,8 @@ YAW_RATE, REAR_ANGLE, REAR_YAW_RATE = range(3)
 @dataclass(frozen=True)
 class MeasuredError:
     """Largest errors of yaw rate (rad/s) and rear angle (rad) after the cap, over the range of the map's own breakpoints and,
-    with `_whole`, over the domain of the ECU. `rear_yaw_rate_whole` is the rear angle error times the passive yaw gain, in rad/s."""
+    with `_whole`, over the domain of the ECU. `rear_yaw_rate_whole` is the rear angle error times the passive
+    yaw gain, in rad/s."""
 
     yaw_rate: float = 0.0
     yaw_rate_whole: float = 0.0
@@ -65,7 +66,7 @@ class ErrorEstimator:
         return found
 
     def error(self, total: TotalMap) -> MeasuredError:
-        """Return the largest errors, refined from the lattice to their local maxima, because kinks of the surface cross cells."""
+        """Return the largest errors, refined from the lattice to local maxima, because kinks of the surface cross cells."""
         lookup, found = Lookup.from_map(total, self.real), self.on_lattice(total)
         for index, errors in enumerate(self._errors(lookup)):
             for channel in (YAW_RATE, REAR_YAW_RATE):
