@@ -221,7 +221,7 @@ class NonlinearTurns:
         )
 
     def _straight(self, found: Curves, cells: IndexArray) -> Turns:
-        """Return the turn with straight rear wheels at some operating points. It is unique, because the rear angle falls with r."""
+        """Return the turn with straight rear wheels at some operating points. It is unique: the rear angle falls with r."""
         rear_angle = found.turns.rear_angle[:, cells]
         left = np.clip((rear_angle > 0.0).sum(axis=0) - 1, 0, SAMPLES - 2)
         rows = np.full(cells.shape, REAR_BOUND)
