@@ -17,8 +17,8 @@ DYNAMIC_INDEX = (0.6, 1.5)
 """Plausible range of k^2/(lf lr). Measured cars lie between 0.8 and 1.2 (G. J. Heydinger et al., Measured Vehicle Inertial
 Parameters, SAE 1999-01-1336)."""
 CORNERING_COMPLIANCE_DEG_PER_G = (1.75, 12.0)
-"""Plausible range of an axle's slip angle in deg/g (R. T. Bundorf, R. L. Leffert, SAE 760713). Below it, the stiffness
-is probably that of a whole axle."""
+"""Plausible range of an axle's slip angle in deg/g (R. T. Bundorf, R. L. Leffert, SAE 760713). Below half of
+its lower end, the stiffness of a tyre is probably that of the whole axle."""
 COMPLIANCE_RATIO = (0.9, 2.7)
 """Range of the front axle's compliance over that of the rear axle. One axle with twice its stiffness leaves it."""
 OF_AN_AXLE = "is it the stiffness of the whole axle? Then halve it"
