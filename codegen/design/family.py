@@ -10,7 +10,7 @@ from codegen.configuration import Config
 from codegen.errors import ConfigError
 
 MEMBERS_MAX = 4096
-"""Most combinations that the design accepts: far more than the ends and the middle of each deviation give."""
+"""Largest number of combinations that the design accepts, far above that of both ends and the middle of each deviation."""
 
 DEVIATIONS = ("actuator_lag_s", "mass_percent", "stiffness_percent", "relaxation_length_m")
 

@@ -1,4 +1,4 @@
-"""Gains for several cars at once: the largest Ki with which each of them keeps its margins.
+"""Search for gains that suit several cars: the largest Ki with which each car keeps its margins.
 
 A constant disturbance of the rear angle leaves a yaw-rate error whose integral is that disturbance over Ki, so the largest Ki
 rejects best; margins and peak sensitivity keep the loop damped (K. J. Åström, T. Hägglund, Advanced PID Control, chapter 6).
@@ -174,7 +174,7 @@ def best_gains(cars: Cars, demands: Demands, binding: list[Member]) -> tuple[flo
 
 
 def _search(cars: Cars, demands: Demands) -> tuple[float, float]:
-    """Return (Kp, Ki) with the largest Ki for a few cars; where there are none, KI_MIN and the Kp that comes nearest."""
+    """Return (Kp, Ki) with the largest Ki for a few cars. If no gains suffice, return KI_MIN and the best Kp."""
     kps = KP_GRID
     kis = _largest(cars, demands, kps)
     if not kis.any():

@@ -120,7 +120,7 @@ def _beyond_the_edges(inside: _Filled, edges: _Edges, speed: FloatArray, angles:
 
 
 def _rear_angle(reference_map: ReferenceMap, gain: FloatArray) -> FloatArray:
-    """(n, m) rad: the map's own, else what the linear car needs for its yaw rate."""
+    """Return rear angles (n, m) in rad: those of the map, else those with which the linear car reaches its yaw rate."""
     if reference_map.rear_angle is not None:
         return reference_map.rear_angle
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -169,8 +169,7 @@ def _fill_inside(reference_map: ReferenceMap, table: FloatArray) -> tuple[FloatA
 
 
 def _edges(reference_map: ReferenceMap, inside: _Filled, turns: SteadyTurns | None) -> _Edges:
-    """Return the edges: of a solved map from the continuous problem; else, and beyond the last angle, the last known cell of
-    each row."""
+    """Return edges from the continuous problem for a solved map; else, or beyond the last angle, each row's last known cell."""
     front_angle = reference_map.front_angle
     known = np.isfinite(inside.yaw_rate)
     last = known.shape[1] - 1 - np.argmax(known[:, ::-1], axis=1)
@@ -196,8 +195,8 @@ def _edges(reference_map: ReferenceMap, inside: _Filled, turns: SteadyTurns | No
 
 
 def _end_of_cells(reference_map: ReferenceMap, turns: SteadyTurns) -> Edge:
-    """The edge of the continuous problem. A passive-safe map ends where the passive car does, with the optimum's own values
-    there: mostly below what grip allows, so that the slope goes on from them."""
+    """Return the edge of the continuous problem. A passive-safe map ends where the passive car does. It keeps the values of
+    the optimum there, mostly below the grip limit, so that the slope continues from them."""
     assert reference_map.config is not None  # a solved map has both
     assert reference_map.case is not None
     speed = reference_map.speed
@@ -220,7 +219,7 @@ def _from_neighbours(speed: FloatArray, table: FloatArray, empty: BoolArray) -> 
 
 @dataclass(frozen=True)
 class _Zeros:
-    """Zero row and zero column of a table: inserted where the breakpoints do not start at zero, else overwritten."""
+    """Return a table with a zero row and column, inserted if the breakpoints do not start at zero, else overwritten."""
 
     given_speed: FloatArray
     given_front_angle: FloatArray

@@ -31,20 +31,20 @@ BOUND_FRACTIONS = (0.98, 0.96)
 """Fractions of the requested bound at which the search is repeated, because a tighter bound can give fewer bytes."""
 
 ATTEMPT_COUNT = 10
-"""Attempts with ever tighter bounds, for tables whose stored numbers have a larger error than the exact ones."""
+"""Number of attempts with ever tighter bounds, because rounding to the stored numbers adds to the error."""
 FINAL_BOUND_FRACTION = 0.995
 """Fraction of the requested bound used in the last attempt."""
 
 CLIP_LEVEL_FACTOR = 0.85
-"""Factor between tried levels at which the table is clipped above the cap."""
+"""Ratio of successive candidates for the level above the cap at which the table is clipped."""
 
 REACHABLE_ERROR_FRACTION = 2e-4
-"""Error, as a fraction of the largest yaw rate, that is usually reached."""
+"""Error that is usually reachable, as a fraction of the largest yaw rate."""
 GRID_ERROR_FACTOR = 4.0
-"""Multiple of the fine grid's own error that is usually reached."""
+"""Error that is usually reachable, as a multiple of the fine grid's own error."""
 
 ERROR_GROWTH_FACTOR = 1.6
-"""Factor from an error that was not reached to the next one that is tried."""
+"""Ratio of the next error that is tried to the one that was not reached."""
 
 SMALLEST_BOUND_FRACTION, BISECTION_COUNT = 1e-4, 9
 """Search for the bound that fills a number of bytes: its smallest value as a fraction of the largest yaw rate, and the number

@@ -28,7 +28,7 @@ Cost = Callable[[int, int], int]
 """Numbers of breakpoints of both axes -> bytes."""
 
 POINTS_MAX = 256
-"""Most breakpoints of an axis; larger tables do not suit an ECU."""
+"""Largest number of breakpoints of an axis that `codegen build` may choose; larger tables do not suit an ECU."""
 
 OWN_POINTS, OTHER_POINTS, POINTS_IN_CELL = 256, 32, 12
 """Points of the lattice: over the map's own part of an axis, over each part outside it, and in each cell found so far."""

@@ -26,8 +26,9 @@ YAW_RATE, REAR_ANGLE, REAR_YAW_RATE = range(3)
 
 @dataclass(frozen=True)
 class MeasuredError:
-    """Largest errors after the cap, of yaw rate in rad/s and rear angle in rad: over the map's own breakpoints, and over all
-    that an ECU meets. `rear_yaw_rate_whole`: that of the rear angle times the passive yaw gain, rad/s."""
+    """Largest errors of yaw rate (rad/s) and rear angle (rad) after the cap, over the range of the map's own breakpoints and,
+    with `_whole`, over the domain of the ECU. `rear_yaw_rate_whole` is the rear angle error times the passive
+    yaw gain, in rad/s."""
 
     yaw_rate: float = 0.0
     yaw_rate_whole: float = 0.0
@@ -36,17 +37,17 @@ class MeasuredError:
     rear_yaw_rate_whole: float = 0.0
 
     def bounded(self, tables: int) -> float:
-        """The larger of those that a request bounds, rad/s: that of the rear angle counts where it has a table too."""
+        """Return the largest error that a request bounds, in rad/s. The rear angle counts if it has a table."""
         return self.yaw_rate_whole if tables == 1 else max(self.yaw_rate_whole, self.rear_yaw_rate_whole)
 
     def __or__(self, other: MeasuredError) -> MeasuredError:
-        """The larger of each."""
+        """Return the larger value of each error."""
         return MeasuredError(*(max(getattr(self, key.name), getattr(other, key.name)) for key in fields(self)))
 
 
 class ErrorEstimator:
-    """Measures total maps on the same axes against a surface, as the lookup computes them in `real`, at the friction of each
-    layer; the rear angle as the laws take it, within its range."""
+    """Estimator of the error of total maps on the same axes against a surface, at the friction of each layer. The lookup
+    computes in `real`. The rear angle is clipped to its range, as in the laws."""
 
     def __init__(self, surface: ReferenceSurface, axes: Axes, real: Real) -> None:
         self.surface, self.real = surface, real
@@ -65,7 +66,7 @@ class ErrorEstimator:
         return found
 
     def error(self, total: TotalMap) -> MeasuredError:
-        """Kinks of the surface cross cells: the largest errors on the lattice are followed to their tops."""
+        """Return the largest errors, refined from the lattice to local maxima, because kinks of the surface cross cells."""
         lookup, found = Lookup.from_map(total, self.real), self.on_lattice(total)
         for index, errors in enumerate(self._errors(lookup)):
             for channel in (YAW_RATE, REAR_YAW_RATE):
@@ -78,7 +79,7 @@ class ErrorEstimator:
             yield self._differences(lookup, index, self._axes, truth)
 
     def _climb(self, lookup: Lookup, index: int, channel: int, start: tuple[int, int]) -> MeasuredError:
-        """The largest error near a point of the lattice; near one of the map's own, among the map's own."""
+        """Return the largest error near a lattice point. Near a point in the map's own range, search only that range."""
         ends = (self.surface.own_speed, self.surface.own_front_angle)
         layer = self.surface.layers[index]
         own = all(_within(axis[k : k + 1], end)[0] for axis, k, end in zip(self._axes, start, ends, strict=True))
@@ -101,7 +102,7 @@ class ErrorEstimator:
         return MeasuredError(yaw_rate=top if own else 0.0, yaw_rate_whole=top)
 
     def _differences(self, lookup: Lookup, index: int, axes: Axes, truth: Pair) -> list[FloatArray]:
-        """Return the differences of each channel, including the error of the layer's surfaces themselves."""
+        """Return the error of each channel, increased by the error of the layer's surfaces."""
         layer, speed = self.surface.layers[index], axes[0][:, np.newaxis]
         friction = _lowest(lookup) if index == 0 else float(lookup.frictions[index])
         yaw_rate, rear_angle = (each.astype(np.float64) for each in lookup.reference(speed, axes[1][np.newaxis, :], friction))

@@ -27,7 +27,7 @@ arr_1 and so on, because no name must get into NumPy's way."""
 BYTES_PER_NUMBER = {"int8": 1, "uint8": 1, "logical": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4, "single": 4}
 BYTES_PER_NUMBER |= {"int64": 8, "uint64": 8, "double": 8}
 SPARE = 2**30
-"""Bytes that the reading may use in addition to Python, NumPy and SciPy."""
+"""Memory limit in bytes of the reading, in addition to Python, NumPy and SciPy."""
 
 
 def read(data: bytes, limit: int) -> tuple[dict[str, AnyArray], list[str]]:

@@ -1,4 +1,4 @@
-"""The bytes of an `.npz` file as arrays, nothing trusted: no pickle is read and no size believed."""
+"""Reading of arrays from the bytes of an untrusted `.npz` file: pickles are rejected and declared sizes are checked."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def check_size(size: int, limit: int, where: object) -> None:
 
 @contextmanager
 def _refuse_damage(where: object) -> Iterator[None]:
-    """Turn whatever zipfile, zlib and NumPy raise on bytes that are not theirs (no closed set) into a MapError."""
+    """Turn any exception that zipfile, zlib or NumPy raise on damaged data (no closed set) into a MapError."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -52,7 +52,7 @@ def _refuse_damage(where: object) -> Iterator[None]:
 def read_archive(
     data: bytes, where: object, keys: Sequence[str], check_keys: Callable[[Iterable[str], object], None]
 ) -> dict[str, AnyArray]:
-    """The arrays of `keys` that an .npz archive holds; `check_keys` judges all names before one is unpacked. MapError."""
+    """Return the arrays of `keys` in an .npz archive. `check_keys` checks all names before unpacking. Raises MapError."""
     check_size(len(data), MAX_PACKED_BYTES, where)
     if not data.startswith(b"PK"):
         raise MapError("not an .npz file (a zip archive)", where=where, remedy=SAVE_AS)

@@ -14,7 +14,7 @@ PRESET_NOTE = "the map brings no configuration: the paper's car and the paper's 
 
 @dataclass(frozen=True)
 class Chosen:
-    """The configuration that counts, where it came from ("map", "preset" or a file's name), and what the user should know."""
+    """The chosen configuration, its source ("map", "preset" or a file name), and notes for the user."""
 
     config: Config
     source: str
@@ -22,7 +22,7 @@ class Chosen:
 
 
 def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) -> Chosen:
-    """The file that the user names, else the map's own, else the paper's preset. Raises ConfigError."""
+    """Return the configuration of the given file, else the map's own, else the paper's preset. Raises ConfigError."""
     own = reference_map.config if reference_map is not None else None
     if config_path is not None:
         config = configuration.load(config_path)
@@ -40,7 +40,7 @@ def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) 
 
 
 def _borrowed(config: Config) -> tuple[str, ...]:
-    """A note where the data of the car itself are not all given, and the paper's stand in for them."""
+    """Return a note if data of the car are missing and replaced by those of the paper's car."""
     missing = [f"vehicle.{key}" for key in type(config.vehicle).model_fields if key not in config.vehicle.model_fields_set]
     missing += [f"tyre.{axle}" for axle in type(config.tyre).model_fields if axle not in config.tyre.model_fields_set]
     return (f"not given, so the paper's car stands in: {', '.join(missing)}",) if missing else ()

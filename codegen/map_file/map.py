@@ -49,7 +49,7 @@ ATTRIBUTES = {
 
 @dataclass(frozen=True)
 class FrictionLayer:
-    """One lower friction of a stack, and the map for it: a map like any other, on the axes of the map that it belongs to."""
+    """One lower friction of a stack and its map, on the axes of the map that it belongs to."""
 
     friction: float
     map: ReferenceMap
@@ -111,7 +111,7 @@ class ReferenceMap:
 
 
 def make_meta(config: Config, case: str, method: str) -> dict[str, Any]:
-    """The `meta` of a solved map. No clock, user or host: the same input and versions give the same text."""
+    """Return the `meta` of a solved map. The same input and versions give the same text."""
     return {
         "schema_version": SCHEMA_VERSION,
         "case": case,
@@ -129,7 +129,7 @@ def load(path: Path) -> ReferenceMap:
 
 
 def from_bytes(data: bytes, where: object) -> ReferenceMap:
-    """The map in the bytes of an `.npz`; `where` is what messages name as the place. Raises MapError."""
+    """Read a map from the bytes of an `.npz`; messages name `where` as the place. Raises MapError."""
     return from_arrays(archive.read_archive(data, where, KEYS, tables.check_keys), where)
 
 
@@ -174,7 +174,7 @@ def _with_stack(base: ReferenceMap, friction: FloatArray, stack: tables.Tables, 
 
 
 def to_bytes(reference_map: ReferenceMap) -> bytes:
-    """The `.npz` of a map, checked as `load` does. Equal maps give equal bytes on every machine: stored, no time stamp.
+    """Return the `.npz` of a map, checked as `load` does. Equal maps give equal bytes on every machine: stored, no time stamp.
 
     Raises:
         MapError: the map breaks the contract, or its `meta` does not hold its configuration and case.
@@ -220,7 +220,7 @@ def _arrays(reference_map: ReferenceMap, where: object) -> dict[str, AnyArray]:
 
 
 def _stacked(reference_map: ReferenceMap, where: object) -> dict[str, AnyArray]:
-    """The arrays of the stack under their keys. Raises MapError where a layer is no map like the one that it belongs to."""
+    """Return the arrays of the stack by key. Raises MapError if a layer does not match the map that it belongs to."""
     shape = (reference_map.speed.size, reference_map.front_angle.size)
     attributes = {key: name for key, name in ATTRIBUTES.items() if getattr(reference_map, name) is not None}
     for index, layer in enumerate(reference_map.layers):

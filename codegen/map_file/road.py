@@ -7,7 +7,7 @@ from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
 
 def on_road(config: Config, friction: float) -> Config:
-    """The configuration of the same car where `friction` is the friction that a map is designed for.
+    """Return the configuration of the same car for a map with the design friction `friction`.
 
     The tyre itself must not change with the road: B stays what it is at the friction of `config` and the peak D goes with the
     friction, so cornering stiffness goes with it too, and the slip bound stays. Another `road.friction` alone would give a tyre

@@ -24,7 +24,7 @@ REQUIRED = ("vx", "delta_f", "yaw_rate")
 UNITS = {"vx": "m/s", "delta_f": "rad", "yaw_rate": "rad/s", "beta": "rad", "delta_r": "rad", "feasible": "1", "active": "1"}
 TABLES = ("yaw_rate", "beta", "delta_r", "feasible", "active")
 OPTIONAL_TABLES = ("beta", "delta_r", "active")
-"""Tables without a default: the map and its stack both have one of them, or neither has."""
+"""Tables without a default. Each is present in both the map and its stack, or in neither."""
 STACK_PREFIX = "friction_"
 KEYS = (*UNITS, "friction", *(STACK_PREFIX + key for key in TABLES), "meta")
 KINDS = {"b": "boolean", "c": "complex", "U": "text", "S": "text", "V": "record", "M": "date", "m": "duration", "O": "object"}
@@ -32,7 +32,7 @@ KINDS = {"b": "boolean", "c": "complex", "U": "text", "S": "text", "V": "record"
 MAX_LAYERS = 32
 """Limit on the layers of a file, far above what fits into an ECU."""
 FRICTION_STEP_MIN = 0.01
-"""Between neighbouring frictions: the resolution of an estimate, and wide enough to interpolate over in single precision."""
+"""Least step between frictions: the resolution of an estimate, and large enough to interpolate in single precision."""
 FRICTION_STEP_SLACK = 1e-9
 """Rounding of decimal frictions: 0.29 - 0.28 is a little less than 0.01."""
 
@@ -60,7 +60,7 @@ PLAUSIBLE = {
     "delta_r": _Plausible(-0.5, 0.5, "rad", _IN_DEGREES, _IN_DEGREES),
     "friction": _Plausible(0.05, 1.5, "", _PEAK_FRICTION, _PEAK_FRICTION),
 }
-"""Values (SI) beyond which no car's map goes, and what is likely wrong where one does."""
+"""Plausible range of each quantity (SI), and the likely mistakes below and above it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class Tables:
 
 
 def check_keys(keys: Iterable[str], where: object) -> None:
-    """Refuse a set of keys that lacks a required one or holds half a stack. Raises MapError."""
+    """Reject a set of keys that lacks a required one or holds an incomplete stack. Raises MapError."""
     present = list(keys)
     for key in REQUIRED:
         if key not in present:
@@ -129,7 +129,7 @@ def read_axis(arrays: Mapping[str, AnyArray], key: str, where: object) -> FloatA
 
 
 def read_frictions(arrays: Mapping[str, AnyArray], where: object) -> FloatArray:
-    """The frictions (k,) of the stack, rising by FRICTION_STEP_MIN or more; (0,) where there is none. Raises MapError."""
+    """Return the frictions (k,) of the stack, rising by FRICTION_STEP_MIN or more; (0,) without a stack. Raises MapError."""
     if "friction" not in arrays:
         return np.empty(0)
     values = _numbers(arrays, "friction", None, where)
@@ -151,7 +151,7 @@ def read_frictions(arrays: Mapping[str, AnyArray], where: object) -> FloatArray:
 
 
 def check_below_design(friction: FloatArray, design: float, where: object) -> None:
-    """Refuse frictions (k,) of a stack that do not all lie below the design friction. Raises MapError."""
+    """Reject frictions (k,) of a stack unless all are below the design friction. Raises MapError."""
     for index in np.argwhere(friction > design - FRICTION_STEP_MIN + FRICTION_STEP_SLACK)[:1]:
         raise MapError(
             f"{friction[index[0]]:.9g} is not at least {FRICTION_STEP_MIN:g} below the friction of the map itself "
@@ -162,7 +162,7 @@ def check_below_design(friction: FloatArray, design: float, where: object) -> No
 
 
 def read_tables(arrays: Mapping[str, AnyArray], shape: tuple[int, ...], where: object) -> Tables:
-    """The tables of the map where `shape` is (n, m), those of its stack where it is (k, n, m).
+    """Return the tables of the map if `shape` is (n, m), or those of its stack if it is (k, n, m).
 
     Raises:
         MapError: the first fault, with its key and index.
@@ -179,7 +179,7 @@ def read_tables(arrays: Mapping[str, AnyArray], shape: tuple[int, ...], where: o
 
 
 def check_lateral_acceleration(speed: FloatArray, yaw_rate: FloatArray, gravity: float, where: object) -> None:
-    """Refuse yaw rates, (n, m) or (k, n, m), that no tyre allows at their speed. Raises MapError."""
+    """Reject yaw rates, (n, m) or (k, n, m), that no tyre allows at their speed. Raises MapError."""
     in_g = speed[:, np.newaxis] * yaw_rate / gravity
     # A map on the bound itself may lie above it by rounding.
     for index in np.argwhere(in_g > LATERAL_ACCELERATION_MAX_G * (1.0 + 1e-9))[:1]:
@@ -202,7 +202,7 @@ def _at(where: object, key: str, index: Iterable[np.intp]) -> str:
 
 
 def _numbers(arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...] | None, where: object) -> FloatArray:
-    """A copy in float64 of real numbers (any integer or floating type) of a shape (None: one axis of any length)."""
+    """Return a float64 copy of real numbers (any integer or floating type) of a shape (None: one axis of any length)."""
     array = np.asarray(arrays[key])
     place = f"{where}: {key}"
     if array.dtype.kind not in "iuf":

@@ -107,7 +107,7 @@ def _stability(model: Any, x: Any, u: Any) -> tuple[Any, Any]:
 
 
 def without_shifts(config: Config) -> Config:
-    """The configuration with tyres that have no shifts and no lag: what the map is solved for."""
+    """Return the configuration for which the map is solved: tyres without shifts and lag."""
     none = {"horizontal_shift_deg": 0.0, "vertical_shift_n": 0.0}
     tyres = {axle: getattr(config.tyre, axle).model_copy(update=none) for axle in ("front", "rear")}
     return config.model_copy(
@@ -265,7 +265,7 @@ def _starts(solvers: _Solvers, parameters: FloatArray, warm: FloatArray) -> list
 
 
 def _best(solvers: _Solvers, parameters: FloatArray, starts: list[FloatArray]) -> FloatArray | None:
-    """The best of what IPOPT finds from several starts; of equally good turns the one furthest to the left."""
+    """Return the best turn that IPOPT finds from several starts; of equally good ones, the one furthest to the left."""
     found = [answer for answer in (_run(solvers, parameters, start) for start in starts) if answer is not None]
     if not found:
         return None
@@ -304,7 +304,7 @@ def _run(solvers: _Solvers, parameters: FloatArray, start: FloatArray) -> tuple[
 
 
 def _feasible_point(solvers: _Solvers, parameters: FloatArray, start: FloatArray) -> FloatArray | None:
-    """The point that is furthest inside all constraints; None where even that one violates a constraint."""
+    """Return the point furthest inside all constraints; None if even that point violates one."""
     steers = solvers.bounds[2] > 0.0
     # Without rear steering delta_r is fixed at zero and has no bound to relax.
     limits = np.append(np.ones(solvers.shares + 1), 1.0 if steers else np.inf)

@@ -54,7 +54,7 @@ SCAN_POINTS = 25
 INSIDE = 1e-9
 """Fraction by which the returned edge is reduced, so that rounding does not make it infeasible."""
 BEYOND = 1e-6
-"""The search goes as far beyond its last angle, so that an edge on it is found."""
+"""Distance by which the search continues beyond its last angle, so that an edge at that angle is found."""
 EDGE_TOLERANCE = 1e-13
 """Tolerance as a fraction of the distance between two scanned angles."""
 
@@ -185,7 +185,7 @@ class NonlinearTurns:
         return np.where(between.missed > 0.0, np.minimum(width, -between.missed), width)
 
     def _at(self, found: Curves, yaw_rate: FloatArray, cells: IndexArray | None = None) -> Turns:
-        """The turns at yaw rates (k,) of some operating points, by default of all."""
+        """Return the turns at yaw rates (k,) of some operating points, by default of all."""
         chosen = np.arange(found.points.size) if cells is None else cells
         points = found.points[chosen]
         turns = self.car.turns(points.speed, points.front_angle, yaw_rate, found.between(chosen, yaw_rate))
@@ -221,14 +221,14 @@ class NonlinearTurns:
         )
 
     def _straight(self, found: Curves, cells: IndexArray) -> Turns:
-        """The turns of some operating points with the rear wheels straight: one of each, for their angle falls with r."""
+        """Return the turn with straight rear wheels at some operating points. It is unique: the rear angle falls with r."""
         rear_angle = found.turns.rear_angle[:, cells]
         left = np.clip((rear_angle > 0.0).sum(axis=0) - 1, 0, SAMPLES - 2)
         rows = np.full(cells.shape, REAR_BOUND)
         return self._at(found, meetings(self.car, found, cells, rows, np.zeros(cells.shape), left), cells)
 
     def _best(self, found: Curves, cells: IndexArray, low: Turns, high: Turns) -> Turns:
-        """The best turns of some operating points, between the ends of their ranges: an end or where the slope vanishes."""
+        """Return the best turns of some operating points: at an end of their range or where the slope vanishes."""
         first, last = low.yaw_rate[cells], high.yaw_rate[cells]
         inner = found.turns.yaw_rate[:, cells]
         below, above = inner <= first, inner >= last
@@ -257,7 +257,7 @@ class NonlinearTurns:
         return best
 
     def _better(self, best: Turns, objective: FloatArray, at: IndexArray, others: Turns) -> tuple[Turns, FloatArray]:
-        """The better turns of each operating point: `others` are those of some (`at`). Of equal ones the first stays."""
+        """Return the better turn of each operating point. `others` are turns of the points `at`. The first of equals stays."""
         value = self._objective(others)
         chosen = np.flatnonzero(value < objective[at])
         improved = objective.copy()

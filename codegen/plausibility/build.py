@@ -27,11 +27,11 @@ MARGIN_TOLERANCE_DB, MARGIN_TOLERANCE_DEG = 0.05, 0.2
 """`codegen tune` rounds gains to four digits."""
 AHEAD_TOLERANCE = 0.02
 RECORD_BYTES_MAX = 2**24
-"""Largest verify.json, many times what a build with findings in every check has."""
+"""Size limit of verify.json, far above the size of a record with findings in every check."""
 
 
 def margins_line(margins: Mapping[str, Any] | None) -> str:
-    """Return a line about the margins in a manifest; they are None for a kind of controller without feedback."""
+    """Return a line about a manifest's margins, which are None for a controller without feedback."""
     if margins is None:
         return "no feedback, so no margins"
     if margins["unstable_from_km_h"] is None:
@@ -47,7 +47,7 @@ def build_warnings(manifest: Mapping[str, Any]) -> Iterator[str]:
 
 
 def margin_warning(manifest: Mapping[str, Any]) -> str:
-    """Return a warning about small margins of the configured car; "" where they are enough or there is no feedback."""
+    """Return a warning about small margins of the configured car; "" if they suffice or there is no feedback."""
     margins = manifest["margins"]
     if margins is None or margins["enough"]:
         return ""
@@ -65,7 +65,7 @@ def margin_warning(manifest: Mapping[str, Any]) -> str:
 
 
 def excess_warning(manifest: Mapping[str, Any]) -> str:
-    """Return a warning where the trim does not take back what the reference model turns too much, or far more than that."""
+    """Return a warning if the trim is smaller or much larger than the reference model's excess yaw rate requires; else ""."""
     found = manifest.get("reference_model_excess")
     if found is None:
         return ""
@@ -88,7 +88,7 @@ def excess_warning(manifest: Mapping[str, Any]) -> str:
 
 
 def _closer(options: Mapping[str, Any]) -> str:
-    """Return the option that brings a build's tables closer to the optimum."""
+    """Return the build option that reduces the interpolation error of the tables."""
     for key, how in (("max_error_rad_s", "a smaller --max-error"), ("max_flash_bytes", "a larger --max-flash")):
         if options.get(key) is not None:
             return f"{how} brings what is interpolated closer to the optimum"
@@ -128,7 +128,7 @@ def family_warnings(config: Config, margins: Margins) -> Iterator[str]:
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:
-    """Return the record of `codegen verify` beside a build; None where it is damaged, of another version, or no file."""
+    """Return the record of `codegen verify` in a build; None if it is missing, damaged or of another version."""
     try:
         record = json.loads(read_file(folder / BESIDE[0], RECORD_BYTES_MAX, "verify the build again"))
         counts, checks = record["counts"], record["checks"].values()
@@ -143,12 +143,12 @@ def read_record(folder: Path) -> dict[str, Any] | None:
 
 
 def is_current(record: Mapping[str, Any], folder: Path) -> bool:
-    """Return whether a record is of the build as it is."""
+    """Return whether a record belongs to the current state of the build."""
     return bool(record["build"]["manifest_sha256"] == hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest())
 
 
 def folder_notes(folder: Path) -> Iterator[str]:
-    """Yield the next step for a build that has not been verified as it is."""
+    """Yield the next step for a build whose current state has not been verified."""
     if not (folder / BESIDE[0]).exists():
         yield f"not verified yet; next: `codegen verify {folder}`"
     elif (record := read_record(folder)) is not None and not is_current(record, folder):

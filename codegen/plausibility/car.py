@@ -14,11 +14,11 @@ from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
 DYNAMIC_INDEX = (0.6, 1.5)
-"""Range of k^2/(lf lr). Measured cars lie between 0.8 and 1.2 (G. J. Heydinger et al., Measured Vehicle Inertial Parameters,
-SAE 1999-01-1336)."""
+"""Plausible range of k^2/(lf lr). Measured cars lie between 0.8 and 1.2 (G. J. Heydinger et al., Measured Vehicle Inertial
+Parameters, SAE 1999-01-1336)."""
 CORNERING_COMPLIANCE_DEG_PER_G = (1.75, 12.0)
-"""Range of an axle's slip angle for each g (R. T. Bundorf, R. L. Leffert, SAE 760713). A tyre that is twice as stiff as the
-stiffest of these has the stiffness of its axle."""
+"""Plausible range of an axle's slip angle in deg/g (R. T. Bundorf, R. L. Leffert, SAE 760713). Below half of
+its lower end, the stiffness of a tyre is probably that of the whole axle."""
 COMPLIANCE_RATIO = (0.9, 2.7)
 """Range of the front axle's compliance over that of the rear axle. One axle with twice its stiffness leaves it."""
 OF_AN_AXLE = "is it the stiffness of the whole axle? Then halve it"
@@ -64,7 +64,7 @@ class Handling:
 
 
 def distinct(value: float, limit: float, digits: int = 2) -> str:
-    """Return a value with as few significant digits, at least `digits`, as show on which side of a limit it lies."""
+    """Return a value rounded to the fewest digits, at least `digits`, that still show on which side of a limit it lies."""
     for count in range(digits, 17):
         rounded = float(f"{value:.{count}g}")
         if (rounded > limit) == (value > limit) and (rounded < limit) == (value < limit):
@@ -101,7 +101,7 @@ def _vehicle(config: Config) -> Iterator[str]:
 
 
 def _tyres(config: Config) -> Iterator[str]:
-    """Yield a warning for each axle of implausible stiffness, or for a plausible one that does not suit the other."""
+    """Yield a warning for each axle with an implausible stiffness or, if there is none, for an implausible ratio of the two."""
     car = SingleTrack.from_config(config)
     degrees_per_g = math.degrees(config.road.gravity_m_s2)
     compliances = {
@@ -129,7 +129,7 @@ def _tyres(config: Config) -> Iterator[str]:
 
 
 def is_limit_beyond_actuator(config: Config) -> bool:
-    """Return whether the maps of a configuration use rear angles that its actuator cannot reach, for one warning about all."""
+    """Return whether the rear angle limit exceeds the actuator's range. One warning then covers all maps."""
     return config.limits.rear_angle_max_deg > config.rear_actuator.angle_max_deg
 
 

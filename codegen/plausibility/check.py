@@ -70,7 +70,7 @@ def all_warnings(config: Config, reference_map: ReferenceMap | None, manifest: M
 
 
 def _judge(config: Config, reference_map: ReferenceMap | None, manifest: Manifest | None) -> Found:
-    """Return what a map and a build of it have in common. A build whose map is not known has no facts about the map."""
+    """Return the facts and warnings that a map and its build share. Without the map, facts about it are left out."""
     handling = Handling.from_config(config)
     facts: dict[str, Any] = {"handling": handling.to_dict()}
     lines = [str(handling)]
@@ -86,7 +86,7 @@ def _judge(config: Config, reference_map: ReferenceMap | None, manifest: Manifes
 
 
 def _judge_map(config: Config, reference_map: ReferenceMap) -> Found:
-    """Judge a map and the build that would be made of it. What keeps `codegen build` from making one is a warning."""
+    """Check a map and the build that it would give. An error that would stop `codegen build` becomes a warning."""
     manifest: Manifest | None = None
     refused: list[str] = []
     try:
@@ -155,7 +155,7 @@ def _check_build(path: Path) -> Found:
 
 
 def _map_behind(manifest: Manifest, config: Config) -> ReferenceMap | None:
-    """Solve the map of a build again; None where the result differs, or the build holds another configuration than its map."""
+    """Solve the map of a build again; None if the result differs or the build has a configuration other than the map's."""
     inputs, case = manifest["inputs"], manifest["inputs"]["map"].get("case")
     if not manifest["map"]["solved"] or inputs["configuration"]["source"] != "map" or case is None:
         return None

@@ -21,11 +21,11 @@ from codegen.plausibility.car import distinct, is_limit_beyond_actuator
 from codegen.units import GRAVITY, KM_H
 
 GRIP_MAX_G = 1.5
-"""Largest lateral acceleration that road tyres reach without aerodynamic downforce, with room."""
+"""Upper estimate of the lateral acceleration that road tyres reach without aerodynamic downforce, with a reserve."""
 SLIP_USE_MAX_PERCENT = 101.0
-"""Slip over its bound from which a map is reported; a map of the nonlinear tyre stays below."""
+"""Warn when a map uses more than this percentage of a slip bound. Maps solved with the nonlinear tyre stay below it."""
 TURNS_LESS_FACTOR = 0.99
-"""The controlled car turns less than the front-steered one where its yaw rate is below this multiple."""
+"""Fraction of the front-steered car's yaw rate below which the controlled car counts as turning less."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class MapFacts:
 
     Attributes:
         reachable_percent: cells whose rear angle the actuator and the limiter reach; None for a map without rear angles.
-        turns_less_percent: cells in which the controlled car turns less than the same car does with its rear wheels straight,
-            with the same tyres and bounds; None for a map that was not solved.
-        turns_less_by: the same cells by the constraint that is active there; "none" for an optimum inside all of them.
+        turns_less_percent: cells in which the controlled car turns less than the same car with straight rear wheels. Both
+            have the same tyres and bounds. None for a map that was not solved.
+        turns_less_by: the same cells, grouped by their active constraint; "none" where no constraint is active.
     """
 
     reachable_percent: float | None
@@ -45,7 +45,7 @@ class MapFacts:
 
     @classmethod
     def of_map(cls, reference_map: ReferenceMap, config: Config) -> MapFacts:
-        """Return the facts about a map, with the actuator and the limiter of a configuration."""
+        """Return the facts about a map for the actuator and the limiter of a configuration."""
         feasible, active = reference_map.feasible, reference_map.active
         cells = max(int(feasible.sum()), 1)
         reachable = None
@@ -91,7 +91,7 @@ class MapFacts:
 
 
 def map_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:
-    """Yield a warning for each part of a map that the car of a configuration cannot follow; wrong units hide the others."""
+    """Yield warnings about parts of a map that the configured car cannot follow. If the units are wrong, report only that."""
     if units := beyond_grip(reference_map):
         yield units
         return
@@ -100,7 +100,7 @@ def map_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:
 
 
 def rear_angle_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:
-    """Yield a warning for rear angles beyond the actuator, else for those that the limiter cuts; none for a map without."""
+    """Yield a warning for rear angles beyond the actuator's range or, if there are none, for those that the limiter cuts."""
     rear, feasible, limit = reference_map.rear_angle, reference_map.feasible, config.rear_actuator.angle_max_deg
     if rear is None or is_limit_beyond_actuator(config):
         return
@@ -117,7 +117,7 @@ def rear_angle_warnings(reference_map: ReferenceMap, config: Config) -> Iterator
 
 
 def cut_warning(found: dict[str, Any], config: Config) -> str:
-    """Return a warning about what the limiter cuts off a map, from `LimiterCut.to_dict`; "" where it cuts nothing."""
+    """Return a warning about the rear angles that the limiter cuts, from `LimiterCut.to_dict`; "" if it cuts none."""
     if not found["cells"] or is_limit_beyond_actuator(config):
         return ""
     limiter = config.limiter
@@ -133,7 +133,7 @@ def cut_warning(found: dict[str, Any], config: Config) -> str:
 
 
 def slip_warnings(reference_map: ReferenceMap) -> Iterator[str]:
-    """Yield a warning where a steady turn of the map exceeds a slip bound on the car with its nonlinear tyres."""
+    """Yield a warning if a steady turn of the map exceeds a slip bound of the car with nonlinear tyres."""
     used = slip_use(reference_map)
     if used is None:
         return
@@ -161,7 +161,7 @@ def _lateral_acceleration_g(speed: FloatArray, yaw_rate: FloatArray) -> float:
 
 
 def beyond_grip(reference_map: ReferenceMap) -> str:
-    """Return what is wrong with the units of a map, and the likely cause; "" where nothing is."""
+    """Return a text about wrong units of a map and their likely cause; "" if the units are plausible."""
     speed, rates = reference_map.speed, reference_map.yaw_rate
     largest = _lateral_acceleration_g(speed, rates)
     if largest <= GRIP_MAX_G:

@@ -1,8 +1,8 @@
-"""Rate at which the rear angle goes to zero once everything is lost, from drives of the nonlinear plant around the C.
+"""Rate at which the rear angle returns to zero after all inputs are lost, from simulations of the nonlinear plant with the C.
 
-The rear wheels must return while the driver does what the controller no longer sees. With a slow ramp, a car whose driver
-straightens the wheel still has its rear wheels turned. With a fast one, a car whose driver keeps the wheel loses what holds its
-rear axle. No rate suits every driver, so each candidate is driven with all of them, in corners up to the edge of the map.
+The controller no longer sees the driver. If the ramp is slow and the driver straightens the wheel, the rear wheels are still
+turned. If it is fast and the driver holds the wheel, the rear axle loses its lateral support. No rate suits every driver, so
+each candidate is simulated with all drivers, in corners up to the edge of the map.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from codegen.tuning.transient import family_of, unit_step
 from codegen.units import KM_H
 
 Driver = Callable[[FloatArray], FloatArray]
-"""Time since the driver acts, in s and not below zero -> fraction of the front angle."""
+"""Fraction of the front angle as a function of the time since the driver acts, in s, >= 0."""
 
 RATES_DEG_S = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 """Candidates in addition to the configured rate."""
@@ -58,7 +58,7 @@ def straighten_slowly(seconds: FloatArray) -> FloatArray:
 
 
 def counter_steer(seconds: FloatArray) -> FloatArray:
-    """Turn to 0.6 of the angle on the other side within 0.4 s, hold it for half a second, straighten within 0.3 s."""
+    """Steer to 0.6 of the angle on the other side within 0.4 s, hold until 0.9 s, then straighten within 0.3 s."""
     return np.where(seconds < 0.9, np.maximum(-0.6, 1.0 - 1.6 * seconds / 0.4), np.minimum(0.0, -0.6 + 2.0 * (seconds - 0.9)))
 
 
@@ -105,14 +105,14 @@ def tune_fail_safe(
     progress: Callable[[int, int], None] | None = None,
     rates_deg_s: Sequence[float] = RATES_DEG_S,
 ) -> FailSafeRate:
-    """Find the rate with the fewest spins; the configured one stays where no other is better.
+    """Return the rate with the fewest spins. Keep the configured one if no other is better.
 
-    The configured car is driven with every rate, the others only with those that it spins least with.
+    The configured car is driven with every rate, the rest of the family only with the rates at which it spins least.
 
     Args:
         reference_map: solved for the car of the configuration.
         config: with the tuned controller.
-        software: the build of that map for this car; what was tuned since is taken from the configuration.
+        software: the build of that map for this car; parameters tuned later come from the configuration.
         progress: called with (done, in all).
         rates_deg_s: candidates in addition to the configured rate.
     """
@@ -152,7 +152,7 @@ def best(outcomes: Sequence[RateOutcome]) -> RateOutcome:
 
 
 def tuned_parameters(software: BatchSoftware, config: Config) -> Any:
-    """Return the build's parameters with what was tuned after it, from a tuned configuration."""
+    """Return the build's parameters, updated with those that `codegen tune` set after the build."""
     tracking = config.controller.tracking
     assert tracking.schedule is not None  # the configuration is tuned
     parameters = software.parameters(fail_safe_rate=math.radians(config.controller.fail_safe.rate_deg_s))
@@ -197,7 +197,7 @@ class _Drives:
         return len(self.lanes.cars)
 
     def drive(self, rate_deg_s: float | None, driver: Driver) -> tuple[BoolArray, FloatArray]:
-        """Drive all cars in all cells, with the loss and this rate, or without a loss where it is None.
+        """Drive all cars in all cells, with the loss and this rate; None drives without a loss.
 
         Returns:
             (runs,) whether each spins, and (runs,) its largest sideslip angle after the loss, in deg.

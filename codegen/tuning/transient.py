@@ -32,7 +32,7 @@ from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
 OVERSHOOT_PERCENT, SETTLING_S = 1.3, 1.05
 """Targets for the configured car."""
 OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 4.3, 1.09
-"""Its limits where it cannot have both, a little inside those of `codegen sil --suite cars`."""
+"""Limits of the configured car where it cannot meet both targets, a little inside those of `codegen sil --suite cars`."""
 DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, LAG_OVERSHOOT_PERCENT = 3.0, 15.0, 5.0
 """Limits of overshoot in the family: mass or tyres of both axles, tyres of the rear axle alone, or the lag differ."""
 LAG_FACTORS = (0.4, 2.0)
@@ -40,13 +40,13 @@ STATIC_OVERSHOOT_FACTOR = 0.6
 """The limit of a car with another lag is at least this factor times its overshoot without lead and response gain: rear wheels
 that follow late leave the beginning of a step to the front wheels."""
 OVERSHOOT_PRICE_S = 0.005
-"""Price in s of t90 of a percent of overshoot of the worst of these."""
+"""Cost of one percent of overshoot, in s of t90, for the car of the family with the most overshoot."""
 
 SHARES = (0.25, 0.5, 1.0)
 """Fractions of the largest feasible front angle."""
 LARGER_FROM = SHARES.index(0.5)
-"""First fraction at which a car keeps its limits that cannot keep them at every angle. At small angles, where an understeering
-car overshoots most, the same percentage is a smaller yaw rate."""
+"""First fraction at which a car must keep its limits if it cannot keep them at every angle. At small angles, where an
+understeering car overshoots most, the same percentage is a smaller yaw rate."""
 SPEED_MIN_KM_H = 25.0
 """Breakpoints of the schedule below this speed get the pair of the first one above: there the car follows its wheels."""
 
@@ -59,10 +59,10 @@ LEADS_S = (-0.02, 0.0, 0.02, 0.04, 0.06, 0.08, 0.10, 0.12, 0.14)
 RESPONSE_GAINS_S = (0.0, 0.06, 0.12, 0.18, 0.24)
 """Response gains of the first pairs, each with each lead."""
 DISTANCE_PRICE_S = 0.005
-"""Price in s of t90 of one step of distance between the pairs of neighbouring speeds, because a pair interpolated between
-distant ones is neither of them."""
+"""Cost of one step of distance between the pairs of neighbouring speeds, in s of t90. A pair interpolated between distant
+pairs behaves like neither."""
 TIERS = (1e6, 1e4, 1e2, 1.0)
-"""Weights that put one key of the choice before the next one, in the sum over the speeds."""
+"""Weights of the criteria, in order of priority, in the sum over the speeds."""
 STEPS = ((0.015, 0.04), (0.0075, 0.02), (0.00375, 0.01))
 """Refinement in s, s: each speed's best pair is compared with its eight neighbours at these distances. Even speeds move first,
 odd ones second, so that a drive half way between two speeds depends on only one that moves."""

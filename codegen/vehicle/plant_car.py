@@ -106,7 +106,7 @@ class PlantCar:
 
 
 def plant_parameters(config: Config) -> FloatArray:
-    """The car of a configuration as a row (k,) of numbers in the order of PLANT_PARAMETERS, SI units."""
+    """Return the car of a configuration as a row (k,) of numbers in the order of PLANT_PARAMETERS, SI units."""
     car = PlantCar.from_config(config)
     tyres = (getattr(tyre, name) for tyre in (car.front, car.rear) for name in _TYRE)
     return np.array([*astuple(car.chassis), *tyres], dtype=np.float64)
@@ -121,7 +121,7 @@ def varied_cars(
     front_stiffness: npt.ArrayLike = 1.0,
     rear_stiffness: npt.ArrayLike = 1.0,
 ) -> FloatArray:
-    """Cars that differ from the configured one: rows (n, k) in the order of PLANT_PARAMETERS.
+    """Return cars that differ from the configured one: rows (n, k) in the order of PLANT_PARAMETERS.
 
     The slope of the tyres at zero slip is kept under changes of mass, centre of gravity and peak: their factor B would
     otherwise carry it along.
@@ -156,7 +156,7 @@ def plant_symbols() -> Any:
 
 
 def load_shares_per_lateral_acceleration(config: Config) -> tuple[float, float]:
-    """Share of a wheel's static load that moves across the front and the rear axle, for each m/s^2."""
+    """Return the share of a wheel's static load that moves across the front and the rear axle, for each m/s^2."""
     moved, loads = load_transfer_per_lateral_acceleration(config), static_wheel_loads(config)
     return moved[0] / loads[0], moved[1] / loads[1]
 

@@ -10,7 +10,7 @@ STEPS_MAX = 200
 def bracketed_root(
     function: Callable[[float], float], low: float, high: float, atol: float = 1e-15, rtol: float = 1e-14
 ) -> float:
-    """The x between `low` and `high`, where the function has opposite signs, at which it is zero.
+    """Return the root between `low` and `high`, where the function has opposite signs.
 
     R. P. Brent, Algorithms for Minimization without Derivatives, chapter 4: secant or inverse quadratic steps as long as they
     shrink fast enough, else bisection. It ends with the root within atol + rtol |x|.

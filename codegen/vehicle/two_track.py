@@ -83,7 +83,7 @@ def two_track(config: Config) -> Model:
 
 
 def two_track_of_parameters(config: Config) -> ParametricModel:
-    """`two_track` with the car left open: of the configuration it takes only whether the tyres have a relaxation length.
+    """Return `two_track` for any car. The configuration only decides whether the tyres have a relaxation length.
 
     With p = `plant_parameters(config)` its functions are those of `two_track(config)`.
     """

@@ -24,7 +24,7 @@ SLIP_SEARCH_POINTS = 2000
 
 
 WHEEL_SPEED_MIN = 0.5
-"""m/s. Below, the slip angle of a rolling wheel has no meaning and its quotient no bound; the plant takes this instead."""
+"""Lower limit in m/s of the rolling speed from which the plant computes slip angles. Their quotient is unbounded at zero."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class MagicFormulaTyre:
         return result
 
     def slip_bound(self, departure: float, where: str = "tyre") -> float:
-        """The smallest slip angle (rad) at which F departs from its tangent at zero by `departure` (0.1 for 10 %).
+        """Return the smallest slip angle (rad) at which F departs from its tangent at zero by `departure` (0.1 for 10 %).
 
         This is the bound alpha_bar of the paper. Static load, nominal friction, no shifts.
 
@@ -161,7 +161,7 @@ class AxleTyres:
 
     @classmethod
     def from_config(cls, config: Config) -> AxleTyres:
-        """Tyres at the static wheel loads of the car. Raises ConfigError (see `slip_bound`)."""
+        """Return the tyres at the static wheel loads of the car. Raises ConfigError (see `slip_bound`)."""
         front_load, rear_load = static_wheel_loads(config)
         friction = config.road.friction
         front = MagicFormulaTyre.from_config(config.tyre.front, front_load, friction)
@@ -171,7 +171,7 @@ class AxleTyres:
 
 
 def load_transfer_per_lateral_acceleration(config: Config) -> tuple[float, float]:
-    """Load that moves from the inner to the outer wheel of the front and of the rear axle, N for each m/s^2.
+    """Return the load that moves from the inner to the outer wheel of the front and of the rear axle, N for each m/s^2.
 
     "moment-balance": rho m h / w and (1 - rho) m h / w, so that w (dFz_f + dFz_r) = m ay h. "paper": as printed, half of it.
     """
@@ -183,7 +183,7 @@ def load_transfer_per_lateral_acceleration(config: Config) -> tuple[float, float
 
 
 def static_wheel_loads(config: Config) -> tuple[float, float]:
-    """Load of one front and one rear wheel at rest, N: m g lr/(2 L) and m g lf/(2 L)."""
+    """Return the load of one front and one rear wheel at rest, N: m g lr/(2 L) and m g lf/(2 L)."""
     vehicle = config.vehicle
     weight = vehicle.mass_kg * config.road.gravity_m_s2
     return (
