@@ -12,7 +12,7 @@ PACKAGES = ("codegen", "hil_sim")
 LEVELS = (
     ("codegen",),  # the package itself: its version
     ("codegen.errors", "codegen.interrupts"),
-    ("codegen.cache", "codegen.files", "codegen.arrays", "codegen.text_table", "codegen.units"),
+    ("codegen.cache", "codegen.files", "codegen.programs", "codegen.arrays", "codegen.text_table", "codegen.units"),
     ("codegen.configuration",),
     ("codegen.vehicle",),
     ("codegen.map_file",),

@@ -23,6 +23,7 @@ from codegen.doctor import buses
 from codegen.doctor.finding import Finding, State
 from codegen.doctor.requirements import Requirement, extras_of, requirements
 from codegen.errors import BuildError, one_line
+from codegen.programs import run_program
 from codegen.sil.toolchain import compiler_command, compiler_identity
 
 PERIOD = 0.001
@@ -105,15 +106,8 @@ def module() -> Finding:
         with tempfile.TemporaryDirectory(prefix="ars-doctor-") as folder:
             root = str(Path(__file__).resolve().parents[2])
             path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH", ""))))
-            answer = subprocess.run(
-                [sys.executable, "-c", _TRIAL, HEADER, SOURCE],
-                env={**os.environ, "ARS_CACHE": folder, "PYTHONPATH": path},
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
-                text=True,
-                errors="replace",
-                check=False,
-            )
+            environment = {**os.environ, "ARS_CACHE": folder, "PYTHONPATH": path}
+            answer = run_program([sys.executable, "-c", _TRIAL, HEADER, SOURCE], environment=environment)
     except OSError as error:
         return Finding(name, State.BAD, f"it could not be tried: {one_line(error)}", serves, "free space", needed=True)
     if answer.returncode == 0:
@@ -275,15 +269,7 @@ def _look_for(program: Program) -> Finding:
     if not program.arguments:
         return Finding(name, State.GOOD, path, program.serves)
     try:
-        answer = subprocess.run(
-            [path, *program.arguments],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=ANSWER_LIMIT,
-            check=False,
-        )
+        answer = run_program([path, *program.arguments], timeout=ANSWER_LIMIT)
     except (OSError, subprocess.TimeoutExpired) as error:
         return Finding(name, State.BAD, f"{path} does not run: {one_line(error, 100)}", program.serves)
     told = (answer.stdout or answer.stderr).strip().splitlines()

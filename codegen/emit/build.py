@@ -16,7 +16,7 @@ from codegen import __version__
 from codegen.configuration import Config, check_name
 from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
-from codegen.ecu_map.lookup import error_bound
+from codegen.ecu_map.lookup import Lookup, error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
 from codegen.emit.a2l_view import a2l_view
 from codegen.emit.can_view import can_view, task_view
@@ -218,14 +218,15 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         domain=_domain(total),
         sources=tuple(f"src/{options.prefix}_{source}.c" for source in sources),
     )
-    table = map_view(total, options.precision, options.prefix, with_rear_angle=law.uses_rear_angle)
-    constants = constants_of(config, total, options.precision)
+    lookup = Lookup.from_map(total, numpy_type(options.precision))
+    table = map_view(total, lookup, options.precision, options.prefix, with_rear_angle=law.uses_rear_angle)
+    constants = constants_of(config, total, lookup)
     dynamics = dynamics_view(config, options.precision)
     context: dict[str, Any] = {
         "build": view,
         "map": table,
         "constants": constants,
-        "controller": controller_view(config, total, options.prefix, options.precision, real),
+        "controller": controller_view(config, total, lookup, options.prefix, options.precision, real),
         "law": law,
         "inputs": inputs_view(config, options.prefix, options.precision, real),
         "limiter": limiter_view(config, options.prefix, options.precision, real),

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import SupportsFloat
 
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.ecu_map.lookup import Lookup
+from codegen.ecu_map.lookup import Lookup, Real
 from codegen.ecu_map.total import TotalMap
 from codegen.emit.laws import law_of
-from codegen.emit.text import Precision, numpy_type
 from codegen.vehicle.single_track import SingleTrack
 
 
@@ -37,14 +37,14 @@ class Constant:
         return self.value if isinstance(self.value, tuple) else (self.value,)
 
 
-def constants_of(config: Config, total: TotalMap, precision: Precision) -> tuple[Constant, ...]:
+def constants_of(config: Config, total: TotalMap, lookup: Lookup) -> tuple[Constant, ...]:
     """Return the constants of a build, in the order of the struct. Raises BuildError: see `law_of`."""
-    law, lookup = law_of(config), Lookup.from_map(total, numpy_type(precision))
+    law = law_of(config)
     return (
         *_scales(total, with_rear_angle=law.uses_rear_angle),
         *_caps(lookup, stacked=bool(total.layers)),
         *(_vehicle(lookup, stacked=bool(total.layers)) if law.uses_rear_angle else ()),
-        *(_reference_model(config, total, precision) if law.uses_reference_model else ()),
+        *(_reference_model(config, total, lookup.real) if law.uses_reference_model else ()),
     )
 
 
@@ -59,12 +59,11 @@ def _scales(total: TotalMap, *, with_rear_angle: bool) -> Iterator[Constant]:
 
 def _caps(lookup: Lookup, *, stacked: bool) -> Iterator[Constant]:
     """The caps are rounded down, so that rounding never exceeds the bound."""
-    caps = tuple(float(cap) for cap in lookup.caps)
+    meaning = "largest steady one that the constraints allow"
     if stacked:
-        yield Constant("frictions", tuple(float(friction) for friction in lookup.frictions), "", "friction of each layer")
-        yield Constant("lateral_acceleration_caps", caps, "m/s^2", "largest that the constraints allow, on each layer")
-    else:
-        yield Constant("lateral_acceleration_cap", caps[0], "m/s^2", "largest steady one that the constraints allow")
+        yield Constant("frictions", _numbers(lookup.frictions, stacked), "", "friction of each layer")
+        meaning = "largest that the constraints allow, on each layer"
+    yield Constant(f"lateral_acceleration_cap{'s' * stacked}", _numbers(lookup.caps, stacked), "m/s^2", meaning)
     per_friction = float(lookup.lateral_acceleration_cap_per_friction)
     yield Constant("lateral_acceleration_cap_per_friction", per_friction, "m/s^2", "for a friction of 1, on slippery roads")
     yield Constant("map_friction", float(lookup.friction), "", "friction of the road that the map assumes")
@@ -72,26 +71,27 @@ def _caps(lookup: Lookup, *, stacked: bool) -> Iterator[Constant]:
 
 def _vehicle(lookup: Lookup, *, stacked: bool) -> Iterator[Constant]:
     """The linear vehicle of the map, which gives the rear angle of a capped yaw rate."""
-    cars = lookup.cars if stacked else lookup.cars[-1:]
-    own, plural = cars[-1], "s" if stacked else ""
-    understeer, slips = (tuple(float(getattr(car, name)) for car in cars) for name in ("understeer_coefficient", "rear_slip"))
+    own, plural = lookup.cars[-1], "s" * stacked
+    understeer = _numbers((car.understeer_coefficient for car in lookup.cars), stacked)
+    slip = _numbers((car.rear_slip for car in lookup.cars), stacked)
     yield Constant("wheelbase", float(own.wheelbase), "m", "")
-    yield Constant(f"understeer_coefficient{plural}", understeer if stacked else understeer[0], "s^2/m", "")
+    yield Constant(f"understeer_coefficient{plural}", understeer, "s^2/m", "")
     yield Constant("rear_arm", float(own.rear_arm), "m", "centre of gravity to rear axle")
-    yield Constant(
-        f"rear_slip_per_lateral_acceleration{plural}",
-        slips if stacked else slips[0],
-        "rad s^2/m",
-        "rear axle",
-    )
+    yield Constant(f"rear_slip_per_lateral_acceleration{plural}", slip, "rad s^2/m", "rear axle")
     yield Constant("sideslip_max", float(own.sideslip_max), "rad", "bound of the optimisation")
     yield Constant("rear_angle_max", float(own.rear_angle_max), "rad", "bound of the optimisation")
 
 
-def _reference_model(config: Config, total: TotalMap, precision: Precision) -> Iterator[Constant]:
+def _numbers(layers: Iterable[SupportsFloat], stacked: bool) -> float | tuple[float, ...]:
+    """Return the number of each layer of a stack, or the one number of a single map."""
+    numbers = tuple(map(float, layers))
+    return numbers if stacked else numbers[-1]
+
+
+def _reference_model(config: Config, total: TotalMap, real: Real) -> Iterator[Constant]:
     cap = total.lateral_acceleration_cap
     # Rounded up, so that the full grip is not mistaken for a road more slippery than the map's.
-    per_grip = total.friction / cap * (1.0 + 4.0 * float(np.finfo(numpy_type(precision)).eps))
+    per_grip = total.friction / cap * (1.0 + 4.0 * float(np.finfo(real).eps))
     slip = SingleTrack.from_config(config).rear_slip_per_lateral_acceleration
     yield Constant("grip_max", cap, "m/s^2", "lateral acceleration that the map allows on its road")
     yield Constant("friction_per_grip", per_grip, "s^2/m", "friction for each m/s^2 of it")

@@ -14,7 +14,7 @@ from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S, law_of
 from codegen.emit.parameters import RATE_OFF, Field, Parameter, ParameterView, configured, parameter_views, search_strides
-from codegen.emit.text import Precision, literal, numpy_type
+from codegen.emit.text import Precision, literal
 from codegen.units import DEGREE, KM_H
 
 INITIALISED = 0x41525331
@@ -148,8 +148,10 @@ _STATE = (
 )
 
 
-def controller_view(config: Config, total: TotalMap, prefix: str, precision: Precision, real: str) -> ControllerView:
-    """The view of the configured controller around a total map. Raises BuildError: see `law_of`."""
+def controller_view(
+    config: Config, total: TotalMap, lookup: Lookup, prefix: str, precision: Precision, real: str
+) -> ControllerView:
+    """Return the view of the configured controller around a total map and its lookup. Raises BuildError: see `law_of`."""
     law = law_of(config)
     parameters = parameter_views(controller_parameters(config), prefix, precision, real)
     law_fields = (*law.state, *_LAW_STATE)
@@ -191,12 +193,12 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
         rest_min=literal(REST_MIN, precision),
         reference_overshoot=REFERENCE_OVERSHOOT,
-        known=_known_values(total, precision),
+        known=_known_values(total, lookup, precision),
         known_tolerance=literal(SELFTEST_TOLERANCE, precision),
     )
 
 
-def _known_values(total: TotalMap, precision: Precision) -> tuple[str, ...]:
+def _known_values(total: TotalMap, lookup: Lookup, precision: Precision) -> tuple[str, ...]:
     """Speed, front angle, friction and yaw rate: corners, inside, beyond the edges, both signs, and slippery roads.
 
     Chosen so that each constant of the lookup shows in at least one: at small angles and low speeds the cap does not act.
@@ -218,8 +220,6 @@ def _known_values(total: TotalMap, precision: Precision) -> tuple[str, ...]:
         (1.5 * top_speed, top_angle, 1.02 * friction),
         (top_speed, top_angle, 0.4 * friction),
     ]
-    real = numpy_type(precision)
-    lookup = Lookup.from_map(total, real)
     known = {}
     for road in dict.fromkeys(road for _, _, road in points):
         speeds, angles = np.array([point[:2] for point in points if point[2] == road]).T

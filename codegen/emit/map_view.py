@@ -15,7 +15,7 @@ from codegen.ecu_map.axis import Axis
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import AxisConstants, Lookup
 from codegen.ecu_map.storage import raw_of
-from codegen.emit.text import Precision, c_type, lines_of, literal, numpy_type
+from codegen.emit.text import Precision, c_type, lines_of, literal
 from codegen.errors import MapError
 from codegen.map_file.tables import PLAUSIBLE
 from codegen.units import KM_H
@@ -160,15 +160,14 @@ class _Options:
     prefix: str
 
 
-def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_angle: bool) -> MapView:
-    """Return the view of a total map; `with_rear_angle` if the control law looks up the rear angle of the optimum.
+def map_view(total: TotalMap, lookup: Lookup, precision: Precision, prefix: str, *, with_rear_angle: bool) -> MapView:
+    """Return the view of a total map and its lookup; `with_rear_angle` if the law looks up the optimal rear angle.
 
     Raises:
         MapError: breakpoints that the target's precision cannot tell apart.
         ValueError: a number has no literal (the map contract rules that out).
     """
     options = _Options(precision, prefix)
-    lookup = Lookup.from_map(total, numpy_type(precision))
     for key, constants in (("vx", lookup.speed_axis), ("delta_f", lookup.front_axis)):
         _check_apart(key, constants)
     stacked = bool(total.layers)
@@ -181,14 +180,13 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
     names = (f"{prefix}_map_speed_breakpoints", f"{prefix}_map_front_angle_breakpoints")
     speed = _axis_view(lookup.speed_axis, "speed", "speed", "m/s", names[0], options)
     front_angle = _axis_view(lookup.front_axis, "front_angle", MAGNITUDE, "rad", names[1], options)
-    points = f"[{speed.points}][{front_angle.points}]"
     return MapView(
         speed=speed,
         front_angle=front_angle,
         axis_tops=(literal(SPEED_TOP, precision), literal(FRONT_ANGLE_TOP, precision)),
         evenness=literal(EVENNESS, precision),
         tables=tables,
-        table_size=f"[{prefix.upper()}_MAP_FRICTION_POINTS]{points}" if stacked else points,
+        table_size=_size(total, speed.points, front_angle.points, prefix),
         with_rear_angle=with_rear_angle,
         is_raw=total.scales is not None,
         stacked=stacked,
@@ -208,12 +206,17 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
     )
 
 
+def _size(total: TotalMap, speeds: int | str, front_angles: int | str, prefix: str) -> str:
+    """Return the size of a table in C; a stack has one more dimension."""
+    layers = f"[{prefix.upper()}_MAP_FRICTION_POINTS]" if total.layers else ""
+    return f"{layers}[{speeds}][{front_angles}]"
+
+
 def _grip_view(total: TotalMap, lookup: Lookup, options: _Options) -> GripView | None:
     if total.grip is None or lookup.grip is None:
         return None
     speed, front_angle, scale = lookup.grip.speed_axis, lookup.grip.front_axis, total.grip.scale
     prefix = f"{options.prefix}_map_grip"
-    size = f"[{speed.axis.size}][{front_angle.axis.size}]"
     return GripView(
         speed=_axis_view(speed, "grip_speed", "speed", "m/s", f"{prefix}_speed_breakpoints", options),
         front_angle=_axis_view(front_angle, "grip_front_angle", MAGNITUDE, "rad", f"{prefix}_front_angle_breakpoints", options),
@@ -223,7 +226,7 @@ def _grip_view(total: TotalMap, lookup: Lookup, options: _Options) -> GripView |
             layers=_layers(total, total.grip.speed, _grip_numbers(total, lookup)[0], options.precision),
             **_storage("grip_share", "1", scale, options),
         ),
-        size=f"[{options.prefix.upper()}_MAP_FRICTION_POINTS]{size}" if total.layers else size,
+        size=_size(total, speed.axis.size, front_angle.axis.size, options.prefix),
     )
 
 

@@ -76,14 +76,14 @@ class Calibration:
         tables = {"yaw_rate_table": lookup.table}
         if law.uses_rear_angle:
             tables["rear_angle_table"] = lookup.rear_tables[-1]
-        view = controller_view(config, total, PREFIX, "single", "float")
+        view = controller_view(config, total, lookup, PREFIX, "single", "float")
         inputs = inputs_view(config, PREFIX, "single", "float")
         limiter = limiter_view(config, PREFIX, "single", "float")
         return cls(
             config,
             total,
             tables,
-            {each.name: each.values[0] for each in constants_of(config, total, "single")},
+            {each.name: each.values[0] for each in constants_of(config, total, lookup)},
             _fields(view.parameters),
             _fields(inputs.parameters),
             _fields(limiter.parameters),

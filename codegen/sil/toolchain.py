@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from codegen.errors import BuildError
+from codegen.programs import run_program
 
 _ERROR_LINE = re.compile(
     r"^(?:(?P<place>[^\s:][^:\n]*:\d+)(?::\d+)?: |\S+: )?(?:fatal )?error: (?P<text>.+)$", re.MULTILINE | re.IGNORECASE
@@ -54,18 +55,9 @@ def compiler_command() -> tuple[str, ...]:
 
 def run(command: Sequence[str], folder: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Run the compiler in `folder` with English messages. Its temporary files go to `folder` too."""
-    environment = {**os.environ, "LC_ALL": "C"} | ({} if folder is None else {"TMPDIR": str(folder.absolute())})
+    environment = None if folder is None else {**os.environ, "TMPDIR": str(folder.absolute())}
     try:
-        return subprocess.run(
-            command,
-            cwd=folder,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            check=False,
-        )
+        return run_program(command, folder, environment=environment)
     except OSError as error:
         raise BuildError(f"the compiler cannot be started: {error.strerror}", where=command[0]) from error
 

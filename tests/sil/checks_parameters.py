@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from codegen.configuration import Config
+from codegen.ecu_map.lookup import Lookup
 from codegen.emit.controller_view import controller_view
 from codegen.emit.inputs_view import inputs_view
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
@@ -165,7 +166,8 @@ def is_valid(built: Built, **changes: Any) -> bool:
 def check_ranges(built: Built) -> None:
     """Check that every parameter is accepted up to the ends of its range and rejected beyond, array elements one by one."""
     software, real = built.software, built.real
-    view = controller_view(config_of(built), built.total, software.prefix, software.precision, "float")
+    lookup = Lookup.from_map(built.total)
+    view = controller_view(config_of(built), built.total, lookup, software.prefix, software.precision, "float")
     of_inputs = inputs_view(config_of(built), software.prefix, software.precision, "float").ranged
     assert is_valid(built)
     for struct, views in (("parameters", (*view.ranged, *view.ranged_arrays)), ("inputs_parameters", of_inputs)):

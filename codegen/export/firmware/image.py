@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from codegen.errors import BuildError, CodegenError, one_line
+from codegen.programs import run_program
 from codegen.sil.toolchain import require_success
 
 Toolchain = Literal["gcc", "zig"]
@@ -151,26 +152,9 @@ def _make(folder: Path, toolchain: Toolchain, *arguments: str) -> subprocess.Com
     # Kept nowhere: the folder is new each time, so zig's own cache would only grow.
     cache = str(folder.parent / "cache")
     environment = {name: value for name, value in os.environ.items() if name not in VARIABLES_OF_MAKE}
-    environment |= {"LC_ALL": "C", "ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
-    return _finished(
-        ["make", "--no-print-directory", "BUILD=build", f"TOOLCHAIN={toolchain}", *zig, *arguments], folder, environment
-    )
-
-
-def _finished(
-    command: Sequence[str], folder: Path, environment: Mapping[str, str], limit: float | None = None
-) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        command,
-        cwd=folder,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        errors="replace",
-        check=False,
-        timeout=limit,
-    )
+    environment |= {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
+    command = ["make", "--no-print-directory", "BUILD=build", f"TOOLCHAIN={toolchain}", *zig, *arguments]
+    return run_program(command, folder, environment=environment)
 
 
 def _build(folder: Path, toolchain: Toolchain) -> Sizes:
@@ -183,7 +167,7 @@ def _run(folder: Path, toolchain: Toolchain) -> subprocess.CompletedProcess[str]
     told = _make(folder, toolchain, "--dry-run", "run")
     require_success(told, "make run")
     try:
-        return _finished(shlex.split(told.stdout), folder, {**os.environ, "LC_ALL": "C"}, RUN_LIMIT)
+        return run_program(shlex.split(told.stdout), folder, timeout=RUN_LIMIT)
     except subprocess.TimeoutExpired:
         remedy = "look at it with `make run` and a debugger"
         raise CodegenError(f"the image did not end within {RUN_LIMIT:g} s", where=QEMU, remedy=remedy) from None

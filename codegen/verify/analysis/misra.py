@@ -17,6 +17,7 @@ from pathlib import Path
 
 from codegen.emit.misra_rules import RULES, category
 from codegen.errors import BuildError
+from codegen.programs import run_program
 from codegen.verify.analysis.findings import Finding, once, plain
 from codegen.verify.packages import EXTRA, MissingTool
 
@@ -129,15 +130,6 @@ def _finding(line: str) -> Finding | None:
 
 def _run(command: list[str], folder: Path | None) -> subprocess.CompletedProcess[str]:
     try:
-        return subprocess.run(
-            command,
-            cwd=folder,
-            env={**os.environ, "LC_ALL": "C", "PYTHONDONTWRITEBYTECODE": "1"},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            check=False,
-        )
+        return run_program(command, folder, environment={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"})
     except OSError as error:
         raise BuildError(f"it cannot be started: {error.strerror}", where="cppcheck") from error

@@ -26,7 +26,7 @@ from codegen.emit.render import render, verbatim
 from codegen.emit.text import c_type, literal, numpy_type
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.sanitizers.sanitized import Compiler, compiled, find_compiler, findings_of, run_program
+from codegen.verify.sanitizers.sanitized import Compiler, compiled, find_compiler, findings_of, run_sanitized
 from codegen.verify.suites import Recording, recordings
 
 Name = Literal["can", "step"]
@@ -207,7 +207,7 @@ def _run(compiler: Compiler, subject: Subject, name: Name, corpus: Sequence[byte
         stored = program.path.parent / "seeds"
         stored.write_bytes(b"".join(struct.pack("=I", len(data)) + data for data in corpus))
         try:
-            result = run_program(program.path, str(stored), str(inputs), str(SEED), seconds=SECONDS_MAX)
+            result = run_sanitized(program.path, str(stored), str(inputs), str(SEED), seconds=SECONDS_MAX)
         except subprocess.TimeoutExpired:
             return _Run(inputs, 0, 0, ("an input does not end",))
         return _read(result, inputs)

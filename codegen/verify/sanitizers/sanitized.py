@@ -21,6 +21,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from codegen.errors import BuildError, CodegenError
+from codegen.programs import run_program
 from codegen.sil.toolchain import compiler_command, compiler_identity, require_success, run
 from codegen.verify.packages import MissingTool
 
@@ -118,7 +119,9 @@ def _finds_planted_faults(command: tuple[str, ...]) -> bool:
             tree = Path(scratch)
             (tree / "canary.c").write_text(_CANARY, encoding="ascii")
             require_success(run([*command, *FLAGS, SANITIZERS, "canary.c", "-o", "canary"], tree), "canary.c")
-            return all(what in run_program(tree / "canary", fault, seconds=60).stderr for fault, what in _CANARY_FAULTS.items())
+            return all(
+                what in run_sanitized(tree / "canary", fault, seconds=60).stderr for fault, what in _CANARY_FAULTS.items()
+            )
     except (BuildError, OSError):
         return False
 
@@ -128,23 +131,14 @@ def launcher() -> tuple[str, ...]:
     """Return the command that disables address randomisation, if allowed. Older runtimes find no room for their shadow
     memory in some layouts."""
     program = shutil.which("setarch")
-    if program is None or subprocess.run([program, "-R", "true"], capture_output=True, check=False).returncode != 0:
+    if program is None or run_program([program, "-R", "true"]).returncode != 0:
         return ()
     return (program, "-R")
 
 
-def run_program(program: Path, *arguments: str, seconds: float) -> subprocess.CompletedProcess[str]:
+def run_sanitized(program: Path, *arguments: str, seconds: float) -> subprocess.CompletedProcess[str]:
     """Run a sanitized program to its end. Raises subprocess.TimeoutExpired after `seconds`."""
-    return subprocess.run(
-        [*launcher(), str(program), *arguments],
-        env=environment(),
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        errors="replace",
-        check=False,
-        timeout=seconds,
-    )
+    return run_program([*launcher(), str(program), *arguments], timeout=seconds, environment=environment())
 
 
 def environment() -> dict[str, str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.errors import BuildError
+from codegen.programs import run_program
 from codegen.sil.toolchain import require_success
 from codegen.verify.packages import require
 
@@ -168,15 +168,7 @@ def zig(arguments: Sequence[str], folder: Path) -> str:
     require("ziglang")
     # Kept nowhere: no folder is used twice, so zig's own cache would only grow.
     cache = str(folder.parent / "cache")
-    result = subprocess.run(
-        [sys.executable, "-m", "ziglang", *arguments],
-        cwd=folder,
-        env={**os.environ, "LC_ALL": "C", "ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        errors="replace",
-        check=False,
-    )
+    environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
+    result = run_program([sys.executable, "-m", "ziglang", *arguments], folder, environment=environment)
     require_success(result, "the cross compiler")
     return result.stdout
