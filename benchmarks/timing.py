@@ -17,7 +17,7 @@ UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
 
 @dataclass(frozen=True)
 class Times:
-    """Times of the repeats of one piece of work in s, in order, and its name."""
+    """Name of a measured call, and the duration of each repetition, in s."""
 
     name: str
     seconds: tuple[float, ...]
@@ -55,7 +55,7 @@ def once(work: Callable[[], object], clock: Clock = time.perf_counter) -> float:
 def interleaved(works: Mapping[str, Callable[[], object]], repeats: int, clock: Clock = time.perf_counter) -> dict[str, Times]:
     """Time the works in turns, so that a slow period of the machine affects all; every other round is reversed.
 
-    A first round, which fills caches and loads modules, is not counted. Times of a round have the same index.
+    A first round, which fills caches and loads modules, is not counted. Durations of one round have the same index.
     """
     seconds: dict[str, list[float]] = {name: [] for name in works}
     for work in works.values():

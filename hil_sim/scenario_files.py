@@ -38,7 +38,7 @@ from hil_sim.faults import FRAME_KINDS, VALUE_KINDS, Fault, FaultKind
 from hil_sim.manoeuvres import Columns, Settings
 from hil_sim.scenarios import BUILT_IN, Scenario
 
-MAX_FILE_BYTES, MAX_TOML_BYTES = 64 * 2**20, 2**20
+RECORDING_BYTES_MAX, SCENARIO_BYTES_MAX = 64 * 2**20, 2**20
 
 
 def load(path: Path, config: Config | None = None) -> Scenario:
@@ -53,7 +53,7 @@ def load(path: Path, config: Config | None = None) -> Scenario:
     """
     if path.suffix.lower() not in (".csv", ".toml"):
         raise CodegenError("neither .csv nor .toml", where=path, remedy="name a recording or a scenario file")
-    limit = MAX_FILE_BYTES if path.suffix.lower() == ".csv" else MAX_TOML_BYTES
+    limit = RECORDING_BYTES_MAX if path.suffix.lower() == ".csv" else SCENARIO_BYTES_MAX
     text = read_text(path, limit, "name a .csv or .toml file, or cut it into shorter ones")
     if path.suffix.lower() == ".csv":
         return _from_csv(text, path)

@@ -151,4 +151,4 @@ def live_view(setup: Setup, kind: str, *, quiet: bool) -> Iterator[Observer | No
 def note_edited(build: Path, edited: Sequence[str], *, quiet: bool) -> None:
     """Warn about generated files that were edited."""
     for path in () if quiet else edited:
-        console.note(f"{build / path} was changed after the build; this run uses it as it is")
+        console.note(f"{build / path} was changed after the build; the changed file is used")

@@ -147,6 +147,7 @@ def firmware(build_path: Path, output: Path, run_it: bool, toolchain: str | None
     No vendor code, no C library. With --run the image is built in a folder of its own, run in QEMU (mps2-an386), and exits with
     1 where a frame differs from that of the software in the loop.
     """
+    from codegen.cli.bench_report import note_edited
     from codegen.emit.write import write_folder
     from codegen.export.firmware import image
     from codegen.export.firmware.project import project, refuse_target
@@ -159,8 +160,7 @@ def firmware(build_path: Path, output: Path, run_it: bool, toolchain: str | None
     refuse_target(output)
     with console.status(f"recording a drive of {build_path}"):
         made = project(build_path)
-    for path in () if as_json else made.edited:
-        console.note(f"{build_path / path} was changed after the build; the firmware takes it as it is")
+    note_edited(build_path, made.edited, quiet=as_json)
     changed = write_folder(made.folder, output)
     result: dict[str, Any] = {
         "build": str(build_path),

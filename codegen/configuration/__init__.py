@@ -57,7 +57,7 @@ __all__ = [
 
 Preset = Literal["paper", "recommended"]
 
-MAX_FILE_BYTES = 2**20
+CONFIG_BYTES_MAX = 2**20
 """Size limit of an ars.toml: hundreds of times what one with listed breakpoints needs."""
 
 MAX_LINE = 2**14
@@ -225,7 +225,7 @@ def parse_toml(text: str, where: object, kind: type[CodegenError]) -> dict[str, 
 
 def load(path: Path) -> Config:
     """Read and validate an `ars.toml`. Raises ConfigError."""
-    text = read_text(path, MAX_FILE_BYTES, "name an ars.toml; `codegen init DIR` makes one", ConfigError)
+    text = read_text(path, CONFIG_BYTES_MAX, "name an ars.toml; `codegen init DIR` makes one", ConfigError)
     return parse(parse_toml(text, path, ConfigError), path)
 
 

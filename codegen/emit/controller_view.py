@@ -74,7 +74,7 @@ class ControllerView:
     rest_min: str
     reference_overshoot: float
     known: tuple[str, ...]
-    known_tolerance: str
+    selftest_tolerance: str
 
 
 def controller_parameters(config: Config) -> tuple[Parameter, ...]:
@@ -194,7 +194,7 @@ def controller_view(
         rest_min=literal(REST_MIN, precision),
         reference_overshoot=REFERENCE_OVERSHOOT,
         known=_known_values(total, lookup, precision),
-        known_tolerance=literal(SELFTEST_TOLERANCE, precision),
+        selftest_tolerance=literal(SELFTEST_TOLERANCE, precision),
     )
 
 

@@ -26,7 +26,7 @@ MANIFEST = "manifest.json"
 BESIDE = ("verify.json", "verify.md")
 """Files that verification writes into a build: ours, but about the build and so not named by its manifest."""
 
-FILE_BYTES_MAX = 2**28
+BUILD_FILE_BYTES_MAX = 2**28
 MANIFEST_BYTES_MAX = 16 * 2**20
 DEPTH_MAX = 32
 """Largest depth of folders in a build; generated ones have two."""
@@ -88,7 +88,7 @@ def read_files(target: Path, manifest: Mapping[str, Any], folders: tuple[str, ..
     files = {}
     for path in manifest["files"]:
         if path.startswith(folders):
-            files[path] = read_file(target / path, FILE_BYTES_MAX, "build again with `codegen build`", BuildError)
+            files[path] = read_file(target / path, BUILD_FILE_BYTES_MAX, "build again with `codegen build`", BuildError)
     return files
 
 

@@ -18,7 +18,7 @@ TIMESTAMP_SIZE = 2
 
 @dataclass(frozen=True)
 class XcpTiming:
-    """Times of the XCP slave, in units of the standard.
+    """Timing of the XCP slave, in units of the standard.
 
     Attributes:
         timestamp_ticks: increment of the timestamp clock per run of the task, in timestamp units.

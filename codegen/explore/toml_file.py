@@ -12,7 +12,7 @@ from typing import Any
 
 import tomlkit
 
-from codegen.configuration import Config, parse, preset_text
+from codegen.configuration import CONFIG_BYTES_MAX, Config, parse, preset_text
 from codegen.emit.outputs import check_output
 from codegen.errors import CodegenError, ConfigError
 from codegen.explore.controls import ExploreError
@@ -22,13 +22,12 @@ from codegen.importing.toml_edit import replace_values
 REMARK = "codegen explore wrote into this table."
 MOVABLE = ("cases.", "limits.", "road.", "tyre.", "controller.")
 """Tables that a text may differ in and still be the same car's: its comments then stay true."""
-BYTES_MAX = 2**20
 
 Leaves = dict[str, Any]
 
 
 class Existing(ExploreError):
-    """The file is there already; nothing is written without the user's word.
+    """The file exists already; it is overwritten only if the user confirms.
 
     Attributes:
         sha256: of its bytes, which the user's word is for.
@@ -79,7 +78,7 @@ class Target:
     def _content(self) -> bytes | None:
         if not self.path.exists():
             return None
-        return read_file(self.path, BYTES_MAX, "check its permissions, or move it away", ExploreError)
+        return read_file(self.path, CONFIG_BYTES_MAX, "check its permissions, or move it away", ExploreError)
 
     def _text(self, config: Config, before: bytes | None) -> tuple[str, bool]:
         """The text to write, and whether it is that of the file with other numbers."""

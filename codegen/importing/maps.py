@@ -15,7 +15,7 @@ from codegen.arrays import FloatArray
 from codegen.errors import CodegenError
 from codegen.importing import mat, plausible, quantities
 from codegen.importing.quantities import FACTORS, LOGICAL, QUANTITIES
-from codegen.importing.source import ImportFault, Source, read
+from codegen.importing.source import TABLE_BYTES_MAX, ImportFault, Source, read
 from codegen.importing.table import Axis, RawMap, read_table
 from codegen.map_file.map import SCHEMA_VERSION, ReferenceMap, from_arrays
 from codegen.map_file.tables import UNITS
@@ -57,7 +57,7 @@ def import_map(path: Path, choices: Choices) -> ImportedMap:
         MapError: it breaks the contract of the map.
     """
     given = quantities.parse_units(choices.units)
-    source = read(path, mat.MAX_BYTES)
+    source = read(path, TABLE_BYTES_MAX)
     found = mat.contents(source) if path.suffix.lower() in MATLAB_ENDINGS else None
     try:
         return _imported(source, found, choices, given)

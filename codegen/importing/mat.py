@@ -17,16 +17,14 @@ import numpy as np
 
 from codegen.arrays import AnyArray
 from codegen.importing import mat_child
-from codegen.importing.source import MIB, ImportFault, Source
+from codegen.importing.source import MIB, TABLE_BYTES_MAX, ImportFault, Source
 
-MAX_BYTES = 64 * MIB
-"""Size limit of the file, packed and unpacked, as for a map (docs/interface.md)."""
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SAVE_AGAIN = "save it in MATLAB with save(name, 'vx', 'delta_f', 'yaw_rate', '-v7')"
 SECONDS = 60.0
 """Time limit of the reading in s; 64 MiB take one second."""
 # -P: neither the user's folder nor this one comes before the libraries. By its path: the package need not be installed.
-READER = (sys.executable, "-P", str(Path(mat_child.__file__)), str(MAX_BYTES))
+READER = (sys.executable, "-P", str(Path(mat_child.__file__)), str(TABLE_BYTES_MAX))
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,7 @@ def contents(source: Source) -> Contents:
         raise _no_reader(source, str(error.strerror)) from None
     if result.returncode == mat_child.TOO_LARGE:
         remedy = "save the map's own variables only"
-        raise ImportFault(f"over {MAX_BYTES // MIB} MiB unpacked", where=source.path, remedy=remedy)
+        raise ImportFault(f"over {TABLE_BYTES_MAX // MIB} MiB unpacked", where=source.path, remedy=remedy)
     if result.returncode == mat_child.DAMAGED or result.returncode < 0:  # below zero: a signal
         raise ImportFault("damaged, or no MAT-file of version 4 to 7.2", where=source.path, remedy=SAVE_AGAIN)
     if result.returncode != 0:

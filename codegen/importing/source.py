@@ -11,6 +11,9 @@ from codegen.files import read_file
 
 MIB = 2**20
 
+TABLE_BYTES_MAX = 64 * MIB
+"""Size limit of a MATLAB file, packed and unpacked, and of a text table; that of a map (docs/interface.md)."""
+
 
 class ImportFault(CodegenError):
     """A file that cannot be imported."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from codegen.importing.source import MIB, ImportFault, Source, text_of
 
-MAX_BYTES = MIB
+TIR_BYTES_MAX = MIB
 """Size limit; a file has about 20 KiB."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?\Z", re.ASCII)
 UNITS_SECTION = "UNITS"

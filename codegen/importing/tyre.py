@@ -102,9 +102,9 @@ def import_tyres(paths: Sequence[Path], config_path: Path, peak: Peak = "file") 
     """
     config = configuration.load(config_path)
     _check_car(config, config_path)
-    text = read(config_path, configuration.MAX_FILE_BYTES).data.decode("utf-8-sig")
+    text = read(config_path, configuration.CONFIG_BYTES_MAX).data.decode("utf-8-sig")
     loads = static_wheel_loads(config)
-    files = [read(path, tir.MAX_BYTES) for path in paths]
+    files = [read(path, tir.TIR_BYTES_MAX) for path in paths]
     sources = files if len(files) == 2 else files * 2
     formulas = [read_formula(tir.parse(source)) for source in sources]
     curves = [_curve(formula, load, source) for formula, load, source in zip(formulas, loads, sources, strict=True)]

@@ -16,22 +16,22 @@ from codegen.arrays import AnyArray
 from codegen.errors import MapError
 from codegen.files import read_file, reason_of
 
-MAX_UNPACKED_BYTES = 64 * 2**20
-MAX_PACKED_BYTES = MAX_UNPACKED_BYTES + 2**20  # the arrays, stored as they are, and the directory of the archive
+UNPACKED_BYTES_MAX = 64 * 2**20
+PACKED_BYTES_MAX = UNPACKED_BYTES_MAX + 2**20  # the arrays, stored as they are, and the directory of the archive
 NPY_HEADER_BYTES = 128
 SAVE_AS = "save plain numeric arrays with numpy.savez(path, vx=..., delta_f=..., yaw_rate=...)"
 
 
 def read_map_file(path: Path) -> bytes:
     """The bytes of an .npz file. Raises MapError."""
-    return read_file(path, MAX_PACKED_BYTES, "check the path, name an .npz file; `codegen solve` makes a map", MapError)
+    return read_file(path, PACKED_BYTES_MAX, "check the path, name an .npz file; `codegen solve` makes a map", MapError)
 
 
 def check_size(size: int, limit: int, where: object) -> None:
     """Refuse more than `limit` bytes. Raises MapError."""
     if size > limit:
         remedy = "give the map fewer breakpoints, or its stack fewer frictions"
-        raise MapError(f"over {MAX_UNPACKED_BYTES >> 20} MiB unpacked", where=where, remedy=remedy)
+        raise MapError(f"over {UNPACKED_BYTES_MAX >> 20} MiB unpacked", where=where, remedy=remedy)
 
 
 @contextmanager
@@ -53,11 +53,11 @@ def read_archive(
     data: bytes, where: object, keys: Sequence[str], check_keys: Callable[[Iterable[str], object], None]
 ) -> dict[str, AnyArray]:
     """Return the arrays of `keys` in an .npz archive. `check_keys` checks all names before unpacking. Raises MapError."""
-    check_size(len(data), MAX_PACKED_BYTES, where)
+    check_size(len(data), PACKED_BYTES_MAX, where)
     if not data.startswith(b"PK"):
         raise MapError("not an .npz file (a zip archive)", where=where, remedy=SAVE_AS)
     with _refuse_damage(where), zipfile.ZipFile(io.BytesIO(data)) as archive:
-        check_size(sum(info.file_size for info in archive.infolist()), MAX_UNPACKED_BYTES, where)
+        check_size(sum(info.file_size for info in archive.infolist()), UNPACKED_BYTES_MAX, where)
         members: dict[str, zipfile.ZipInfo] = {}
         for info in archive.infolist():
             key = info.filename.removesuffix(".npy")
@@ -87,5 +87,5 @@ def _read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, place: str) ->
         if math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
             raise ValueError(f"shape {shape} does not fit {len(data) - stream.tell()} bytes")
         # A narrow number becomes one of 8 bytes.
-        check_size(math.prod(shape) * max(dtype.itemsize, 8), MAX_UNPACKED_BYTES, place)
+        check_size(math.prod(shape) * max(dtype.itemsize, 8), UNPACKED_BYTES_MAX, place)
         return np.ndarray(shape, dtype, data, stream.tell(), order="F" if fortran_order else "C")

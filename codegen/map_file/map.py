@@ -185,7 +185,7 @@ def to_bytes(reference_map: ReferenceMap) -> bytes:
         raise MapError("it is not of this configuration and case", where=f"{where}: meta", remedy="make it with make_meta")
     arrays = _arrays(checked, where)
     archive.check_size(
-        sum(array.nbytes + archive.NPY_HEADER_BYTES for array in arrays.values()), archive.MAX_UNPACKED_BYTES, where
+        sum(array.nbytes + archive.NPY_HEADER_BYTES for array in arrays.values()), archive.UNPACKED_BYTES_MAX, where
     )
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as packed:

@@ -52,7 +52,7 @@ def solve_stack(
     lower = lower_frictions(config, friction)
     speed, front_angle = breakpoints(config)
     maps = len(lower) + 1
-    archive.check_size(maps * speed.size * front_angle.size * CELL_BYTES, archive.MAX_UNPACKED_BYTES, OPTION)
+    archive.check_size(maps * speed.size * front_angle.size * CELL_BYTES, archive.UNPACKED_BYTES_MAX, OPTION)
 
     def part(index: int) -> Callable[[int, int], None] | None:
         return None if progress is None else lambda done, total: progress(index * total + done, maps * total)

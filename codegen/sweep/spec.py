@@ -35,7 +35,7 @@ from codegen.configuration.section import Range, Section, check_name, check_numb
 from codegen.errors import ConfigError, suggestion
 from codegen.files import read_text
 
-MAX_BYTES = 2**20
+SPEC_BYTES_MAX = 2**20
 MAX_SAMPLES = 100_000_000
 MAX_POINTS = 10_000
 MAX_CONTROLLERS = 20
@@ -248,7 +248,7 @@ class Spec(Section):
 
 def load(path: Path) -> Spec:
     """Read and check a `sweep.toml`. Raises ConfigError with the file and the key."""
-    return parse(parse_toml(read_text(path, MAX_BYTES, "name a sweep.toml", ConfigError), path, ConfigError), path)
+    return parse(parse_toml(read_text(path, SPEC_BYTES_MAX, "name a sweep.toml", ConfigError), path, ConfigError), path)
 
 
 def parse(data: Mapping[str, Any], where: object) -> Spec:

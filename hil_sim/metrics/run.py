@@ -84,7 +84,7 @@ class Run:
 
     @cached_property
     def time(self) -> FloatArray:
-        """Times of the samples, (samples,) s."""
+        """Sampling times, (samples,) s."""
         return column(self.record, "time_s")
 
     @cached_property

@@ -31,7 +31,7 @@ DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY = 1.83, 1.52
 
 @dataclass(frozen=True)
 class SteeringTimes:
-    """Times of the beginning of steer, of the change of sign in the middle and of the completion of steer, in s."""
+    """Beginning of steer, change of sign in the middle, and completion of steer, in s."""
 
     beginning: float
     reversal: float

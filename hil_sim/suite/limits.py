@@ -13,7 +13,7 @@ from codegen.configuration.section import Range, Section
 from codegen.errors import CodegenError
 from codegen.files import read_text
 
-FILE_BYTES_MAX = 2**16
+LIMITS_BYTES_MAX = 2**16
 
 Percent = Annotated[float, Range(0.0, 1_000.0, "%")]
 Seconds = Annotated[float, Range(0.0, 60.0, "s")]
@@ -64,7 +64,7 @@ class Limits(Section):
 
 def load(path: Path) -> Limits:
     """Read limits from a TOML file; keys that it leaves out keep their defaults. Raises CodegenError."""
-    text = read_text(path, FILE_BYTES_MAX, "name a TOML file of limits, such as overshoot_percent = 5.0")
+    text = read_text(path, LIMITS_BYTES_MAX, "name a TOML file of limits, such as overshoot_percent = 5.0")
     try:
         return Limits.model_validate(parse_toml(text, path, CodegenError))
     except ValidationError as error:

@@ -74,7 +74,7 @@ def test_a_missing_or_too_long_file() -> None:
     Path("folder.csv").mkdir()
     Path("latin.csv").write_bytes(b"time_s,\xe9\n")
     with Path("huge.csv").open("wb") as file:
-        file.truncate(scenario_files.MAX_FILE_BYTES + 1)
+        file.truncate(scenario_files.RECORDING_BYTES_MAX + 1)
     for name, words in (
         ("missing.csv", "cannot be read"),
         ("a\0b.csv", "cannot be read"),

@@ -289,6 +289,6 @@ def test_a_map_that_breaks_the_contract_is_not_saved(tmp_path: Path, monkeypatch
     assert os.listdir(tmp_path) == []
     with pytest.raises(MapError, match="make_meta"):
         refmap.to_bytes(replace(solved_map(), case="fws"))
-    monkeypatch.setattr(archive, "MAX_UNPACKED_BYTES", len(refmap.to_bytes(solved_map())) // 2)
+    monkeypatch.setattr(archive, "UNPACKED_BYTES_MAX", len(refmap.to_bytes(solved_map())) // 2)
     with pytest.raises(MapError, match="fewer breakpoints"):
         refmap.to_bytes(solved_map())
