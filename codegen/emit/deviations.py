@@ -50,12 +50,12 @@ class Deviation:
 
 
 def category_of(rule: str) -> str:
-    """Category of a MISRA rule by its number; `CHECKER` for a checker's own finding."""
+    """Return the category of a MISRA rule, or `CHECKER` for a finding by a checker's own rule."""
     return category(rule) if rule in RULES else CHECKER
 
 
 def excerpt(line: str) -> str:
-    """A line of C as `deviations.md` shows it."""
+    """Return a line of C as `deviations.md` shows it."""
     text = " ".join(line.split())
     return text if len(text) <= CODE_MAX else f"{text[: CODE_MAX - 3]}..."
 
@@ -73,7 +73,7 @@ class Entry:
 
 
 def _names_of_several_units(sources: tuple[Unit, ...]) -> Places:
-    """Static functions and objects that are called as one of another unit."""
+    """Yield static functions and objects whose name another unit also uses."""
     defined = [(unit, each) for unit in sources for each in (*unit.functions, *unit.static_objects) if each.static]
     for unit, each in defined:
         if any(other.name == each.name and place is not unit for place, other in defined):
@@ -81,13 +81,13 @@ def _names_of_several_units(sources: tuple[Unit, ...]) -> Places:
 
 
 def _objects_of_one_function(sources: tuple[Unit, ...]) -> Places:
-    """Static objects at file scope that just one function uses."""
+    """Yield static objects at file scope that only one function uses."""
     for unit in sources:
         yield from ((unit, each.line) for each in unit.static_objects if len(unit.users(each.name)) == 1)
 
 
 def _functions_for_callers(sources: tuple[Unit, ...]) -> Places:
-    """External functions that nothing in the build calls."""
+    """Yield external functions that nothing in the build calls."""
     for unit in sources:
         for each in unit.functions:
             if not each.static and sum(source.mentions(each.name) for source in sources) == 1:
@@ -95,7 +95,7 @@ def _functions_for_callers(sources: tuple[Unit, ...]) -> Places:
 
 
 def _unions(sources: tuple[Unit, ...]) -> Places:
-    """Lines that declare a union or an object of its type."""
+    """Yield lines that declare a union or an object of its type."""
     for unit in sources:
         text = "\n".join(unit.lines)
         names = re.findall(r"^typedef union \{[^}]*\} (\w+);", text, re.MULTILINE)
@@ -109,7 +109,7 @@ _OPPOSITE = {"<": ">=", ">=": "<", ">": "<=", "<=": ">"}
 
 
 def _opposite_comparisons(sources: tuple[Unit, ...]) -> Places:
-    """An `else if` that is the opposite of an earlier condition of its chain."""
+    """Yield each `else if` whose condition is the opposite of an earlier one of its chain."""
     for unit in sources:
         chain: set[tuple[str, ...]] = set()
         for number, line in enumerate(unit.lines, 1):
@@ -128,8 +128,8 @@ ENTRIES = (
     Entry(
         "5.9",
         _names_of_several_units,
-        "each unit brings its own small helpers, so that it can be read, tested and taken alone; the limiter must share "
-        "nothing with what it guards",
+        "each unit has its own small helpers, so that it can be read, tested and reused alone; the limiter must share nothing "
+        "with the code that it guards",
     ),
     Entry(
         "8.7",
@@ -139,24 +139,24 @@ ENTRIES = (
     Entry(
         "8.9",
         _objects_of_one_function,
-        "constants stand together at the head of their unit, with unit and meaning, where a reviewer and the linker's sections "
-        "look for them",
+        "constants are grouped at the head of their unit, with unit and meaning, where reviewers and linker sections expect "
+        "them",
     ),
     Entry(
         "19.2",
         _unions,
-        "the bits of a number without a cast of pointers; both members have one size",
+        "reads the bits of a number without a pointer cast; both members have the same size",
     ),
     Entry(
         "multiCondition",
         _opposite_comparisons,
-        "no comparison is the opposite of another where a number may be NaN: both are false then, and the else acts",
+        "no comparison is the opposite of another if a number may be NaN: both are then false, and the else branch applies",
     ),
 )
 
 
 def deviations(files: Mapping[str, bytes]) -> tuple[Deviation, ...]:
-    """Every deviation of a build's sources, by file, line and rule.
+    """Return every deviation of a build's sources, sorted by file, line and rule.
 
     Args:
         files: content by path.

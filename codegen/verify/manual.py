@@ -1,6 +1,6 @@
-"""The safety manual of a build, `verify.md`: on what terms it may be used, what is shown and how, and what is not.
+"""Safety manual of a build, `verify.md`: conditions of use, results of the checks, and limitations.
 
-The words stand in the template; here are the facts of a build, and the results of the checks as tables.
+The template holds the text. This module supplies the facts of a build and formats the results of the checks as tables.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ BUDGETS = {
     "cycle": "task_instructions_max",
 }
 """Budget key of each function's instructions."""
-CALLED = {"controller_step": "controller_step, its limiter apart", "cycle": "cycle: both frames received, and the task"}
+CALLED = {"controller_step": "controller_step, without the limiter", "cycle": "cycle: reception of both frames, and the task"}
 """Description of a function where its name is not enough."""
 SUITES = {
     "scenarios": "scenarios in closed loop, by calls and through CAN frames",
@@ -49,7 +49,7 @@ SUITES = {
 """Figures of the sanitizers."""
 LAW_FIGURES = {
     "drives": "drives",
-    "parameter_sets": "of these, with parameters that were drawn",
+    "parameter_sets": "of these, with random parameters",
     "samples": "samples",
     "task_cycles": "cycles of the task, frames in and frame out",
 }
@@ -222,9 +222,9 @@ def _compilations(figures: Figures) -> Table:
         (
             ("compilations", f"{len(figures['compilations']):,}"),
             ("warnings, each an error", " ".join(f"`{flag}`" for flag in figures["warnings"] if flag != "-Werror")),
-            ("mixtures of builds refused", f"{figures['mixtures_refused']:,} of {figures['mixtures']:,}"),
-            ("sources that have to refuse `-ffast-math`", _text(figures["sources_that_refuse_fast_math"])),
-            *((f"needed of a library for {'; '.join(cores)}", names) for names, cores in needed.items()),
+            ("mixtures of builds rejected", f"{figures['mixtures_refused']:,} of {figures['mixtures']:,}"),
+            ("sources that must reject `-ffast-math`", _text(figures["sources_that_refuse_fast_math"])),
+            *((f"library symbols needed for {'; '.join(cores)}", names) for names, cores in needed.items()),
         ),
     )
 
@@ -255,7 +255,7 @@ def _instructions(figures: Figures) -> Table:
         cycles, budget = f"{found['estimated_cycles']['max']:,}", figures["budgets"].get(BUDGETS.get(name, ""), "-")
         rows.append((CALLED.get(name, name), most, f"{counted['mean']:,.0f}", "-" if whole else cycles, _text(budget)))
         if whole:
-            rows.append((f"{name}, limiter included", f"{whole['max']:,}", f"{whole['mean']:,.0f}", cycles, "-"))
+            rows.append((f"{name}, with the limiter", f"{whole['max']:,}", f"{whole['mean']:,.0f}", cycles, "-"))
     return Table(("function", "instructions, worst", f"mean over {_text(figures['mean_over'])}", *more), tuple(rows))
 
 
@@ -265,14 +265,14 @@ def _stack(figures: Figures) -> Table:
         (name, f"{each['watermark']:,} B", f"{each['bound']:,} B" if each["bound"] >= 0 else "none", budgets.get(name, "-"))
         for name, each in figures["stack_bytes"].items()
     )
-    return Table(("stack of", "deepest seen", "bound by the compiler's frames", "budget"), tuple(rows))
+    return Table(("stack of", "measured maximum", "bound from the compiler's frames", "budget"), tuple(rows))
 
 
 def _memory(figures: Figures) -> Table:
     budgets, structs = figures["budgets"], figures["struct_bytes"]
     of, keys = {"parameters": "a set of parameters, in flash as shipped"}, {"controller": "state_bytes_max"}
     rows = [(of.get(name, f"RAM of one {name}"), size, keys.get(name, "")) for name, size in structs.items()]
-    rows.append(("flash of all objects, tables and default parameters included", figures["flash_bytes"], "flash_bytes_max"))
+    rows.append(("flash of all objects, with tables and default parameters", figures["flash_bytes"], "flash_bytes_max"))
     formatted = ((text, f"{size:,} B", f"{budgets[key]:,} B" if key in budgets else "-") for text, size, key in rows)
     return Table(("memory", "size", "budget"), tuple(formatted))
 
@@ -297,7 +297,7 @@ def _ran(heading: tuple[str, str], texts: Mapping[str, str]) -> Callable[[Figure
 
 def _fuzzed(figures: Figures) -> Table:
     rows = [(name, *(f"{each[key]:,}" for key in ("inputs", "seeds", "corpus", "edges"))) for name, each in figures.items()]
-    return Table(("harness", "inputs", "seeds", "kept for what they reached", "edges of the code reached"), tuple(rows))
+    return Table(("harness", "inputs", "seeds", "inputs kept for new coverage", "edges reached"), tuple(rows))
 
 
 TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {

@@ -86,8 +86,8 @@ def placed() -> Manifest:
 
 COVERS = "The optimisation covers 20 to 120 km/h and 0.1 to 10 deg at the front wheels"
 PLACED = {"own_speed_range_m_s": [20 / 3.6, 120 / 3.6], "own_front_angle_range_rad": np.radians([0.1, 10.0]).tolist()}
-OF_THE_MAP = ("for the car, the tyres", "solved by the optimisation", "The optimisation covers")
-NOBODY = "**nobody checked that it fits this car**, the one of the configuration "
+OF_THE_MAP = ("for the car, tyres", "solved by the optimisation", "The optimisation covers")
+UNCHECKED = "**It has not been checked that it fits the car** of the configuration "
 
 TEXTS: dict[str, tuple[Callable[[], Manifest], tuple[str, ...], tuple[str, ...]]] = {
     "chosen breakpoints": (placed, (COVERS,), ("| cells |",)),
@@ -95,30 +95,30 @@ TEXTS: dict[str, tuple[Callable[[], Manifest], tuple[str, ...], tuple[str, ...]]
         bare,
         (
             "The table covers 18 to 126 km/h and 0.5 to 8 deg at the front wheels",
-            f"{NOBODY}of the preset (the paper's car)",
+            f"{UNCHECKED}of the preset (the paper's car)",
             "at most 7 m/s^2, the most that is in the table",
             "| given by the table |",
-            "Where the table brought no rear angles",
+            "Where the table has no rear angles",
         ),
         OF_THE_MAP,
     ),
     "another car": (
         with_another_car,
-        ("with the one in `mine.toml`: **nobody checked that both are of the same car.**",),
-        ("for the car, the tyres",),
+        ("with the one in `mine.toml`: **that both describe the same car has not been checked.**",),
+        ("for the car, tyres",),
     ),
     "stack": (
         lambda: builds.made("tracking", "uneven", layers=True).manifest,
         (
             "a stack for the peak frictions 0.3, 0.5, 0.7 and 0.9.",
-            "below 0.3 the values are those of 0.3, and the bound shrinks in proportion",
-            "Without an estimate, and for a higher one, 0.9 is assumed.",
+            "below 0.3 the values are those of 0.3, and the bound decreases in proportion",
+            "Without an estimate, or with a higher one, 0.9 is assumed.",
         ),
         ("The map assumes a peak friction",),
     ),
     "limiter slower than the law, actuator narrower": (
         lambda: solved(limiter={"rear_rate_max_deg_s": 20.0}, limits={"rear_angle_max_deg": 2.0}),
-        ("by at most 20 deg/s in every status: the limiter sees to that.\n", "The command is within +-3.5 deg"),
+        ("by at most 20 deg/s in every status; the limiter enforces this.\n", "The command is within +-3.5 deg"),
         ("25 deg/s",),
     ),
     "no rate, and the reaction to loss": (
@@ -130,9 +130,9 @@ TEXTS: dict[str, tuple[Callable[[], Manifest], tuple[str, ...], tuple[str, ...]]
             limiter={"rear_rate_max_deg_s": "off"},
         ),
         (
-            "The command's rate is not limited in this build",
-            "10 ms after the last good sample, that is with the first lost one, a signal counts as lost.",
-            "it takes the command to zero by at most 5 deg/s, faster where the limiter's bound asks for it",
+            "The rate of the command is not limited in this build",
+            "10 ms after the last good sample, with the first lost one, a signal counts as lost.",
+            "it returns the command to zero by at most 5 deg/s, or faster where the limiter's bound requires it",
         ),
         (),
     ),
@@ -151,9 +151,9 @@ def test_feedback_and_margin_are_those_of_the_kind() -> None:
     texts = {kind: text_of(builds.made(kind, "uneven").manifest) for kind in builds.KINDS}
     for part, kinds in {
         "This kind has no feedback": {"feedforward", "proportional"},
-        "where margins are told": {"tracking", "pi"},
-        "may pass that bound by 15 %": {"tracking"},
-        "The command of this kind does not come from the map": {"proportional"},
+        "The stability margins assume an actuator lag": {"tracking", "pi"},
+        "may exceed that bound by 15 %": {"tracking"},
+        "The command of this kind depends on neither the map": {"proportional"},
     }.items():
         assert {kind for kind, text in texts.items() if part in text} == kinds, part
     assert not PI["margins"]["enough"]
@@ -163,7 +163,7 @@ def test_feedback_and_margin_are_those_of_the_kind() -> None:
 def section_of(name: str, figures: Manifest) -> str:
     """Return the results of a check in the manual."""
     text = text_of(PI, **{name: Outcome("It shows", "one", Verdict.PASSED, figures=figures)})
-    return text.partition("Every figure is in")[2].partition("## What is not shown")[0]
+    return text.partition("Every figure is in")[2].partition("## Limitations")[0]
 
 
 @pytest.mark.parametrize("name", [check.name for check in CHECKS])

@@ -136,7 +136,7 @@ def _origin(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "build", f"{manifest['name']}, id {manifest['build_id']}"
     yield "generator", f"{manifest['generator']} {manifest['version']}"
     if "limiter_cut" in manifest:  # builds from before know nothing of it
-        yield "cut off the map by the limiter", cut_text(manifest["limiter_cut"])
+        yield "share of the map cut off by the limiter", cut_text(manifest["limiter_cut"])
     for what, entry in manifest["inputs"].items():
         told = ", ".join(f"{key} {value}" for key, value in entry.items() if key != "sha256" and value is not None)
         yield f"input: {what}", f"{told}; SHA-256 {entry.get('sha256', '-')}"

@@ -22,18 +22,17 @@ from codegen.verify.budgets.usage import CYCLE, Count, ResourceUsage
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 
 SHOWS = (
-    "Compiled with clang -O2 for a Cortex-M4F and counted call by call, the longest calls found, the stack, the memory of an "
-    "instance and the flash keep their budgets; every loop has a fixed number of rounds; no object has memory of its own that "
-    "is written"
+    "With clang -O2 for a Cortex-M4F, the longest calls found, the stack, the memory of an instance and the flash are within "
+    "their budgets; every loop has a fixed number of iterations; there are no writable static objects"
 )
 LIMITS = (
     "The longest calls are measured maxima over drives and a search, with the default parameters and with limits so tight that "
-    "all of them act. They are not a proof. The task's figure is its longest cycle without packing, plus the longest packing "
-    "of a frame, which seldom meet.",
+    "all of them act. They are not a proof. The task's figure is the sum of its longest cycle without packing and the longest "
+    "packing of a frame, which seldom coincide.",
     "Cycles are an estimate after the Cortex-M4 Technical Reference Manual r0p1, "
     f"without wait states of the flash and with {REFILL} cycles to refill the pipeline after each jump.",
-    "Counted with -O2 -fomit-frame-pointer, which gcc's -O2 has in it and clang's has not on every target. Another compiler, "
-    "other flags and the frame of an interrupt are not counted.",
+    "The instructions are those of clang with -O2 -fomit-frame-pointer. Other compilers and flags, and the stack frame of an "
+    "interrupt, are not included.",
 )
 NOT_IN_CLOSED_LOOP = "Without a compiler for this machine, calls of the closed loop are not among those that were counted."
 

@@ -173,8 +173,8 @@ def _units(subject: Subject) -> dict[str, tuple[str, ...]]:
 
 
 SHOWS = (
-    "The C compiles without a warning by gcc and clang, as {standards}, each header alone and as C++, for {cores}; its objects "
-    "need nothing that a bare target lacks; headers of another build and -ffast-math are refused"
+    "gcc and clang compile the C without a warning as {standards}, each header alone and as C++, for {cores}; the objects need "
+    "only symbols that a bare target provides; headers of another build and -ffast-math are rejected"
 )
 
 THREADS = 2

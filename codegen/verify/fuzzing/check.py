@@ -142,10 +142,10 @@ def _step_seeds(recording: Recording, real: type[np.float32] | type[np.float64])
 
 
 SHOWS = (
-    "No frames, measurements, starts or valid parameters found by fuzzing make the code crash, exceed its bounds, use a frame "
-    "with a wrong CRC, or miss the fail-safe"
+    "No frames, measurements, initial states or valid parameters found by fuzzing make the code crash, exceed its bounds, use "
+    "a frame with a wrong CRC, or miss the fail-safe"
 )
-LIMITS = ("Fuzzing tries many inputs and not all; a property that holds for all of them is not proved by it.",)
+LIMITS = ("Fuzzing tries many inputs, not all. It proves nothing about the others.",)
 
 INPUTS: dict[Name, int] = {"can": 50_000, "step": 100_000}
 INPUTS_QUICK = 4_000

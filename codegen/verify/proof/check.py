@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from codegen.verify.proof.executor import Executor
 
 SHOWS = (
-    "For every input, every valid parameter set, any table in its range and every state that the invariant allows: the "
-    "invariant stays, commands are finite and within their limit, indices, conversions and divisions are defined"
+    "For every input, every valid parameter set, any table in its range and every state that the invariant allows, "
+    "the invariant is kept, commands are finite and within their limit, and indices, conversions and divisions are defined"
 )
 MAP = {
     "yaw_rate_table": Widened(*TABLE_RANGES["yaw_rate"]),
@@ -32,18 +32,19 @@ RAW = {"yaw_rate_table": Widened(0, RAW_MAX), "rear_angle_table": Widened(0, 2**
 `..._map_valid` lets no negative yaw rate through."""
 
 LIMITS = (
-    "it is of the C as the standard has it, rounding to nearest, each float literal once; what a compiler makes of it is for "
-    "the processor in the loop",
-    "it is of include/ and src/ as the preprocessor sees them for a Cortex-M4F, with the sizes of types there; example/ and "
-    "linux/ are outside",
-    "pointers are valid, and what is handed to a public function does not overlap; of calls between them that is checked; "
-    "a state is used by one call at a time, `inhibit` is true or false, and calibration does not change during a call",
-    "that a call ends: loops are judged turn by turn or by their count, and others are refused",
-    "that a double beyond the range of single precision is not converted to it (the dynamics)",
-    "the map is any that `..._map_valid` lets through: breakpoints that increase, and numbers from "
+    "The proof uses the semantics of the C standard with rounding to nearest; the compiled code is the subject of the "
+    "processor in the loop.",
+    "It covers include/ and src/ as preprocessed for a Cortex-M4F, with the type sizes of that core; example/ and linux/ are "
+    "not covered.",
+    "It assumes that pointers are valid, that the arguments of a public function do not overlap, that one call at a time uses "
+    "a state, that `inhibit` is true or false, and that calibration does not change during a call. For calls between the "
+    "functions of the build, pointers and overlap are proved.",
+    "Termination is proved only for loops with a fixed count; other loops are rejected.",
+    "It is not proved that every double converted to single precision (in the dynamics) is within its range.",
+    "It holds for any map that `..._map_valid` accepts: increasing breakpoints, and numbers from "
     + ", ".join(f"{range_.low:g} to {range_.high:g} ({name})" for name, range_ in MAP.items())
-    + "; that it lets nothing else through is for tests, cell by cell",
-    "products and quotients are known by their bounds alone; it says nothing of the quality of control",
+    + ". That `..._map_valid` rejects any other map is tested cell by cell.",
+    "Products and quotients are represented by their bounds alone. The quality of control is not a subject of the proof.",
 )
 
 
