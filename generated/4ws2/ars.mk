@@ -8,7 +8,7 @@
 # The rule of your_program links its prerequisites ($^), as make's own rules do. Nothing is written into this folder. Of your
 # variables only CPPFLAGS changes: it gets the include folder. Rules that do not use it need $(ARS_INCLUDES).
 #
-# make splits names at blanks, so the path that is included must have none; where the project itself stands does not matter.
+# make splits names at blanks, so the path in the include line must have none. The path of the project may have blanks.
 
 ARS_DIR := $(dir $(lastword $(MAKEFILE_LIST)))
 ifeq ($(wildcard $(ARS_DIR)ars.mk),)

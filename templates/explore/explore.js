@@ -59,7 +59,7 @@
         this.set(Number(this.number.value), "number");
       } else {
         const [least, most] = this.spec.bounds;
-        tell(`${this.spec.label}: give a number from ${least} to ${most} ${this.spec.unit}`, true);
+        showStatus(`${this.spec.label}: give a number from ${least} to ${most} ${this.spec.unit}`, true);
         element("reset").disabled = false;
       }
     }
@@ -111,13 +111,13 @@
       try {
         const answer = await post("/api/picture", { page: start.page, number: done, values: values() });
         if (!answer.ok) {
-          tell(`${answer.data.error}. The pictures are those of the settings before.`, true);
+          showStatus(`${answer.data.error}. The charts still show the previous settings.`, true);
         } else if (!answer.data.stale) {
           await show(answer.data, began);
           isShown = true;
         }
       } catch (problem) {
-        tell(`The explorer does not answer: is \`codegen explore\` still running? (${problem.message})`, true);
+        showStatus(`The explorer does not answer: is \`codegen explore\` still running? (${problem.message})`, true);
       }
     }
     working = false;
@@ -127,18 +127,18 @@
   /* The whole family of cars takes longer than one: it comes when the settings rest, and only where their pictures are shown. */
   async function askFamily() {
     if (!picture || !picture.margins) return;
-    const asked = wanted;
+    const requested = wanted;
     try {
-      const { ok, data } = await post("/api/family", { page: start.page, number: asked, values: values() });
-      if (!ok || data.stale || asked !== wanted) return;
+      const { ok, data } = await post("/api/family", { page: start.page, number: requested, values: values() });
+      if (!ok || data.stale || requested !== wanted) return;
       picture.margins.family = data;
       await draw();
       const took = element("took").textContent;
       warn([...picture.warnings, ...data.warnings], data.stable);
       element("took").textContent = took;
-      element("margins").dataset.family = String(asked);
+      element("margins").dataset.family = String(requested);
     } catch (problem) {
-      tell(`The explorer does not answer: is \`codegen explore\` still running? (${problem.message})`, true);
+      showStatus(`The explorer does not answer: is \`codegen explore\` still running? (${problem.message})`, true);
     }
   }
 
@@ -190,13 +190,13 @@
   }
 
   function marginText(margins) {
-    if (!margins) return "This law has no feedback, and so no margins.";
+    if (!margins) return "This law has no feedback and therefore no margins.";
     const { now } = margins;
     const unstable = now.worst.stable ? "" : " UNSTABLE at some of these speeds.";
     const family = margins.family ? ` (${margins.family.cars}, up to ${rounded(margins.family.speed_km_h.at(-1), 4)} km/h)` : "";
-    const asked = `Asked for, of the whole family of cars${family}: ${now.asked_gain_db} dB and ${now.asked_phase_deg} deg.`;
-    const ends = `Drawn up to ${now.drawn_to_gain_db} dB and ${now.drawn_to_phase_deg} deg: what is more, or has no limit, is drawn there.`;
-    return `Thick: the configured car. ${asked} ${ends}${unstable}`;
+    const required = `Required for all cars of the family${family}: ${now.asked_gain_db} dB and ${now.asked_phase_deg} deg.`;
+    const ends = `Larger or infinite margins are drawn at ${now.drawn_to_gain_db} dB and ${now.drawn_to_phase_deg} deg.`;
+    return `Thick line: the configured car. ${required} ${ends}${unstable}`;
   }
 
   const FIGURES = [
@@ -233,13 +233,13 @@
         const value = data.margins[side].worst[key];
         return value === null ? "no limit" : `${rounded(value, 3)} at ${rounded(data.margins[side].worst[at], 4)} km/h`;
       };
-      for (const [key, at, title] of [["gain_db", "gain_at_km_h", "Least gain margin, the car itself (dB)"], ["phase_deg", "phase_at_km_h", "Least phase margin, the car itself (deg)"]]) {
+      for (const [key, at, title] of [["gain_db", "gain_at_km_h", "Smallest gain margin, configured car (dB)"], ["phase_deg", "phase_at_km_h", "Smallest phase margin, configured car (deg)"]]) {
         rows.push(row(title, [worst("now", key, at), worst("start", key, at), "–"]));
       }
     }
     if (data.margins && data.margins.family) {
       const { family } = data.margins;
-      for (const [key, title] of [["gain_db", "Least gain margin of the family (dB)"], ["phase_deg", "Least phase margin of the family (deg)"]]) {
+      for (const [key, title] of [["gain_db", "Smallest gain margin, family of cars (dB)"], ["phase_deg", "Smallest phase margin, family of cars (deg)"]]) {
         const at = family[key].indexOf(Math.min(...family[key]));
         rows.push(row(title, [`${rounded(family[key][at], 3)} at ${rounded(family.speed_km_h[at], 4)} km/h`, "–", "–"]));
       }
@@ -258,13 +258,13 @@
     list.hidden = texts.length === 0;
     element("write").disabled = !isStable;
     const unstable = isStable ? "" : " A car of the family is unstable with these gains: they are not written.";
-    tell(texts.length ? `Up to date, with ${texts.length === 1 ? "a warning" : `${texts.length} warnings`}.${unstable}` : "Up to date.", false);
+    showStatus(texts.length ? `Up to date, with ${texts.length === 1 ? "a warning" : `${texts.length} warnings`}.${unstable}` : "Up to date.", false);
   }
 
-  /* The status is read out: what it says already is not said again, and times stand beside it. */
-  function tell(text, bad) {
-    const told = (bad ? "⚠ " : "") + text;
-    if (status.textContent !== told) status.textContent = told;
+  /* Screen readers read the status aloud: an unchanged text is not set again, and times are in another element. */
+  function showStatus(text, bad) {
+    const shown = (bad ? "⚠ " : "") + text;
+    if (status.textContent !== shown) status.textContent = shown;
     element("took").textContent = "";
     status.classList.toggle("bad", bad);
   }
@@ -274,11 +274,11 @@
   async function write(replaces) {
     try {
       const { ok, status: code, data } = await post("/api/write", { values: values(), replaces });
-      if (ok) return tell(`${data.file} is written. Next: ${data.next}`, false);
+      if (ok) return showStatus(`${data.file} is written. Next: ${data.next}`, false);
       if (code === 409 && data.sha256) return confirmReplacing(data);
-      return tell(data.error, true);
+      return showStatus(data.error, true);
     } catch (problem) {
-      return tell(`Nothing is written: the explorer does not answer (${problem.message}).`, true);
+      return showStatus(`Nothing is written: the explorer does not answer (${problem.message}).`, true);
     }
   }
 
@@ -292,7 +292,7 @@
     }));
     element("cancel").onclick = () => {
       dialog.close();
-      tell(`${start.file} is left as it was.`, false);
+      showStatus(`${start.file} is unchanged.`, false);
     };
     element("replace").onclick = () => {
       dialog.close();

@@ -197,8 +197,8 @@ const plots = (() => {
       traces.push(line(family.speed_km_h, family.gain_db, "worst of the family", "family"));
       traces.push(line(family.speed_km_h, family.phase_deg, "worst of the family", "family", { yaxis: "y2" }));
     }
-    traces.push(line(ends, [now.asked_gain_db, now.asked_gain_db], "asked for", "limit"));
-    traces.push(line(ends, [now.asked_phase_deg, now.asked_phase_deg], "asked for", "limit", { yaxis: "y2" }));
+    traces.push(line(ends, [now.asked_gain_db, now.asked_gain_db], "required", "limit"));
+    traces.push(line(ends, [now.asked_phase_deg, now.asked_phase_deg], "required", "limit", { yaxis: "y2" }));
     const shape = stacked(["Gain margin (dB)", "Phase margin (deg)"], "Speed (km/h)", {});
     shape.yaxis.rangemode = "tozero";
     shape.yaxis2.rangemode = "tozero";

@@ -91,7 +91,7 @@ function locate(axis, value) {
   return [low, Math.min(Math.max(share, 0), 1)];
 }
 
-/* Linear between two values; on a breakpoint the other one, feasible or not, has no say. */
+/* Linear between two values; on a breakpoint the other value is ignored, feasible or not. */
 function between(first, second, share) {
   if (share < 1e-4) { return first; }
   if (share > 1 - 1e-4) { return second; }
@@ -191,8 +191,8 @@ function cuts() {
   const show = () => {
     const speed = first.speed[Number(sliders[0].value)];
     const angle = first.angle[Number(sliders[1].value)];
-    const told = [speed.toFixed(1) + " km/h", angle.toFixed(2) + " deg"];
-    told.forEach((value, k) => {
+    const parts = [speed.toFixed(1) + " km/h", angle.toFixed(2) + " deg"];
+    parts.forEach((value, k) => {
       document.getElementById(sliders[k].id + "-value").textContent = value;
       sliders[k].setAttribute("aria-valuetext", value);
     });
