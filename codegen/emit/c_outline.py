@@ -64,6 +64,10 @@ class Unit:
         word = re.compile(rf"(?<![\w.>]){name}\b")
         return tuple(each for each in self.functions if any(word.search(line) for line in self.lines[each.line - 1 : each.end]))
 
+    def function_at(self, line: int) -> str:
+        """Return the name of the function that a line belongs to, "" at file scope."""
+        return next((each.name for each in self.functions if each.line <= line <= each.end), "")
+
     def mentions(self, name: str) -> int:
         """Number of occurrences in the unit."""
         word = re.compile(rf"\b{name}\b")

@@ -20,23 +20,23 @@ CHECKER = "checker"
 CODE_MAX = 90
 
 _ROW = re.compile(
-    r"\| (?P<file>\S+) \| (?P<line>\d+) \| (?P<rule>\S+) \| (?P<category>\w+) \| `(?P<code>.*)` \| (?P<reason>.+) \|"
+    r"\| (?P<file>\S+) \| (?P<function>\w*) ?\| (?P<rule>\S+) \| (?P<category>\w+) \| `(?P<code>.*)` \| (?P<reason>.+) \|"
 )
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """One line of the file.
+    """One row of the table. It applies to every line of its function with the same text, so that added lines change nothing.
 
     Attributes:
-        file, line: where, from 1.
+        file, function: location; function is "" at file scope.
         rule: number of a rule, or a checker's own name for what it finds.
-        code: that line of the file, see `excerpt`.
+        code: text of the line, see `excerpt`.
         reason: for the deviation.
     """
 
     file: str
-    line: int
+    function: str
     rule: str
     code: str
     reason: str
@@ -46,7 +46,13 @@ class Deviation:
     def row(self) -> str:
         """The deviation as a row of the table."""
         code = self.code.replace("|", "\\|")
-        return f"| {self.file} | {self.line} | {self.rule} | {self.category} | `{code}` | {self.reason} |"
+        function = f"{self.function} " if self.function else ""
+        return f"| {self.file} | {function}| {self.rule} | {self.category} | `{code}` | {self.reason} |"
+
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        """File, function, rule and text: unique in a table."""
+        return self.file, self.function, self.rule, self.code
 
 
 def category_of(rule: str) -> str:
@@ -156,20 +162,19 @@ ENTRIES = (
 
 
 def deviations(files: Mapping[str, bytes]) -> tuple[Deviation, ...]:
-    """Return every deviation of a build's sources, sorted by file, line and rule.
+    """Return every deviation of a build's sources, in the order of the files and lines.
 
     Args:
         files: content by path.
     """
     sources = units(files)
-    found = {
-        (unit.path, line, entry.rule): Deviation(
-            unit.path, line, entry.rule, excerpt(unit.text.split("\n")[line - 1]), entry.reason, category_of(entry.rule)
-        )
-        for entry in ENTRIES
-        for unit, line in entry.find(sources)
-    }
-    return tuple(found[key] for key in sorted(found))
+    found: dict[tuple[str, str, str, str], Deviation] = {}
+    places = [(unit, line, entry) for entry in ENTRIES for unit, line in entry.find(sources)]
+    for unit, line, entry in sorted(places, key=lambda place: (place[0].path, place[1], place[2].rule)):
+        code = excerpt(unit.text.split("\n")[line - 1])
+        row = Deviation(unit.path, unit.function_at(line), entry.rule, code, entry.reason, category_of(entry.rule))
+        found.setdefault(row.key, row)
+    return tuple(found.values())
 
 
 def read_deviations(text: str) -> tuple[tuple[int, Deviation], ...]:
@@ -186,7 +191,7 @@ def read_deviations(text: str) -> tuple[tuple[int, Deviation], ...]:
             if match is None:
                 raise ValueError(f"line {number} is no row of the table")
             code = match["code"].replace("\\|", "|")
-            row = Deviation(match["file"], int(match["line"]), match["rule"], code, match["reason"], match["category"])
+            row = Deviation(match["file"], match["function"], match["rule"], code, match["reason"], match["category"])
             rows.append((number, row))
         body = body or line.startswith("|---")
     return tuple(rows)

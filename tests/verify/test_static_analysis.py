@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen.emit.deviations import FILE, read_deviations
+from codegen.emit.deviations import FILE, excerpt, read_deviations
 from codegen.errors import CodegenError
 from codegen.verify import host_gcc
 from codegen.verify.analysis import check as static_analysis
@@ -39,15 +39,13 @@ def small() -> dict[str, bytes]:
     others = re.compile(r"\| src/(?!ars_e2e|ars_limiter)|\|[^|]*\|[^|]*\| 5\.9 \|")
     files = {path: content for path, content in PI.files.items() if path.startswith("include/") or path in UNITS}
     files[FILE] = b"".join(line for line in PI.files[FILE].splitlines(keepends=True) if not others.match(line.decode()))
-    lines = [(path, number, line) for path in UNITS for number, line in enumerate(files[path].decode().split("\n"), 1)]
-    return with_rows(
-        files,
-        *(
-            f"| {path} | {number} | 8.7 | advisory | `{static_analysis.excerpt(line)}` | other units call it |"
-            for path, number, line in lines
-            if re.match(r"ARS_SECTION_CODE (?!static|.*_crc)", line)
-        ),
-    )
+    functions = [
+        (path, match)
+        for path in UNITS
+        for match in re.finditer(r"^ARS_SECTION_CODE (?!static|.*_crc).*?(\w+)\(.*", files[path].decode(), re.M)
+    ]
+    rows = (f"| {path} | {each[1]} | 8.7 | advisory | `{excerpt(each[0])}` | other units call it |" for path, each in functions)
+    return with_rows(files, *rows)
 
 
 def c_function(signature: str, *body: str) -> str:
@@ -56,12 +54,12 @@ def c_function(signature: str, *body: str) -> str:
 
 
 def test_a_build_passes_with_its_rows() -> None:
-    """A row names its line by its text, so it stays valid when lines are added above."""
+    """A row names its line by function and text, so it stays valid when lines are added above."""
     files = {**small(), LIMITER: b"/* one */\n/* two */\n" + small()[LIMITER]}
     outcome = checked(files)
     assert (outcome.findings, outcome.verdict) == ((), Verdict.PASSED)
     listed = [row for _, row in read_deviations(files[FILE].decode())]
-    assert sum(outcome.figures["deviations"].values()) == sum(outcome.figures["findings"].values()) == len(listed)
+    assert sum(outcome.figures["deviations"].values()) == len(listed) <= sum(outcome.figures["findings"].values())
     assert set(outcome.figures["deviations"]) == {"8.7", "8.9", "19.2", "multiCondition"}
 
 
@@ -80,10 +78,10 @@ PLANTED = (
 )
 """Functions, and the rules they violate by line offset."""
 ROWS = (
-    "| src/ars_e2e.c | 12 | 15.5 | advisory | `return x;` | the function is easier to read so |",
-    "| src/ars_e2e.c | 13 | 17.3 | mandatory | `x = y(z);` | it works |",
-    "| src/ars_e2e.c | 14 | 10.3 | advisory | `x = y \\| z;` | it is no more than a word |",
-    "| src/ars_e2e.c | 15 | -Wanalyzer-null-dereference | checker | `*x = 1;` | it is never null |",
+    "| src/ars_e2e.c | ars_crc | 15.5 | advisory | `return x;` | the function is easier to read so |",
+    "| src/ars_e2e.c | | 17.3 | mandatory | `x = y(z);` | it works |",
+    "| src/ars_e2e.c | | 10.3 | advisory | `x = y \\| z;` | it is no more than a word |",
+    "| src/ars_e2e.c | | -Wanalyzer-null-dereference | checker | `*x = 1;` | it is never null |",
 )
 """Deviations without a finding; two of them are also not permitted."""
 
@@ -98,6 +96,7 @@ def test_violations_and_wrong_rows_are_located() -> None:
     lines = files[FILE].decode().splitlines(keepends=True)
     gone, twice, *_ = (number for number, row in read_deviations("".join(lines)) if row.file == E2E)
     unlisted, doubled = dict(read_deviations("".join(lines)))[gone], lines[twice - 1]
+    unlisted_line = [excerpt(line) for line in files[E2E].decode().splitlines()].index(unlisted.code) + 1
     del lines[gone - 1]
     table = {FILE: "".join((*lines, doubled)).encode(), LIMITER: text.encode()}
     outcome = checked(with_rows({**files, **table}, *ROWS))
@@ -110,13 +109,14 @@ def test_violations_and_wrong_rows_are_located() -> None:
         f"{FILE}:{count + 2}: rule 17.3 is mandatory: there is no deviation from it",
         f"{FILE}:{count + 3}: rule 10.3 is required, not advisory",
         *(
-            f"{FILE}:{count + k}: rule {rule} is not broken at src/ars_e2e.c:{11 + k}: a deviation without a finding"
+            f"{FILE}:{count + k}: rule {rule} is not broken in {'ars_crc (src/ars_e2e.c)' if k == 1 else 'src/ars_e2e.c'}: "
+            "a deviation without a finding"
             for k, rule in enumerate(("15.5", "17.3", "10.3", "-Wanalyzer-null-dereference"), 1)
         ),
     }
-    for file, line, rule in ((E2E, unlisted.line, unlisted.rule), *((LIMITER, *each) for each in violations)):
+    for file, line, rule in ((E2E, unlisted_line, unlisted.rule), *((LIMITER, *each) for each in violations)):
         assert any(each.startswith(f"{file}:{line}: ") and f"[{rule}], not in {FILE}" in each for each in found), (line, rule)
-    others = [each for each in found - of_table if not each.startswith(f"{E2E}:{unlisted.line}: ")]
+    others = [each for each in found - of_table if not each.startswith(f"{E2E}:{unlisted_line}: ")]
     assert all(int(re.match(rf"{LIMITER}:(\d+): ", each)[1]) >= first for each in others)  # type: ignore[index]
 
 

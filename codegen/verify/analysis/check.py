@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from codegen.emit.c_outline import units
+from codegen.emit.c_outline import Unit, units
 from codegen.emit.deviations import FILE, Deviation, category_of, excerpt, read_deviations
 from codegen.emit.misra_rules import RULES
 from codegen.errors import BuildError, CodegenError
@@ -20,8 +20,8 @@ from codegen.verify.packages import MissingTool
 from codegen.verify.target.cross import source_tree
 
 SHOWS = (
-    "cppcheck with the rules of MISRA C:2012 and gcc -fanalyzer report only findings that deviations.md lists by rule and "
-    "line, with a reason, and none of a mandatory rule"
+    "cppcheck with the rules of MISRA C:2012 and gcc -fanalyzer report only findings that deviations.md lists by "
+    "rule, function and text, with a reason, and none of a mandatory rule"
 )
 
 PROGRAMS = ("example", "linux")
@@ -108,12 +108,12 @@ def _not_compiled(error: BuildError) -> Finding:
 
 def _row_faults(rows: Rows) -> Iterator[str]:
     """Yield the faults of rows that no finding could justify."""
-    known: dict[tuple[str, int, str], int] = {}
+    known: dict[tuple[str, ...], int] = {}
     for number, row in rows:
         place = f"{FILE}:{number}: rule {row.rule}"
-        first = known.setdefault((row.file, row.line, row.rule), number)
+        first = known.setdefault(row.key, number)
         if first != number:
-            yield f"{place} at {row.file}:{row.line} is listed in line {first} already"
+            yield f"{place} in {_location(row)} is listed in line {first} already"
         if category_of(row.rule) == "mandatory":
             yield f"{place} is mandatory: there is no deviation from it"
         elif row.category != category_of(row.rule):
@@ -123,33 +123,30 @@ def _row_faults(rows: Rows) -> Iterator[str]:
 
 
 def _differences(subject: Subject, rows: Rows, found: Sequence[Finding], with_gcc: bool) -> Iterator[str]:
-    """Yield findings without a row, and rows without a finding.
-
-    A row matches a line by its text, so lines that only moved still match.
-    """
-    texts = {
-        path: content.decode("ascii", "replace").split("\n")
-        for path, content in subject.sources("include", "src", *PROGRAMS).items()
-    }
-    codes = {finding: _code(texts, finding) for finding in found}
-    left = {(row.file, row.line, row.rule, row.code): (number, row) for number, row in rows}
-    open_findings = [
-        finding for finding in found if left.pop((finding.file, finding.line, finding.rule, codes[finding]), None) is None
-    ]
-    for finding in open_findings:
-        moved = next((key for key in left if (key[0], *key[2:]) == (finding.file, finding.rule, codes[finding])), None)
-        if moved is None:
+    """Yield findings without a row, and rows without a finding."""
+    sources = subject.sources("include", "src", *PROGRAMS)
+    texts = {path: Unit(path, content.decode("ascii", "replace")) for path, content in sources.items()}
+    listed, confirmed = {row.key for _, row in rows}, set()
+    for finding in found:
+        key = _key(texts.get(finding.file), finding)
+        confirmed.add(key)
+        if key not in listed:
             yield f"{finding}, not in {FILE}"
-        else:
-            del left[moved]
-    for number, row in left.values():
-        if with_gcc or not row.rule.startswith(GCC_PREFIX):
-            yield f"{FILE}:{number}: rule {row.rule} is not broken at {row.file}:{row.line}: a deviation without a finding"
+    for number, row in rows:
+        if row.key not in confirmed and (with_gcc or not row.rule.startswith(GCC_PREFIX)):
+            yield f"{FILE}:{number}: rule {row.rule} is not broken in {_location(row)}: a deviation without a finding"
 
 
-def _code(texts: dict[str, list[str]], finding: Finding) -> str:
-    lines = texts.get(finding.file, [])
-    return excerpt(lines[finding.line - 1]) if 0 < finding.line <= len(lines) else ""
+def _key(unit: Unit | None, finding: Finding) -> tuple[str, str, str, str]:
+    """Return the `Deviation.key` of a finding."""
+    lines = unit.text.split("\n") if unit else []
+    if unit is None or not 0 < finding.line <= len(lines):
+        return finding.file, "", finding.rule, ""
+    return finding.file, unit.function_at(finding.line), finding.rule, excerpt(lines[finding.line - 1])
+
+
+def _location(row: Deviation) -> str:
+    return f"{row.function} ({row.file})" if row.function else row.file
 
 
 def _more_limits(subject: Subject, left: Sequence[str]) -> Iterator[str]:
