@@ -35,6 +35,8 @@ from codegen.emit.map_view import MapView, map_view
 from codegen.emit.placement import grip_facts, placement_facts, placement_text, request_facts
 from codegen.emit.reference_model_view import reference_model_view
 from codegen.emit.render import render, verbatim
+from codegen.emit.sbom import FILE as SBOM
+from codegen.emit.sbom import sbom
 from codegen.emit.symbols import symbols_of
 from codegen.emit.take_over import take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
@@ -184,6 +186,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "README.md": render("README.md.j2", context),
     }
     files[DEVIATIONS] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
+    files[SBOM] = sbom(files, code.facts)
     return Folder(files=files, manifest={**code.facts, **evidence.to_dict()})
 
 
