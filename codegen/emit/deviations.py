@@ -15,7 +15,7 @@ from codegen.emit.misra_rules import RULES, category
 FILE = "deviations.md"
 
 CHECKER = "checker"
-"""Category of a finding that a checker reports by its own rules, not by MISRA."""
+"""Category of a finding that a checker reports by its own rules, not by those of MISRA."""
 
 CODE_MAX = 90
 
@@ -26,13 +26,13 @@ _ROW = re.compile(
 
 @dataclass(frozen=True)
 class Deviation:
-    """One line of the file.
+    """One row of `deviations.md`.
 
     Attributes:
-        file, line: where, from 1.
-        rule: number of a rule, or a checker's own name for what it finds.
-        code: that line of the file, see `excerpt`.
-        reason: for the deviation.
+        file, line: location; lines count from 1.
+        rule: number of a MISRA rule, or the checker's own name of the finding.
+        code: excerpt of the line, see `excerpt`.
+        reason: reason for the deviation.
     """
 
     file: str
@@ -50,12 +50,12 @@ class Deviation:
 
 
 def category_of(rule: str) -> str:
-    """Category of a MISRA rule by its number; `CHECKER` for a checker's own finding."""
+    """Return the category of a MISRA rule by its number, `CHECKER` for a checker's own finding."""
     return category(rule) if rule in RULES else CHECKER
 
 
 def excerpt(line: str) -> str:
-    """A line of C as `deviations.md` shows it."""
+    """Return a line of C as `deviations.md` prints it."""
     text = " ".join(line.split())
     return text if len(text) <= CODE_MAX else f"{text[: CODE_MAX - 3]}..."
 
@@ -65,7 +65,7 @@ Places = Iterator[tuple[Unit, int]]
 
 @dataclass(frozen=True)
 class Entry:
-    """A deviation from a rule: a function that finds its places in the code, and the reason."""
+    """A deviation from a rule: a function that finds its locations in the code, and the reason."""
 
     rule: str
     find: Callable[[tuple[Unit, ...]], Places]
@@ -73,7 +73,7 @@ class Entry:
 
 
 def _names_of_several_units(sources: tuple[Unit, ...]) -> Places:
-    """Static functions and objects that are called as one of another unit."""
+    """Yield static functions and objects that have the same name as one in another unit."""
     defined = [(unit, each) for unit in sources for each in (*unit.functions, *unit.static_objects) if each.static]
     for unit, each in defined:
         if any(other.name == each.name and place is not unit for place, other in defined):
@@ -81,13 +81,13 @@ def _names_of_several_units(sources: tuple[Unit, ...]) -> Places:
 
 
 def _objects_of_one_function(sources: tuple[Unit, ...]) -> Places:
-    """Static objects at file scope that just one function uses."""
+    """Yield static objects at file scope that only one function uses."""
     for unit in sources:
         yield from ((unit, each.line) for each in unit.static_objects if len(unit.users(each.name)) == 1)
 
 
 def _functions_for_callers(sources: tuple[Unit, ...]) -> Places:
-    """External functions that nothing in the build calls."""
+    """Yield external functions that nothing in the build calls."""
     for unit in sources:
         for each in unit.functions:
             if not each.static and sum(source.mentions(each.name) for source in sources) == 1:
@@ -95,7 +95,7 @@ def _functions_for_callers(sources: tuple[Unit, ...]) -> Places:
 
 
 def _unions(sources: tuple[Unit, ...]) -> Places:
-    """Lines that declare a union or an object of its type."""
+    """Yield lines that declare a union or an object of its type."""
     for unit in sources:
         text = "\n".join(unit.lines)
         names = re.findall(r"^typedef union \{[^}]*\} (\w+);", text, re.MULTILINE)
@@ -109,7 +109,7 @@ _OPPOSITE = {"<": ">=", ">=": "<", ">": "<=", "<=": ">"}
 
 
 def _opposite_comparisons(sources: tuple[Unit, ...]) -> Places:
-    """An `else if` that is the opposite of an earlier condition of its chain."""
+    """Yield every `else if` whose condition is the opposite of an earlier one in its chain."""
     for unit in sources:
         chain: set[tuple[str, ...]] = set()
         for number, line in enumerate(unit.lines, 1):
@@ -156,7 +156,7 @@ ENTRIES = (
 
 
 def deviations(files: Mapping[str, bytes]) -> tuple[Deviation, ...]:
-    """Every deviation of a build's sources, by file, line and rule.
+    """Return every deviation of a build's sources, sorted by file, line and rule.
 
     Args:
         files: content by path.
@@ -184,7 +184,7 @@ def read_deviations(text: str) -> tuple[tuple[int, Deviation], ...]:
         if body and line.startswith("|"):
             match = _ROW.fullmatch(line)
             if match is None:
-                raise ValueError(f"line {number} is no row of the table")
+                raise ValueError(f"line {number} is not a row of the table")
             code = match["code"].replace("\\|", "|")
             row = Deviation(match["file"], int(match["line"]), match["rule"], code, match["reason"], match["category"])
             rows.append((number, row))
