@@ -32,7 +32,7 @@ class Inputs(Section):
     """Ranges of accepted measurements, and substitutes for the others.
 
     Each measurement has a range and a largest rate of change. A yaw rate is accepted up to the limit of the road plus a
-    tolerance. It counts as frozen where it stays equal to the bit while the yaw rate of the linear car moves away from it. A
+    tolerance. It counts as frozen if its bits do not change while the yaw rate of the linear car moves away from it. A
     rejected signal is accepted again once it agrees with the others. yaw_rate_lag_s is the lag of the yaw rate behind the front
     angle. friction_recovery_1_s is the rate at which a lost friction estimate is forgotten. The offset of the yaw rate is
     learned on straights, up to yaw_rate_offset_max_deg_s with the time constant yaw_rate_correction_time_s. That time constant

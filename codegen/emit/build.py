@@ -298,7 +298,7 @@ def check_inputs(reference_map: ReferenceMap, config: Config) -> None:
 
 
 def _build_id(config: Config, options: BuildOptions, inputs: BuildInputs) -> str:
-    """Return eight hexadecimal digits that change with any input. All headers and sources of a build carry them."""
+    """Return eight hexadecimal digits that change with any input. All headers and sources of a build contain them."""
     words = [__version__, inputs.map_sha256, config.to_json(), options.name, options.prefix, options.precision]
     words += [options.request.words] if options.request else []
     return hashlib.sha256("\n".join(words).encode()).hexdigest()[:8].upper()

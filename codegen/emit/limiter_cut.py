@@ -21,7 +21,7 @@ LEAST_RAD = 1e-6
 
 
 def limiter_bounds(config: Config, speed: FloatArray, front_angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the largest rear angles against and with the front wheels, in rad, for speeds in m/s and |front angles| in rad."""
+    """Return the largest rear angles in opposite phase and in phase, in rad, for speeds in m/s and |front angles| in rad."""
     bound = np.interp(speed, np.array(opposite_phase_speeds_km_h(config)) * KM_H, opposite_phase_max(config))
     share = np.clip(front_angle / config.limiter.in_phase_from_front_angle, 0.0, 1.0)
     return bound, bound + share * (config.rear_actuator.angle_max - bound)

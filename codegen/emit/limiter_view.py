@@ -14,7 +14,7 @@ from codegen.vehicle.single_track import SingleTrack
 
 POINTS = "{PREFIX}_LIMITER_POINTS"
 POINTS_FROM_CAR = 6
-"""Breakpoints of the bound against the front wheels where they are derived from the car."""
+"""Number of breakpoints of the opposite-phase bound if they are derived from the car."""
 FIRST_SPEED_SHARE_MAX = 0.9
 """The first of them is at most this share of the last, so that they differ in any precision."""
 
@@ -30,7 +30,7 @@ class LimiterView:
 
 
 def opposite_phase_speeds_km_h(config: Config) -> list[float]:
-    """Return the breakpoints of the bound against the front wheels: as listed, or from the car.
+    """Return the breakpoints of the opposite-phase bound: as listed, or derived from the car.
 
     If they come from the car, the first is the speed at which a (L + K vx^2) / vx^2 falls to the actuator's angle, rounded
     down. The last is the largest speed that the controller accepts. They are evenly spaced in 1/vx, which minimises the largest
@@ -42,7 +42,7 @@ def opposite_phase_speeds_km_h(config: Config) -> list[float]:
         return limiter.opposite_phase_speed_km_h
     wheelbase, understeer = _wheelbase_and_understeer(config)
     wanted = limiter.opposite_phase_lateral_acceleration_m_s2
-    falling = config.rear_actuator.angle_max / wanted - understeer  # what is left for L / vx^2
+    falling = config.rear_actuator.angle_max / wanted - understeer  # the share of L / vx^2
     first = math.sqrt(wheelbase / falling) / KM_H if falling > 0.0 else math.inf
     first = math.floor(10.0 * min(first, FIRST_SPEED_SHARE_MAX * top)) / 10.0
     steps = POINTS_FROM_CAR - 1
@@ -51,7 +51,7 @@ def opposite_phase_speeds_km_h(config: Config) -> list[float]:
 
 
 def opposite_phase_max(config: Config) -> list[float]:
-    """Return the bound against the front wheels at each of these breakpoints, in rad. It is at most the actuator's angle."""
+    """Return the opposite-phase bound at each of these breakpoints, in rad. It is at most the actuator's angle."""
     limiter, speeds, largest = config.limiter, opposite_phase_speeds_km_h(config), config.rear_actuator.angle_max
     bounds = limiter.opposite_phase_max_deg
     if bounds == "off":

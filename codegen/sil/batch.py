@@ -159,7 +159,7 @@ class BatchSoftware:
     """A compiled build with the plant for many cars. It has no state; threads may call it concurrently.
 
     Attributes:
-        software: the controller of the build in the batch's own library; it makes parameter structs.
+        software: the controller of the build in the batch's own library; it creates parameter structs.
         isa: the vector instructions that the plant uses.
         steps_per_sample: plant steps in a sample of the controller.
     """
