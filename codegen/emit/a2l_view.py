@@ -31,7 +31,7 @@ COUNTERS = (
     ("lost_samples", "calls without a good sample"),
 )
 BELIEVED = tuple((each.role, each.unit) for each in signals_of("vehicle_motion"))
-"""Signals of a sample that the inputs check and may replace, and their units."""
+"""Signals of a sample that the monitoring of the inputs checks and may replace, with their units."""
 OF_THE_ANGLE = ("rear_angle_max", "opposite_phase_max")
 """Parameters of the limiter that must not exceed the controller's own bound; `..._parameters_valid` checks it."""
 INSTANCE = "task"
@@ -53,7 +53,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Axis:
-    """An AXIS_PTS: breakpoints in memory. quantity: the measurement that is looked up there."""
+    """An AXIS_PTS: breakpoints in memory. `quantity` is the measurement that is looked up on the axis."""
 
     name: str
     text: str
@@ -67,7 +67,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Adjustable:
-    """A CHARACTERISTIC: VALUE, CURVE or MAP; of a map, the first axis is the one whose neighbours lie side by side."""
+    """A CHARACTERISTIC: VALUE, CURVE or MAP. Neighbouring values along the first axis of a MAP are adjacent in memory."""
 
     name: str
     text: str
@@ -82,7 +82,7 @@ class Adjustable:
 
 @dataclass(frozen=True)
 class Scale:
-    """A COMPU_METHOD of raw numbers; `unit` is that of the same quantity as it is."""
+    """A COMPU_METHOD of raw numbers. `unit` names the COMPU_METHOD of the same quantity in physical units."""
 
     name: str
     factor: str
@@ -169,7 +169,7 @@ def a2l_view(
 
 @dataclass(frozen=True)
 class _Lists:
-    """Makes the objects of one section of the calibration."""
+    """Builder of the objects in the A2L."""
 
     prefix: str
     real: str
@@ -253,7 +253,7 @@ class _Lists:
         return [*axes, *maps]
 
     def checksum(self) -> Adjustable:
-        """Return the checksum that the self-test expects of the whole calibration."""
+        """Return the object of the calibration checksum that the self-test expects."""
         return Adjustable(
             f"{self.prefix}.calibration.expected_checksum",
             "CRC-32 of map, parameters and tyre curves, which the self-test expects",
@@ -266,7 +266,7 @@ class _Lists:
         )
 
     def state(self, controller: ControllerView) -> Iterator[Measured]:
-        """Yield the state of the controller, with those of its law and its grip estimate."""
+        """Yield the state of the controller, including the states of its law and its grip estimate."""
         prefix = self.prefix
         inside = {"law": controller.law_state, "grip": controller.grip_state}
         for field in controller.state:
@@ -292,7 +292,7 @@ class _Lists:
             yield self._measured(name, field.comment, types[field.kind], link)
 
     def received(self, can: CanView) -> Iterator[Measured]:
-        """Yield the signals from the car, of which the task keeps the last valid values."""
+        """Yield the signals from the car. The task stores their last valid values."""
         for message in can.messages:
             for signal in message.signals if message.sender == "Car" else ():
                 definition = signal.definition
@@ -319,7 +319,7 @@ class _Lists:
 
 
 def _limit(table: TableView, bound: str) -> str:
-    """Limit of the values of a table: the bound, or the largest raw number where that is less."""
+    """Return the limit of a table's values: the bound, or the value of the largest raw number if that is smaller."""
     if not table.scale:
         return _plain(bound)
     reach = RAW_MAX * float(_plain(table.scale))
@@ -327,5 +327,5 @@ def _limit(table: TableView, bound: str) -> str:
 
 
 def _plain(literal: str) -> str:
-    """A C literal as A2L has numbers."""
+    """Return a C literal in the number format of the A2L."""
     return literal.rstrip("f")

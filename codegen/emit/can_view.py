@@ -54,12 +54,12 @@ def _causes() -> tuple[Cause, ...]:
 
 _SIDES = (("MOTION", "VehicleMotion"), ("CONDITIONS", "VehicleConditions"))
 DIAGNOSTICS = _causes()
-"""Bits of `Diagnostics`, from bit 0; the three of each received message lie side by side in the same order."""
+"""Bits of `Diagnostics`, from bit 0. The three bits of each received message are adjacent and in the same order."""
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Neighbouring bits of a signal that share a byte: C that makes them from `code`, and C that gives them back to it."""
+    """Bits of a signal in one byte: the C expression that packs them from `code`, and the one that unpacks them."""
 
     byte: int
     packed: str
@@ -71,10 +71,10 @@ class FrameSignal:
     """A signal in its frame.
 
     Attributes:
-        definition: its entry in the table of signals.
-        layout: its place in the frame, as configured.
-        byte_order: of the frame.
-        precision: of the build.
+        definition: entry in the table of signals.
+        layout: configured position in the frame.
+        byte_order: byte order of the frame.
+        precision: precision of the build.
     """
 
     definition: SignalDefinition
@@ -89,7 +89,7 @@ class FrameSignal:
 
     @property
     def field_type(self) -> str:
-        """C type of a whole number in the struct of its message; "" for a real signal, and for what is not in the struct."""
+        """C type of a whole number in the struct of its message; "" for a real signal or a signal that the struct omits."""
         return "" if self.definition is _QUALIFIER else self.definition.c_type
 
     @property
@@ -104,12 +104,12 @@ class FrameSignal:
 
     @property
     def qualifier_bit(self) -> int:
-        """Mask of its bit in the qualifier; 0 where it has none."""
+        """Mask of the validity bit in the qualifier; 0 if there is none."""
         return 1 << QUALIFIED.index(self.definition.role) if self.definition.message == "vehicle_motion" else 0
 
     @property
     def sign_bit(self) -> int:
-        """Mask of the sign in the code; 0 where it has none."""
+        """Mask of the sign bit in the code; 0 if there is none."""
         return 1 << (self.layout.length - 1) if isinstance(self.layout, RealSignal) and self.layout.signed else 0
 
     @property
@@ -121,12 +121,12 @@ class FrameSignal:
 
     @property
     def value(self) -> str:
-        """C of a real signal's value without its offset."""
+        """C expression of a real signal's value without its offset."""
         return f"signals->{self.definition.role}{self._offset(' - ', ' + ')}"
 
     @property
     def decoded(self) -> str:
-        """C of a real signal's value from `code`, whose sign bit is inverted."""
+        """C expression of a real signal's value from `code`, whose sign bit is inverted."""
         assert isinstance(self.layout, RealSignal)
         code = f"(int32_t)code - {self.sign_bit}" if self.sign_bit else "(int32_t)code"
         return f"to_value({code}, {self.scale}, {self.layout.raw_not_available}){self._offset(' + ', ' - ')}"
@@ -149,7 +149,7 @@ class FrameSignal:
 
     @property
     def dbc_values(self) -> str:
-        """The signal's value table in a DBC; empty where it has none."""
+        """The signal's value table in a DBC; empty if there is none."""
         if isinstance(self.layout, RealSignal):
             return f'{self.layout.raw_not_available} "not available"'
         return " ".join(f'{code} "{text}"' for code, text in enumerate(self.definition.values))
@@ -160,9 +160,9 @@ class Frame:
     """A message with its signals.
 
     Attributes:
-        role: in the configuration.
-        layout: as configured.
-        title: a phrase for comments.
+        role: role in the configuration.
+        layout: configured message.
+        title: phrase for comments.
         sender, receiver: nodes of the DBC.
     """
 
@@ -191,7 +191,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class CanView:
-    """Everything that the templates of the CAN side print."""
+    """Everything that the CAN templates print."""
 
     messages: tuple[Frame, ...]
     diagnostics: tuple[Cause, ...]
@@ -233,19 +233,19 @@ class TaskView:
 
 
 def task_name(sampling_time: float) -> str:
-    """Name of the task's function after its period (s): task_10ms, task_2500us."""
+    """Return the name of the task's function, which contains its period (s): task_10ms, task_2500us."""
     microseconds = round(sampling_time * 1e6)
     return f"task_{microseconds // 1000}ms" if microseconds % 1000 == 0 else f"task_{microseconds}us"
 
 
 def task_view(config: Config) -> TaskView:
-    """The view of the configured sampling time."""
+    """Return the view of the configured sampling time."""
     return TaskView(task_name(config.controller.sampling_time_s))
 
 
 def can_view(config: Config, precision: Precision) -> CanView:
-    """The view of `config.can`."""
-    # In single precision the arithmetic is made exact; in double precision it is that of every tool that reads a DBC.
+    """Return the view of `config.can`."""
+    # In single precision the arithmetic is made exact. In double precision it equals that of tools that read a DBC.
     exact = precision == "single"
     can, period_ms = config.can, round(config.controller.sampling_time_s * 1e3, 9)
     count_mask = (1 << can.e2e.window_size.bit_length()) - 1
@@ -278,7 +278,7 @@ CRC_POLYNOMIAL = 0x1D
 """SAE J1850."""
 
 CRC_EXAMPLE = (0x23, 0x01, 1, 0, 0, 0, 0, 0)
-"""Data id, low byte first, and the bytes 1 to 6 of the frame whose byte 7 runs through all values in the self-test."""
+"""Data id (low byte first) and bytes 1 to 6 of the self-test's frame. Its byte 7 takes all values."""
 
 
 def _crc_sum() -> int:

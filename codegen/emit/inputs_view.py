@@ -14,9 +14,9 @@ from codegen.units import DEGREE, GRAVITY, KM_H
 from codegen.vehicle.single_track import SingleTrack
 
 UNDERSTEER_CHANGE_MAX = math.radians(2.0) / GRAVITY
-"""s^2/m, 2 deg/g: calibration may take another variant of the car, but no other car."""
+"""Largest change of the understeer coefficient by calibration, in s^2/m: 2 deg/g cover variants of the car, not other cars."""
 FRICTION_UNKNOWN = 2.0
-"""More than the peak friction of any road: the map takes its own."""
+"""Value for an unknown friction, above the peak friction of any road: the map uses its own friction."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class InputsView:
 
 
 def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
-    """The fields of `<prefix>_inputs_parameters_t`, in order."""
+    """Return the fields of `<prefix>_inputs_parameters_t`, in order."""
     inputs, fail_safe, period = config.controller.inputs, config.controller.fail_safe, config.controller.sampling_time_s
     car = SingleTrack.from_config(config)
     wheelbase, understeer = car.wheelbase, car.understeer_coefficient
@@ -111,7 +111,7 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
 
 
 def inputs_view(config: Config, prefix: str, precision: Precision, real: str) -> InputsView:
-    """The view of a configuration's monitoring."""
+    """Return the view of a configuration's monitoring."""
     parameters = parameter_views(inputs_parameters(config), prefix, precision, real)
     return InputsView(
         parameters=parameters,

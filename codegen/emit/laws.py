@@ -1,7 +1,8 @@
-"""The kinds of controller: this is the one place that chooses.
+"""Table of the kinds of controller, the only place that selects by kind.
 
-A law names its parameters, its state and what it needs of the rest of the build. The template folder `law/<kind>/` holds its C:
-the functions `<prefix>_law_init` and `<prefix>_law_step` of the unit `<prefix>_law`, which the controller of every kind calls.
+A law defines its parameters, its state and its requirements on the rest of the build. Its C is in the template folder
+`law/<kind>/`: the functions `<prefix>_law_init` and `<prefix>_law_step` of the unit `<prefix>_law`, which the controller calls
+for every kind.
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ SAMPLE_RANGES = {"speed": (0.01, 200.0), "front_angle": (-1.5, 1.5), "yaw_rate":
 """Ranges of the believed sample that the control law accepts, in SI units: the widest that valid parameters allow."""
 
 REAR_ANGLE_MAX_RAD = 1.0
-"""Bound on the last command that the control law is given: the largest rear angle that valid limiter parameters allow."""
+"""Bound on the last command passed to the control law: the largest rear angle that valid limiter parameters allow."""
 
 YAW_RATE_ERROR_MAX_RAD_S = 1000.0
-"""Bound on the last yaw-rate error that the control law is given: far above that of any law."""
+"""Bound on the last yaw-rate error passed to the control law, far above the error of any law."""
 
 
 def _no_parameters(_config: Config) -> tuple[Parameter, ...]:
@@ -54,14 +55,14 @@ class Law:
     """A kind of controller.
 
     Attributes:
-        title: what it is, in a few words.
-        parameters: its own, of a configuration.
-        state: its own.
-        gains: of its feedback over speed, for the margins; None where it has none.
-        scheduled: its gains are those of controller.tracking.schedule, which `codegen tune` writes.
-        uses_rear_angle: it looks the optimum's own rear angle up.
-        uses_reference_model: it needs the units `<prefix>_reference_model` and `<prefix>_grip`.
-        points: name and size of the arrays among its parameters.
+        title: short description.
+        parameters: function that returns the law's own parameters for a configuration.
+        state: fields of the law's own state.
+        gains: function that returns the feedback gains over speed, for the margins; None if there is no feedback.
+        scheduled: whether the gains come from controller.tracking.schedule, which `codegen tune` writes.
+        uses_rear_angle: whether the law looks up the rear angle of the optimum.
+        uses_reference_model: whether the law needs the units `<prefix>_reference_model` and `<prefix>_grip`.
+        points: function that returns name and size of the arrays among the parameters.
     """
 
     kind: str
@@ -76,14 +77,14 @@ class Law:
 
 
 def law_of(config: Config) -> Law:
-    """The law that the configuration names. Raises BuildError: it lacks what the law needs."""
+    """Return the law that the configuration names. Raises BuildError if the configuration lacks a table that the law needs."""
     law = LAWS[config.controller.kind]
     law.parameters(config)
     return law
 
 
 def is_untuned(config: Config) -> bool:
-    """Whether `codegen tune` has to come before a build of this configuration."""
+    """Return whether this configuration needs `codegen tune` before a build."""
     return LAWS[config.controller.kind].scheduled and config.controller.tracking.schedule is None
 
 
@@ -113,7 +114,7 @@ def _pi_gains(config: Config) -> Gains:
 
 
 def schedule_of(config: Config) -> Schedule:
-    """The gain schedule of kind "tracking". Raises BuildError where there is none."""
+    """Return the gain schedule of kind "tracking". Raises BuildError if there is none."""
     schedule = config.controller.tracking.schedule
     if schedule is None:
         raise BuildError(

@@ -15,7 +15,7 @@ AGAINST = {
     "surfaces": "the optimum, solved on a fine grid",
     "table": "the bilinear interpolation of the map's own table",
 }
-"""Name of the reference of an error."""
+"""Name of each reference that an error is measured against."""
 
 
 def request_facts(request: Request) -> dict[str, Any]:
@@ -24,8 +24,8 @@ def request_facts(request: Request) -> dict[str, Any]:
 
 
 def grip_facts(total: TotalMap) -> dict[str, Any]:
-    """Return the facts on grip for the map in the manifest: the axes of the share of the cap, if it varies, and the slip of the
-    rear axle from which the lookup computes the sideslip of the optimum."""
+    """Return the facts on grip for the map in the manifest: the axes of the table of the share of the cap, if there is one, and
+    the rear-axle slip from which the lookup computes the sideslip of the optimum."""
     if total.grip is None:
         return {}
     speed, front_angle = ([float(value) for value in axis] for axis in (total.grip.speed, total.grip.front_angle))
@@ -66,7 +66,7 @@ def placement_facts(placed: Placed) -> dict[str, Any]:
 
 
 def _rounded(error: float) -> float:
-    """Round up to four digits: a search on a lattice is no more exact, and the result does not depend on the machine."""
+    """Round up to four digits. A search on a lattice is not more accurate, and the result does not depend on the machine."""
     if error <= 0.0:
         return 0.0
     step = 10.0 ** (math.floor(math.log10(error)) - 3)

@@ -55,7 +55,7 @@ def files(here: Path) -> None:
         (f"{SIL} --plot link.png", "not a file"),
         (f"{SIL} -o run", "run: no format for a run"),
         (f"{SIL} -o run.csv -o ./folder/../run.csv", "run.csv: it would be written twice; name each file once"),
-        (f"{SIL} --scenario file.csv -o link.csv", "link.csv: it is what this command reads"),
+        (f"{SIL} --scenario file.csv -o link.csv", "link.csv: it is an input of this command"),
         (f"{SIL} --can --jitter nan", "is not a number"),
         (f"{SIL} --limits mine.toml", "--limits: limits belong to a suite; add --suite tracking or --suite cars"),
         ("sil --suite trakking", "did you mean 'tracking'"),
@@ -75,7 +75,7 @@ def files(here: Path) -> None:
         ("verify nowhere", "nowhere"),
         ("check nowhere", "nowhere"),
         ("check pipe.png", "pipe.png: not a file"),
-        ("check folder", "folder: no generated folder"),
+        ("check folder", "folder: not a generated folder"),
     ],
 )
 def test_bad_input_gives_one_line(refused: Refused, files: None, command: str, words: str) -> None:
