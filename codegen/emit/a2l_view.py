@@ -30,7 +30,7 @@ COUNTERS = (
     ("early_cycles", "calls that found no message"),
     ("lost_samples", "calls without a good sample"),
 )
-BELIEVED = tuple((each.role, each.unit) for each in signals_of("vehicle_motion"))
+CHECKED = tuple((each.role, each.unit) for each in signals_of("vehicle_motion"))
 """Signals of a sample that the monitoring of the inputs checks and may replace, with their units."""
 OF_THE_ANGLE = ("rear_angle_max", "opposite_phase_max")
 """Parameters of the limiter that must not exceed the controller's own bound; `..._parameters_valid` checks it."""
@@ -204,7 +204,7 @@ class _Lists:
             name, where, text = f"{group}.{view.name}", f"{link}.{view.name}", view.comment
             low, high = (bound.rstrip("u") if view.is_count else _plain(bound) for bound in (view.low, view.high))
             if view.increasing:
-                axis = Axis(name, text, unit, sizes[view.points], low, high, f"{self.prefix}.believed.speed", where)
+                axis = Axis(name, text, unit, sizes[view.points], low, high, f"{self.prefix}.checked.speed", where)
                 axis_of[view.points] = axis
                 made.append(axis)
             elif view.points:
@@ -219,7 +219,7 @@ class _Lists:
         """Return the axes of the map, and a MAP for each table and friction."""
         prefix, frictions = self.prefix, view.frictions_text.split(", ")
         tops = (_plain(top) for top in view.axis_tops)
-        quantities = (f"{prefix}.believed.speed", f"{prefix}.believed.front_angle")
+        quantities = (f"{prefix}.checked.speed", f"{prefix}.checked.front_angle")
         axes = [
             Axis(
                 name=f"{prefix}.map.{axis.name}",
@@ -275,9 +275,9 @@ class _Lists:
                 top = str(len(STATUSES) - 1)
                 yield Measured(f"{prefix}.status", field.comment, "ULONG", f"{prefix}.is_status", "0", top, link)
             elif field.name == "sample":
-                for name, unit in BELIEVED:
+                for name, unit in CHECKED:
                     yield self._measured(
-                        f"believed.{name}", f"{unit}, believed of the last sample", self.real, f"{link}.{name}"
+                        f"checked.{name}", f"{unit}, last sample after monitoring", self.real, f"{link}.{name}"
                     )
             elif field.name in inside:
                 for each in inside[field.name]:

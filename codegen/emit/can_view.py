@@ -30,15 +30,15 @@ class Cause:
 _RECEPTION = (
     ("MISSING", "no frame in this cycle", "missing"),
     ("WRONG_CRC", "a frame with a wrong CRC, or without eight bytes", "damaged"),
-    ("WRONG_COUNTER", "a wrong counter, or the message has to prove itself", "out of sequence"),
+    ("WRONG_COUNTER", "a wrong counter, or too few valid frames since the start or a fault", "out of sequence"),
 )
 _OTHERS = (
-    ("UNAVAILABLE", "a signal is not available, out of range or impossible, for a short time so far", "signal unavailable"),
-    ("SPEED_REPLACED", "the speed is not believed: held, then falling", "speed replaced"),
-    ("FRONT_ANGLE_REPLACED", "the front angle is not believed: taken from the yaw rate", "front angle replaced"),
-    ("YAW_RATE_REPLACED", "the yaw rate is not believed: taken from the front angle", "yaw rate replaced"),
-    ("TASK_LATE", "the calls of the task stay behind the frames", "task late"),
-    ("INTERMITTENT", "the bus is disturbed and comes back, again and again", "bus intermittent"),
+    ("UNAVAILABLE", "a signal is not available, out of range or implausible, for a short time so far", "signal unavailable"),
+    ("SPEED_REPLACED", "the speed is rejected: last value, then decreasing", "speed replaced"),
+    ("FRONT_ANGLE_REPLACED", "the front angle is rejected: computed from the yaw rate", "front angle replaced"),
+    ("YAW_RATE_REPLACED", "the yaw rate is rejected: computed from the front angle", "yaw rate replaced"),
+    ("TASK_LATE", "the task is called less often than frames arrive", "task late"),
+    ("INTERMITTENT", "repeated disturbances of the bus", "bus intermittent"),
     ("ACTUATOR_STUCK", "the measured rear angle does not follow the command", "actuator stuck"),
 )
 

@@ -89,7 +89,7 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "rear_angle_max",
             config.rear_actuator.angle_max,
-            "rad, bound on the command; at most what the actuator can",
+            "rad, bound of the command, at most the actuator's largest angle",
             1e-4,
             config.rear_actuator.angle_max,
         ),
@@ -123,7 +123,7 @@ def _actuator_parameters(config: Config) -> Iterator[Parameter]:
     yield Parameter(
         "actuator_error_max",
         math.radians(error),
-        "rad off, beside twice the way to go, that is tolerated",
+        "rad, tolerated error, in addition to twice the remaining way",
         1e-4,
         1.5,
     )
@@ -142,9 +142,9 @@ _GRIP_STATE = (
 _STATE = (
     Field("real", "rear_angle", "rad, last command"),
     Field("real", "yaw_rate_reference", "rad/s, last reference"),
-    Field("real", "yaw_rate_error", "rad/s, last reference less measured yaw rate; 0 where control is off"),
-    Field("bool", "enabled", "above the enabling speed, with hysteresis: the law runs"),
-    Field("uint32_t", "initialised", "a mark, of which memory without an initialisation has none"),
+    Field("real", "yaw_rate_error", "rad/s, last reference minus measured yaw rate; 0 while control is off"),
+    Field("bool", "enabled", "speed above the enabling speed, with hysteresis: the law runs"),
+    Field("uint32_t", "initialised", "mark of an initialised state"),
 )
 
 
@@ -166,7 +166,7 @@ def controller_view(
         numbers += [f"grip.{field.name}" for field in _GRIP_STATE]
     numbers += [f"inputs.{name}" for name in INPUT_NUMBERS]
     numbers += [f"limiter.{name}" for name in ("rear_angle", "speed", "front_angle")]
-    state.append(Field(f"{prefix}_measurement_t", "sample", "what is believed of the last one"))
+    state.append(Field(f"{prefix}_measurement_t", "sample", "last sample after monitoring"))
     state.append(Field(f"{prefix}_inputs_t", "inputs", "first in the chain"))
     state.append(Field(f"{prefix}_limiter_t", "limiter", "last in the chain"))
     state.append(Field(f"{prefix}_quality_t", "quality", "of the last sample"))

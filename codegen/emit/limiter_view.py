@@ -78,7 +78,7 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
     limiter, inputs, angle_max = config.limiter, config.controller.inputs, config.rear_actuator.angle_max
     rate, off = limiter.rear_rate_max_deg_s, limiter.opposite_phase_max_deg == "off"
     return (
-        Parameter("rear_angle_max", angle_max, "rad, of the demand in any case", 1e-4, 1.0),
+        Parameter("rear_angle_max", angle_max, "rad, bound of the command", 1e-4, 1.0),
         Parameter(
             "rear_rate_max",
             RATE_OFF if rate == "off" else math.radians(rate),
@@ -98,7 +98,7 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "opposite_phase_max",
             tuple(opposite_phase_max(config)),
-            "rad against the front wheels, at those speeds" + (" (off)" if off else ""),
+            "rad, bound of the opposite-phase angle at those speeds" + (" (off)" if off else ""),
             0.0,
             1.0,
             POINTS,
@@ -106,13 +106,17 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "in_phase_from_front_angle",
             limiter.in_phase_from_front_angle,
-            "rad of front angle from which on all of rear_angle_max is free in phase",
+            "rad, front angle from which the whole rear_angle_max is allowed in phase",
             1e-4,
             1.0,
         ),
-        Parameter("speed_max", inputs.speed_max_km_h * KM_H, "m/s, beyond it a speed is none", 1.0, 200.0),
+        Parameter("speed_max", inputs.speed_max_km_h * KM_H, "m/s, range; a speed beyond it is ignored", 1.0, 200.0),
         Parameter(
-            "front_angle_max", math.radians(inputs.front_angle_max_deg), "rad, beyond it a front angle is none", 0.01, 1.5
+            "front_angle_max",
+            math.radians(inputs.front_angle_max_deg),
+            "rad, range; a front angle beyond it is ignored",
+            0.01,
+            1.5,
         ),
     )
 

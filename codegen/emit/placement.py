@@ -10,8 +10,8 @@ from codegen.ecu_map.placement import Placed, Request
 from codegen.ecu_map.reference_surface import GAP_POINTS
 from codegen.ecu_map.total import TotalMap
 
-AGAINST = {
-    "optimum": "the optimum, solved anew at every point",
+REFERENCES = {
+    "optimum": "the optimum, solved at every point",
     "surfaces": "the optimum, solved on a fine grid",
     "table": "the bilinear interpolation of the map's own table",
 }
@@ -41,7 +41,7 @@ def placement_facts(placed: Placed) -> dict[str, Any]:
         "axes": placed.spacing,
         "own_speed_range_m_s": list(placed.own_speed),
         "own_front_angle_range_rad": list(placed.own_front_angle),
-        "error_against": AGAINST[placed.origin],
+        "error_against": REFERENCES[placed.origin],
         "error_rad_s": _rounded(error.yaw_rate),
         "error_whole_domain_rad_s": _rounded(error.yaw_rate_whole),
     }
@@ -78,8 +78,8 @@ def placement_text(placed: Placed) -> str:
     own, whole = (math.degrees(_rounded(error)) for error in (placed.error.yaw_rate, placed.error.yaw_rate_whole))
     stored = "" if placed.total.scales is None else ", stored as int16"
     return (
-        f"{placed.spacing}{stored}: after the cap at most {own:.3g} deg/s off {AGAINST[placed.origin]}, over the map's own "
-        f"breakpoints; {whole:.3g} deg/s wherever an ECU may be{_gap_text(placed.gap)}"
+        f"{placed.spacing}{stored}: after the cap at most {own:.3g} deg/s from {REFERENCES[placed.origin]}, over the map's own "
+        f"breakpoints; {whole:.3g} deg/s over the whole domain{_gap_text(placed.gap)}"
         f"{_rear_text(placed.error.rear_angle_whole, placed.error.rear_yaw_rate_whole) if placed.tables > 1 else ''}"
     )
 
@@ -114,6 +114,6 @@ def placement_line(manifest: Mapping[str, Any]) -> str:
         rear_text = _rear_text(facts["rear_angle_error_whole_domain_rad"], facts["rear_angle_error_as_yaw_rate_rad_s"])
     return (
         f"{rows} x {columns} breakpoints, {facts['axes']}, {facts['flash_bytes']:,} bytes: at most {error:.3g} deg/s off "
-        f"{facts['error_against']}; {whole:.3g} deg/s wherever an ECU may be"
+        f"{facts['error_against']}; {whole:.3g} deg/s over the whole domain"
         f"{_gap_text(facts.get('fine_grid_error_rad_s', 0.0))}{rear_text}"
     )

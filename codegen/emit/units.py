@@ -22,6 +22,7 @@ class Unit:
 
 NONE = Unit("", "no_unit", (0,) * 7)
 UNITS = (
+    Unit("m/s^3", "m_s3", (1, 0, -3, 0, 0, 0, 0)),
     Unit("m/s^2", "m_s2", (1, 0, -2, 0, 0, 0, 0)),
     Unit("rad/s", "rad_s", (0, 0, -1, 0, 0, 0, 0)),
     Unit("m/s", "m_s", (1, 0, -1, 0, 0, 0, 0)),
