@@ -65,7 +65,7 @@ def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[C
     assert answer.code == 1
     assert "NOT MET" in answer.out
     figure = "all cells, as configured: |sideslip| beyond its bound 1.25 deg (at most 0.2 deg)"
-    assert answer.err == f"error: 1 figure is not as asked: {figure}; see the first table\n"
+    assert answer.err == f"error: 1 figure misses its requirement: {figure}; see the first table\n"
 
 
 def test_limits_from_a_file_and_their_purpose(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:

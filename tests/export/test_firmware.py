@@ -69,7 +69,7 @@ def test_only_changed_files_of_a_project_are_rewritten(run: Run, tmp_path: Path)
     changed = Path(shutil.copytree(GENERATED / "4ws2", tmp_path / "changed"))
     (changed / "README.md").write_text("mine\n")
     answer = run("firmware", "--build", changed, "-o", tmp_path / "fw")
-    assert answer.err == f"note: {changed / 'README.md'} was changed after the build; the firmware takes it as it is\n"
+    assert answer.err == f"note: {changed / 'README.md'} was changed after the build; the firmware contains the changed file\n"
     assert "| changed after the build | `README.md` |" in (tmp_path / "fw" / "README.md").read_text()
 
 
