@@ -70,7 +70,7 @@ def files(here: Path) -> None:
         (f"faults --build {BUILD} --ecu native", "add --bus"),
         ("tune --map bare.npz -o t.npz", "bare.npz: it contains no configuration"),
         (f"{REPORT} --build {BUILD} --scenario nosuch", "there is no scenario 'nosuch'"),
-        ("explore --map bare.npz", "bare.npz: it was not solved here"),
+        ("explore --map bare.npz", "bare.npz: it was not solved by codegen"),
         (f"explore --map {MAP} --folder gone", "gone: there is no such folder"),
         ("verify nowhere", "nowhere"),
         ("check nowhere", "nowhere"),
