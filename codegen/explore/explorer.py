@@ -300,7 +300,7 @@ class Explorer:
         }
 
     def family(self, given: object, is_stale: Callable[[], bool]) -> Data | None:
-        """Return the margins of the whole family of cars, see `family_data`. Other requests need not wait. Raises CodegenError."""
+        """Return the margins of the family of cars; see `family_data`. Runs beside other requests. Raises CodegenError."""
         return family_data(self.configured(given), is_stale)
 
     def _kept(self, name: str, key: object, make: Callable[[], Kept]) -> Kept:

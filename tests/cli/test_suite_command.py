@@ -49,7 +49,7 @@ def test_suite_of_the_recommended_preset(run: Run, suite: Callable[..., list[Can
     assert answer.code == 0, answer
     first, *lines = answer.out.splitlines()
     assert first == "suite tracking: the recommended preset, case 4ws-2, solved, tuned and built in memory"
-    assert "What is asked, and what tracking shows" in lines
+    assert "Requirements, and results of tracking" in lines
     assert seen[0].config == configuration.preset("recommended")
     assert everything_in(Path()) == {}
     answer = run("sil", "--suite", "tracking", "--json", "--plot", "overview.png")

@@ -21,10 +21,10 @@ POINTS, FAMILY_POINTS = 80, 12
 
 
 def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
-    """Gain and phase margins over speed, of the configured car and the worst of its family; None where nothing has feedback.
+    """Plot gain and phase margins over speed, of the configured car and the worst of its family; None without any feedback.
 
     Args:
-        configs: name to configuration; those whose law has no feedback are left out.
+        configs: name -> configuration; those without feedback are omitted.
     """
     data: list[dict[str, Any]] = []
     colours = iter(RUN_COLOURS * len(configs))
@@ -75,9 +75,9 @@ def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
 
 
 GAIN_MARGIN_SHOWN = 30.0
-"""dB: more is enough for anything, and would hide what is little."""
+"""Largest gain margin shown, in dB; larger values would hide small ones."""
 WANTED = 6.0
-"""dB: the usual least gain margin."""
+"""Usual minimum gain margin, in dB."""
 WITHOUT = "without feedback"
 
 
@@ -136,7 +136,7 @@ def _shown(region: Region) -> tuple[float, ...]:
 
 
 def _open_loop() -> Iterator[str]:
-    """Kinds of controller that do not feed back what the car does."""
+    """Yield the kinds of controller without feedback."""
     paper = preset()
     yield from (kind for kind, law in LAWS.items() if not law.scheduled and law.gains(paper) is None)
 
@@ -237,7 +237,7 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
 
 
 def _marks(region: Region, mass: int) -> Iterator[tuple[str, str, str, Any]]:
-    """Name, symbol, its sign in a text, and the cells."""
+    """Yield name, symbol, its sign in a text, and the cells of each mark."""
     yield "unstable", "x-thin", "×", ~region.stable[mass]
     if region.driven is not None:
         yield "driven: otherwise than computed", "diamond", "◆", region.contradicted[mass]
