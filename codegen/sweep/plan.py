@@ -210,7 +210,9 @@ def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:
         )
     if scenario.faults:
         raise ConfigError(
-            f"{scenario.name} has faults on the bus, and here is none", where=place, remedy="use codegen hil or codegen faults"
+            f"{scenario.name} has faults on the bus, but a campaign has no bus",
+            where=place,
+            remedy="use codegen hil or codegen faults",
         )
     _check_length(spec, scenario, path)
     profile = profile_of(scenario, config, spec.lead_s, spec.length_s)
@@ -221,9 +223,9 @@ def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:
     told = not np.isnan(profile.estimate)
     if told and "friction" in spec.factors and "friction_estimate_error" not in spec.factors:
         raise ConfigError(
-            f"{scenario.name} tells the controller a friction of {profile.estimate:g}, whatever that of the road is",
+            f"{scenario.name} gives the controller a friction of {profile.estimate:g} on any road",
             where=f"{path}: factors.friction",
-            remedy="give friction_estimate_error, 0 for a controller that knows it",
+            remedy="set friction_estimate_error, to 0 for an exact estimate",
         )
     return profile
 

@@ -20,7 +20,7 @@ LookUp = Callable[[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike], npt.NDArray[Any
 """The map's steady yaw rate (rad/s) as a function of speed (m/s), front angle (rad) and friction estimate (NaN: unknown)."""
 
 SPIN_SIDESLIP = math.radians(10.0)
-"""Sideslip angle beyond which a car spins: no driver holds it, and no metric of what follows means anything."""
+"""Sideslip angle beyond which a car spins: no driver holds it, and later metrics are meaningless."""
 SPIN_REAR_SLIP = math.radians(5.0)
 """Rear slip angle that a spin needs as well: in a tight turn at walking speed the sideslip angle alone is as large."""
 

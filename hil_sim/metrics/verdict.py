@@ -18,7 +18,7 @@ from hil_sim.metrics.run import Metric, Run
 from hil_sim.metrics.step import slip_bounds
 
 STEADY_ERROR_MAX_PERCENT = 2.0
-"""A car within this of its map or reference follows it."""
+"""Largest error to map or reference, in percent, of a car that follows it."""
 OVERSHOOT_MAX_PERCENT = 5.0
 SLIP_MAX_PERCENT = 101.0
 """Largest slip, in percent of its bound, that counts as kept."""
@@ -98,7 +98,7 @@ def _following(values: Mapping[str, float | bool | None]) -> str:
 
 
 def _excess(values: Mapping[str, float | bool | None]) -> Iterator[str]:
-    """Yield the overshoot, of the car's own steady yaw rate: how far that is from the map's is reported already."""
+    """Yield the overshoot of the car's own steady yaw rate; the error of that to the map is reported elsewhere."""
     peak = values.get("overshoot_percent") or 0.0
     if values.get("settled") and peak > OVERSHOOT_MAX_PERCENT:
         yield f"overshoots its steady yaw rate by {peak:.0f} %"

@@ -67,7 +67,7 @@ def test_replay_of_a_worst_run(driven: tuple[Path, Answer], run: Run, spec: Path
         ((), "-o: no folder is named"),
         (("--replay", 24), "there is no run 24; 0 to 23"),
         (("-o", "OUT", "--plot", "run.png"), "--plot: it cannot be combined with a campaign"),
-        (("-o", "OUT", "--scheduler", "nonsense"), "'nonsense' is no address"),
+        (("-o", "OUT", "--scheduler", "nonsense"), "'nonsense' is not a valid address"),
     ],
 )
 def test_bad_options(refused: Refused, spec: Path, arguments: tuple[object, ...], words: str) -> None:
