@@ -38,7 +38,7 @@ ANSWER_TIMEOUT = 2.0
 
 
 class Ecu(Protocol):
-    """An ECU that the bench can take away and bring back."""
+    """An ECU that the bench can stop and restart."""
 
     def kill(self) -> None:
         """Stop the ECU as a power failure does."""
@@ -162,7 +162,7 @@ def run_in_lock_step(node: PlantNode, bus: Bus, *, log: BusLog | None = None, ob
     """
     if node.injector.faults:
         raise CodegenError(
-            "faults on the bus have no meaning in lock-step: where a frame is missing, no task would run",
+            "bus faults cannot be simulated in lock-step: without a complete set of frames, the task does not run",
             where="--lock-step",
             remedy="use --real-time",
         )

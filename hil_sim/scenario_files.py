@@ -155,7 +155,7 @@ def _changed(base: Scenario, given: ScenarioFile, path: Path, config: Config) ->
             raise CodegenError(
                 f"begins at {fault.start:g} s, and the run ends at {duration:g} s",
                 where=f"{path}: faults {number}: start_s",
-                remedy="let it begin earlier, or raise duration_s where the base takes it",
+                remedy="let it begin earlier, or raise duration_s if the base supports it",
             )
     return replace(
         base,
@@ -329,7 +329,7 @@ def _wanted(header: Sequence[str], path: Path) -> dict[str, int]:
 
 def _missing(name: str, names: Iterable[str], place: str) -> CodegenError:
     near = difflib.get_close_matches(name.split(" or ")[0], list(names), n=1)
-    remedy = f"is it {near[0]!r}? units stand in the names" if near else "add it; units stand in the names"
+    remedy = f"is it {near[0]!r}? units are in the names" if near else "add it; units are in the names"
     return CodegenError(f"no column {name}", where=place, remedy=remedy)
 
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     help="Where the page's button writes ars.toml; by default the current folder.",
 )
 @click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="On 127.0.0.1; 0 takes any that is free."
+    "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="On 127.0.0.1; 0 selects a free port."
 )
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 def explore(map_path: Path, config_path: Path | None, folder: Path | None, port: int, no_browser: bool) -> None:
@@ -112,7 +112,7 @@ def _opened(address: str) -> Iterator[None]:
         except OSError:
             shown = False  # no space for the file, or no browser; the address is printed
         if not shown:
-            console.note("no browser was opened; open that address in one on this computer")
+            console.note("no browser was opened; open the address in a browser on this computer")
         yield
 
 

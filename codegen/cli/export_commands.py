@@ -157,7 +157,7 @@ def firmware(build_path: Path, output: Path, run_it: bool, toolchain: str | None
         image.require_tools()
     chosen = image.choose_toolchain(toolchain) if run_it else None
     refuse_target(output)
-    with console.status(f"recording a drive of {build_path}"):
+    with console.status(f"recording a run of {build_path}"):
         made = project(build_path)
     for path in () if as_json else made.edited:
         console.note(f"{build_path / path} was changed after the build; the firmware contains the changed file")

@@ -51,7 +51,7 @@ READ = "supported are .mat, .csv, .tsv, .txt, .dat (a map) and .tir (a tyre)"
 @click.option(
     "--units", metavar="LIST", help="Units, such as vx=km/h,delta_f=deg,yaw_rate=deg/s, if the names do not contain them."
 )
-@click.option("--rows", type=click.Choice(["vx", "delta_f"]), help="Axis along the rows of a table, where it is ambiguous.")
+@click.option("--rows", type=click.Choice(["vx", "delta_f"]), help="Axis along the rows of a table, if it is ambiguous.")
 @click.option(
     "--config", "config_path", type=configuration_file, help="For tyres: the ars.toml of the car, which is not changed."
 )

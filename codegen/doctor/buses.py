@@ -1,6 +1,6 @@
 """Check the CAN buses: SocketCAN and udp_multicast, each tried with a frame.
 
-A frame is only sent where no car can hear it: on a virtual CAN interface, and to a multicast group of its own.
+Frames are sent only where no car can receive them: on a virtual CAN interface, and to a separate multicast group.
 """
 
 from __future__ import annotations

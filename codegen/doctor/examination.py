@@ -50,7 +50,7 @@ def punctuality() -> Finding:
 
 def real_time() -> Finding:
     """Check whether this user may use real-time scheduling, by trying it and undoing it."""
-    name, serves = "SCHED_FIFO", "the native ECU's --priority, for exact timing beside other load"
+    name, serves = "SCHED_FIFO", "the native ECU's --priority, for exact timing under other load"
     if not hasattr(os, "SCHED_FIFO"):
         return Finding(name, State.MISSING, "this system has none", serves)
     before, parameter = os.sched_getscheduler(0), os.sched_getparam(0)

@@ -168,8 +168,8 @@ def _point_row(point: Point) -> tuple[str, ...]:
 def map_difference(one: ReferenceMap, other: ReferenceMap, used: Sequence[SlipUse | None] | None = None) -> MapDifference:
     """Compare two maps; of a stack, the map itself.
 
-    used: `slip_use` of both maps, if already known.
-        used: `slip_use` of both, where it is known already.
+    Args:
+        used: `slip_use` of both maps, if already known.
 
     Raises:
         MapError: no breakpoint of the first lies inside the axes of the second, or none has a value in both.

@@ -194,7 +194,7 @@ def _draw_use(
     lines = 0
     for axes, one, table, title in zip(panels, maps, tables, titles, strict=True):
         if table is None:
-            axes.text(0.5, 0.5, "brings no car", transform=axes.transAxes, ha="center")
+            axes.text(0.5, 0.5, "contains no car", transform=axes.transAxes, ha="center")
         else:
             draw_table(axes, one, table, scale, USE)
             if (table > ABOVE).any():

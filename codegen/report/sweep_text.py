@@ -108,7 +108,7 @@ def _shares(outcome: Outcome) -> Iterator[str]:
     if (settled := outcome.figures.get("settled")) is not None:
         yield f"{100.0 * settled.mean:.4g} % of the rest settled"
     if (met := outcome.figures.get("meets_fmvss_126")) is not None:
-        of = "" if met.count == outcome.runs else f" of the {met.count} that tell"
+        of = "" if met.count == outcome.runs else f" of the {met.count} measured"
         yield f"{100.0 * met.mean:.4g} %{of} meet FMVSS 126"
     elif "lateral_displacement_m" in outcome.figures:
         yield "FMVSS 126 not measured"

@@ -217,7 +217,7 @@ def _nothing(_record: logging.LogRecord) -> bool:
 
 
 def _knock(address: str) -> None:
-    """Check that the listener speaks Dask's protocol. `Client` would wait for ever for one that does not.
+    """Check that the listener speaks Dask's protocol. `Client` would wait without end for one that does not.
 
     Raises:
         OSError: nothing listens. TimeoutError, MemoryError, ValueError, OverflowError: another program, or an invalid port.

@@ -173,10 +173,10 @@ class Region:
             return ""
         counts = (self.contradicted.sum(), cells.size, self.margin_contradicted.sum(), self.margin_sample.sum())
         unexplained = self.explanations[UNEXPLAINED]
-        why = "the car alone or the reference model is unstable there, and feedback of bounded authority does not hold it"
+        why = "the car alone or the reference model is unstable there, and bounded feedback does not stabilise the car"
         why += f" (but for {unexplained} unexplained)" if unexplained else ""
         return (
-            "driven otherwise than computed: {} of {} cells and {} of {} gain margins".format(*counts)
+            "simulations contradict the computed stability in {} of {} cells and {} of {} gain margins".format(*counts)
             + f", from {first:g} km/h on; {why}; set controller.inputs.speed_max_km_h below {first:g}"
         )
 

@@ -14,7 +14,7 @@
     yaw_rate_noise_deg_s = { normal = [0.1, 0.02], within = [0, 0.2] }
     delay_samples = 1
 
-Each sample is driven by every controller in every scenario, so that controllers are compared on the same cars.
+Each sample is simulated with every controller in every scenario, so that controllers are compared on the same cars.
 """
 
 from __future__ import annotations

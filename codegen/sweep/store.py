@@ -94,7 +94,7 @@ def check_same(folder: Path, plan: Plan) -> None:
     if there is None:
         raise CodegenError("no campaign is there", where=folder, remedy="name the folder that codegen sweep wrote")
     if there != facts_text(plan).encode():
-        raise _other(there, plan, folder, "drive it with the spec and the builds that it was made of")
+        raise _other(there, plan, folder, "use the spec and the builds of that campaign")
 
 
 def _facts(folder: Path) -> bytes | None:
@@ -162,7 +162,7 @@ def _other(content: bytes, plan: Plan, folder: Path, remedy: str) -> CodegenErro
     names = [name for name in facts if not isinstance(there, dict) or json.dumps(there.get(name)) != json.dumps(facts[name])]
     if names == ["isa"] and there.get("isa") in ISAS:
         return CodegenError(
-            f"it was driven with the instruction set {there['isa']}, not {plan.isa}, whose results differ by rounding",
+            f"it was simulated with the instruction set {there['isa']}, not {plan.isa}, whose results differ by rounding",
             where=folder,
             remedy=f"give --isa {there['isa']}, or name another folder with -o",
         )

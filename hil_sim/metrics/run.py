@@ -34,7 +34,7 @@ def spin_time(record: FloatArray) -> float | None:
     """Return the time in s of the first sample of a recording (samples, 12) in which the car spins; None where it does not."""
     spinning = np.abs(column(record, "sideslip_rad")) > SPIN_SIDESLIP
     spinning &= np.abs(column(record, "slip_rear_rad")) > SPIN_REAR_SLIP
-    # A car whose state is not finite has not stayed on the road either.
+    # A state that is not finite counts as a spin as well.
     spinning |= ~np.isfinite(record[:, : RECORD_COLUMNS.index("slip_rear_rad") + 1]).all(axis=1)
     first = np.flatnonzero(spinning)
     return float(column(record, "time_s")[first[0]]) if first.size else None

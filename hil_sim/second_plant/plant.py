@@ -229,7 +229,7 @@ class MultiBodyPlant:
         parameters: of the car; None takes the default of `package.published`.
 
     Raises:
-        CodegenError: the package is missing, or the car would stand.
+        CodegenError: the package is missing, or the car would not move.
     """
 
     def __init__(self, config: Config, speed: float, parameters: Any | None = None) -> None:

@@ -82,7 +82,7 @@ class Slower:
 
     @property
     def difference_s(self) -> float:
-        """Above zero where the first is slower."""
+        """Difference in s; positive if the first is slower."""
         return self.mean_s - self.other_mean_s
 
 

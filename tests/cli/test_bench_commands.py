@@ -51,7 +51,8 @@ def test_sil_with_the_third_plant(run: Run, here: Path) -> None:
     one, other = (json.loads(run(*options, "--seed", seed).out)["metrics"] for seed in (3, 4))
     assert one["controlled"] != other["controlled"] and one["passive"] == other["passive"]
     answer = run(*options, "--can")
-    assert (answer.code, answer.err) == (2, "error: --plant: runs through CAN frames support only the two-track car; leave --can out\n")
+    message = "error: --plant: runs through CAN frames support only the two-track car; leave --can out"
+    assert (answer.code, answer.err) == (2, f"{message}\n")
 
 
 def test_faults_prints_a_table_of_defined_outcomes(run: Run) -> None:

@@ -45,7 +45,7 @@ def test_a_folder_with_another_campaign_is_rejected(driven: tuple[Path, Answer],
     for more in ((), ("--replay", 1)):
         answer = run("sweep", "--spec", spec, "-o", folder, "--isa", other, *more)
         assert (answer.code, answer.err.count("\n")) == (2, 1)
-        assert f"out: it was driven with the instruction set {isa}, not {other}" in answer.err
+        assert f"out: it was simulated with the instruction set {isa}, not {other}" in answer.err
     assert everything_in(folder) == before
 
 

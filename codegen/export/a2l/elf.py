@@ -96,7 +96,7 @@ class Elf:
         """Return the place of `name.field[2]`, or of `file.c:name` if several files have the name; None if the program has
         none.
 
-        Raises BuildError: the name is ambiguous, has no such part, or the part is no number.
+        Raises BuildError: the name is ambiguous, has no such part, or the part is not a number.
         """
         with _whole(self.name):
             return self._place(path)
@@ -204,7 +204,7 @@ class Elf:
             return Place(address, ctype.attributes["DW_AT_byte_size"].value, "unsigned", count)
         encoding = ctype.attributes["DW_AT_encoding"].value if ctype.tag == "DW_TAG_base_type" else None
         if encoding not in _KINDS:
-            raise BuildError(f"{path} is no number", where=self.name, remedy="link the program with this build")
+            raise BuildError(f"{path} is not a number", where=self.name, remedy="link the program with this build")
         return Place(address, ctype.attributes["DW_AT_byte_size"].value, _KINDS[encoding], count)
 
 

@@ -185,7 +185,7 @@ def _run(folder: Path, toolchain: Toolchain) -> subprocess.CompletedProcess[str]
     try:
         return _finished(shlex.split(told.stdout), folder, {**os.environ, "LC_ALL": "C"}, RUN_LIMIT)
     except subprocess.TimeoutExpired:
-        remedy = "look at it with `make run` and a debugger"
+        remedy = "examine it with `make run` and a debugger"
         raise CodegenError(f"the image did not end within {RUN_LIMIT:g} s", where=QEMU, remedy=remedy) from None
 
 

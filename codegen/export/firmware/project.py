@@ -23,7 +23,7 @@ from hil_sim.scenarios import Scenario, find
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive without faults on the bus.
+    """A recorded run without faults on the bus.
 
     Attributes:
         received: for each cycle the frames that came before its task ran.

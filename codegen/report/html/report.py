@@ -342,13 +342,11 @@ def _optimum(material: Material) -> Iterator[Block]:
     )
     if paper:
         header, rows = optimum_table(optimum_rows(material.config))
-        yield Table(
-            "The optimum beside the paper's table, at the speed that it names and at the one where its rows fit", header, rows
-        )
+        yield Table("The optimum and the paper's table, at the printed speed and at the speed that fits its rows", header, rows)
         found = _paper_runs(material)
         if found:
             header, rows = run_table(found)
-            yield Table("Closed loop beside the paper's figures", header, rows)
+            yield Table("Closed loop and the paper's figures", header, rows)
     yield tyre_charts(material.config)
 
 
