@@ -1,4 +1,4 @@
-"""One line that judges a controlled run: whether the car followed its map or its course, and what kept it from doing so."""
+"""Verdict on a controlled run in one line: whether the car followed its map or course, and the reasons if it did not."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SLIP_MAX_PERCENT = 101.0
 ANGLE_TOLERANCE_RAD = 1e-4
 """A command this close to a bound is at the bound; two codes of its CAN signal."""
 RATE_TOLERANCE = 0.02
-"""The same for a rate, as a fraction of it."""
+"""Tolerance of a rate limit, as a fraction of it."""
 OTHER_STATES = {Status.DEGRADED: "a signal was replaced", Status.FAIL_SAFE: "the fail-safe acted"}
 EXTENDED = {Rule.HOLD, Rule.PASSIVE_SLOPE, Rule.CONTINUED}
 """Rules by which a build extends its map beyond the edges."""

@@ -67,7 +67,7 @@ class CarResult:
 
     @property
     def title(self) -> str:
-        """Its number and what it is."""
+        """Number and main properties as text."""
         return (
             f"car {self.number}: {self.mass_kg:,.0f} kg, {self.wheelbase_m:.2f} m, {self.understeer_deg_per_g:.2f} deg/g, "
             f"{self.rear_angle_max_deg:.1f} deg, {1e3 * self.actuator_lag_s:.0f} ms"

@@ -27,7 +27,7 @@ SINE_SHARE = 0.1
 
 @dataclass(frozen=True)
 class RiseTime:
-    """t90 of a subject at one speed, over its cells that stay on the road; None where there is none."""
+    """Rise time t90 of a subject at one speed, over its cells that stay on the road; None without such a cell."""
 
     subject: str
     speed_km_h: float

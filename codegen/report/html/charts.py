@@ -1,4 +1,4 @@
-"""Parts of Plotly figures that the report's charts share. All is plain data: no Plotly is imported."""
+"""Parts of Plotly figures that the report's charts share. They are plain data; Plotly is not imported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Charts of a map: heat maps, what binds, and cuts."""
+"""Charts of a map: heat maps, binding constraints, and cuts."""
 
 from __future__ import annotations
 
