@@ -1,6 +1,6 @@
-"""Results of the test set of rear-steering controllers as pictures: each function returns a Matplotlib Figure.
+"""Pictures of the results of the test set of rear-steering controllers. Each function returns a Matplotlib Figure.
 
-On paper degrees and km/h, SI inside.
+Labels are in degrees and km/h, arguments in SI units.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 def figures(result: SuiteResult) -> dict[str, Figure]:
-    """Name of the file, without its ending, to picture; those for which something was driven."""
+    """Return name -> picture, with the file name without extension, for everything that was simulated."""
     made: dict[str, Figure] = {"overview": overview_figure(result), "steps": steps_figure(result)}
     if result.conditions:
         made["cells"] = cells_figure(result)
@@ -57,7 +57,7 @@ def figures(result: SuiteResult) -> dict[str, Figure]:
 
 
 def overview_figure(result: SuiteResult) -> Figure:
-    """The paper's step, a fast one, margins and slippery roads, in one picture."""
+    """Draw the paper's step, a fast one, margins and slippery roads in one picture."""
     looks = lines_of(result)
     with style():
         figure = new_figure(12.0, 8.6)

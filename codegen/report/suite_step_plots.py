@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def margins_figure(result: SuiteResult) -> Figure:
-    """Gain margin, phase margin and peak sensitivity over speed: of the configured car, and the worst of the family."""
+    """Draw gain margin, phase margin and peak sensitivity over speed, of the configured car and the worst of the family."""
     with style():
         figure = new_figure(11.0, 4.4)
         panels = figure.subplots(1, 3)
@@ -97,7 +97,7 @@ def _margin_handles(result: SuiteResult) -> list[Any]:
 
 
 def price_figure(result: SuiteResult) -> Figure:
-    """Rise time over speed, and gain and phase of sines at the steering wheel at the highest speed where they were driven."""
+    """Draw the rise time over speed, and gain and phase of sines at the steering wheel at the highest simulated speed."""
     looks = lines_of(result)
     fastest = max((row.speed_km_h for row in result.sine[result.tested]), default=None)
     with style():
@@ -138,7 +138,7 @@ def _marked(marker: Mapping[str, Any]) -> dict[str, Any]:
 
 
 BEFORE, AFTER = 0.2, 2.0
-"""s around the step that are shown."""
+"""Shown time before and after the step, in s."""
 FOLLOWED: dict[str, Any] = {**REFERENCE, "color": SKY, "zorder": 4.5}
 
 
@@ -150,7 +150,7 @@ SIGNALS = (
 
 
 def steps_figure(result: SuiteResult) -> Figure:
-    """The paper's step and some cells, a column each: yaw rate with the map's value and the model's, rear angle, sideslip."""
+    """Draw the paper's step and some cells in columns: yaw rate with the values of map and model, rear angle, sideslip."""
     looks = lines_of(result)
     with style():
         figure = new_figure(3.1 * len(result.shown) + 0.6, 7.6)
@@ -177,7 +177,7 @@ def cell_title(shown: Shown) -> str:
 
 
 def draw_step(axes: Axes, result: SuiteResult, shown: Shown, name: str, looks: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Draw one signal of all subjects, as far as the car stays on the road; whether one spins in the time shown."""
+    """Draw one signal of all subjects until the car spins. Return whether one spins in the shown time."""
     spun = False
     for subject in result.subjects:
         whole = shown.records[subject]

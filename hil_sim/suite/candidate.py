@@ -28,7 +28,7 @@ from hil_sim.suite.subjects import (
 RECOMMENDED_CASE = "4ws-2"
 
 Steps = Callable[[int, int], None]
-"""Called with (done, in all)."""
+"""Progress callback, called with (done, total)."""
 
 
 @dataclass(frozen=True, eq=False)

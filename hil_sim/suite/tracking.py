@@ -207,7 +207,7 @@ def run_suite(
         progress: called for a progress bar.
 
     Raises:
-        CodegenError: C that does not compile, a configuration that has no such cells.
+        CodegenError: the C does not compile, or the configuration has no such cells.
     """
     subjects = [tested, *baselines]
     if all(subject.controlled for subject in subjects):

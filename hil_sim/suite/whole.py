@@ -83,7 +83,7 @@ def _collect(
             try:
                 cells[name] = found.get()
             except CodegenError as error:
-                notes.append(f"{name} was not driven on the third party's plant: {error}")
+                notes.append(f"{name} was not simulated on the third party's plant: {error}")
             steps(done, len(driven) + 1)
         if counted is not None:
             try:

@@ -49,7 +49,7 @@ def test_suite_of_the_recommended_preset(run: Run, suite: Callable[..., list[Can
     assert answer.code == 0, answer
     first, *lines = answer.out.splitlines()
     assert first == "suite tracking: the recommended preset, case 4ws-2, solved, tuned and built in memory"
-    assert "What is asked, and what tracking shows" in lines
+    assert "Requirements, and results of tracking" in lines
     assert seen[0].config == configuration.preset("recommended")
     assert everything_in(Path()) == {}
     answer = run("sil", "--suite", "tracking", "--json", "--plot", "overview.png")
@@ -65,7 +65,7 @@ def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[C
     assert answer.code == 1
     assert "NOT MET" in answer.out
     figure = "all cells, as configured: |sideslip| beyond its bound 1.25 deg (at most 0.2 deg)"
-    assert answer.err == f"error: 1 figure is not as asked: {figure}; see the first table\n"
+    assert answer.err == f"error: 1 figure misses its requirement: {figure}; see the first table\n"
 
 
 def test_limits_from_a_file_and_their_purpose(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:

@@ -187,7 +187,7 @@ def test_the_whole_collects_its_parts(monkeypatch: pytest.MonkeyPatch, installed
     last = stages["third party's plant and instructions"]
     if installed:
         missing = "ziglang: not installed; install it"
-        driven = f"pi was not driven on the third party's plant: {missing}"
+        driven = f"pi was not simulated on the third party's plant: {missing}"
         assert found.notes == ("a note", driven, f"the instructions of a step were not counted: {missing}")
         assert (found.result.third_party, found.result.instructions, last) == ({}, None, [(1, 2), (2, 2)])
     else:

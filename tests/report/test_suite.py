@@ -98,7 +98,7 @@ def test_every_table_fits_the_page_and_names_the_subjects(good: SuiteResult) -> 
 
 
 def test_requirements_are_met_missed_or_not_measured(good: SuiteResult) -> None:
-    lines = section(good, "What is asked")
+    lines = section(good, "Requirements")
     assert lines[1:3] == [["C1, actuator lag 20 ms"], ["overshoot", "at most 12 %", "2.00 %", "met"]]
     assert [cell for line in lines for cell in line].count("met") == len(good.requirements)
     assert ["instructions of the worst step", "at most 1320", "1040", "met"] in lines
@@ -109,9 +109,9 @@ def test_requirements_are_met_missed_or_not_measured(good: SuiteResult) -> None:
     failed = with_table(good, "tracking", "nominal", wide)
     figure = "|sideslip| beyond its bound"
     assert failures(failed.requirements) == [f"all cells, as configured: {figure} 1.25 deg (at most 0.2 deg)"]
-    assert [figure, "at most 0.2 deg", "1.25 deg", "NOT MET", CELLS[0].title] in section(failed, "What is asked")
+    assert [figure, "at most 0.2 deg", "1.25 deg", "NOT MET", CELLS[0].title] in section(failed, "Requirements")
     alone = good.with_outside(Outside())
-    assert ["instructions of the worst step", "at most 1320", "-", "not measured"] in section(alone, "What is asked")
+    assert ["instructions of the worst step", "at most 1320", "-", "not measured"] in section(alone, "Requirements")
 
 
 def test_overshoot_settling_and_spins_of_each_condition(good: SuiteResult) -> None:
