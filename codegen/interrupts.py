@@ -13,39 +13,39 @@ Handler = Callable[[int, FrameType | None], None]
 
 STOPPING = (signal.SIGINT, signal.SIGTERM)
 
-SWALLOWING = ("casadi.casadi",)
+EXCEPTION_SWALLOWING_MODULES = ("casadi.casadi",)
 """Modules that catch every exception, including those of signal handlers, and continue: operators of CasADi's symbols."""
-RETRY = 0.01
+RETRY_DELAY_S = 0.01
 """Delay in s before a signal that arrived inside such a module is handled again."""
 
-IMPATIENCE = 2.0
+REPEATED_INTERRUPT_IGNORED_S = 2.0
 """Time in s during which another Ctrl-C is ignored, so that it does not interrupt the cleanup after the first."""
 
 
 def raise_once() -> Handler:
-    """Return a handler of SIGINT that raises KeyboardInterrupt, but not again within `IMPATIENCE` seconds."""
-    last = -IMPATIENCE
+    """Return a handler of SIGINT that raises KeyboardInterrupt, but not again within `REPEATED_INTERRUPT_IGNORED_S` seconds."""
+    last = -REPEATED_INTERRUPT_IGNORED_S
 
     def handle(number: int, frame: FrameType | None) -> None:
         del number, frame
         nonlocal last
         now = time.monotonic()
-        if now - last >= IMPATIENCE:
+        if now - last >= REPEATED_INTERRUPT_IGNORED_S:
             last = now
             raise KeyboardInterrupt
 
     return handle
 
 
-def take(handlers: Mapping[int, Handler]) -> None:
-    """Install handlers that raise. Each waits while a module of SWALLOWING runs, which would swallow the exception."""
+def install_handlers(handlers: Mapping[int, Handler]) -> None:
+    """Install handlers that raise. Each waits while a module that would swallow the exception runs."""
     waiting: list[tuple[int, Handler]] = []
 
-    def patient(handler: Handler) -> Handler:
+    def delayed(handler: Handler) -> Handler:
         def handle(number: int, frame: FrameType | None) -> None:
             if _is_swallowed(frame):
                 waiting.append((number, handle))
-                signal.setitimer(signal.ITIMER_REAL, RETRY)
+                signal.setitimer(signal.ITIMER_REAL, RETRY_DELAY_S)
             else:
                 handler(number, frame)
 
@@ -59,13 +59,13 @@ def take(handlers: Mapping[int, Handler]) -> None:
 
     signal.signal(signal.SIGALRM, again)
     for number, handler in handlers.items():
-        signal.signal(number, patient(handler))
+        signal.signal(number, delayed(handler))
 
 
 def _is_swallowed(frame: FrameType | None) -> bool:
     while frame is not None:
         # Python prints an exception that a destructor raises, and continues.
-        if frame.f_globals.get("__name__") in SWALLOWING or frame.f_code.co_name == "__del__":
+        if frame.f_globals.get("__name__") in EXCEPTION_SWALLOWING_MODULES or frame.f_code.co_name == "__del__":
             return True
         frame = frame.f_back
     return False

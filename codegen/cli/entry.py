@@ -15,7 +15,7 @@ import click
 from codegen.cli import EXIT_INTERRUPTED, INTERRUPTED, end_quietly
 from codegen.cli.commands import cli
 from codegen.errors import CodegenError, one_line
-from codegen.interrupts import Handler, raise_once, take
+from codegen.interrupts import Handler, install_handlers, raise_once
 
 PROGRAM = "codegen"
 COMPLETION = "_CODEGEN_COMPLETE"
@@ -56,7 +56,7 @@ def _take_signals() -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
             handlers[number] = _terminate
-    take(handlers)
+    install_handlers(handlers)
 
 
 def _run(arguments: Sequence[str]) -> None:

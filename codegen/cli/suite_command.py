@@ -118,7 +118,7 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
     """
     from codegen.report.suite_tables import failures, sections
     from hil_sim.suite.candidate import of_folder, recommended
-    from hil_sim.suite.whole import run_whole
+    from hil_sim.suite.suite_run import run_whole
 
     outputs.check()
     limits = _limits(limits_path)

@@ -196,7 +196,7 @@ class CanView:
     messages: tuple[Frame, ...]
     diagnostics: tuple[Cause, ...]
     reception_bits: int
-    cycle_time_ms: str
+    task_period_ms: str
     cycle_time_is_whole: bool
     baudrate: str
     max_delta_counter_init: int
@@ -253,7 +253,7 @@ def can_view(config: Config, precision: Precision) -> CanView:
         messages=tuple(_frame(can, role, precision) for role in can.messages()),
         diagnostics=DIAGNOSTICS,
         reception_bits=len(_RECEPTION),
-        cycle_time_ms=decimal(period_ms),
+        task_period_ms=decimal(period_ms),
         cycle_time_is_whole=period_ms == round(period_ms),
         baudrate=decimal(can.bitrate_kbit_s * 1e3),
         **can.e2e.model_dump(),

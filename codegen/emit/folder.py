@@ -23,7 +23,7 @@ from codegen.errors import BuildError
 from codegen.files import read_file
 
 MANIFEST = "manifest.json"
-BESIDE = ("verify.json", "verify.md")
+VERIFICATION_FILES = ("verify.json", "verify.md")
 """Files that `codegen verify` writes into a build. They belong to the generator, but describe the build, so its manifest does
 not name them."""
 
@@ -56,7 +56,7 @@ class Folder:
     def __post_init__(self) -> None:
         folders = folders_of(self.files)
         for path in self.files:
-            if not _is_plain(path) or path in (MANIFEST, *BESIDE) or path in folders:
+            if not _is_plain(path) or path in (MANIFEST, *VERIFICATION_FILES) or path in folders:
                 raise ValueError(f"{path!r} cannot be the path of a generated file")
         if reserved := {"files", "generator"} & self.manifest.keys():
             raise ValueError(f"reserved keys in the manifest: {sorted(reserved)}")
@@ -131,11 +131,11 @@ def differences(folder: Folder, target: Path) -> list[str]:
     if not place.is_dir():
         return [f"{target}: {'not a folder' if os.path.lexists(place) else 'missing'}"]
     content = folder.content()
-    ours = {*content, *BESIDE}
+    ours = {*content, *VERIFICATION_FILES}
     with as_build_error(target, "read"):
         found = dict(entries(place))
         lines = [f"{path}: missing" for path in content if path not in found]
-        lines += [f"{path}: not named by the manifest" for path in strays(found.items(), ours)]
+        lines += [f"{path}: not named by the manifest" for path in foreign_paths(found.items(), ours)]
         lines += [
             f"{path}: differs" for path, data in content.items() if found.get(path) == "file" and not _holds(place / path, data)
         ]
@@ -177,7 +177,7 @@ def _is_ours(manifest: object) -> bool:
 def owned_paths(folder: Path) -> set[str]:
     """Return the paths that `folder` may contain according to its manifest; none if it has no manifest of codegen."""
     try:
-        return {*read_manifest(folder)["files"], MANIFEST, *BESIDE}
+        return {*read_manifest(folder)["files"], MANIFEST, *VERIFICATION_FILES}
     except BuildError:
         return set()
 
@@ -207,7 +207,7 @@ def entries(folder: Path, below: str = "") -> Iterator[tuple[str, Kind]]:
             yield path, "file" if child.is_file(follow_symlinks=False) else "other"
 
 
-def strays(found: Iterable[tuple[str, Kind]], ours: set[str]) -> Iterator[str]:
+def foreign_paths(found: Iterable[tuple[str, Kind]], ours: set[str]) -> Iterator[str]:
     """Yield the paths in `found` that are neither regular files of `ours` nor folders that contain such files."""
     folders = folders_of(ours)
     for path, kind in found:

@@ -16,7 +16,7 @@ from codegen.map_file.map import ReferenceMap
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
-LEAST_RAD = 1e-6
+CUT_MIN_RAD = 1e-6
 """Smallest difference that counts, in rad: single precision resolves an angle of 0.1 rad to 7e-9, a solver to about 1e-8."""
 
 
@@ -55,8 +55,8 @@ class LimiterCut:
             rear = front_angle - layer.yaw_rate / gain if layer.rear_angle is None else layer.rear_angle
             outside = np.where(layer.feasible, np.abs(rear - np.clip(rear, -bound, in_phase)), 0.0)
             total += int(layer.feasible.sum())
-            cells += int((outside > LEAST_RAD).sum())
-            lost = np.where(outside > LEAST_RAD, np.abs(gain) * outside, 0.0)
+            cells += int((outside > CUT_MIN_RAD).sum())
+            lost = np.where(outside > CUT_MIN_RAD, np.abs(gain) * outside, 0.0)
             at = np.unravel_index(int(lost.argmax()), lost.shape)
             if lost[at] > worst[0]:
                 worst = (float(lost[at]), float(speed[at]), float(front_angle[at]))

@@ -20,25 +20,25 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from codegen.emit.folder import (
-    BESIDE,
     MANIFEST,
+    VERIFICATION_FILES,
     Folder,
     as_build_error,
     differences,
     entries,
     folders_of,
+    foreign_paths,
     owned_paths,
     read_manifest,
     render_manifest,
-    strays,
     verify_hashes,
 )
 from codegen.errors import BuildError
 from codegen.files import sync_folder
 
 __all__ = [
-    "BESIDE",
     "MANIFEST",
+    "VERIFICATION_FILES",
     "Folder",
     "check_target",
     "differences",
@@ -52,15 +52,16 @@ __all__ = [
 def write_folder(folder: Folder, target: Path) -> bool:
     """Replace the content of `target` with `folder`. Return whether anything changed.
 
-    If every byte is the same already, nothing is touched. Otherwise the folder is replaced as a whole, and the `BESIDE` files
-    of the old build are removed. A link to a folder is followed. Concurrent builds into one parent folder wait for each other.
+    If every byte is the same already, nothing is touched. Otherwise the folder is replaced as a whole, and the
+    `VERIFICATION_FILES` of the old build are removed. A link to a folder is followed. Concurrent builds into one parent folder
+    wait for each other.
 
     Raises:
         BuildError: the target is a file, contains files that codegen did not write, or cannot be written. After this and any
             other exception before the swap, the previous content is unchanged.
     """
     place = Path(os.path.realpath(target))
-    with as_build_error(target, "written"), _parents(place.parent), _turn(place.parent):
+    with as_build_error(target, "written"), _parents(place.parent), _folder_lock(place.parent):
         _restore(place)
         _refuse_foreign(place, target)
         _refuse_other_kind(folder, place, target)
@@ -85,7 +86,7 @@ def _refuse_foreign(place: Path, target: Path) -> None:
     remedy = "nothing was changed; choose another folder with -o, or move it away"
     if not place.name or (os.path.lexists(place) and not place.is_dir()):
         raise BuildError("not a folder that a build can be written to", where=target, remedy=remedy)
-    if place.is_dir() and (stray := next(strays(entries(place), owned_paths(place)), None)) is not None:
+    if place.is_dir() and (stray := next(foreign_paths(entries(place), owned_paths(place)), None)) is not None:
         raise BuildError(f"contains {stray!r}, which no manifest of codegen names", where=target, remedy=remedy)
 
 
@@ -184,7 +185,7 @@ def _parents(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _turn(parent: Path) -> Iterator[None]:
+def _folder_lock(parent: Path) -> Iterator[None]:
     """Lock `parent` against other builds, and wait for them. The lock ends with the process in any case and leaves no file."""
     descriptor = os.open(parent, os.O_RDONLY | os.O_DIRECTORY)
     try:

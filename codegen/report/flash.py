@@ -12,7 +12,7 @@ from codegen.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LOOKS = {
+SERIES_STYLES = {
     "even": (BLUE, "s", "even axes, float"),
     "uneven": (VERMILION, "o", "uneven axes, float"),
     "int16": (GREEN, "^", "int16"),
@@ -96,7 +96,7 @@ def flash_figure(table: FlashTable, name: str) -> Figure:
     with style():
         figure = new_figure(6.2, 4.4)
         axes = figure.subplots()
-        for way, (colour, marker, label) in LOOKS.items():
+        for way, (colour, marker, label) in SERIES_STYLES.items():
             found = [point.placed for point in table.of(way) if point.placed is not None]
             sizes = [placed.flash_bytes for placed in found]
             errors = [math.degrees(placed.bounded_error) for placed in found]

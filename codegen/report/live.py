@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.panel import Panel
 from rich.text import Text
 
-from codegen.report.live_rows import History, LiveSample, Look, draw
+from codegen.report.live_rows import History, LiveSample, LiveStyle, draw
 
 __all__ = ["LiveSample", "LiveView"]
 
@@ -73,11 +73,11 @@ class LiveView:
         while self._samples:
             self._history.add(self._samples.popleft())
         width, height = self._console.size
-        look = Look(max(1, width - 4), height - 3, self._console.options.ascii_only, self._console.no_color)
+        options = LiveStyle(max(1, width - 4), height - 3, self._console.options.ascii_only, self._console.no_color)
         return Panel(
-            Group(*draw(self._history, look)),
+            Group(*draw(self._history, options)),
             title=Text(self._title),
             title_align="left",
-            subtitle=Text(look.plain(self._footer)),
+            subtitle=Text(options.plain(self._footer)),
             subtitle_align="right",
         )

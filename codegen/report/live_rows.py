@@ -187,7 +187,7 @@ class LiveSample:
 
 
 @dataclass(frozen=True)
-class Look:
+class LiveStyle:
     """Space on the terminal, and what it can display."""
 
     columns: int
@@ -236,24 +236,24 @@ class History:
         self.cycles += 1
 
 
-def draw(history: History, look: Look) -> list[Text]:
-    """Return the rows of the view, none wider than `look`; charts only if there is room for them."""
-    rows = [Text("waiting for the first cycle")] if history.last is None else _draw(history, history.last, look)
+def draw(history: History, options: LiveStyle) -> list[Text]:
+    """Return the rows of the view, none wider than `options`; charts only if there is room for them."""
+    rows = [Text("waiting for the first cycle")] if history.last is None else _draw(history, history.last, options)
     for row in rows:
-        row.truncate(look.columns, overflow="crop" if look.ascii_only else "ellipsis")
+        row.truncate(options.columns, overflow="crop" if options.ascii_only else "ellipsis")
     return rows
 
 
-def _draw(history: History, last: LiveSample, look: Look) -> list[Text]:
+def _draw(history: History, last: LiveSample, options: LiveStyle) -> list[Text]:
     window = Window.of(last.time, last.duration)
-    columns = look.columns - LABELS - NUMBERS - UNITS - SCALES
-    heights = _heights(look.rows - FIXED_ROWS) if columns >= FEWEST_COLUMNS else None
-    rows = [_progress(history, last, look)]
-    for number, block in enumerate(_blocks(history, last, look)):
+    columns = options.columns - LABELS - NUMBERS - UNITS - SCALES
+    heights = _heights(options.rows - FIXED_ROWS) if columns >= FEWEST_COLUMNS else None
+    rows = [_progress(history, last, options)]
+    for number, block in enumerate(_blocks(history, last, options)):
         size = None if heights is None else (columns, heights[number])
-        rows += _draw_block(block, window, size, look)
-    rows += _status_rows(history, last, window, 0 if heights is None else columns, look)
-    return rows + _counters(history, last, look) + _diagnostics(history, last, look)
+        rows += _draw_block(block, window, size, options)
+    rows += _status_rows(history, last, window, 0 if heights is None else columns, options)
+    return rows + _counters(history, last, options) + _diagnostics(history, last, options)
 
 
 @dataclass(frozen=True)
@@ -265,14 +265,14 @@ class _Block:
     least: float
 
 
-def _blocks(history: History, last: LiveSample, look: Look) -> tuple[_Block, ...]:
+def _blocks(history: History, last: LiveSample, options: LiveStyle) -> tuple[_Block, ...]:
     def asked(name: str) -> Line:
-        return Line(history.traces[name], ASKED, dotted=look.no_colour)
+        return Line(history.traces[name], ASKED, dotted=options.no_colour)
 
     def measured(name: str) -> Line:
         return Line(history.traces[name], MEASURED)
 
-    dots = " .." if look.no_colour else ""
+    dots = " .." if options.no_colour else ""
     yaw_rate, reference = math.degrees(last.yaw_rate), math.degrees(last.yaw_rate_reference)
     rear_angle, command = math.degrees(last.rear_angle), math.degrees(last.rear_angle_command)
     return (
@@ -299,10 +299,10 @@ def _heights(room: int) -> tuple[int, int, int] | None:
     return next((heights for heights in CHART_HEIGHTS if sum(heights) <= room), None)
 
 
-def _draw_block(block: _Block, window: Window, size: tuple[int, int] | None, look: Look) -> list[Text]:
+def _draw_block(block: _Block, window: Window, size: tuple[int, int] | None, options: LiveStyle) -> list[Text]:
     height = len(block.entries) if size is None else size[1]
     top = scale([line.trace for line in block.lines], window, block.least)
-    drawn = chart(block.lines, window, top, size, look.ascii_only) if size is not None else []
+    drawn = chart(block.lines, window, top, size, options.ascii_only) if size is not None else []
     rows = []
     for number in range(height):
         row = Text(no_wrap=True)
@@ -323,22 +323,22 @@ def _number(value: float) -> str:
     return f"{value:.2f}" if math.isfinite(value) else "n/a"
 
 
-def _progress(history: History, last: LiveSample, look: Look) -> Text:
+def _progress(history: History, last: LiveSample, options: LiveStyle) -> Text:
     """Return the progress, with a bar if the run has an end."""
     bounded = 0.0 < last.duration < math.inf
     share = min(1.0, max(0.0, last.time / last.duration)) if bounded else 0.0
     told = f"{last.time:.2f} s of {last.duration:.2f} s  {math.floor(100 * share):3d} %" if bounded else f"{last.time:.2f} s"
     told += f"  cycle {history.cycles}"
-    room = look.columns - len(told) - 2
+    room = options.columns - len(told) - 2
     if not bounded or room < FEWEST_COLUMNS:
         return Text(told)
     done = round(share * room)
-    row = Text(look.plain("━" * done), "green")
-    row.append(("-" if look.ascii_only else "─") * (room - done), "dim")
+    row = Text(options.plain("━" * done), "green")
+    row.append(("-" if options.ascii_only else "─") * (room - done), "dim")
     return row.append(f"  {told}", "default")
 
 
-def _status_rows(history: History, last: LiveSample, window: Window, columns: int, look: Look) -> list[Text]:
+def _status_rows(history: History, last: LiveSample, window: Window, columns: int, options: LiveStyle) -> list[Text]:
     """Yield the status by name with the worst status of each bin, then the time axis."""
     name, style = _status(last.status)
     row = Text.assemble("Status".ljust(LABELS), (name, style))
@@ -352,7 +352,7 @@ def _status_rows(history: History, last: LiveSample, window: Window, columns: in
     for column in range(columns):
         if column in worst:
             mark, style = _mark(worst[column])
-            row.append(look.plain(mark), style)
+            row.append(options.plain(mark), style)
         else:
             row.append(" ")
     axis = Text(" " * (LABELS + NUMBERS + UNITS + SCALES))
@@ -368,29 +368,29 @@ def _mark(code: int) -> tuple[str, str]:
     return (STATUS_MARKS[Status(code)], STATUS_STYLES[Status(code)]) if code in set(Status) else (UNKNOWN_MARK, UNKNOWN_STYLE)
 
 
-def _counters(history: History, last: LiveSample, look: Look) -> list[Text]:
+def _counters(history: History, last: LiveSample, options: LiveStyle) -> list[Text]:
     times = [1000.0 * value for _, value in history.cycle_times]
     least, mean, most = min(times), sum(times) / len(times), max(times)
     told = f"{least:8.2f} min · {mean:.2f} mean · {most:.2f} max ms"
-    if LABELS + len(told) > look.columns:
+    if LABELS + len(told) > options.columns:
         told = f"{least:.2f} / {mean:.2f} / {most:.2f} ms"
     counters = Text("Lost frames".ljust(LABELS))
     counters.append(f"{last.lost_frames:8d}", "bold red" if last.lost_frames else "default")
     counters.append("      late cycles ")
     counters.append(f"{last.late_cycles}", "bold yellow" if last.late_cycles else "default")
-    return [Text("Cycle time".ljust(LABELS) + look.plain(told)), counters]
+    return [Text("Cycle time".ljust(LABELS) + options.plain(told)), counters]
 
 
-def _diagnostics(history: History, last: LiveSample, look: Look) -> list[Text]:
+def _diagnostics(history: History, last: LiveSample, options: LiveStyle) -> list[Text]:
     """Return the causes of the last half second in one row, and earlier ones with their number of cycles in two rows."""
     now = [cause for cause, at in history.seen_at.items() if at > last.time - 0.5 * RECENT]
     before = [f"{cause} ×{history.seen[cause]}" for cause in history.seen if cause not in now]
     first: list[str] = []
     second = list(before)
-    while second and LABELS + len(" · ".join([*first, second[0]])) <= look.columns:
+    while second and LABELS + len(" · ".join([*first, second[0]])) <= options.columns:
         first.append(second.pop(0))
     rows = []
     for label, found, style in (("Diagnostics", now, "bold red"), ("  earlier", first, "dim"), ("", second, "dim")):
         row = Text(label.ljust(LABELS), no_wrap=True)
-        rows.append(row.append(look.plain(" · ".join(found) or ("none" if label else "")), style if found else "dim"))
+        rows.append(row.append(options.plain(" · ".join(found) or ("none" if label else "")), style if found else "dim"))
     return rows

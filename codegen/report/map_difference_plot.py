@@ -79,7 +79,7 @@ def _draw_overview_map(figure: Figure, axes: Axes, reference_map: ReferenceMap, 
     axes.legend(handles=entries, loc="upper right", frameon=True, framealpha=1.0)
 
 
-LEAST, LEAST_ABOVE = 0.01, 10.0
+COLOUR_RANGE_MIN, ABOVE_BOUND_MIN = 0.01, 10.0
 """Minimum span of a diverging scale: deg/s to both sides, and percent above the bound."""
 
 NAME_MAX = 20
@@ -145,7 +145,7 @@ def _draw_gain(figure: Figure, axes: Axes, maps: tuple[ReferenceMap, ReferenceMa
 
     first, second = maps
     gain = np.degrees(first.yaw_rate - on_axes_of(first, second))
-    reach = max(float(np.nanmax(np.abs(gain), initial=0.0)), LEAST)
+    reach = max(float(np.nanmax(np.abs(gain), initial=0.0)), COLOUR_RANGE_MIN)
     scale = Normalize(-reach, reach)
     draw_table(axes, first, gain, scale, DIVERGING)
     figure.colorbar(ScalarMappable(scale, DIVERGING), ax=axes, label=f"yaw rate ({YAW_RATE.unit})")
@@ -189,7 +189,7 @@ def _draw_use(
 
     tables = [None if use is None else np.fmax(use.front, use.rear) for use in used]
     highest = max((float(np.nanmax(table, initial=0.0)) for table in tables if table is not None), default=0.0)
-    top = max(highest, BOUND + LEAST_ABOVE)
+    top = max(highest, BOUND + ABOVE_BOUND_MIN)
     scale = TwoSlopeNorm(BOUND, 0.0, top)
     lines = 0
     for axes, one, table, title in zip(panels, maps, tables, titles, strict=True):

@@ -76,7 +76,7 @@ MAP_LINE: Mapping[str, Any] = {"color": GREY, "linestyle": "-.", "linewidth": 1.
 BEFORE_START = 0.5
 AFTER_START = 3.0
 MOVED = math.radians(0.01)
-LEAST_HEIGHT = 0.2
+AXIS_HEIGHT_MIN = 0.2
 """Minimum span of a panel, in deg, deg/s or m/s^2."""
 SPEED_HELD = 0.5
 """Largest variation of a constant speed, in m/s."""
@@ -243,8 +243,8 @@ def draw_signal(
     axes.set_ylabel(signal.label)
     axes.margins(x=0.0)
     low, high = axes.get_ylim()
-    if high - low < LEAST_HEIGHT:  # rounding errors must not look like motion
-        axes.set_ylim(0.5 * (low + high - LEAST_HEIGHT), 0.5 * (low + high + LEAST_HEIGHT))
+    if high - low < AXIS_HEIGHT_MIN:  # rounding errors must not look like motion
+        axes.set_ylim(0.5 * (low + high - AXIS_HEIGHT_MIN), 0.5 * (low + high + AXIS_HEIGHT_MIN))
     axes.grid(True)
 
 

@@ -18,7 +18,7 @@ from codegen.report.style import (
     plain,
     style,
 )
-from codegen.report.suite_looks import LIMIT, lines_of, markers_of, name_handles
+from codegen.report.suite_styles import LIMIT, lines_of, markers_of, name_handles
 from hil_sim.suite.requirements import sideslip_limit
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ def _draw_sideslip_limits(axes: Axes, result: SuiteResult) -> list[Any]:
         asked = sideslip_limit(result.limits, road)
         if asked is not None:
             axes.plot([place - 0.45, place + 0.45], [asked, asked], **LIMIT)
-    return [Line2D([], [], **{**LIMIT, "label": f"asked of {plain(result.tested)}"})]
+    return [Line2D([], [], **{**LIMIT, "label": f"limit for {plain(result.tested)}"})]
 
 
 def draw_spins(axes: Axes, result: SuiteResult) -> None:

@@ -22,7 +22,6 @@ from codegen.report.suite_cell_plots import (
     road_ticks,
     slippery,
 )
-from codegen.report.suite_looks import lines_of, name_handles
 from codegen.report.suite_step_plots import (
     MARGIN_PANELS,
     cell_title,
@@ -34,6 +33,7 @@ from codegen.report.suite_step_plots import (
     spin_handle,
     steps_figure,
 )
+from codegen.report.suite_styles import lines_of, name_handles
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,7 +68,7 @@ def overview_figure(result: SuiteResult) -> Figure:
             axes.set(xlabel="Time after the step (s)", ylabel="Yaw rate (deg/s)", title=f"Step steer, {cell_title(shown)}")
         draw_margins(panels[1, 0], result, *MARGIN_PANELS[1])
         asked = result.limits.phase_margin_deg
-        for level, text in ((asked, "asked of the worst"), (WARN_PHASE_MARGIN_DEG, "a build warns below")):
+        for level, text in ((asked, "required of the worst car"), (WARN_PHASE_MARGIN_DEG, "a build warns below")):
             place = {"xytext": (4, -4), "textcoords": "offset points", "va": "top", "fontsize": 8.5}
             panels[1, 0].annotate(text, (panels[1, 0].get_xlim()[0], level), **place)
         panels[1, 0].set_title("Phase margin of the car itself (thin), and the worst of the family of cars")

@@ -19,7 +19,7 @@ from codegen.report.style import (
     plain,
     style,
 )
-from codegen.report.suite_looks import LIMIT, REFERENCE, WARNING, lines_of, markers_of, name_handles
+from codegen.report.suite_styles import LIMIT, REFERENCE, WARNING, lines_of, markers_of, name_handles
 from hil_sim.suite.cells import STEER_TIME
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def _margin_handles(result: SuiteResult) -> list[Any]:
     ]
     return [
         *handles,
-        Line2D([], [], **{**LIMIT, "label": "asked for"}),
+        Line2D([], [], **{**LIMIT, "label": "required"}),
         Line2D([], [], **{**WARNING, "label": "a build warns below"}),
     ]
 

@@ -24,7 +24,7 @@ from hil_sim.metrics.sine_with_dwell import (
     RATIO_TIMES,
     ZERO_ANGLE,
 )
-from hil_sim.metrics.step import SETTLED_SHARE, SETTLING_SHARE, STEADY_WINDOW
+from hil_sim.metrics.step import SETTLING_BAND_FRACTION, STEADY_SWING_MAX_FRACTION, STEADY_WINDOW
 from hil_sim.scenarios import Kind
 
 Figures = dict[str, FloatArray]
@@ -103,8 +103,8 @@ def _step(runs: Runs, spun: FloatArray) -> Figures:
     first = np.where(risen.any(axis=0), first_after + risen.argmax(axis=0), time.size - 1)
     past_rise = np.arange(time.size)[:, np.newaxis] >= first
     size = np.maximum(np.abs(mean), 1e-9)
-    settled = np.ptp(yaw_rate[steady], axis=0) <= SETTLED_SHARE * size
-    outside = np.abs(yaw_rate - mean)[after] > SETTLING_SHARE * size
+    settled = np.ptp(yaw_rate[steady], axis=0) <= STEADY_SWING_MAX_FRACTION * size
+    outside = np.abs(yaw_rate - mean)[after] > SETTLING_BAND_FRACTION * size
     last_outside = time.size - 1 - outside[::-1].argmax(axis=0)
     inside_from = np.where(settled & outside.any(axis=0), time[np.minimum(last_outside + 1, time.size - 1)], start)
     slips = [runs.degrees(f"slip_{axle}_rad")[steady].mean(axis=0) for axle in ("front", "rear")]

@@ -29,9 +29,9 @@ from codegen.sweep.spec import Spec
 from codegen.units import KM_H
 from hil_sim.scenarios import SCENARIOS, Scenario, find
 
-RUNS_PER_CHUNK = 512
+RUNS_PER_CHUNK_MAX = 512
 """Approximate runs in a chunk: enough to hide the interpreter's overhead, few enough to repeat after an interruption."""
-CHUNK_BYTES = 128 * 2**20
+CHUNK_BYTES_MAX = 128 * 2**20
 """Memory limit for recording, noise and intermediate arrays of a chunk. Long scenarios get fewer samples in a chunk."""
 NUMBERS_PER_SAMPLE = 24
 """Numbers held for each control sample of a run: nine columns, the noise as drawn and as added, intermediate results."""
@@ -94,8 +94,8 @@ class Plan:
         """Samples in every chunk but the last. Spec, profiles and sampling times determine it, not the engine."""
         steps = round(self.config.controller.sampling_time_s / self.config.plant.sampling_time_s)
         longest: int = max(profile.inputs.shape[0] // steps for profile in self.profiles)
-        held: int = CHUNK_BYTES // (8 * NUMBERS_PER_SAMPLE * longest)
-        return max(1, min(RUNS_PER_CHUNK // (len(self.profiles) * len(self.controllers)), held))
+        held: int = CHUNK_BYTES_MAX // (8 * NUMBERS_PER_SAMPLE * longest)
+        return max(1, min(RUNS_PER_CHUNK_MAX // (len(self.profiles) * len(self.controllers)), held))
 
     @property
     def chunk_count(self) -> int:

@@ -12,9 +12,9 @@ from codegen.configuration import Case, Config
 from codegen.design.family import members
 from hil_sim.suite.cells import Cell, c1, cells
 from hil_sim.suite.conditions import LAGS, NOMINAL, Condition, conditions
+from hil_sim.suite.cost import RiseTime, SineTracking, rise_times, sine_tracking
 from hil_sim.suite.limits import Limits
 from hil_sim.suite.loop_margins import FamilyMargins, margins_of
-from hil_sim.suite.price import RiseTime, SineTracking, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
 from hil_sim.suite.runs import FEEDFORWARD, CellResult, drive, map_yaw_rate, path_errors, run_table
 from hil_sim.suite.sample_timing import TimingError, timing_errors

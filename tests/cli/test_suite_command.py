@@ -13,9 +13,9 @@ from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.cars import CarResult, CarsResult
 from hil_sim.suite.limits import Limits, load
 from hil_sim.suite.requirements import car_requirements
+from hil_sim.suite.suite_run import Whole
 from hil_sim.suite.summary import summarise
 from hil_sim.suite.tracking import Outside, SuiteResult
-from hil_sim.suite.whole import Whole
 from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, margins, with_table
 
 from .conftest import Refused, Run, everything_in

@@ -19,8 +19,8 @@ import pytest
 from codegen.emit import write
 from codegen.emit.folder import MANIFEST_BYTES_MAX
 from codegen.emit.write import (
-    BESIDE,
     MANIFEST,
+    VERIFICATION_FILES,
     Folder,
     differences,
     read_manifest,
@@ -94,7 +94,21 @@ def swap(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str
 
 
 def test_a_path_or_fact_that_is_reserved_or_leaves_the_folder_is_a_fault_of_the_program() -> None:
-    for path in ("", ".", "/etc/passwd", "../x", "a/../b", "./a", "a//b", "a/", "a\\b", "a\nb", "ä", MANIFEST, *BESIDE):
+    for path in (
+        "",
+        ".",
+        "/etc/passwd",
+        "../x",
+        "a/../b",
+        "./a",
+        "a//b",
+        "a/",
+        "a\\b",
+        "a\nb",
+        "ä",
+        MANIFEST,
+        *VERIFICATION_FILES,
+    ):
         with pytest.raises(ValueError, match="cannot be the path"):
             Folder({path: b""}, {})
     with pytest.raises(ValueError, match="'a/b'"):
@@ -119,7 +133,7 @@ def test_new_folder_with_missing_parents(tmp_path: Path, swap: str) -> None:
 
 
 def test_unchanged_build_touches_nothing_and_a_changed_one_replaces_all(target: Path, swap: str) -> None:
-    for name in BESIDE:
+    for name in VERIFICATION_FILES:
         (target / name).write_bytes(b"{}")
     before = stamps(target.parent)
     assert write_folder(OLD, target) is False

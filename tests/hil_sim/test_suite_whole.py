@@ -26,8 +26,8 @@ from hil_sim.suite.background import Background
 from hil_sim.suite.candidate import Candidate, LineUp, of_folder, recommended
 from hil_sim.suite.plants import changed
 from hil_sim.suite.subjects import PASSIVE, baseline_configs, of_config, recommended_config
+from hil_sim.suite.suite_run import run_whole
 from hil_sim.suite.tracking import SuiteResult
-from hil_sim.suite.whole import run_whole
 from tests import builds
 
 PAPER, BEST = builds.CONFIG, configuration.preset("recommended")

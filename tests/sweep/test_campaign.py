@@ -156,7 +156,7 @@ def test_a_chunk_depends_only_on_seed_and_number_and_its_memory_is_bounded(
     assert all(np.array_equal(chunk[key], of_longer[key], equal_nan=True) for key in chunk)
     assert not np.array_equal(chunk["friction"], run_chunk(with_seed(plan, 6), 0)["friction"])
     for limit, wanted in ((10 * of_one, 10), (1, 1)):
-        monkeypatch.setattr(planning, "CHUNK_BYTES", limit)
+        monkeypatch.setattr(planning, "CHUNK_BYTES_MAX", limit)
         assert (plan.samples_per_chunk, plan.chunk_count) == (wanted, SAMPLES // wanted)
 
 

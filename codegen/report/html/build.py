@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from codegen.emit.folder import BESIDE, read_manifest, verify_hashes
+from codegen.emit.folder import VERIFICATION_FILES, read_manifest, verify_hashes
 from codegen.emit.limiter_cut import cut_text
 from codegen.emit.manifest import read_build
 from codegen.plausibility.build import is_current, read_record
@@ -36,7 +36,7 @@ def verification_blocks(folder: Path) -> Iterator[Block]:
         BuildError: not a build folder.
     """
     read_manifest(folder)
-    if not (folder / BESIDE[0]).exists():
+    if not (folder / VERIFICATION_FILES[0]).exists():
         yield Text(
             f"This build has no verification record. Run `codegen verify {folder}`, then write the report again.", "notice"
         )
@@ -44,7 +44,7 @@ def verification_blocks(folder: Path) -> Iterator[Block]:
     record = read_record(folder)
     if record is None:
         yield Text(
-            f"{BESIDE[0]} beside this build is damaged or of another version and is not shown. "
+            f"{VERIFICATION_FILES[0]} beside this build is damaged or of another version and is not shown. "
             f"Run `codegen verify {folder}`, then write the report again.",
             "notice",
         )

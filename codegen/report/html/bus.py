@@ -18,7 +18,7 @@ from codegen.report.style import BLUE, GREEN, ORANGE, VERMILION
 COLOURS = (BLUE, ORANGE, VERMILION)
 BINS = 120
 TOOLS = 'pip install "ars-codegen[tools]"'
-LEAST_SPAN = 0.1
+HISTOGRAM_SPAN_MIN_MS = 0.1
 """Minimum span of a histogram, in ms."""
 TIME_MAX_S = 1e11
 """Largest time stamp of a frame; Unix time stays below for 3,000 years."""
@@ -128,8 +128,8 @@ def _histograms(log: BusTimes, number: int) -> Iterator[Chart]:
 
 def _edges(values: FloatArray) -> FloatArray:
     low, high = float(values.min()), float(values.max())
-    if high - low < LEAST_SPAN:  # centre times that are all equal
-        low, high = (low + high - LEAST_SPAN) / 2.0, (low + high + LEAST_SPAN) / 2.0
+    if high - low < HISTOGRAM_SPAN_MIN_MS:  # centre times that are all equal
+        low, high = (low + high - HISTOGRAM_SPAN_MIN_MS) / 2.0, (low + high + HISTOGRAM_SPAN_MIN_MS) / 2.0
     return np.linspace(low, high, BINS + 1)
 
 

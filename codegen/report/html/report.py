@@ -53,7 +53,7 @@ from hil_sim.metrics import StepMetrics, step_metrics
 from hil_sim.metrics.run import LookUp
 from hil_sim.scenarios import Scenario
 
-LEAST = 0.01
+COLOUR_RANGE_MIN_DEG_S = 0.01
 """Minimum span of the scale of a difference to either side, in deg/s."""
 
 
@@ -67,7 +67,7 @@ def comparison(one: NamedMap, other: NamedMap, number: int = 1) -> Gallery:
     assert mine is not None
     low, high = YAW_RATE.limits([mine, theirs])
     gain = mine - theirs
-    reach = max(float(np.nanmax(np.abs(gain))) if np.isfinite(gain).any() else 0.0, LEAST)
+    reach = max(float(np.nanmax(np.abs(gain))) if np.isfinite(gain).any() else 0.0, COLOUR_RANGE_MIN_DEG_S)
     shown = (
         (f"compare-first-{number}", one.title, mine, "viridis", low, high),
         (f"compare-second-{number}", other.title, theirs, "viridis", low, high),

@@ -76,9 +76,9 @@ def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
 
 GAIN_MARGIN_SHOWN = 30.0
 """Largest gain margin shown, in dB; larger values would hide small ones."""
-WANTED = 6.0
+GAIN_MARGIN_LINE_DB = 6.0
 """Usual minimum gain margin, in dB."""
-WITHOUT = "without feedback"
+NO_FEEDBACK_LABEL = "without feedback"
 
 
 def region_blocks(regions: Mapping[str, Region]) -> Iterator[Block]:
@@ -96,7 +96,7 @@ def region_blocks(regions: Mapping[str, Region]) -> Iterator[Block]:
     yield Text(
         f"Kinds without feedback ({', '.join(_open_loop())}) have neither loop nor margins: they steer the rear wheels by "
         "speed and front angle alone, so the car is as stable as with its rear wheels held. They therefore have no "
-        f'chart; the rows "{WITHOUT}" of the first table apply to all of them.'
+        f'chart; the rows "{NO_FEEDBACK_LABEL}" of the first table apply to all of them.'
     )
     for name, region in regions.items():
         if region.disagreement:
@@ -109,10 +109,10 @@ def region_blocks(regions: Mapping[str, Region]) -> Iterator[Block]:
     yield Table(
         "Computed, and simulated straight ahead with the generated C", DRIVEN_HEADER, list(_driven(regions)), words=(0, 1)
     )
-    yield Table("Least margins of the stable cells", LEAST_HEADER, list(_least(regions)), words=(0, 1))
+    yield Table("Least margins of the stable cells", SMALLEST_MARGINS_HEADER, list(_smallest_margins(regions)), words=(0, 1))
 
 
-LEAST_HEADER = ("controller", "where", "cells", "stable", "gain margin (dB)", "phase margin (deg)")
+SMALLEST_MARGINS_HEADER = ("controller", "where", "cells", "stable", "gain margin (dB)", "phase margin (deg)")
 
 
 DRIVEN_HEADER = ("controller", "what", "cells", "undecided", "as computed", "contradicted")
@@ -146,7 +146,7 @@ def _open_loop() -> Iterator[str]:
 def _rows(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
     first = next(iter(regions.values()))
     shown = [(name, region, True) for name, region in regions.items()]
-    for name, region, feedback in (*shown, (WITHOUT, first, False)):
+    for name, region, feedback in (*shown, (NO_FEEDBACK_LABEL, first, False)):
         for place, mass in enumerate(region.masses_percent):
             found = [region.unstable_from(place, at, feedback) for at in range(0, len(region.frictions), 2)]
             last = f"not up to {region.speeds_km_h[-1]:g}"
@@ -157,7 +157,7 @@ def _rows(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
             )
 
 
-def _least(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
+def _smallest_margins(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
     for name, region in regions.items():
         every = np.ones_like(region.stable)
         for where, chosen, stable, gain, phase in (
@@ -191,7 +191,13 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
             "type": "contour",
             **look,
             "z": numbers(margin),
-            "contours": {"coloring": "lines", "start": WANTED, "end": WANTED, "size": 1, "showlabels": False},
+            "contours": {
+                "coloring": "lines",
+                "start": GAIN_MARGIN_LINE_DB,
+                "end": GAIN_MARGIN_LINE_DB,
+                "size": 1,
+                "showlabels": False,
+            },
             "line": {"width": 2},
             "colorscale": [[0, "white"], [1, "white"]],
             "showscale": False,
@@ -199,7 +205,11 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
             "hoverinfo": "skip",
         },
     ]
-    told = [f"line: {WANTED:g} dB"] if (margin < WANTED).any() and (margin > WANTED).any() else []
+    told = (
+        [f"line: {GAIN_MARGIN_LINE_DB:g} dB"]
+        if (margin < GAIN_MARGIN_LINE_DB).any() and (margin > GAIN_MARGIN_LINE_DB).any()
+        else []
+    )
     for title, symbol, sign, cells in _marks(region, mass):
         at = np.argwhere(cells)
         if at.size:

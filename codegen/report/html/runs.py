@@ -118,7 +118,7 @@ def run_chart(runs: Mapping[str, FloatArray], config: Config, title: str, panels
             place = {"xref": "paper", "x0": 0, "x1": 1, "yref": name, "y0": value, "y1": value}
             if _is_near(value, runs, panel):
                 shapes.append({"type": "line", "line": drawn, **place})
-    data.append(_entry("asked for", INK, "dash"))
+    data.append(_entry("reference or command", INK, "dash"))
     data.append(_entry("limit", MUTED, "dot"))
     first, last = run_window(runs)
     bottom = f"y{len(panels)}"
