@@ -224,7 +224,7 @@ def _baselines(chosen: Choices, software: Software, scenario: Scenario) -> dict[
     from hil_sim.suite.candidate import of_folder
 
     with console.progress("baselines") as steps:
-        line_up = of_folder(chosen.build_path).line_up(steps)
-    for text in line_up.notes:
+        comparison = of_folder(chosen.build_path).comparison(steps)
+    for text in comparison.notes:
         console.note(text)
-    return {each.name: chosen.drive(each.around(software.config), scenario)[0] for each in line_up.baselines}
+    return {each.name: chosen.drive(each.around(software.config), scenario)[0] for each in comparison.baselines}

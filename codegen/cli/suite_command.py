@@ -118,12 +118,12 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
     """
     from codegen.report.suite_tables import failures, sections
     from hil_sim.suite.candidate import of_folder, recommended
-    from hil_sim.suite.suite_run import run_whole
+    from hil_sim.suite.full_suite import run_full_suite
 
     outputs.check()
     limits = _limits(limits_path)
     candidate = recommended() if build_path is None else of_folder(build_path)
-    whole = run_whole(candidate, instructions_of_step, console.progress, limits)
+    whole = run_full_suite(candidate, instructions_of_step, console.progress, limits)
     result, written = whole.result, outputs.draw(whole.result)
     missed = failures(result.requirements)
     if outputs.as_json:

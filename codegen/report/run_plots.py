@@ -55,7 +55,7 @@ SIGNALS = (
     _Signal("Lateral acc.\n(m/s²)", "lateral_acceleration_m_s2"),
 )
 SPEED_SIGNAL = _Signal("Speed\n(km/h)", "speed_m_s")
-"""Shown if the speed is not constant."""
+"""CellRuns if the speed is not constant."""
 RUN_LINES: Mapping[str, Mapping[str, Any]] = {
     "C1": {"color": CONTROLLER_COLOURS["pi"]},
     "C2": {"color": GREY},

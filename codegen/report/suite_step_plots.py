@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from hil_sim.suite.tracking import Shown, SuiteResult
+    from hil_sim.suite.tracking import CellRuns, SuiteResult
 
 
 def margins_figure(result: SuiteResult) -> Figure:
@@ -138,7 +138,7 @@ def _marked(marker: Mapping[str, Any]) -> dict[str, Any]:
 
 
 BEFORE, AFTER = 0.2, 2.0
-"""Shown time before and after the step, in s."""
+"""CellRuns time before and after the step, in s."""
 FOLLOWED: dict[str, Any] = {**REFERENCE, "color": SKY, "zorder": 4.5}
 
 
@@ -172,11 +172,11 @@ def steps_figure(result: SuiteResult) -> Figure:
     return figure
 
 
-def cell_title(shown: Shown) -> str:
+def cell_title(shown: CellRuns) -> str:
     return f"{shown.cell.speed_km_h:g} km/h, {shown.cell.front_angle_deg:.3g} deg"
 
 
-def draw_step(axes: Axes, result: SuiteResult, shown: Shown, name: str, looks: Mapping[str, Mapping[str, Any]]) -> bool:
+def draw_step(axes: Axes, result: SuiteResult, shown: CellRuns, name: str, looks: Mapping[str, Mapping[str, Any]]) -> bool:
     """Draw one signal of all subjects until the car spins. Return whether one spins in the shown time."""
     spun = False
     for subject in result.subjects:
@@ -200,7 +200,7 @@ def _around_step(run: FloatArray) -> FloatArray:
     return inside if len(inside) >= 2 else run[:2]
 
 
-def _draw_references(axes: Axes, result: SuiteResult, shown: Shown) -> None:
+def _draw_references(axes: Axes, result: SuiteResult, shown: CellRuns) -> None:
     """Draw the steady yaw rate of the map, and the reference of the controller under test."""
     inside = _around_step(shown.records[result.tested])
     axes.plot(column(inside, "time_s") - STEER_TIME, column(inside, "yaw_rate_reference_rad_s"), label="_", **FOLLOWED)

@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 from codegen import configuration
-from hil_sim.suite import cars, whole
+from hil_sim.suite import cars, full_suite
 from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.cars import CarResult, CarsResult
+from hil_sim.suite.full_suite import FullSuite
 from hil_sim.suite.limits import Limits, load
 from hil_sim.suite.requirements import car_requirements
-from hil_sim.suite.suite_run import Whole
 from hil_sim.suite.summary import summarise
-from hil_sim.suite.tracking import Outside, SuiteResult
+from hil_sim.suite.tracking import ExternalFigures, SuiteResult
 from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, margins, with_table
 
 from .conftest import Refused, Run, everything_in
@@ -36,8 +36,8 @@ def suite(monkeypatch: pytest.MonkeyPatch, here: Path) -> Callable[..., list[Can
 
     def give(result: SuiteResult, **more: Any) -> list[Candidate]:
         seen: list[Candidate] = []
-        found = Whole(**{"result": result, "edited": (), "notes": (), **more})
-        monkeypatch.setattr(whole, "run_whole", lambda tested, count, stage, limits: (seen.append(tested), found)[1])
+        found = FullSuite(**{"result": result, "edited": (), "notes": (), **more})
+        monkeypatch.setattr(full_suite, "run_full_suite", lambda tested, count, stage, limits: (seen.append(tested), found)[1])
         return seen
 
     return give
@@ -76,7 +76,7 @@ def test_limits_from_a_file_and_their_purpose(run: Run, suite: Callable[..., lis
     assert why in run("sil", "--suite", "tracking").out
     Path("mine.toml").write_text("sideslip_excess_deg = 1.5\n", encoding="utf-8")
     assert load(Path("mine.toml")).sideslip_excess_deg == 1.5
-    suite(missed.with_outside(Outside(missed.third_party, missed.instructions), load(Path("mine.toml"))))
+    suite(missed.with_outside(ExternalFigures(missed.third_party, missed.instructions), load(Path("mine.toml"))))
     answer = run("sil", "--suite", "tracking", "--limits", "mine.toml", "--json")
     assert answer.code == 0 and json.loads(answer.out)["limits"]["sideslip_excess_deg"] == 1.5
 

@@ -14,7 +14,7 @@ from codegen.report import suite_plots
 from codegen.report.style import CONTROLLER_COLOURS as COLOURS
 from codegen.report.suite_tables import WIDTH, failures, sections
 from hil_sim.suite.conditions import CONDITIONS, LAGS
-from hil_sim.suite.tracking import Outside, SuiteResult
+from hil_sim.suite.tracking import ExternalFigures, SuiteResult
 from tests.report.figures import check_layout, names
 from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, spun, third_party, with_table
 
@@ -110,7 +110,7 @@ def test_requirements_are_met_missed_or_not_measured(good: SuiteResult) -> None:
     figure = "|sideslip| beyond its bound"
     assert failures(failed.requirements) == [f"all cells, as configured: {figure} 1.25 deg (at most 0.2 deg)"]
     assert [figure, "at most 0.2 deg", "1.25 deg", "NOT MET", CELLS[0].title] in section(failed, "Requirements")
-    alone = good.with_outside(Outside())
+    alone = good.with_outside(ExternalFigures())
     assert ["instructions of the worst step", "at most 1320", "-", "not measured"] in section(alone, "Requirements")
 
 

@@ -246,9 +246,9 @@ def _baselines(build: Path, kind: str, reference_map: ReferenceMap | None) -> tu
         reference_map: the map of the build; None solves it again.
     """
     try:
-        line_up = of_folder(build).line_up(reference_map=reference_map)
+        comparison = of_folder(build).comparison(reference_map=reference_map)
     except CodegenError as error:
         return [], [f"No other controller is shown: {error}"]
-    return [subject for subject in line_up.baselines if subject.name in COMPARED_KINDS and subject.name != kind], list(
-        line_up.notes
+    return [subject for subject in comparison.baselines if subject.name in COMPARED_KINDS and subject.name != kind], list(
+        comparison.notes
     )

@@ -39,7 +39,7 @@ class Panel:
 
 
 SPEED_PANEL = Panel("Speed<br>(km/h)", (("speed_m_s", "solid"),))
-"""Shown if the speed is not constant."""
+"""CellRuns if the speed is not constant."""
 
 PANELS = (
     Panel("Yaw rate<br>(deg/s)", (("yaw_rate_rad_s", "solid"), ("yaw_rate_reference_rad_s", "dash"))),
