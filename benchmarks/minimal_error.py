@@ -209,10 +209,10 @@ class StepSteer:
 
 def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     """Compare all cells of the test set from 80 km/h on; `quick` takes one amplitude."""
-    line_up = recommended().line_up()
-    subject = line_up.tested
+    comparison = recommended().comparison()
+    subject = comparison.tested
     software = subject.around(subject.config)
-    chosen = [cell for cell in cells(subject.config, line_up.case) if cell.speed_km_h in SPEEDS_KM_H]
+    chosen = [cell for cell in cells(subject.config, comparison.case) if cell.speed_km_h in SPEEDS_KM_H]
     rows = []
     for cell in chosen:
         if not quick or cell.share in QUICK_SHARES:

@@ -146,10 +146,10 @@ def _straight(software: Software) -> Row:
 
 def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     """Compare each fault in each cell with each driver; `quick` takes one speed."""
-    line_up = recommended().line_up()
-    subject = line_up.tested
+    comparison = recommended().comparison()
+    subject = comparison.tested
     software = subject.around(subject.config)
-    edges = {ALL_LARGEST: _feasible_edges(subject.config, line_up.case)}
+    edges = {ALL_LARGEST: _feasible_edges(subject.config, comparison.case)}
     sound: dict[tuple[float, float, str], Drive] = {}
     rows: dict[float, list[Row]] = {FAULT_TIME: [], STRAIGHT_TIME: []}
     starts = [(FAULT_TIME, *fault) for fault in FAULTS.items()]

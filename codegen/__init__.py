@@ -1,3 +1,3 @@
-"""From vehicle data to checked C for active rear steering (ARS)."""
+"""Generate and verify C for active rear steering (ARS) from vehicle data."""
 
 __version__ = "0.1.0"

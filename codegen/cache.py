@@ -45,7 +45,9 @@ def _temporary_folder() -> Path:
             return folder
         return _folder_of_this_process()
     except OSError as error:
-        raise BuildError(f"no folder can be written: {error.strerror}", remedy="set ARS_CACHE to one that can") from error
+        raise BuildError(
+            f"no cache folder is writable: {error.strerror}", remedy="set ARS_CACHE to a writable folder"
+        ) from error
 
 
 @functools.cache

@@ -1,4 +1,4 @@
-"""Output of commands: lines, progress and JSON. Below `cli`, above everything that computes."""
+"""Output of commands: lines, progress and JSON. This layer is below `cli` and above the modules that compute."""
 
 from __future__ import annotations
 
@@ -11,40 +11,40 @@ from typing import Any, Protocol, TextIO
 
 
 def say(text: str) -> None:
-    """A line of result, on standard output."""
+    """Print a line of a result on standard output."""
     print(text)
 
 
 def note(text: str) -> None:
-    """Print a note to the user on standard error."""
+    """Print a note on standard error."""
     print(f"note: {text}", file=sys.stderr)
 
 
 def warn(text: str) -> None:
-    """Print a warning, on standard error."""
+    """Print a warning on standard error."""
     print(f"warning: {text}", file=sys.stderr)
 
 
 def print_json(data: Any) -> None:
-    """A result for programs, on standard output."""
+    """Print a result for programs as JSON on standard output."""
     print(json.dumps(data, indent=1, allow_nan=False))
 
 
 def has_colour(stream: TextIO) -> bool:
-    """Whether colour is wanted there: `NO_COLOR` (no-color.org), then `FORCE_COLOR`, else only on a terminal that has it."""
+    """Return whether to print in colour: not with `NO_COLOR` (no-color.org), else with `FORCE_COLOR` or on a terminal."""
     if os.environ.get("NO_COLOR"):
         return False
     return bool(os.environ.get("FORCE_COLOR")) or _is_screen(stream)
 
 
 def _is_screen(stream: TextIO | None) -> bool:
-    """Whether it is a terminal on which what was written can be drawn over."""
+    """Return whether `stream` is a terminal that can redraw a line."""
     return stream is not None and stream.isatty() and os.environ.get("TERM") not in ("dumb", "unknown")
 
 
 @contextlib.contextmanager
 def status(title: str) -> Iterator[None]:
-    """A line on the terminal while something of unknown length goes on, on standard error; nothing elsewhere."""
+    """Show a line during work of unknown length if standard error is a terminal; print nothing otherwise."""
     if not _is_screen(sys.stderr):
         yield
         return
@@ -56,14 +56,14 @@ def status(title: str) -> Iterator[None]:
 
 
 class Tell(Protocol):
-    """Takes what is done, of how much in all, and, where steps are long enough to be named, what comes next."""
+    """Callback for progress: work done, total work, and the name of the next step if steps are long enough to be named."""
 
     def __call__(self, done: int, total: int, step: str = "") -> None: ...
 
 
 @contextlib.contextmanager
 def progress(title: str) -> Iterator[Tell]:
-    """A progress bar on a terminal, a plain line for each tenth or named step elsewhere; both on standard error."""
+    """Report progress on standard error: a bar on a terminal, otherwise a plain line for each tenth or named step."""
     if _is_screen(sys.stderr):
         from rich.console import Console
         from rich.progress import Progress

@@ -1,4 +1,4 @@
-"""The one family of errors that users see: what is wrong, where, and what to do about it."""
+"""The errors that users see. Each names what is wrong, where, and what to do about it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 
 
 def one_line(text: object, limit: int = 300) -> str:
-    """`text` on a single printable line of at most `limit` characters.
+    """Return `text` as a single printable line of at most `limit` characters.
 
     Messages quote names and values from files; a newline or an escape sequence in those must not reach the terminal.
     """
@@ -33,7 +33,7 @@ class CodegenError(Exception):
 
     Attributes:
         what: the fault.
-        where: the file, key or index that holds it ("" where there is no place to name).
+        where: the file, key or index with the fault; "" if there is none to name.
         remedy: what the user can do.
         exit_code: 2, bad input or usage.
     """
@@ -54,7 +54,7 @@ class CodegenError(Exception):
 
 @contextlib.contextmanager
 def within(place: object) -> Iterator[None]:
-    """Put `place`, mostly a file, before the place that an error inside the block names."""
+    """Put `place`, usually a file, before the location of every error raised in the block."""
     try:
         yield
     except CodegenError as error:
@@ -75,6 +75,6 @@ class BuildError(CodegenError):
 
 
 class CheckFailed(CodegenError):
-    """The input was good and the answer is no (exit code 1)."""
+    """A check failed although its input was valid (exit code 1)."""
 
     exit_code = 1

@@ -1,4 +1,4 @@
-"""The door for files: read regular ones up to a size, write whole or not at all."""
+"""Read regular files up to a size limit, and write files completely or not at all."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from codegen.interrupts import deferred
 
 
 def read_file(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError) -> bytes:
-    """All bytes of a regular file; a link is followed.
+    """Return all bytes of a regular file. Links are followed.
 
     Args:
-        limit: bytes; what is larger is not read.
-        remedy: what to do where it cannot be read.
-        kind: of the error.
+        limit: largest size in bytes; larger files are rejected.
+        remedy: remedy in the error message.
+        kind: class of the error.
 
     Raises:
-        CodegenError: of that kind: unreadable, too large, or no regular file: a pipe would be waited for, a device read on.
+        CodegenError: of class `kind`, if the file is unreadable, too large or not regular. Reading a pipe would block, and
+            reading a device might never end.
     """
     try:
         status = path.stat()
@@ -32,13 +33,13 @@ def read_file(path: Path, limit: int, remedy: str, kind: type[CodegenError] = Co
         if status.st_size > limit:
             raise kind(f"over {limit >> 20} MiB", where=path, remedy=remedy)
         with path.open("rb") as file:
-            return file.read(status.st_size)  # not `limit`: so much memory would be taken
+            return file.read(status.st_size)  # not `limit`, which would allocate that much memory
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise kind(f"cannot be read ({reason_of(error)})", where=path, remedy=remedy) from None
 
 
 def read_text(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError) -> str:
-    """The UTF-8 text of a regular file, without the mark at its start. See `read_file`; raises the same, and for other text."""
+    """Return the UTF-8 text of a regular file without its byte order mark. See `read_file`; other text is an error too."""
     try:
         return read_file(path, limit, remedy, kind).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -46,21 +47,21 @@ def read_text(path: Path, limit: int, remedy: str, kind: type[CodegenError] = Co
 
 
 def reason_of(error: Exception) -> str:
-    """Why, in words."""
+    """Return the reason of an error as text."""
     return getattr(error, "strerror", None) or str(error)
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a temporary file beside `path`, then put it in place; on any failure what stood before still stands. A link is
+    """Write a temporary file beside `path`, then rename it to `path`. On any failure the previous file remains. Links are
     followed.
 
     Raises:
-        CodegenError: the folder is missing, `path` is a folder or a device, the disk is full, and the like.
+        CodegenError: the folder is missing, `path` is a folder or a device, the disk is full, or similar.
     """
-    with deferred(), _told(path):  # a signal between the making of the temporary file and what removes it would leave it there
-        path = path.resolve()  # through a link, to what it names
+    with deferred(), _told(path):  # a signal between creating the temporary file and entering `try` would leave it there
+        path = path.resolve()  # the target of a link
         if path.exists() and not path.is_file():
-            raise OSError(0, "there is something that is not a file")
+            raise OSError(0, "it exists and is not a file")
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
         temporary = Path(name)
         try:
@@ -68,7 +69,7 @@ def write_atomically(path: Path, content: bytes) -> None:
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
-            # mkstemp is private to the user; a result is as public as the umask lets any new file be.
+            # mkstemp makes a file that only its user can read. A result gets the permissions of any new file.
             umask = os.umask(0)
             os.umask(umask)
             temporary.chmod(0o666 & ~umask)
@@ -79,7 +80,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def replace_durably(temporary: Path, path: Path) -> None:
-    """Put a finished temporary file in the place of `path`, in the same folder: on return a loss of power loses nothing of it.
+    """Rename a finished temporary file to `path` in the same folder. A loss of power after the return does not damage it.
 
     Raises:
         OSError: it cannot be synchronised or renamed.
@@ -91,7 +92,7 @@ def replace_durably(temporary: Path, path: Path) -> None:
 
 
 def sync_folder(path: Path) -> None:
-    """Bring the names in a folder to the disk. Raises OSError."""
+    """Synchronise the entries of a folder to the disk. Raises OSError."""
     descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
@@ -103,7 +104,7 @@ def sync_folder(path: Path) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and its parents where they are missing. Raises CodegenError."""
+    """Create a folder and its missing parents. Raises CodegenError."""
     with _told(path):
         path.mkdir(parents=True, exist_ok=True)
 

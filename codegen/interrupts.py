@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM around code that would swallow them."""
+"""Handle Ctrl-C and SIGTERM around code that swallows exceptions."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ Handler = Callable[[int, FrameType | None], None]
 
 STOPPING = (signal.SIGINT, signal.SIGTERM)
 
-SWALLOWING = ("casadi.casadi",)
-"""Modules that catch every exception, those of signals too, and go on: operators of CasADi's symbols."""
-RETRY = 0.01
-"""s, after which a signal that came inside of them is tried again."""
+EXCEPTION_SWALLOWING_MODULES = ("casadi.casadi",)
+"""Modules that catch every exception, including those of signal handlers, and continue: operators of CasADi's symbols."""
+RETRY_DELAY_S = 0.01
+"""Delay in s before a signal that arrived inside such a module is handled again."""
 
-IMPATIENCE = 2.0
-"""s, in which another Ctrl-C is taken for the same wish: what cleans up after the first one is not cut short."""
+REPEATED_INTERRUPT_IGNORED_S = 2.0
+"""Time in s during which another Ctrl-C is ignored, so that it does not interrupt the cleanup after the first."""
 
 
 def raise_once() -> Handler:
-    """A handler of SIGINT: KeyboardInterrupt, but not again for `IMPATIENCE` seconds."""
-    last = -IMPATIENCE
+    """Return a handler of SIGINT that raises KeyboardInterrupt, but not again within `REPEATED_INTERRUPT_IGNORED_S` seconds."""
+    last = -REPEATED_INTERRUPT_IGNORED_S
 
     def handle(number: int, frame: FrameType | None) -> None:
         del number, frame
         nonlocal last
         now = time.monotonic()
-        if now - last >= IMPATIENCE:
+        if now - last >= REPEATED_INTERRUPT_IGNORED_S:
             last = now
             raise KeyboardInterrupt
 
     return handle
 
 
-def take(handlers: Mapping[int, Handler]) -> None:
-    """Install handlers that raise, each of which waits while a package runs that would swallow what it raises."""
+def install_handlers(handlers: Mapping[int, Handler]) -> None:
+    """Install handlers that raise. Each waits while a module that would swallow the exception runs."""
     waiting: list[tuple[int, Handler]] = []
 
-    def patient(handler: Handler) -> Handler:
+    def delayed(handler: Handler) -> Handler:
         def handle(number: int, frame: FrameType | None) -> None:
             if _is_swallowed(frame):
                 waiting.append((number, handle))
-                signal.setitimer(signal.ITIMER_REAL, RETRY)
+                signal.setitimer(signal.ITIMER_REAL, RETRY_DELAY_S)
             else:
                 handler(number, frame)
 
@@ -59,13 +59,13 @@ def take(handlers: Mapping[int, Handler]) -> None:
 
     signal.signal(signal.SIGALRM, again)
     for number, handler in handlers.items():
-        signal.signal(number, patient(handler))
+        signal.signal(number, delayed(handler))
 
 
 def _is_swallowed(frame: FrameType | None) -> bool:
     while frame is not None:
-        # Python prints what a destructor raises, and goes on.
-        if frame.f_globals.get("__name__") in SWALLOWING or frame.f_code.co_name == "__del__":
+        # Python prints an exception that a destructor raises, and continues.
+        if frame.f_globals.get("__name__") in EXCEPTION_SWALLOWING_MODULES or frame.f_code.co_name == "__del__":
             return True
         frame = frame.f_back
     return False
@@ -73,13 +73,13 @@ def _is_swallowed(frame: FrameType | None) -> bool:
 
 @contextlib.contextmanager
 def deferred() -> Iterator[Callable[[], None]]:
-    """Let SIGINT and SIGTERM wait until the function that is yielded is called, and until the block ends.
+    """Defer SIGINT and SIGTERM until the yielded function is called or the block ends.
 
-    CasADi turns a KeyboardInterrupt inside a solver into a warning and goes on. Outside the main thread, which alone gets
-    signals, and for signals that are ignored, nothing changes.
+    CasADi turns a KeyboardInterrupt inside a solver into a warning and continues. Nothing changes for ignored signals, or
+    outside the main thread, which alone receives signals.
 
     Raises:
-        KeyboardInterrupt, SystemExit: from the yielded function and from the end of the block, where a signal waits.
+        KeyboardInterrupt, SystemExit: from the yielded function and at the end of the block, if a signal is pending.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: None

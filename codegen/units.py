@@ -1,10 +1,10 @@
-"""Units in SI, and gravity."""
+"""SI values of other units, and gravity."""
 
 import math
 
 KM_H = 1.0 / 3.6
-"""m/s in a km/h."""
+"""m/s per km/h."""
 DEGREE = math.radians(1.0)
-"""rad in a degree."""
+"""rad per degree."""
 GRAVITY = 9.81
 """m/s^2; the default of `road.gravity_m_s2`."""

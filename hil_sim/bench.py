@@ -1,4 +1,4 @@
-"""The bench: the car's frames carried to an ECU and its answers back, cycle by cycle, by one of three clocks.
+"""The bench: carries the car's frames to an ECU and its commands back, cycle by cycle, with one of three clocks.
 
 - lock-step: the car waits for the answer to each of its samples; time is simulated, as fast as the machine allows;
 - real time: cycles begin at absolute deadlines; the command that came within the cycle acts over it, else the last one holds;
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 
 
 ANSWER_TIMEOUT = 2.0
-"""s of waiting for an answer in lock-step before the ECU counts as gone."""
+"""Time in s to wait for an answer in lock-step before the ECU counts as lost."""
 
 
 class Ecu(Protocol):
-    """An ECU that the bench can take away and bring back."""
+    """An ECU that the bench can stop and restart."""
 
     def kill(self) -> None:
         """Stop the ECU as a power failure does."""
@@ -61,17 +61,17 @@ class Cycle:
 
 @dataclass(frozen=True)
 class BenchResult:
-    """A run.
+    """Result of a run.
 
     Attributes:
         record: (cycles, 12), columns RECORD_COLUMNS.
-        diagnostics: (cycles,) bits of the commands that came in the cycle; 0 where none came.
-        response: (cycles,) s from sending to the command's arrival; NaN where none came in the cycle, or time is simulated.
+        diagnostics: (cycles,) bits of the commands received in the cycle; 0 if none was received.
+        response: (cycles,) s from sending to the command's arrival; NaN without a command in the cycle, or in simulated time.
         lateness: (cycles,) s that the cycle began after its deadline.
         late_cycles: cycles that began a period or more late.
         wall_time: s.
-        received: what became of the commands.
-        send_errors: frames that the interface did not take.
+        received: counts of the received commands.
+        send_errors: frames that the interface rejected.
     """
 
     record: FloatArray
@@ -89,7 +89,7 @@ Observer = Callable[[Cycle], None]
 
 @dataclass
 class _Recorder:
-    """Collects what the cycles leave."""
+    """Collects the results of the cycles."""
 
     node: PlantNode
     observe: Observer | None
@@ -131,7 +131,7 @@ class _Recorder:
 def run_in_process(
     node: PlantNode, software: Software, *, log: BusLog | None = None, observe: Observer | None = None
 ) -> BenchResult:
-    """Run without a bus: the generated task in this process is called once a cycle, or by a clock of its own."""
+    """Run without a bus: call the generated task in this process once a cycle, or by a clock of its own."""
     recorder, task = _Recorder(node, observe), software.task()
     running = True
     for cycle in range(node.cycles):
@@ -162,7 +162,7 @@ def run_in_lock_step(node: PlantNode, bus: Bus, *, log: BusLog | None = None, ob
     """
     if node.injector.faults:
         raise CodegenError(
-            "faults on the bus have no meaning in lock-step: where a frame is missing, no task would run",
+            "bus faults cannot be simulated in lock-step: without a complete set of frames, the task does not run",
             where="--lock-step",
             remedy="use --real-time",
         )

@@ -1,4 +1,4 @@
-"""Any bus that python-can knows, by the text INTERFACE:CHANNEL; one clear line where it cannot be opened."""
+"""Any bus that python-can supports, named INTERFACE:CHANNEL; one clear line if it cannot be opened."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _PACKAGES = {"udp_multicast": ("msgpack", "pip install msgpack")}
 
 @dataclass(frozen=True)
 class BusAddress:
-    """INTERFACE:CHANNEL in two: a python-can interface, and a channel of it."""
+    """INTERFACE:CHANNEL as two parts: a python-can interface, and one of its channels."""
 
     interface: str
     channel: str
@@ -58,7 +58,7 @@ class Bus:
     The node does not receive its own frames if the interface can distinguish them.
 
     Raises:
-        CodegenError: it cannot be opened, and what to do.
+        CodegenError: it cannot be opened; the message has the remedy.
     """
 
     def __init__(self, address: BusAddress, bitrate: float | None = None) -> None:
@@ -73,7 +73,7 @@ class Bus:
         logging.getLogger("can").setLevel(logging.CRITICAL + 1)
         try:
             self._bus = can.Bus(interface=address.interface, channel=address.channel, receive_own_messages=False, **settings)
-        except Exception as error:  # a backend whose driver is missing fails in any way
+        except Exception as error:  # a backend without its driver may raise anything
             raise _cannot_open(address, error) from error
         if address.interface == "udp_multicast":
             _keep_to_the_group(self._bus)

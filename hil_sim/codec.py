@@ -1,9 +1,9 @@
 """Frames to signals and back in Python, from the same tables as the generated C but by other means.
 
-A signal's code is the whole number nearest to `(value - offset) / factor`, the even one of two that are equally near. Beyond
-the limits it saturates, NaN becomes "not available". Backwards, a value is `code * factor + offset`. For a build of single
-precision the inverse of the factor, rounded to that, is multiplied with and divided by: 200 is exact where 0.005 is not. So
-the bench and the controller see the same bits.
+A signal's code is the whole number nearest to `(value - offset) / factor`, and the even one of two that are equally near.
+Beyond the limits it saturates; NaN becomes "not available". Decoding returns `code * factor + offset`. A build in single
+precision multiplies with the inverse of the factor, rounded to single precision, or divides by it: 200 is exact where 0.005
+is not. With this, bench and controller see the same bits.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The generated task as an ECU on any bus: the same C that goes into the car, called through cffi.
 
 In real time a timer with absolute deadlines runs the task, half a period after the car's frames; in lock-step each complete set
-of them does. Foreign frames, 29-bit identifiers, remote and error frames and its own echo are nothing to it.
+of them does. Foreign frames, 29-bit identifiers, remote and error frames, and its own frames are ignored.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class EcuNode:
             frame = self._bus.receive(0.0)
 
     def _take(self, frame: Frame | None) -> bool:
-        """Give a frame to the task; whether it was one of the car's."""
+        """Pass a frame to the task. Return whether it was one of the car's."""
         if frame is None or frame.extended or frame.remote or frame.error or frame.id not in self._ids:
             return False
         self.task.on_can_frame(frame.id, frame.data)

@@ -23,16 +23,16 @@ from hil_sim.ecu_node import EcuNode
 
 READY = "ready"
 START_TIMEOUT = 30.0
-"""s until `ready`: Python has to start, and the C may have to be compiled."""
+"""Timeout in s for `ready`: Python has to start, and the C may have to be compiled."""
 STOP_TIMEOUT = 5.0
 """Time from SIGTERM to SIGKILL, in s."""
 
 
 class EcuProcess:
-    """An ECU that another program is; a context manager.
+    """An ECU in another program; a context manager.
 
     Args:
-        command: its command line; it is to end by itself where the bench is gone.
+        command: its command line. The program must end by itself if the bench is gone.
     """
 
     def __init__(self, command: Sequence[str | Path]) -> None:
@@ -41,7 +41,7 @@ class EcuProcess:
         self._errors: IO[str] = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115 - closed by __exit__
 
     def start(self) -> None:
-        """Start it and return at once."""
+        """Start the program and return at once."""
         self.kill()
         try:
             self._process = subprocess.Popen(
@@ -91,7 +91,7 @@ class EcuProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether it runs."""
+        """Whether the program runs."""
         return self._process is not None and self._process.poll() is None
 
     def last_line(self) -> str:
@@ -139,7 +139,7 @@ class EcuThread:
         self._node: EcuNode | None = None
 
     def start(self) -> None:
-        """Start it; it hears the bus from here on."""
+        """Start the thread. From then on it receives frames."""
         self.kill()
         bus = Bus(self._address)
         stop = threading.Event()
@@ -158,7 +158,7 @@ class EcuThread:
 
     @property
     def alive(self) -> bool:
-        """Whether it runs."""
+        """Whether the thread runs."""
         return self._thread is not None and self._thread.is_alive()
 
     def stop(self) -> str:

@@ -1,4 +1,4 @@
-"""Every fault on the bus, each in the same turn-in: what was injected, what became of it, and whether that is as defined.
+"""Every bus fault in the same turn-in: what was injected, what it caused, and whether that is as specified.
 
 The fault begins while the car turns in and the rear wheels move.
 """
@@ -26,10 +26,10 @@ from hil_sim.scenarios import Scenario
 
 SPEED_KM_H, FRONT_ANGLE_DEG = 65.0, 4.0
 STEER_TIME, START, DURATION = 0.2, 0.4, 3.0
-"""s: the driver steers, the fault begins, the run ends."""
+"""Start of steering, start of the fault and end of the run, in s."""
 
 SAFE_WITHIN = 0.05
-"""s from the first lost sample to the fail-safe, at most."""
+"""Largest time in s from the first lost sample to the fail-safe."""
 
 RATE_TOLERANCE = 1e-9
 """Rounding tolerance as a fraction of the actuator's rate limit."""
@@ -160,7 +160,7 @@ def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
 
 
 def judge(case: FaultCase, result: BenchResult, config: Config) -> FaultOutcome:
-    """Compare a run of a case with what is defined."""
+    """Compare a run of a case with its specification."""
     time, status = _column(result, "time_s"), _column(result, "status").astype(int)
     rear, command = _column(result, "rear_angle_rad"), _column(result, "rear_angle_command_rad")
     period = config.controller.sampling_time_s

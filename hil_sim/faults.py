@@ -1,4 +1,4 @@
-"""Faults on the bus: the lines that a scenario carries, and what each does to frames and signals."""
+"""Faults on the bus: their entries in a scenario, and their effect on frames and signals."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class Fault:
     """One fault of a scenario.
 
     Attributes:
-        kind: what happens.
+        kind: kind of the fault.
         start, duration: s.
-        message: name of the message that it happens to; None for all of the plant's, or where it does not apply.
-        signal: field of that message ("speed", "yaw_rate", ...) for faults of values.
-        cycles: by how many cycles frames are delayed.
+        message: name of the affected message; None for all of the plant's, or if not applicable.
+        signal: affected field of that message ("speed", "yaw_rate", ...), for faults of values.
+        cycles: number of cycles by which frames are delayed.
     """
 
     kind: FaultKind
@@ -53,11 +53,11 @@ class Fault:
 
 
 VALUE_KINDS: frozenset[str] = frozenset({"stuck-value", "not-a-number", "infinity"})
-"""Faults of a value, before it is packed."""
+"""Faults of a value, before packing."""
 FRAME_KINDS: frozenset[str] = frozenset({"drop", "delay", "duplicate", "reorder", "burst", "corrupt", "freeze-counter"})
 """Faults of frames: of one message, or of all that the car sends."""
 HELD_PLACES: Mapping[str, int] = {"reorder": sys.maxsize, "burst": 0}
-"""Faults that hold each second frame for a cycle, and where it then goes: behind its successor or before it."""
+"""Faults that hold every second frame for a cycle -> its new place: behind its successor, or before it."""
 
 FRAME_BITS_MAX = 135
 """Bits on the wire of a frame with eight bytes and an 11-bit identifier: 111 with the interframe space, and at most 24 stuff
@@ -65,16 +65,16 @@ bits (ISO 11898-1)."""
 
 
 class Injector:
-    """The faults of one run, at the border between the car and the bus.
+    """The faults of one run, between car and bus.
 
     Args:
-        faults: of the scenario.
+        faults: faults of the scenario.
         can: names and identifiers of the messages.
-        sampling_time: s, of a cycle.
-        seed: of the bits that are flipped.
+        sampling_time: duration of a cycle in s.
+        seed: seed of the flipped bits.
 
     Raises:
-        CodegenError: a fault names a message or a signal that there is not, or that its kind does not act upon.
+        CodegenError: a fault names an unknown message or signal, or one that its kind does not affect.
     """
 
     def __init__(self, faults: Sequence[Fault], can: Can, sampling_time: float, seed: int = 0) -> None:

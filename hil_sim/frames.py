@@ -1,4 +1,4 @@
-"""A CAN frame on the bench, whatever carries it."""
+"""A CAN frame on the bench, on any bus."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ class Frame:
     Attributes:
         id: 11 or 29 bits.
         data: 0 to 8 bytes.
-        time: s since the start of the run; 0.0 where nobody looked at a clock.
-        extended, remote, error: what kind of frame; all false for what the controller and the car exchange.
+        time: s since the start of the run; 0.0 if unknown.
+        extended, remote, error: kind of the frame; all false for frames between controller and car.
     """
 
     id: int

@@ -72,7 +72,7 @@ class BlfWriter:
     def __init__(self, path: Path, head: Head) -> None:
         import can
 
-        # Small containers, lightly packed: a short job each for the thread.
+        # Small containers with light compression keep each job of the thread short.
         self._writer = can.BLFWriter(path, channel=CHANNEL_NUMBER, compression_level=1, max_container_size=16384)
         self._start = head.unix
         self._end = 0.0

@@ -35,9 +35,9 @@ from hil_sim.log_formats import FORMATS, Head, Mf4Writer, Writer
 class BusLog:
     """A log of the frames on a bus, in the format of the extension. A context manager.
 
-    The file appears under its name when the block ends, however it ends: what an interrupted run has logged is evidence. Until
-    then, and where the log cannot be written, what stood there stays. A thread of its own writes: a disk or a compression does
-    not hold up the bench, and Ctrl-C does not cut a frame in two.
+    The file appears under its name when the block ends, even with an error: the log of an interrupted run is evidence. Until
+    then, and if the log cannot be written, an existing file is kept. A separate thread writes, so that disk and compression do
+    not delay the bench, and Ctrl-C does not cut a frame in two.
     """
 
     def __init__(self, path: Path, *, channel: str = "vcan0", start: float | None = None, dbc: bytes | None = None) -> None:
@@ -74,7 +74,7 @@ class BusLog:
             received: False for a frame that this node has sent.
 
         Raises:
-            CodegenError: what was given before could not be written; the log is lost.
+            CodegenError: an earlier frame could not be written; the log is lost.
         """
         if self._failure is not None:
             raise _log_error(self._path, self._failure)
@@ -85,7 +85,7 @@ class BusLog:
         try:
             target = self._path.resolve()  # follow a link
             if target.exists() and not target.is_file():
-                raise OSError(errno.EINVAL, "there is something that is not a file")
+                raise OSError(errno.EINVAL, "it is not a regular file")
             handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".tmp")
             os.close(handle)
             self._target, self._temporary = target, Path(name)

@@ -1,8 +1,8 @@
 """Inputs of driver and road, as columns over time.
 
-A manoeuvre is a function of the car, of what a user may change, and of time: `(config, settings, time (n,) in s)` to columns
-by the names of `codegen.sil.closed_loop.INPUT_COLUMNS`, each a number or (n,), in SI. What it does not name is the default:
-the road of the configuration, no friction estimate, nothing else acting. Amplitudes are worked out from the car.
+A manoeuvre is a function `(config, settings, time (n,) in s)` of the car, of the values that a user may change, and of time. It
+returns columns by the names of `codegen.sil.closed_loop.INPUT_COLUMNS`, each a number or (n,), in SI. Omitted columns have
+defaults: the road of the configuration, no friction estimate, no other input. Amplitudes are derived from the car.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from codegen.vehicle.tyre import static_wheel_loads
 Columns = Mapping[str, npt.ArrayLike]
 
 STANDARD_GRAVITY = 9.80665
-"""m/s^2 for one g, as standards count lateral acceleration, wherever the car is."""
+"""m/s^2 for one g, the unit of lateral acceleration in standards."""
 
 DWELL_FREQUENCY = 0.7
 DWELL_PAUSE = 0.5
 """FMVSS 126, S7.9: a sine of 0.7 Hz whose second peak is held for 500 ms."""
 DWELL_LENGTH = 1.0 / DWELL_FREQUENCY + DWELL_PAUSE
-"""s from the beginning to the completion of the steering input."""
+"""Duration of the steering input from its beginning to its completion, in s."""
 DWELL_MULTIPLE = 5.0
 """FMVSS 126, S5.2.3: from five times the angle that gives 0.3 g on, the lateral displacement is judged."""
 DWELL_ACCELERATION = 0.3 * STANDARD_GRAVITY
 
 RAMP_RATE = 0.1
-"""m/s^2 of lateral acceleration that a linear car gains in each second: slow enough that every instant is a steady turn."""
+"""Rise of the lateral acceleration of a linear car, in m/s^2 per second; slow enough for every instant to be a steady turn."""
 
 SWEEP_FROM, SWEEP_TO = 0.1, 4.0
 """Hz; figures are read between 0.2 and 3.5 Hz, away from both ends."""
@@ -46,7 +46,7 @@ SWEEP_ACCELERATION = 2.0
 SPLIT_LOW_SHARE = 1.0 / 3.0
 """Friction of the slippery side over that of the other one: UN R13-H, annex 6, calls for half or less."""
 SPLIT_BUILD_UP = 0.5
-"""s over which the brake system lets the force at the gripping front wheel rise."""
+"""Time in s over which the brake system raises the force at the front wheel with grip."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ class Settings:
 
     @property
     def speed(self) -> float:
-        """m/s, of a manoeuvre that has one."""
-        assert self.speed_km_h is not None  # every manoeuvre with a speed of its own is set up with one
+        """Speed in m/s of a manoeuvre that has one."""
+        assert self.speed_km_h is not None  # every manoeuvre that uses it has one
         return self.speed_km_h * KM_H
 
 
@@ -215,9 +215,9 @@ class SplitBraking:
     """Braking with one side of the car on a slippery surface, as the plant sees it.
 
     Attributes:
-        yaw_moment: N m, towards the side that grips, once the brake forces stand.
+        yaw_moment: N m, towards the side with grip, at the full brake forces.
         deceleration: m/s^2.
-        friction: what is left to the tyres sideways: the mean of both sides.
+        friction: friction left for lateral forces: the mean of both sides.
     """
 
     yaw_moment: float

@@ -1,6 +1,6 @@
 """The native ECU: the Linux program of a build, compiled once and kept in the cache.
 
-It is compiled from the files that the build's manifest names, as they stand; nothing is ever written into the build.
+It is compiled from the files that the build's manifest names, in their current state. Nothing is written into the build.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from codegen.errors import BuildError
 from codegen.sil.toolchain import compiler_command, compiler_identity, require_success, run
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-g", "-fno-pie", "-no-pie")
-"""The same arithmetic as in `codegen.sil`: no fused multiply-add. For XCP: addresses of 32 bits, and what lies where."""
+"""The same arithmetic as in `codegen.sil`: no fused multiply-add. For XCP: 32-bit addresses and debug information."""
 
 FOLDERS = ("include/", "src/", "linux/")
 CACHE_FORMAT = 2

@@ -15,7 +15,7 @@ from codegen.design.sampled import matrix_exponential
 from codegen.vehicle.single_track import SingleTrack
 
 BODY_BEYOND_TRACK_M = 0.25
-"""m of the body beyond the track: one tyre's width. The configuration has no width of the body."""
+"""Width of the body beyond the track, in m: one tyre's width. The configuration does not contain the body's width."""
 
 CONES_PER_LANE = 5
 CONES, CONE_SPACING_M, CONE_CLEARANCE_M = 6, 36.0, 0.3

@@ -1,6 +1,6 @@
-"""The car on the bus: each cycle two frames out, the command in, and the car moved on to the next cycle.
+"""The car on the bus: in each cycle it sends two frames, receives the command, and advances to the next cycle.
 
-It knows nothing of clocks or interfaces: `hil_sim.bench` carries its frames.
+It is independent of clocks and interfaces: `hil_sim.bench` transfers its frames.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ class PlantNode:
     """The simulated car with its sensors, its actuator's supervision and its side of the frames.
 
     Args:
-        config: car, actuator, frames.
-        scenario: what is done to it.
-        precision: of the controller's numbers: what is sent is rounded to it first, as on the other side.
-        sensors: measured by the configured ones; else exactly, but for the frames' own steps.
-        seed: of noise and of random faults.
+        config: configuration of car, actuator and frames.
+        scenario: scenario of the run.
+        precision: precision of the controller. Sent values are rounded to it first, as on the other side.
+        sensors: whether to simulate the configured sensors; otherwise only the frames limit the resolution.
+        seed: seed of noise and random faults.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class PlantNode:
         self._restart()
 
     def _warm_up(self) -> None:
-        """Do once what each cycle does, so that the first one, from which an ECU takes its phase, is not the slowest."""
+        """Run each operation of a cycle once, so that the first cycle, from which an ECU takes its phase, is not slower."""
         self._plant.sample(self._acting(0, 0.0))
         for message, payload in (
             (self._can.vehicle_motion, VehicleMotion(0.0, 0.0, 0.0)),
@@ -104,11 +104,11 @@ class PlantNode:
 
     def _begin_cycle(self) -> None:
         self._fresh = self._heard = False
-        self._moved = 0  # plant steps of this cycle that are done
+        self._moved = 0  # finished plant steps of this cycle
         self.diagnostics = 0
 
     def outgoing(self, cycle: int) -> list[Frame]:
-        """Return the frames that the node sends in `cycle`, faults included."""
+        """Return the frames that the node sends in `cycle`, with the faults applied."""
         self._sample = self._plant.sample(self._acting(cycle * self._per_sample, 0.0))
         self._begin_cycle()
         if self._driver is not None:
@@ -156,14 +156,14 @@ class PlantNode:
         return Frame(message.id, data)
 
     def receive(self, frame: Frame) -> bool:
-        """Take a frame from the bus; whether it was a command, good or not. Everything else is ignored."""
+        """Process a frame from the bus. Return whether it was a command, valid or not; other frames are ignored."""
         if frame.extended or frame.remote or frame.error or frame.id != self._can.rear_steer_command.id:
             return False
         self._arrived.append(frame)
         return True
 
     def _take(self, data: bytes) -> bool:
-        """Check a command; whether it has an angle for the actuator."""
+        """Check a command. Return whether it has an angle for the actuator."""
         message = self._can.rear_steer_command
         status = self._receiver.check(message.e2e_data_id, data)
         decoded = self._codec.decode(message.id, data)

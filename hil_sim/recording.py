@@ -12,7 +12,7 @@ from codegen.files import read_text, write_atomically
 from codegen.sil.software import RECORD_COLUMNS
 
 CSV_BYTES_MAX = 2**30
-"""Some hours of driving."""
+"""Largest file in bytes: some hours of driving."""
 
 
 def to_csv(record: FloatArray) -> bytes:

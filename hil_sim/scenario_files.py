@@ -46,10 +46,10 @@ def load(path: Path, config: Config | None = None) -> Scenario:
 
     Args:
         path: of the file.
-        config: names the messages and signals that faults may speak of; None takes the default names.
+        config: configuration with the messages and signals that faults may name; None uses the default names.
 
     Raises:
-        CodegenError: the first fault, with the file and its line and column, or its key.
+        CodegenError: the first error, with the file and its line and column, or its key.
     """
     if path.suffix.lower() not in (".csv", ".toml"):
         raise CodegenError("neither .csv nor .toml", where=path, remedy="name a recording or a scenario file")
@@ -155,7 +155,7 @@ def _changed(base: Scenario, given: ScenarioFile, path: Path, config: Config) ->
             raise CodegenError(
                 f"begins at {fault.start:g} s, and the run ends at {duration:g} s",
                 where=f"{path}: faults {number}: start_s",
-                remedy="let it begin earlier, or raise duration_s where the base takes it",
+                remedy="let it begin earlier, or raise duration_s if the base supports it",
             )
     return replace(
         base,
@@ -203,7 +203,7 @@ def _key_of(location: Location) -> str:
 
 
 MAX_DURATION = 3600.0
-"""s of a recorded drive."""
+"""Largest duration of a recorded drive, in s."""
 MIN_DURATION = 0.1
 
 STEERING_COLUMNS = ("steering_wheel_angle_rad", "front_angle_rad")
@@ -261,7 +261,7 @@ def _from_csv(text: str, path: Path) -> Scenario:
         path: for its name and for errors.
 
     Raises:
-        CodegenError: the first fault, with its line and column.
+        CodegenError: the first error, with its line and column.
     """
     columns = _columns(text, path)
     time = columns["time_s"]
@@ -329,7 +329,7 @@ def _wanted(header: Sequence[str], path: Path) -> dict[str, int]:
 
 def _missing(name: str, names: Iterable[str], place: str) -> CodegenError:
     near = difflib.get_close_matches(name.split(" or ")[0], list(names), n=1)
-    remedy = f"is it {near[0]!r}? units stand in the names" if near else "add it; units stand in the names"
+    remedy = f"is it {near[0]!r}? units are in the names" if near else "add it; units are in the names"
     return CodegenError(f"no column {name}", where=place, remedy=remedy)
 
 

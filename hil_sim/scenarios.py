@@ -1,7 +1,7 @@
 """Named scenarios for car and bus, and the user's own from files.
 
 Each names its source. Inputs are arrays with a row for each plant step; columns and units:
-`codegen.sil.closed_loop.INPUT_COLUMNS`. What the driver does in each stands in `hil_sim.manoeuvres`.
+`codegen.sil.closed_loop.INPUT_COLUMNS`. The driver's inputs are defined in `hil_sim.manoeuvres`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MAX_STEPS = 10_000_000
 """Plant steps of one run: 2.8 hours at 1 ms, and half a gigabyte of inputs."""
 
 Kind = Literal["step", "ramp", "sine-with-dwell", "frequency", "speed-ramp", "straight", "corner", "path", "recording"]
-"""Figures reported for a run; see `hil_sim.metrics`."""
+"""Kind of a scenario, which selects its metrics; see `hil_sim.metrics`."""
 
 DEPARTURE_TIME_S = 2.0
 """Time in s of driving straight before a path begins."""
@@ -294,13 +294,13 @@ PATH_SCENARIOS: Mapping[str, Scenario] = {
         ),
     )
 }
-"""Scenarios in which a driver sees where the car goes: their steering is no input that is known before."""
+"""Scenarios with a driver model in the loop: their steering is not known in advance."""
 BUILT_IN: Mapping[str, Scenario] = {**SCENARIOS, **PATH_SCENARIOS}
 
 
 @dataclass(frozen=True)
 class Listed:
-    """A line of the list of scenarios; faults in words."""
+    """An entry of the list of scenarios, with its faults as text."""
 
     name: str
     what: str
@@ -310,7 +310,7 @@ class Listed:
 
 
 def listing() -> tuple[Listed, ...]:
-    """Built-in scenarios, the default first."""
+    """Return the built-in scenarios, the default first."""
     return tuple(
         Listed(
             scenario.name,
@@ -328,10 +328,10 @@ def find(name: str, config: Config | None = None) -> Scenario:
 
     Args:
         name: of a built-in scenario, or a path.
-        config: names the messages that faults of a scenario file may speak of; None takes the default names.
+        config: configuration with the messages that faults of a scenario file may name; None uses the default names.
 
     Raises:
-        CodegenError: with the nearest name where there is none, or the first fault of the file.
+        CodegenError: there is no such scenario (with the nearest name), or the first error in the file.
     """
     if name in BUILT_IN:
         return BUILT_IN[name]

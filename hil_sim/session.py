@@ -1,4 +1,4 @@
-"""One run on the bench: the ECU started and stopped, the bus opened, the run logged."""
+"""One run on the bench: start and stop the ECU, open the bus, and log the run."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class Setup:
     """Settings of a run and its bench.
 
     Attributes:
-        config: the car, its frames and its sensors.
-        precision: of the controller's numbers.
-        lock_step: simulated time; else by the clock.
-        sensors: whether the car is measured by the configured sensors.
-        seed: of noise and of random faults.
-        log: where the bus is logged.
-        dbc: goes into a log that can hold it.
+        config: configuration of car, frames and sensors.
+        precision: precision of the controller.
+        lock_step: whether time is simulated; otherwise real time.
+        sensors: whether to simulate the configured sensors.
+        seed: seed of noise and random faults.
+        log: path of the bus log.
+        dbc: DBC for log formats that can contain it.
     """
 
     config: Config
@@ -91,7 +91,7 @@ class BuildFacts:
 
 
 def run_plant(setup: Setup, ecu: EcuProcess | EcuThread | None = None, observe: Observer | None = None) -> BenchResult:
-    """Run the car alone on a bus, with an ECU that is already there.
+    """Run the car on a bus with an ECU that is already there.
 
     Args:
         ecu: ECU that the scenario's faults stop and restart.
@@ -114,13 +114,13 @@ class HilRun:
 
 
 def run_hil(setup: Setup, build: Path, kind: EcuKind, observe: Observer | None = None, *, xcp: bool = False) -> HilRun:
-    """Run with the ECU of a build, started and stopped here, or with one that is already there.
+    """Run with the ECU of a build, which is started and stopped here, or with one that is already there.
 
     Args:
         xcp: whether a master can measure and calibrate the ECU while it runs.
 
     Raises:
-        CodegenError: bus or ECU do not start, or the combination has no meaning.
+        CodegenError: bus or ECU do not start, or the options cannot be combined.
     """
     check_xcp(kind, xcp=xcp)
     if kind == "external":
@@ -149,7 +149,7 @@ def _refuse_restart(scenario: Scenario) -> None:
 
 
 def _ended(ecu: EcuProcess | EcuThread) -> CodegenError:
-    return CheckFailed(f"the ECU ended during the run: {ecu.stop() or 'without a word'}")
+    return CheckFailed(f"the ECU ended during the run: {ecu.stop() or 'without a message'}")
 
 
 def ecu_of(build: Path, address: BusAddress, kind: EcuKind, *, lock_step: bool, xcp: bool = False) -> EcuProcess | EcuThread:

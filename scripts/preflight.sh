@@ -1,5 +1,5 @@
 #!/bin/sh
-# Tells what this machine lacks to build and run the project: one line for each thing missing, exit status 2.
+# Report what this machine lacks to build and run the project: one line for each missing item, exit status 2.
 #
 # usage: preflight.sh [PYTHON]     PYTHON is the interpreter that .venv is made from, python3 by default
 # The C compiler is $CC where that is set, else the first of cc, gcc and clang.
@@ -25,7 +25,7 @@ for candidate in cc gcc clang; do
     [ -n "$compiler" ] && break
     command -v "$candidate" >/dev/null 2>&1 && compiler=$candidate
 done
-# $CC may hold arguments ("ccache gcc"), hence no quotes around it. A compiler without the C library's headers is no use.
+# $CC may hold arguments ("ccache gcc"), hence no quotes around it. A compiler without the C library's headers is not sufficient.
 if [ -z "$compiler" ]; then
     missing "a C compiler is missing: install one (Debian, Ubuntu: apt install gcc libc6-dev; macOS: xcode-select --install)"
 elif ! printf '#include <math.h>\n' | $compiler -E -x c - >/dev/null 2>&1; then

@@ -1,7 +1,7 @@
-"""Pictures of what people see, to be looked at: the report, the explorer and the guide at three widths, light and dark.
+"""Screenshots for review: the report, the explorer and the guide at three widths, light and dark.
 
-`python scripts/screenshots.py DIR`: needs what `make sil` and `make docs` left under build/, Playwright and Chromium.
-Pages that are longer than LENGTH go on in a second picture.
+`python scripts/screenshots.py DIR` needs the output of `make sil` and `make docs` under build/, Playwright and Chromium.
+Pages that are longer than LENGTH continue in a second picture.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PAGES = ("index.html", "tutorial.html", "theory-map.html", "ars-toml.html")
 
 
 def main() -> int:
-    """Make them all."""
+    """Take all screenshots."""
     target = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "screenshots"
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     missing = [str(path) for path in (REPORT, GUIDE / "index.html") if not path.is_file()]
@@ -52,7 +52,7 @@ def main() -> int:
 
 
 def pictures(page: Any, stem: Path) -> Iterator[Path]:
-    """The whole page, in pieces that can be looked at."""
+    """Yield screenshots of the whole page, in pieces of legible size."""
     width, height = page.evaluate("[document.documentElement.clientWidth, document.documentElement.scrollHeight]")
     for number, top in enumerate(range(0, height, LENGTH), start=1):
         path = stem.with_name(f"{stem.name}-{number}.png")
@@ -63,7 +63,7 @@ def pictures(page: Any, stem: Path) -> Iterator[Path]:
 
 @contextmanager
 def explorer() -> Iterator[str]:
-    """`codegen explore` on a free port, and its address."""
+    """Run `codegen explore` on a free port and yield its address."""
     words = [sys.executable, "-m", "codegen", "explore", "--map", str(MAP), "--no-browser"]
     process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     try:

@@ -26,11 +26,11 @@ def restored() -> Iterator[None]:
 def test_a_second_ctrl_c_does_not_interrupt_the_cleanup_of_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr(interrupts.time, "monotonic", lambda: now)
-    interrupts.take({signal.SIGINT: interrupts.raise_once()})
+    interrupts.install_handlers({signal.SIGINT: interrupts.raise_once()})
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
     signal.raise_signal(signal.SIGINT)
-    now += interrupts.IMPATIENCE
+    now += interrupts.REPEATED_INTERRUPT_IGNORED_S
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
 
@@ -43,8 +43,12 @@ def test_a_signal_in_code_that_swallows_exceptions_is_raised_after_it() -> None:
         came.append(number)
         raise SystemExit(number)
 
-    interrupts.take({signal.SIGTERM: handler})
-    inside = {"__name__": interrupts.SWALLOWING[0], "raise_signal": lambda: signal.raise_signal(signal.SIGTERM), "came": came}
+    interrupts.install_handlers({signal.SIGTERM: handler})
+    inside = {
+        "__name__": interrupts.EXCEPTION_SWALLOWING_MODULES[0],
+        "raise_signal": lambda: signal.raise_signal(signal.SIGTERM),
+        "came": came,
+    }
     exec("def swallow():\n    try: raise_signal()\n    except: pass\n    return list(came)\n", inside)
     assert inside["swallow"]() == []  # type: ignore[operator]
     with pytest.raises(SystemExit):
@@ -52,7 +56,7 @@ def test_a_signal_in_code_that_swallows_exceptions_is_raised_after_it() -> None:
     assert came == [signal.SIGTERM]
     import casadi
 
-    assert casadi.SX.__module__ in interrupts.SWALLOWING
+    assert casadi.SX.__module__ in interrupts.EXCEPTION_SWALLOWING_MODULES
 
 
 def test_files_of_a_killed_compiler_are_removed_later(tmp_path: Path) -> None:

@@ -53,7 +53,7 @@ def test_licences_of_the_project_and_of_its_output() -> None:
     assert (ROOT / "LICENSE").read_text(encoding="utf-8").startswith(f"{PROJECT['license']} License\n\nCopyright (c) ")
     assert (ROOT / "LICENSE-OUTPUT").read_text(encoding="utf-8").startswith("BSD Zero Clause License")
     # Each kind of file of the committed builds is named in the table of generated files.
-    table = LICENCES.partition("## What covers")[2].partition("What a compiler adds")[0]
+    table = LICENCES.partition("## What covers")[2].partition("Parts added by compilers")[0]
     for build in ("4ws2-paper", "4ws2"):
         for path in (ROOT / "generated" / build).rglob("*"):
             place = path.relative_to(ROOT / "generated" / build)

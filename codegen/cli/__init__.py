@@ -1,12 +1,12 @@
-"""The `codegen` command: parse, call, print. What it calls is imported where it is used, so that `--help` stays quick.
+"""The `codegen` command. Commands parse, call and print; they import what they call when they run, so `--help` is fast.
 
-`main` is the entry point, `cli` the group of all commands. Nothing is imported here, so that `main` is soon there to see to
-Ctrl-C: until then Python answers with a traceback.
+`main` is the entry point, `cli` the group of all commands. This module imports nothing, so that `main` can handle Ctrl-C
+before the slow imports, during which Python would print a traceback.
 """
 
 from __future__ import annotations
 
-TYPE_CHECKING = False  # as typing has it
+TYPE_CHECKING = False  # avoids importing typing
 if TYPE_CHECKING:
     from typing import Any, NoReturn
 
@@ -30,7 +30,7 @@ def main() -> NoReturn:
 
 
 def end_quietly(number: int, frame: object) -> None:
-    """A handler of SIGINT while nothing is begun: one line, and the exit code of an interrupt."""
+    """Handle SIGINT before any work has begun: print one line and exit with the code of an interrupt."""
     del number, frame
     import os
 
@@ -41,7 +41,7 @@ def end_quietly(number: int, frame: object) -> None:
 
 
 def __getattr__(name: str) -> Any:
-    """`cli`, which brings in all commands, is imported when it is asked for."""
+    """Import `cli`, and with it all commands, on first access."""
     if name == "cli":
         from codegen.cli.commands import cli as group
 

@@ -1,4 +1,4 @@
-"""The command group, and what its commands share."""
+"""The command group, and helpers that its commands share."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print the re
 
 
 def example(text: str) -> str:
-    """An epilog that click prints as it is."""
+    """Return an epilog that click prints unchanged."""
     return f"\b\nExample:\n  {text}"
 
 

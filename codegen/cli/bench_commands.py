@@ -1,4 +1,4 @@
-"""Commands that run the generated C on a bus, and what belongs to them."""
+"""Commands that run the generated C on a bus, and their common options."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Choices:
     as_json: bool
 
     def outputs(self, *inputs: Path | None) -> Outputs:
-        """Return the files for the results, once each is known to be writable. `inputs`: files that are read."""
+        """Return the output files after checking that each can be written. `inputs`: files that the command reads."""
         from codegen.cli.bench_report import Outputs
 
         outputs = Outputs(self.plot, self.csv, self.log, self.files, self.as_json)
@@ -53,7 +53,7 @@ class Choices:
         return outputs
 
     def setup(self, config: Config, precision: Precision = "single", dbc: bytes | None = None) -> Setup:
-        """The run, for a car."""
+        """Return the settings of a run for a car."""
         from hil_sim.bus import BusAddress
         from hil_sim.scenarios import find
         from hil_sim.session import Setup
@@ -81,7 +81,7 @@ class Choices:
     "kind",
     type=click.Choice(["native", "cffi", "external"]),
     required=True,
-    help="A Linux program made of the C, the C in Python, or an ECU that is on the bus already.",
+    help="native: the C as a Linux program; cffi: the C called from Python; external: an ECU already on the bus.",
 )
 @xcp_option
 @run_options
@@ -121,7 +121,7 @@ def plant(config_path: Path | None, **given: Any) -> None:
     chosen = Choices(**given)
     outputs, car = chosen.outputs(config_path), choose_config(None, config_path)
     if config_path is None and not chosen.as_json:
-        console.note("no --config: the paper's preset is taken")
+        console.note("no --config: using the paper's preset")
     setup = chosen.setup(car.config)
     with live_view(setup, "external", quiet=chosen.as_json) as observe:
         result = run_plant(setup, None, observe)
@@ -140,13 +140,13 @@ def plant(config_path: Path | None, **given: Any) -> None:
     "--ecu",
     "kind",
     type=click.Choice(["native", "cffi"]),
-    help="A Linux program made of the C (default on socketcan), or the C in Python (default elsewhere).",
+    help="native: the C as a Linux program (default on socketcan); cffi: the C called from Python (default elsewhere).",
 )
 @clock_option
 @xcp_option
 @click.option("--parent", type=int, hidden=True, help="Exit when this process is no longer the parent.")
 def ecu(build_path: Path, bus: str, kind: str | None, lock_step: bool, xcp: bool, parent: int | None) -> None:
-    """Run as the ECU on a bus until interrupted: print `ready`, answer the car's frames, leave a line of counters."""
+    """Run as the ECU on a bus until interrupted: print `ready`, answer the car's frames, print counters at the end."""
     from hil_sim.bus import BusAddress
     from hil_sim.session import check_native, check_xcp
 
@@ -160,12 +160,12 @@ def ecu(build_path: Path, bus: str, kind: str | None, lock_step: bool, xcp: bool
         check_native(address)
         command = native.command(build_path, address.channel, lock_step=lock_step, xcp=xcp)
         sys.stdout.flush()
-        os.execv(command[0], command)  # from here on it is that program
+        os.execv(command[0], command)  # replaces this process
     _serve(build_path, address, lock_step, parent)
 
 
 def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int | None) -> None:
-    """The ECU in this process, until a signal or the loss of its parent."""
+    """Run the ECU in this process until a signal arrives or its parent ends."""
     from codegen.sil.software import load
     from hil_sim.bus import Bus
     from hil_sim.ecu_node import EcuNode
@@ -201,13 +201,13 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
     "bus",
     metavar="INTERFACE:CHANNEL",
     shell_complete=bus_names,
-    help="A bus of python-can; by default in this process, without one.",
+    help="A bus of python-can; by default the run is in this process, without a bus.",
 )
 @click.option("--ecu", "kind", type=click.Choice(["native", "cffi"]), help="On a bus: as in hil; cffi by default.")
 @json_option
 def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: bool) -> None:
-    """Inject every fault on the bus in the same turn-in: what was injected and seen, when the fail-safe came, how far the
-    rear wheels went, and when control was back. On a bus each run takes its time, and a late machine is a fault of its own."""
+    """Inject every bus fault into the same turn-in. Report the diagnostics, the time to the fail-safe, the largest rear angle
+    and the recovery time. On a bus, runs take real time, and delays of this machine count as additional faults."""
     from codegen.cli.bench_report import note_edited
     from codegen.report.fault_table import HEADER, fault_data, fault_rows
     from codegen.sil.software import load
@@ -246,7 +246,7 @@ def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: boo
 @click.command(short_help="List the scenarios.", epilog=example("codegen scenarios"))
 @json_option
 def scenarios(as_json: bool) -> None:
-    """List the built-in scenarios: what each does, its source, its faults on the bus."""
+    """List the built-in scenarios with their descriptions, sources and bus faults."""
     from dataclasses import asdict
 
     from hil_sim.scenarios import listing

@@ -36,7 +36,7 @@ class Outputs:
     as_json: bool
 
     def check(self, inputs: Sequence[Path | None]) -> None:
-        """Refuse, before anything runs, what could not be written. Raises CodegenError."""
+        """Reject outputs that cannot be written, before anything runs. Raises CodegenError."""
         from codegen.emit.outputs import check_output
         from codegen.export.runs import check_formats
 
@@ -48,7 +48,7 @@ class Outputs:
         if self.log is not None:
             from hil_sim.logs import BusLog
 
-            BusLog(self.log)  # the extension
+            BusLog(self.log)  # checks the extension
             check_output(self.log, self.log.suffix.lower(), inputs)
         self._check_each_once()
 
@@ -63,7 +63,7 @@ class Outputs:
 
     @property
     def written(self) -> dict[str, list[str]]:
-        """Kind to the files of it, for JSON; kinds of which there is none are left out."""
+        """Return the files by kind, for JSON; kinds without a file are omitted."""
         kinds = {"plot": (self.plot,), "recording": (self.csv, *self.files), "log": (self.log,)}
         named = {kind: [str(path) for path in paths if path is not None] for kind, paths in kinds.items()}
         return {kind: paths for kind, paths in named.items() if paths}
@@ -80,11 +80,11 @@ class Outputs:
         look_up: LookUp | None = None,
         covers: Covers | None = None,
     ) -> None:
-        """Write and print everything of a run.
+        """Write the outputs of a run and print its results.
 
         Args:
-            result: for a run through frames.
-            look_up, covers: where the map of the controller is at hand.
+            result: bus statistics of a run through frames; None for other runs.
+            look_up, covers: lookup and coverage of the controller's map; None if unknown.
         """
         from codegen.export import runs as exported
         from codegen.report import plots
@@ -116,7 +116,7 @@ class Outputs:
         console.say(judged)
         if result is not None:
             if not result.received["commands"]:
-                console.note("no command came from any ECU; the rear wheels stayed where they were")
+                console.note("no ECU sent a command; the rear wheels did not move")
             console.say("")
             for line in bus_lines(result, period):
                 console.say(line)
@@ -129,7 +129,7 @@ class Outputs:
 
 @contextmanager
 def live_view(setup: Setup, kind: str, *, quiet: bool) -> Iterator[Observer | None]:
-    """The view on a terminal while a run goes on; yields what the bench tells its cycles to."""
+    """Show a live view on the terminal during a run. Yields the observer that the bench calls once a cycle."""
     from codegen.report.live import LiveSample, LiveView
 
     if quiet:

@@ -1,4 +1,4 @@
-"""The commands that judge what is there: a configuration, a map or a build, and this machine."""
+"""Commands that check a configuration, a map, a build, or this machine."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ EXAMPLE = "codegen check ars.toml\n  codegen check 4ws2.npz\n  codegen check gen
 )
 @json_option
 def check(subject: Path, config_path: Path | None, as_json: bool) -> None:
-    """Check a configuration, a map or a build for implausible values and contradictions, in seconds and without driving it.
+    """Check a configuration, a map or a build for implausible values and contradictions. Takes seconds; nothing is simulated.
 
-    The car: yaw inertia, tyre stiffness, understeer gradient. Across sections: limits against the actuator, rates, the lag
-    that the gains were tuned for. The map, and the build that would be made of it: units, the share that actuator and limiter
-    reach, slip bounds, margins, and whatever `codegen build` refuses. The build: the same, edited files, verification.
-    `solve`, `tune` and `build` report the same warnings. Exit code 1 where there is any.
+    The car: yaw inertia, tyre stiffness, understeer gradient. Across sections: limits against the actuator, rates, the actuator
+    lag used for tuning. A map, and the build made from it: units, the share of the map that actuator and limiter reach, slip
+    bounds, margins, and everything that `codegen build` rejects. A build: the same, edited files, verification results.
+    `solve`, `tune` and `build` report the same warnings. Exits with 1 if there is a warning.
     """
     from codegen.plausibility.check import check_path
 
@@ -67,8 +67,8 @@ def verify(build: Path, quick: bool, json_file: Path | None) -> None:
     """Verify the C of a build.
 
     Compiles it for ECU cores, analyses it, runs it on emulated processors, counts its instructions, proves its bounds, and
-    feeds it faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1 if a
-    check fails, or none could be run; one whose tool is missing is not run, and says so.
+    tests it with faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1
+    if a check fails or none can run. A check whose tool is missing is reported as not run.
     """
     from codegen.emit.outputs import check_output
     from codegen.files import write_atomically
@@ -81,7 +81,7 @@ def verify(build: Path, quick: bool, json_file: Path | None) -> None:
     require_can_side(subject.manifest, build)
     record.require_place(build)
     for path in subject.edited:
-        console.note(f"{build / path} is not as it was built; what follows is about the file as it is")
+        console.note(f"{build / path} was changed after the build; the changed file is verified")
     with console.progress(f"verifying {build}") as progress:
         report = runner.run(subject, Effort(quick), progress)
     if json_file is not None:
@@ -92,7 +92,7 @@ def verify(build: Path, quick: bool, json_file: Path | None) -> None:
     if record.write(report, build):
         console.say(f"written: {build / record.JSON}, {build / record.MANUAL}")
     else:
-        console.note(f"{build / record.JSON} and {record.MANUAL} are of a whole run of the same files, and stay")
+        console.note(f"{build / record.JSON} and {record.MANUAL} record a full run on the same files and are kept")
     passed, not_run = report.count(Verdict.PASSED), report.count(Verdict.NOT_RUN)
     if report.failed:
         raise CheckFailed(
@@ -109,13 +109,13 @@ COLOURS = {"good": "green", "missing": "yellow", "bad": "red"}
 @click.command(short_help="Check the installation and list missing optional tools.", epilog=example("codegen doctor"))
 @json_option
 def doctor(as_json: bool) -> None:
-    """Report what is installed, what each missing extra would add, and which buses work: each of them is tried.
+    """Check the installation: packages, optional tools, extras that are missing, and buses, each tried with a frame.
 
-    Exits with 1 where something is missing that codegen sil needs.
+    Exits with 1 if something that codegen sil needs is missing.
     """
     from codegen.doctor.examination import examine
 
-    with console.status("looking around"):
+    with console.status("checking the installation"):
         found = examine()
     if as_json:
         console.print_json(found.to_dict())

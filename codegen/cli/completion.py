@@ -1,7 +1,7 @@
-"""Shell completion: that of click, with values that suit the option.
+"""Shell completion: click's, with values that suit each option.
 
-A shell starts the command with `_CODEGEN_COMPLETE` set. The command then imports nothing that takes long, and prints only the
-completions. `codegen.cli.values` has the options with values.
+A shell runs the command with `_CODEGEN_COMPLETE` set. The command then avoids slow imports and prints only completions.
+The value types are in `codegen.cli.values`.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 def complete(group: click.Command, program: str, variable: str, instruction: str) -> int:
-    """Answer a shell; returns the exit code.
+    """Answer a completion request of a shell and return the exit code.
 
     Args:
         program: name of the command.
-        variable: by which the shell asked.
+        variable: environment variable that the shell sets.
         instruction: its value, such as "bash_complete" or "bash_source".
     """
     try:
         return shell_complete(group, {}, program, variable, instruction)
-    except (KeyError, ValueError):  # not asked by a completion script, which sets COMP_WORDS and COMP_CWORD
+    except (KeyError, ValueError):  # not called by a completion script, which would set COMP_WORDS and COMP_CWORD
         return 1
 
 
@@ -62,13 +62,13 @@ complete -o nosort -F %(complete_func)s %(prog_name)s
 
 
 class PathsInBash(BashComplete):
-    """Click's completion for bash, but special characters in file names are quoted, no space follows a folder, and values
-    may hold ':' and '='."""
+    """Completion for bash: click's, with quoting of special characters in file names, no space after a folder, and support
+    for ':' and '=' in values."""
 
     source_template = _BASH
 
     def get_completion_args(self) -> tuple[list[str], str]:
-        """The whole words before the one that is typed, and that one."""
+        """Return the complete words before the one being typed, and that word."""
         line = os.environ["COMP_WORDS"]
         words = split_arg_string(line)[1:]
         if line[-1:].isspace() and not line.endswith("\\ "):
@@ -89,7 +89,7 @@ class PathsInBash(BashComplete):
 
 
 class _WholeWord(ShellComplete):
-    """Completion for shells in which `--option=value` is one word: a completion replaces all of it."""
+    """Completion for shells that treat `--option=value` as one word: a completion replaces the whole word."""
 
     def get_completions(self, args: list[str], incomplete: str) -> list[CompletionItem[str]]:
         """Return click's completions, with the option before each value."""
@@ -102,7 +102,7 @@ class _WholeWord(ShellComplete):
 
 
 class PathsInZsh(_WholeWord, ZshComplete):
-    """Click's completion for zsh, but no space follows a folder."""
+    """Completion for zsh: click's, with no space after a folder."""
 
     source_template = ZshComplete.source_template.replace(
         '        elif [[ "$type" == "dir" ]]; then',
@@ -117,12 +117,12 @@ class PathsInZsh(_WholeWord, ZshComplete):
 
 
 class PathsInFish(_WholeWord, FishComplete):
-    """Click's completion for fish, which quotes and continues after a folder itself. A value may hold a comma."""
+    """Completion for fish, which itself quotes and continues after a folder. A value may contain a comma."""
 
     source_template = FishComplete.source_template.replace('string split ","', 'string split -m 1 ","')
 
     def format_completion(self, item: CompletionItem[str]) -> str:
-        """A path is a value like others."""
+        """Return a path like any other value."""
         return super().format_completion(CompletionItem(item.value, "plain" if item.type == PATH else item.type, item.help))
 
 

@@ -1,4 +1,4 @@
-"""`codegen completion`: what makes a shell complete the words of this command."""
+"""`codegen completion`: print the script that enables completion in a shell."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ In the file that the shell reads at its start:
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @click.pass_context
 def completion(context: click.Context, shell: str) -> None:
-    """Print the script of a shell."""
+    """Print the completion script of a shell."""
     from click.shell_completion import get_completion_class
 
     from codegen.cli import completion as shells

@@ -1,4 +1,4 @@
-"""The entry point: one line for each error, and the exit codes."""
+"""Entry point of the command: one line for each error, and the exit codes."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ import click
 from codegen.cli import EXIT_INTERRUPTED, INTERRUPTED, end_quietly
 from codegen.cli.commands import cli
 from codegen.errors import CodegenError, one_line
-from codegen.interrupts import Handler, raise_once, take
+from codegen.interrupts import Handler, install_handlers, raise_once
 
 PROGRAM = "codegen"
 COMPLETION = "_CODEGEN_COMPLETE"
-"""The variable by which a shell asks for completions; click's convention."""
+"""Environment variable of completion requests; click's convention."""
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERNAL = 70
 
 
 def main() -> NoReturn:
-    """Entry point: one line for each error, and the exit codes of the interface (0, 1, 2)."""
-    # Taken out here, so that it may stand anywhere, and so that an error in the other words is shown in full too.
+    """Run the command: print one line for each error and exit with the codes of the interface (0, 1, 2)."""
+    # --debug is removed here, so that it may stand anywhere and also applies to errors in the other arguments.
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
     debug = len(arguments) < len(sys.argv) - 1
     code = 0
@@ -44,7 +44,7 @@ def main() -> NoReturn:
         if sys.stdout is not None:  # closed by the caller
             sys.stdout.flush()
     except BrokenPipeError:
-        # The reader of our output went away, as `| head` does: no error, and nothing more to say.
+        # The reader of the output has closed it, as `| head` does. This is not an error.
         _give_up_what_nobody_reads()
     raise SystemExit(code)
 
@@ -56,11 +56,11 @@ def _take_signals() -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
             handlers[number] = _terminate
-    take(handlers)
+    install_handlers(handlers)
 
 
 def _run(arguments: Sequence[str]) -> None:
-    """The command. Not by click's `main`, which has exit codes of its own for a reader that goes away and for Ctrl-C."""
+    """Run the command without click's `main`, which has its own exit codes for a closed output and for Ctrl-C."""
     if instruction := os.environ.get(COMPLETION):
         from codegen.cli.completion import complete
 
@@ -78,7 +78,7 @@ def _answer(error: BaseException) -> tuple[str, int]:
     if isinstance(error, CodegenError):
         return f"error: {error}", error.exit_code
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
-        # Its text, where what was interrupted has one, tells what is kept.
+        # The text of an interrupt, if there is one, states what is kept.
         return "; ".join([INTERRUPTED, *map(one_line, error.args)]), EXIT_INTERRUPTED
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
         return error.format_message(), EXIT_BAD_INPUT
@@ -98,9 +98,9 @@ def _streams() -> list[TextIO]:
 
 
 def _give_up_what_nobody_reads() -> None:
-    """Let what is still to be written to a stream without a reader go nowhere.
+    """Discard pending output of a stream without a reader.
 
-    Python would else try once more at its end, and complain. Recipe: note on SIGPIPE in the documentation of `signal`.
+    Otherwise Python retries at exit and reports an error. Recipe: note on SIGPIPE in the documentation of `signal`.
     """
     for stream in filter(_has_no_reader, _streams()):
         nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -119,5 +119,5 @@ def _has_no_reader(stream: TextIO) -> bool:
 
 def _terminate(number: int, frame: FrameType | None) -> None:
     del frame
-    # An exception, so that what is under way cleans up after itself.
+    # Raise an exception, so that running code cleans up.
     raise SystemExit(128 + number)

@@ -38,13 +38,13 @@ if TYPE_CHECKING:
     help="Where the page's button writes ars.toml; by default the current folder.",
 )
 @click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="On 127.0.0.1; 0 takes any that is free."
+    "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="On 127.0.0.1; 0 selects a free port."
 )
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 def explore(map_path: Path, config_path: Path | None, folder: Path | None, port: int, no_browser: bool) -> None:
-    """Serve a page on this computer where lambda, limits, friction and gains can be moved, until interrupted.
+    """Serve a page on this computer to change lambda, limits, friction and gains, until interrupted.
 
-    The map is solved and the step response driven again with each move, by the generated C. A button writes ars.toml.
+    Each change solves the map again and simulates the step response with the generated C. A button writes ars.toml.
     """
     from codegen.explore.explorer import opened
     from codegen.explore.server import ExploreServer
@@ -65,18 +65,18 @@ def _target(folder: Path | None, config_path: Path | None) -> Target:
 
     place = folder or Path()
     if not place.is_dir():
-        raise CodegenError("there is no such folder", where=place, remedy="make it first, or name another --folder")
+        raise CodegenError("there is no such folder", where=place, remedy="create it first, or name another --folder")
     own: tuple[str, ...] = ()
     if config_path is not None and config_path.is_file():
         try:
             own = (config_path.read_text(encoding="utf-8-sig"),)
         except (OSError, UnicodeDecodeError):
-            own = ()  # reading the configuration itself tells what is wrong
+            own = ()  # loading the configuration later reports the error
     return Target(place.resolve() / FILE, (*own, *preset_bases()))
 
 
 def _serve(server: ExploreServer, *, browser: bool) -> None:
-    """Until SIGINT or SIGTERM."""
+    """Serve until SIGINT or SIGTERM."""
     ended = threading.Event()
 
     def end(number: int, frame: FrameType | None) -> None:
@@ -110,14 +110,14 @@ def _opened(address: str) -> Iterator[None]:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ars-explore-", ignore_cleanup_errors=True)))
             shown = _show(_leading_to(address, folder))
         except OSError:
-            shown = False  # no room for the file, or no such browser: the address is printed
+            shown = False  # no space for the file, or no browser; the address is printed
         if not shown:
-            console.note("no browser was opened; open that address in one on this computer")
+            console.note("no browser was opened; open the address in a browser on this computer")
         yield
 
 
 def _leading_to(address: str, folder: Path) -> Path:
-    """A page in the folder, for this user alone, that opens the address."""
+    """Write a page that opens the address into the folder, readable only by this user, and return its path."""
     path = folder / "open.html"
     path.touch(mode=0o600)
     link = escape(address)
@@ -130,7 +130,7 @@ def _leading_to(address: str, folder: Path) -> Path:
 
 
 def _show(page: Path) -> bool:
-    """Whether a browser took it. One is asked where there is a screen for it: one of the terminal would take that over."""
+    """Open the page in a browser and return whether one started. Requires a display: a text browser would take the terminal."""
     import webbrowser
 
     screen = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")

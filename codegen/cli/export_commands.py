@@ -1,4 +1,4 @@
-"""The commands that hand a build to other tools: A2L, firmware and FMU."""
+"""Commands that export a build to other tools: A2L, firmware and FMU."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ A2L_SUFFIX = ".a2l"
 )
 @build_option
 @click.option("--elf", "elf_path", required=True, type=any_file, metavar="ELF", help="A program linked with the build.")
-@click.option("--instance", metavar="PATH", help="Object of the task or controller, such as ecu.task; where there are several.")
+@click.option("--instance", metavar="PATH", help="Task or controller object, such as ecu.task; needed if there are several.")
 @click.option(
     "-o", "--output", required=True, type=FileType((A2L_SUFFIX,), to_write=True), metavar="A2L", help="The file to write, .a2l."
 )
@@ -90,7 +90,7 @@ FMU_SUFFIX = ".fmu"
 def fmu(build_path: Path, what: What, version: Version, output: Path, as_json: bool) -> None:
     """Write a co-simulation FMU of a build, with its sources and the binary for this machine.
 
-    A simulator that imports it runs the build's own C, with the bits that `codegen sil` gives.
+    A simulator that imports it runs the build's own C, with the same results as `codegen sil`.
     """
     from codegen.cli.bench_report import note_edited
     from codegen.emit.outputs import check_output
@@ -133,7 +133,7 @@ def fmu(build_path: Path, what: What, version: Version, output: Path, as_json: b
     epilog=example("codegen firmware --build generated/4ws2 -o fw --run"),
 )
 @build_option
-@click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Where the project goes.")
+@click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Folder for the project.")
 @click.option("--run", "run_it", is_flag=True, help="Also build it, run it in QEMU and compare its frames with the SIL's.")
 @click.option(
     "--toolchain",
@@ -144,8 +144,8 @@ def fmu(build_path: Path, what: What, version: Version, output: Path, as_json: b
 def firmware(build_path: Path, output: Path, run_it: bool, toolchain: str | None, as_json: bool) -> None:
     """Write a small bare-metal project for a Cortex-M4F: it boots and runs the task of a build against a recorded drive.
 
-    No vendor code, no C library. With --run the image is built in a folder of its own, run in QEMU (mps2-an386), and exits with
-    1 where a frame differs from that of the software in the loop.
+    No vendor code, no C library. --run also builds the image in a temporary folder and runs it in QEMU (mps2-an386); exits
+    with 1 if a frame differs from the software in the loop.
     """
     from codegen.cli.bench_report import note_edited
     from codegen.emit.write import write_folder
@@ -153,12 +153,12 @@ def firmware(build_path: Path, output: Path, run_it: bool, toolchain: str | None
     from codegen.export.firmware.project import project, refuse_target
 
     if toolchain is not None and not run_it:
-        raise CodegenError("it is of --run", where="--toolchain", remedy="add --run, or give TOOLCHAIN=zig to make")
+        raise CodegenError("it needs --run", where="--toolchain", remedy="add --run, or give TOOLCHAIN=zig to make")
     if run_it:
         image.require_tools()
     chosen = image.choose_toolchain(toolchain) if run_it else None
     refuse_target(output)
-    with console.status(f"recording a drive of {build_path}"):
+    with console.status(f"recording a run of {build_path}"):
         made = project(build_path)
     note_edited(build_path, made.edited, quiet=as_json)
     changed = write_folder(made.folder, output)
@@ -204,7 +204,7 @@ def _failure(ran: ImageRun) -> str:
         return f"the image ran into a fault: {ran.message}"
     if ran.different:
         return f"{ran.different} of {ran.compared} frames differ from the SIL's, first in {ran.first_difference}{ended}"
-    return f"the frames are the SIL's, but not the run: {ran.message}, exit code {ran.exit_code}"
+    return f"all frames equal the SIL's, but the run failed: {ran.message}, exit code {ran.exit_code}"
 
 
 COMMANDS = (a2l, firmware, fmu)

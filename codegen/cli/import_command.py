@@ -1,4 +1,4 @@
-"""The command that takes in what other tools wrote: maps and tyres."""
+"""The command that imports maps and tyres from other tools."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 TYRE_ENDING = ".tir"
 READ_ENDINGS = (".mat", ".csv", ".tsv", ".txt", ".dat", TYRE_ENDING)
 MAP_OPTIONS = ("vx", "delta_f", "yaw_rate", "beta", "delta_r", "feasible")
-READ = "read are .mat, .csv, .tsv, .txt, .dat (a map) and .tir (a tyre)"
+READ = "supported are .mat, .csv, .tsv, .txt, .dat (a map) and .tir (a tyre)"
 
 
 @click.command(
     name="import",
-    short_help="Make a map of a .mat or text table, or take tyres from .tir files.",
+    short_help="Import a map from a .mat or text table, or tyres from .tir files.",
     epilog=example(
         "codegen import map.mat --units vx=km/h,delta_f=deg,yaw_rate=deg/s -o map.npz\n"
         "  codegen import table.csv -o map.npz\n"
@@ -40,7 +40,7 @@ READ = "read are .mat, .csv, .tsv, .txt, .dat (a map) and .tir (a tyre)"
     metavar="OUT",
     help="The map (.npz), or for tyres the new ars.toml (.toml).",
 )
-@click.option("--vx", metavar="NAME", help="Variable or column of the speeds, where it has no common name.")
+@click.option("--vx", metavar="NAME", help="Variable or column of the speeds, if it has no common name.")
 @click.option("--delta-f", metavar="NAME", help="Variable or column of the front angles at the road wheel.")
 @click.option("--yaw-rate", metavar="NAME", help="Variable or column of the yaw rates.")
 @click.option("--beta", metavar="NAME", help="Variable or column of the sideslip angles; optional.")
@@ -48,10 +48,12 @@ READ = "read are .mat, .csv, .tsv, .txt, .dat (a map) and .tir (a tyre)"
 @click.option(
     "--feasible", metavar="NAME", help="Variable or column of 1 and 0; by default cells without a value are infeasible."
 )
-@click.option("--units", metavar="LIST", help="Such as vx=km/h,delta_f=deg,yaw_rate=deg/s, where the names do not give them.")
-@click.option("--rows", type=click.Choice(["vx", "delta_f"]), help="Axis along the rows of a table, where it is ambiguous.")
 @click.option(
-    "--config", "config_path", type=configuration_file, help="For tyres: the ars.toml of the car, which stays as it is."
+    "--units", metavar="LIST", help="Units, such as vx=km/h,delta_f=deg,yaw_rate=deg/s, if the names do not contain them."
+)
+@click.option("--rows", type=click.Choice(["vx", "delta_f"]), help="Axis along the rows of a table, if it is ambiguous.")
+@click.option(
+    "--config", "config_path", type=configuration_file, help="For tyres: the ars.toml of the car, which is not changed."
 )
 @click.option(
     "--peak",
@@ -69,9 +71,9 @@ def import_(
     as_json: bool,
     **names: str | None,
 ) -> None:
-    """Make a map of a MATLAB file or a text table, or put the tyres of .tir files into a new ars.toml.
+    """Import a map from a MATLAB file or a text table, or the tyres of .tir files into a new ars.toml.
 
-    One .tir is for both axles, two are front and rear. The ending of FILE says what it is.
+    One .tir file is used for both axles, two are front and rear. The extension of FILE selects the format.
     """
     from codegen.emit.outputs import check_output
 
@@ -81,9 +83,9 @@ def import_(
         _refuse_options(for_map, "for a map")
         if config_path is None:
             raise CodegenError(
-                "a tyre needs the car that it is for",
+                "tyres need the configuration of a car",
                 where=files[0],
-                remedy="name its ars.toml with --config, the new one with -o",
+                remedy="name its ars.toml with --config and the new one with -o",
             )
         check_output(output, ".toml", (*files, config_path))
         _import_tyres(files, output, config_path, peak, as_json)
@@ -95,15 +97,15 @@ def import_(
 
 
 def _are_tyres(files: tuple[Path, ...]) -> bool:
-    """Whether the files are tyres; a CodegenError where they are neither tyres nor one map."""
+    """Return whether the files are tyres. Raises CodegenError if they are neither tyres nor a single map."""
     from codegen.importing.maps import MATLAB_ENDINGS, TABLE_ENDINGS
 
     endings = [path.suffix.lower() for path in files]
     for path, ending in zip(files, endings, strict=True):
         if ending == ".npz":
-            raise CodegenError("is a map already", where=path, remedy="codegen show and codegen build take it as it is")
+            raise CodegenError("is a map already", where=path, remedy="use it directly with codegen show and codegen build")
         if ending not in (TYRE_ENDING, *MATLAB_ENDINGS, *TABLE_ENDINGS):
-            raise CodegenError(f"{ending or 'a name without ending'} is not read", where=path, remedy=READ)
+            raise CodegenError(f"{ending or 'a name without ending'} is not supported", where=path, remedy=READ)
     tyres = endings.count(TYRE_ENDING)
     if tyres == len(files) <= 2:
         return True

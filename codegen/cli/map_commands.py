@@ -1,4 +1,4 @@
-"""Commands from the configuration to the generated C."""
+"""Commands that lead from the configuration to the generated C."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def init(folder: Path, preset: str) -> None:
 
     path = folder / "ars.toml"
     if path.exists() or path.is_symlink():
-        raise CodegenError("already there and left as it is", where=path, remedy="name another folder, or edit that file")
+        raise CodegenError("exists already and was not changed", where=path, remedy="name another folder, or edit that file")
     make_folder(folder)
     write_atomically(path, preset_text("paper" if preset == "paper" else "recommended").encode("utf-8"))
     then = "" if preset == "paper" else ", codegen tune --map 4ws2.npz -o 4ws2.npz"
@@ -62,7 +62,7 @@ def init(folder: Path, preset: str) -> None:
     type=click.Choice(["exact", "ipopt"]),
     default="exact",
     show_default=True,
-    help="All points at once (closed form; nonlinear tyre: Newton's method), or IPOPT point by point (the reference).",
+    help="exact: all points at once (closed form; nonlinear tyre: Newton's method); ipopt: point by point, as a reference.",
 )
 @click.option(
     "--friction",
@@ -103,7 +103,7 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
     for text in chosen.notes:
         console.note(text)
     if config_path is None:
-        console.note("no --config: the paper's preset is taken")
+        console.note("no --config: using the paper's preset")
     for text in warnings:
         console.warn(text)
     console.say(f"{output}: {summary.headline}")
@@ -122,14 +122,14 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
     "--max-error",
     type=yaw_rate_error,
     metavar="RATE",
-    help="Choose the breakpoints so that the yaw rate is at most so far off the optimum (for a map from "
-    "another tool: off its own table), such as 0.05deg/s.",
+    help="Choose breakpoints for this largest error of the yaw rate against the optimum (for a map from "
+    "another tool: against its own table), such as 0.05deg/s.",
 )
 @click.option(
-    "--max-flash", type=memory_size, metavar="SIZE", help="Choose them for tables of at most so many bytes, such as 4KiB."
+    "--max-flash", type=memory_size, metavar="SIZE", help="Choose breakpoints for tables of at most this size, such as 4KiB."
 )
 @click.option(
-    "--storage", type=click.Choice(["float", "int16"]), help="Number format of tables on chosen breakpoints; by default float."
+    "--storage", type=click.Choice(["float", "int16"]), help="Number format with chosen breakpoints; by default float."
 )
 @click.option("--beyond-grip", is_flag=True, help="Accept a map that requires more lateral acceleration than road tyres reach.")
 @click.option("--check", is_flag=True, help="Write nothing; exit 1 if DIR is not up to date.")
@@ -158,7 +158,7 @@ def build(
 
     request = _request(max_error, max_flash, storage)
     if request is not None and output is not None:
-        check_target(output)  # a search takes its time
+        check_target(output)  # before a search, which takes long
     judge = None if beyond_grip else require_grip
     chosen: Precision = "double" if precision == "double" else "single"
     with console.status(f"generating the C of {map_path}"):
@@ -202,7 +202,7 @@ def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: st
     if max_error is None and max_flash is None:
         if storage is not None:
             remedy = "add --max-error or --max-flash, such as --max-error 0.05deg/s"
-            raise CodegenError("goes with chosen breakpoints alone", where="--storage", remedy=remedy)
+            raise CodegenError("applies only to chosen breakpoints", where="--storage", remedy=remedy)
         return None
     from codegen.ecu_map.placement import Request
 
@@ -218,7 +218,7 @@ def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: st
 
 
 @click.command(short_help="Reproduce the paper's tables and plots.", epilog=example("codegen paper -o build"))
-@click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Where maps, C, plots and runs go.")
+@click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Folder for maps, C, plots and runs.")
 @json_option
 def paper(output: Path, as_json: bool) -> None:
     """Reproduce the paper: solve its three maps, build the C, run C1 and C2, compare its tables with ours."""
@@ -234,14 +234,14 @@ def paper(output: Path, as_json: bool) -> None:
 
 
 def _numbers(text: str, place: str) -> list[float]:
-    """The numbers of a list with commas. Raises CodegenError."""
+    """Return the numbers of a comma-separated list. Raises CodegenError."""
     numbers = []
     for word in text.split(",") if text.strip() else ():
         try:
             numbers.append(float(word))
         except ValueError:
-            what = f"{word.strip()!r} is no number" if word.strip() else "a number is missing between two commas or at an end"
-            raise CodegenError(what, where=place, remedy="give numbers with commas between them, such as 0.5,0.9") from None
+            what = f"{word.strip()!r} is not a number" if word.strip() else "a number is missing between commas or at an end"
+            raise CodegenError(what, where=place, remedy="separate numbers by commas, such as 0.5,0.9") from None
     return numbers
 
 

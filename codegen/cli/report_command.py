@@ -1,4 +1,4 @@
-"""The command that makes the HTML report."""
+"""The command that writes the HTML report."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ EXAMPLE = (
     "--scenario",
     shell_complete=scenario_names,
     metavar="NAME|FILE",
-    help="What was driven in the recordings, or is to be driven.",
+    help="Scenario of the recordings, or scenario to simulate.",
 )
 @click.option("--no-simulation", is_flag=True, help="Simulate nothing; show only the given files.")
 @click.option("-o", "--output", required=True, type=report_to_write, metavar="HTML", help="The report to write.")
@@ -54,10 +54,10 @@ def report(
     output: Path,
     as_json: bool,
 ) -> None:
-    """Make one self-contained HTML file: maps, curves, runs, margins, faults, timing, verification, manifest.
+    """Write one self-contained HTML file: maps, curves, runs, margins, faults, timing, verification, manifest.
 
-    With --build the C is driven here, beside other controllers and the passive car, and its faults are tried, where --run does
-    not bring them. The file is self-contained and works offline.
+    With --build, the C is simulated together with other controllers and the passive car, and bus faults are injected, unless
+    --run provides the results. The file works offline.
     """
     from codegen.emit.outputs import check_output
     from codegen.files import write_atomically

@@ -1,4 +1,4 @@
-"""Options that the commands of the bench share."""
+"""Options that the bench commands share."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ clock_option = click.option(
     "--lock-step/--real-time",
     "lock_step",
     default=False,
-    help="Simulated time, as fast as it goes, or by the clock (default).",
+    help="Run in simulated time, as fast as possible, or in real time (default).",
 )
 xcp_option = click.option(
     "--xcp", is_flag=True, help="Let a calibration tool measure and calibrate the native ECU: XCP on CAN, ids of [can]."
@@ -62,12 +62,12 @@ log_option = click.option("--log", type=log_to_write, metavar="FILE", help="Log 
 
 
 def output_option(text: str, metavar: str = "FILE") -> Callable[[Command], Command]:
-    """-o, --output as often as the user likes: the run as a file, its format by the extension."""
+    """Return the option -o, --output, which may be repeated: the run as a file in the format of the extension."""
     return click.option("-o", "--output", "files", type=run_to_write, multiple=True, metavar=metavar, help=text)
 
 
 def sensor_options(command: Command) -> Command:
-    """--sensors and --seed."""
+    """Add --sensors and --seed."""
     command = click.option(
         "--seed",
         type=click.IntRange(min=0),
@@ -75,17 +75,17 @@ def sensor_options(command: Command) -> Command:
         show_default=True,
         help="Seed of noise, faults, jitter and random cars.",
     )(command)
-    return click.option("--sensors", is_flag=True, help="Measure with the noise, delay and steps of [sensors].")(command)
+    return click.option("--sensors", is_flag=True, help="Simulate the noise, delay and resolution of [sensors].")(command)
 
 
 def drift_options(command: Command) -> Command:
-    """--clock-drift and --jitter."""
+    """Add --clock-drift and --jitter."""
     command = click.option(
         "--jitter",
         "jitter_ms",
         type=FiniteRange(min=0.0, max=100.0),
         metavar="MS",
-        help="Largest departure of frames and task from their clocks.",
+        help="Largest deviation of frames and task from their clocks.",
     )(command)
     return click.option(
         "--clock-drift",
@@ -97,7 +97,7 @@ def drift_options(command: Command) -> Command:
 
 
 def with_clocks(scenario: Scenario, drift_ppm: float | None, jitter_ms: float | None) -> Scenario:
-    """The scenario, on two clocks where one of the options is given."""
+    """Return the scenario, with two clocks if one of the options is given."""
     from hil_sim.clocks import Clocks
 
     if drift_ppm is None and jitter_ms is None:
@@ -106,14 +106,14 @@ def with_clocks(scenario: Scenario, drift_ppm: float | None, jitter_ms: float | 
 
 
 def result_options(command: Command) -> Command:
-    """--plot, --csv and --json."""
+    """Add --plot, --csv and --json."""
     command = json_option(command)
     command = click.option("--csv", type=csv_to_write, metavar="CSV", help="Write the run, units in the column names.")(command)
     return click.option("--plot", type=picture_to_write, metavar="PNG", help="Plot the run and the passive car.")(command)
 
 
 def run_options(command: Command) -> Command:
-    """All options of a run on a bus."""
+    """Add all options of a run on a bus."""
     output = output_option(OUTPUT_HELP)
     options = (result_options, output, log_option, drift_options, sensor_options, clock_option, scenario_option, bus_option)
     for option in options:

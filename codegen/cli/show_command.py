@@ -23,13 +23,13 @@ EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --again
 @click.option(
     "--plot", "plot", type=picture_to_write, metavar="PNG", help="Also draw it: the map, both maps, or error against flash."
 )
-@click.option("--against", type=map_file, metavar="OTHER.npz", help="Instead: what changes from this map to another one.")
+@click.option("--against", type=map_file, metavar="OTHER.npz", help="Print the changes from this map to another one instead.")
 @click.option(
     "--flash",
     is_flag=True,
-    help="Instead: the bytes that chosen breakpoints take, for errors from 1 to 0.02 deg/s; takes minutes.",
+    help="Print the flash size of chosen breakpoints for errors from 1 to 0.02 deg/s instead; takes minutes.",
 )
-@click.option("--config", "config_path", type=configuration_file, help="With --flash: ars.toml of the kind of controller.")
+@click.option("--config", "config_path", type=configuration_file, help="With --flash: ars.toml with the kind of controller.")
 @json_option
 def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, config_path: Path | None, as_json: bool) -> None:
     """Print a map: axes, units, ranges, feasibility and binding constraints."""
@@ -41,9 +41,9 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
 
     check_output(plot, ".png", (map_path, config_path, against))
     if against is not None and flash:
-        raise CodegenError("does not go with --flash", where="--against", remedy="leave one of both out")
+        raise CodegenError("cannot be combined with --flash", where="--against", remedy="leave one of them out")
     if config_path is not None and not flash:
-        raise CodegenError("nothing to do with it", where="--config", remedy="add --flash, or leave it out")
+        raise CodegenError("has no effect here", where="--config", remedy="add --flash, or leave it out")
     reference_map = npz.load(map_path)
     if flash:
         _show_flash(map_path, reference_map, config_path, plot, as_json)

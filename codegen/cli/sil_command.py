@@ -1,4 +1,4 @@
-"""The command that runs the generated C in software: one scenario, or the whole test set."""
+"""The command that runs the generated C in software: one scenario, or a whole test suite."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ OF_A_SCENARIO = (
     *("map_path", "scenario", *SETTINGS, "baselines", "plant", "through_can", "drift_ppm", "jitter_ms", "sensors", "seed"),
     "csv",
 )
-"""Parameters that do not go with --suite."""
+"""Parameters that cannot be combined with --suite."""
 
 CARS = 8
 """Default number of cars of --suite cars."""
@@ -65,7 +65,7 @@ class Choices:
     as_json: bool
 
     def drive(self, software: Software, scenario: Scenario) -> tuple[Record, BenchResult | None]:
-        """A recording of a controller; with what its bus did, where there is one."""
+        """Return a recording of a controller, and the bus statistics if the run uses frames."""
         from hil_sim import third_plant
         from hil_sim.runs import run, run_through_can
 
@@ -93,16 +93,16 @@ class Choices:
     ),
 )
 @click.option("--build", "build_path", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
-@click.option("--map", "map_path", type=map_file, metavar="MAP.npz", help="Take the car of this map instead of the build's.")
+@click.option("--map", "map_path", type=map_file, metavar="MAP.npz", help="Use the car of this map instead of the build's.")
 @scenario_option
 @click.option(
-    "--speed-km-h", type=FiniteRange(min=1.0, max=400.0), metavar="KM/H", help="Speed, for a scenario that takes another one."
+    "--speed-km-h", type=FiniteRange(min=1.0, max=400.0), metavar="KM/H", help="Speed, for scenarios that accept one."
 )
 @click.option(
     "--steering-wheel-angle-deg",
     type=FiniteRange(min=-1500.0, max=1500.0),
     metavar="DEG",
-    help="Angle of the steering wheel, for a scenario that takes another one.",
+    help="Steering-wheel angle, for scenarios that accept one.",
 )
 @click.option("--baselines", is_flag=True, help="Show the paper's PI, feedforward and the proportional law for comparison.")
 @click.option(
@@ -110,20 +110,18 @@ class Choices:
     type=click.Choice(["two-track", "roll"]),
     default="two-track",
     show_default=True,
-    help="The simulated car; roll: with roll, unlike tyres, a servo with backlash, and sensors with bias and jitter.",
+    help="The simulated car; roll adds roll motion, different tyres, actuator backlash, sensor bias and jitter.",
 )
-@click.option("--can", "through_can", is_flag=True, help="Through the task and its CAN frames, in this process, without a bus.")
+@click.option("--can", "through_can", is_flag=True, help="Run through the task and its CAN frames, without a bus.")
 @drift_options
 @sensor_options
 @click.option(
     "--suite",
     metavar="NAME",
     shell_complete=lambda *_: ["tracking", "cars"],
-    help="Instead of a scenario a whole test set: tracking (without --build, of the recommended preset), or cars.",
+    help="Run a test suite instead of a scenario: tracking (without --build: for the recommended preset), or cars.",
 )
-@click.option(
-    "--cars", type=click.IntRange(1, 1000), metavar="N", help="How many random cars --suite cars draws; by default 8."
-)
+@click.option("--cars", type=click.IntRange(1, 1000), metavar="N", help="Number of random cars of --suite cars; by default 8.")
 @click.option(
     "--limits",
     "limits_path",
@@ -137,11 +135,12 @@ class Choices:
 def sil(context: click.Context, /, suite: str | None, cars: int | None, limits_path: Path | None, **given: Any) -> None:
     """Run the generated C in closed loop with a simulated car, software in the loop.
 
-    With --suite tracking, drive the controller and its baselines in every cell of the test set, compare the figures with
+    With --suite tracking, simulate the controller and its baselines in every cell of the test set, compare the figures with
     the requirements, and exit 1 if one is missed. --plot then draws an overview.
 
-    With --suite cars, draw plausible cars from a seed, solve, tune and build a controller for each, drive all, and exit 1 where
-    a car misses a limit. Seed 1, the default of this suite, is that of development; nothing is tuned on seed 4, the test.
+    With --suite cars, draw plausible cars from a seed, solve, tune and build a controller for each, simulate all, and exit 1
+    if a car misses a limit. Seed 1, the default of this suite, is for development. Seed 4 is for testing; nothing is tuned
+    on it.
     """
     if cars is not None and suite != "cars":
         raise CodegenError("random cars belong to their suite", where="--cars", remedy="add --suite cars")
@@ -172,7 +171,7 @@ def _refuse_with_suite(context: click.Context, allowed: str) -> None:
         given = context.get_parameter_source(option.name or "") is click.core.ParameterSource.COMMANDLINE
         if option.name in OF_A_SCENARIO and option.name != allowed and given:
             remedy = "leave one of the two out"
-            raise CodegenError("it is about one scenario, and --suite has its own", where=option.opts[0], remedy=remedy)
+            raise CodegenError("it applies to a single scenario, not to --suite", where=option.opts[0], remedy=remedy)
 
 
 def _run_scenario(chosen: Choices) -> None:
@@ -189,15 +188,15 @@ def _run_scenario(chosen: Choices) -> None:
     outputs = Outputs(chosen.plot, chosen.csv, None, chosen.files, chosen.as_json)
     outputs.check((chosen.map_path, Path(chosen.scenario)))
     if chosen.plant != "two-track" and chosen.through_can:
-        raise CodegenError("the bench on a bus drives the two-track car", where="--plant", remedy="leave --can out")
+        raise CodegenError("runs through CAN frames support only the two-track car", where="--plant", remedy="leave --can out")
     if chosen.sensors and not chosen.through_can:
-        raise CodegenError("sensors belong to the frames on a bus", where="--sensors", remedy="add --can")
+        raise CodegenError("sensors are simulated only with CAN frames", where="--sensors", remedy="add --can")
     if (chosen.drift_ppm is not None or chosen.jitter_ms is not None) and not chosen.through_can:
         where = "--jitter" if chosen.drift_ppm is None else "--clock-drift"
-        raise CodegenError("two clocks belong to car and ECU on a bus", where=where, remedy="add --can")
+        raise CodegenError("clock drift and jitter are simulated only with CAN frames", where=where, remedy="add --can")
     config = npz.load(chosen.map_path).config if chosen.map_path is not None else None
     if chosen.map_path is not None and config is None:
-        console.note(f"{chosen.map_path} brings no car; the build's own is taken")
+        console.note(f"{chosen.map_path} contains no car; using the build's")
     with console.status(f"compiling {build_path}"):
         software = load(build_path, config)
     settings = {key: value for key in SETTINGS if (value := getattr(chosen, key)) is not None}
@@ -221,11 +220,11 @@ def _run_scenario(chosen: Choices) -> None:
 
 
 def _baselines(chosen: Choices, software: Software, scenario: Scenario) -> dict[str, Record]:
-    """Name to recording of the baselines, made in memory for the build's car and driven on the car of `software`."""
+    """Return name -> recording of the baselines, built in memory for the build's car and simulated on the car of `software`."""
     from hil_sim.suite.candidate import of_folder
 
     with console.progress("baselines") as steps:
-        line_up = of_folder(chosen.build_path).line_up(steps)
-    for text in line_up.notes:
+        comparison = of_folder(chosen.build_path).comparison(steps)
+    for text in comparison.notes:
         console.note(text)
-    return {each.name: chosen.drive(each.around(software.config), scenario)[0] for each in line_up.baselines}
+    return {each.name: chosen.drive(each.around(software.config), scenario)[0] for each in comparison.baselines}

@@ -1,4 +1,4 @@
-"""The whole test set at the command line: tables, pictures, and a verdict."""
+"""Command-line output of the test suites: tables, pictures, and a verdict."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ if TYPE_CHECKING:
 
 SUITES = ("tracking", "cars")
 TOLD = 3
-"""Missed figures that fit on the line of the error; all of them are in the table."""
+"""Number of missed figures in the error message; the tables contain all of them."""
 
 
 @dataclass(frozen=True)
 class SuiteOutputs:
-    """Output paths: an overview, a folder for all pictures."""
+    """Output paths: one overview picture, or a folder for all pictures."""
 
     plot: Path | None
     folder: Path | None
     as_json: bool
 
     def check(self) -> None:
-        """Refuse, before anything runs, what could not be written. Raises CodegenError."""
+        """Reject paths that cannot be written, before anything runs. Raises CodegenError."""
         from codegen.emit.outputs import check_output
 
         check_output(self.plot, ".png")
@@ -37,12 +37,12 @@ class SuiteOutputs:
             return
         if self.folder.exists() and not self.folder.is_dir():
             raise CodegenError("not a folder", where=self.folder, remedy="name a folder for the pictures")
-        # It is made when there is something to put into it.
+        # The folder is created when there is something to write.
         place = self.folder if self.folder.is_dir() else self.folder.resolve().parent
         check_output(place / "overview.png", ".png")
 
     def draw(self, result: SuiteResult) -> list[Path]:
-        """Write the pictures; returns their paths."""
+        """Write the pictures and return their paths."""
         from codegen.files import make_folder
         from codegen.report import suite_plots
         from codegen.report.style import save
@@ -79,11 +79,11 @@ def _limits(path: Path | None) -> Limits:
 def run_cars_command(
     count: int, seed: int | None, build_path: Path | None, outputs: SuiteOutputs, limits_path: Path | None
 ) -> None:
-    """Draw cars, design and drive each, print, and judge; `seed` None is that of development.
+    """Draw cars, design and simulate a controller for each, print the results, and judge them. `seed` None: development seed.
 
     Raises:
         CheckFailed: a car misses a limit; everything is printed before.
-        CodegenError: an option that does not go with this suite.
+        CodegenError: an option that this suite does not support.
     """
     from codegen.report.suite_tables import car_failures, car_sections
     from hil_sim.suite.cars import run_cars
@@ -110,20 +110,20 @@ def run_cars_command(
 
 
 def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_path: Path | None) -> None:
-    """Drive the suite "tracking", print, draw, and judge.
+    """Run the suite "tracking", print and draw the results, and judge them.
 
     Raises:
         CheckFailed: a requirement is missed; everything is printed and written before.
-        CodegenError: what cannot be solved, tuned, built, compiled or written.
+        CodegenError: solving, tuning, building, compiling or writing fails.
     """
     from codegen.report.suite_tables import failures, sections
     from hil_sim.suite.candidate import of_folder, recommended
-    from hil_sim.suite.whole import run_whole
+    from hil_sim.suite.full_suite import run_full_suite
 
     outputs.check()
     limits = _limits(limits_path)
     candidate = recommended() if build_path is None else of_folder(build_path)
-    whole = run_whole(candidate, instructions_of_step, console.progress, limits)
+    whole = run_full_suite(candidate, instructions_of_step, console.progress, limits)
     result, written = whole.result, outputs.draw(whole.result)
     missed = failures(result.requirements)
     if outputs.as_json:
@@ -133,13 +133,13 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
     else:
         _say(f"suite tracking: {candidate.title}", sections(result), written)
         for path in whole.edited:
-            console.note(f"{path} was changed after the build; it was tested as it is")
+            console.note(f"{path} was changed after the build; the changed file was tested")
         for text in whole.notes:
             console.note(text)
     if missed:
         more = f"; and {len(missed) - TOLD} more" if len(missed) > TOLD else ""
-        told = "1 figure is" if len(missed) == 1 else f"{len(missed)} figures are"
-        what = f"{told} not as asked: {'; '.join(missed[:TOLD])}{more}"
+        told = "1 figure misses its requirement" if len(missed) == 1 else f"{len(missed)} figures miss their requirements"
+        what = f"{told}: {'; '.join(missed[:TOLD])}{more}"
         raise CheckFailed(what, where=build_path or "", remedy="see the first table")
 
 

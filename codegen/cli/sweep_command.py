@@ -1,4 +1,4 @@
-"""The command that drives a campaign."""
+"""The command that runs a campaign."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 EXAMPLE = "codegen sweep --spec sweep.toml -o campaign\n  codegen sweep --spec sweep.toml --replay 4711 --plot run.png"
 
 
-@click.command(short_help="Drive thousands of cars, roads and manoeuvres.", epilog=example(EXAMPLE))
+@click.command(short_help="Simulate thousands of cars, roads and manoeuvres.", epilog=example(EXAMPLE))
 @click.option("--spec", "spec_path", required=True, type=configuration_file, metavar="TOML", help="What varies; see the guide.")
 @click.option(
     "-o",
     "--output",
     type=folder_to_write,
     metavar="DIR",
-    help="The folder of the campaign; one that was stopped goes on there. With --replay: refuse what differs from it.",
+    help="Folder of the campaign; an interrupted campaign resumes there. With --replay: reject inputs that differ.",
 )
 @click.option(
     "--scheduler", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://host:8786; by default threads of this machine."
@@ -40,9 +40,9 @@ EXAMPLE = "codegen sweep --spec sweep.toml -o campaign\n  codegen sweep --spec s
 @click.option(
     "--isa",
     type=click.Choice(["x86-64-v4", "x86-64-v3", "none"]),
-    help="Vector instructions of the plant; by default the best here. A mixed cluster needs what all its machines have.",
+    help="Vector instructions of the plant; by default the best of this machine. A cluster needs one that all machines have.",
 )
-@click.option("--replay", type=click.IntRange(min=0), metavar="RUN", help="Drive one run of the campaign again, by its number.")
+@click.option("--replay", type=click.IntRange(min=0), metavar="RUN", help="Repeat one run of the campaign by its number.")
 @click.option("--plot", type=picture_to_write, metavar="PNG", help="With --replay: draw the run.")
 @click.option("--run", "run_path", type=run_to_write, metavar="FILE", help="With --replay: write it as .mf4, .parquet or .csv.")
 @json_option
@@ -57,10 +57,10 @@ def sweep(
     run_path: Path | None,
     as_json: bool,
 ) -> None:
-    """Drive a Monte Carlo or factorial campaign in C, and report overshoot, sideslip and FMVSS 126 results.
+    """Run a Monte Carlo or factorial campaign in C, and report overshoot, sideslip and FMVSS 126 results.
 
-    Every sample is driven by every controller in every scenario. DIR gets runs.parquet, a row for each run, a summary and
-    pictures. After Ctrl-C or a kill the same command goes on; same spec and seed, same bytes, by whatever engine.
+    Every sample is simulated with every controller in every scenario. DIR receives runs.parquet with a row for each run, a
+    summary and pictures. After Ctrl-C or a kill, the same command resumes. Same spec and seed: same bytes, with any engine.
     """
     from codegen.sweep import plan as planning
 
@@ -84,7 +84,7 @@ def sweep(
 def _refuse(what: str, given: dict[str, Any]) -> None:
     for option, value in given.items():
         if value is not None:
-            raise CodegenError(f"it does not go with {what}", where=option, remedy="leave it out")
+            raise CodegenError(f"it cannot be combined with {what}", where=option, remedy="leave it out")
 
 
 def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | None, spec: Path, as_json: bool) -> None:
@@ -93,7 +93,7 @@ def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | No
 
     for controller in plan.controllers:
         for edited in controller.edited if controller.controlled else ():
-            console.note(f"{controller.folder}/{edited} was changed after the build; it is driven as it is")
+            console.note(f"{controller.folder}/{edited} was changed after the build; the changed file is used")
     engine = _engine(scheduler, workers)
     with engine if scheduler is not None else nullcontext(engine) as chosen, console.progress("runs") as progress:
         path = run_campaign(plan, folder, chosen, progress)
@@ -122,7 +122,7 @@ def _engine(scheduler: str | None, workers: int | None) -> Any:
 
 
 def _write(folder: Path, summary: Summary, replay: str) -> list[Path]:
-    """summary.json, summary.md and the pictures; no path or clock in them, but the name of the spec."""
+    """Write summary.json, summary.md and the pictures. They contain no path or clock, only the name of the spec."""
     from codegen.files import write_atomically
     from codegen.report.style import save
     from codegen.report.sweep_plots import pictures
@@ -173,7 +173,7 @@ def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec
 
 
 def _as_stored(name: str, value: float) -> float | int | bool:
-    """A figure of a run, of the type that its column has in the file."""
+    """Return a figure of a run in the type of its column in the file."""
     from codegen.sweep.store import WHOLE, YES_NO
 
     return bool(value) if name in YES_NO else int(value) if name in WHOLE else value

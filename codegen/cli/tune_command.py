@@ -1,4 +1,4 @@
-"""The command that designs the feedback's gains."""
+"""The command that designs the feedback gains."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from codegen.tuning.tune import Tuned
 
 MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid")
-"""Tables of the configuration that a solved map was made from: to store others in it would be untrue."""
+"""Tables of the configuration from which a map is solved. Storing other ones in the map would misdescribe it."""
 
 FAIL_SAFE_HEADER = ("rate deg/s", "spins", "of other cars, spins", "sideslip deg")
 RESPONSE_HEADER = (
@@ -49,15 +49,15 @@ HEADER = ("speed km/h", "Kp s", "Ki", "gain margin dB", "phase margin deg", "sen
     required=True,
     type=map_to_write,
     metavar="MAP.npz",
-    help="The map to write; it may be the one that is read.",
+    help="The map to write; may be the input map.",
 )
 @json_option
 def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) -> None:
-    """Design the gains over speed so that the whole family of [tuning] keeps its margins, and store them in the map.
+    """Design the gains over speed such that the whole family of [tuning] keeps its margins, and store them in the map.
 
-    For a solved map, step responses of the simulated car determine the lead of the front angle and the response gain. Drives in
-    which everything is lost determine the rate of the fail-safe. For a map of the nonlinear tyre, the trim is raised to what
-    keeps its slip bounds in steady state.
+    For a solved map, step responses of the simulated car determine the lead of the front angle and the response gain, and
+    simulated losses of all signals determine the rate of the fail-safe. For a map of the nonlinear tyre, the trim is raised
+    until its slip bounds are kept in steady state.
     """
     from codegen.design.margins import gains_of, weakest
     from codegen.emit.outputs import check_output
@@ -72,7 +72,9 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     reference_map = npz.load(map_path)
     if reference_map.config is None and config_path is None:
         raise MapError(
-            "it brings no configuration, and so no car to design for", where=map_path, remedy="name one with --config ars.toml"
+            "it contains no configuration, and so no car to design for",
+            where=map_path,
+            remedy="name one with --config ars.toml",
         )
     chosen = choose_config(reference_map, config_path)
     if config_path is not None:
@@ -122,7 +124,7 @@ def _check_same_origin(reference_map: ReferenceMap, config: Config, config_path:
 
 
 def _stability_note(made: Tuned) -> str:
-    """Return a warning where the tuned loop is driven otherwise than computed; "" where not, or nothing can be driven."""
+    """Return a warning if computed and simulated stability of the tuned loop disagree; else, or without a simulation, ""."""
     from codegen.sweep.region import confirm_with, region
     from codegen.tuning.fail_safe import tuned_parameters
 
@@ -134,7 +136,7 @@ def _stability_note(made: Tuned) -> str:
 
 
 def _trim_facts(made: Tuned, before: float) -> dict[str, Any]:
-    """Return the facts about the trim; none where it is enough as it is, or nothing is asked of it."""
+    """Return the facts about the trim; empty if it suffices as it is or is not used."""
     from codegen.units import KM_H
 
     excess = made.excess
@@ -166,7 +168,7 @@ def _trim_text(told: dict[str, Any]) -> str:
 
 
 def _with_config(reference_map: ReferenceMap, config: Config) -> ReferenceMap:
-    """The map with another configuration; the rest of its `meta` stays."""
+    """Return the map with another configuration; the rest of its `meta` is kept."""
     from codegen.map_file.map import SCHEMA_VERSION
 
     meta: dict[str, Any] = {"schema_version": SCHEMA_VERSION, **reference_map.meta}
@@ -200,13 +202,13 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
 
     tuning = config.tuning
     console.say(
-        f"{output}: {made.family_size} cars, delay of {tuning.delay_samples} samples; asked for: at least "
+        f"{output}: {made.family_size} cars, delay of {tuning.delay_samples} samples; required: at least "
         f"{tuning.gain_margin_db:g} dB, {tuning.phase_margin_deg:g} deg, and a peak sensitivity of at most "
         f"{tuning.sensitivity_max:g}"
     )
     console.say(
-        "up to the grid's last speed every car keeps that; beyond it those counted in the table: the configured one, and those "
-        "that are stable there with their rear wheels held"
+        "up to the grid's last speed every car meets this; beyond it those counted in the table: the configured one, and "
+        "those that are stable there with their rear wheels held"
     )
     rows = [
         (
@@ -228,7 +230,7 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
     )
     if 0 in made.counted:
         first = made.schedule.speed_km_h[made.counted.index(0)]
-        console.note(f"from {first:g} km/h no gains meet the demands, not even for the configured car; the last ones are held")
+        console.note(f"from {first:g} km/h on, no gains suffice even for the configured car; the last gains are held")
 
 
 def _print_responses(responses: Sequence[Response], ahead: float) -> None:
@@ -251,12 +253,10 @@ def _print_responses(responses: Sequence[Response], ahead: float) -> None:
         f"step responses of the simulated car: at most {OVERSHOOT_PERCENT:g} % and {SETTLING_S:g} s, then the shortest t90"
     )
     console.say(text_table(RESPONSE_HEADER, rows))
-    console.say(f"controller.tracking.response_ahead_s: {ahead:g}: so far the model's yaw rate is looked ahead")
+    console.say(f"controller.tracking.response_ahead_s: {ahead:g}: prediction horizon of the model's yaw rate")
     missed = [f"{one.speed_km_h:g}" for one in responses if not one.is_met]
     if missed:
-        console.note(
-            f"around {', '.join(missed)} km/h no lead and response gain keep both limits; those that come nearest are taken"
-        )
+        console.note(f"around {', '.join(missed)} km/h no lead and response gain keep both limits; the nearest ones are used")
 
 
 def _fail_safe_facts(made: Tuned) -> dict[str, Any]:
@@ -271,7 +271,7 @@ def _print_fail_safe(found: FailSafeRate) -> None:
     first, *_ = found.outcomes
     others = max(one.family_runs for one in found.outcomes)
     console.say(
-        f"everything lost, {first.runs} drives of the configured car at each rate, and {others} of others at those with the "
+        f"loss of all signals: {first.runs} runs of the configured car at each rate, {others} of others at those with the "
         "fewest spins"
     )
     rows = [

@@ -1,6 +1,6 @@
-"""Types of values on the command line, for which a shell is offered what fits: see `codegen.cli.completion`.
+"""Value types of the command line with shell completion; see `codegen.cli.completion`.
 
-Nothing heavy is imported, and what cannot be read is not offered.
+The module avoids slow imports. Items that cannot be read are not offered.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Items = list[CompletionItem[str]]
 
 PATH = "path"
-"""Type of an item that is a file or a folder: the shell quotes it, and goes on after a folder without a space."""
+"""Type of an item that is a file or a folder: the shell quotes it and adds no space after a folder."""
 
 MANIFEST = "manifest.json"
 OF_EVERY_CASE = ("fws", "4ws-1", "4ws-2")
@@ -46,12 +46,12 @@ RESULT_ENDINGS = (".csv", ".parquet", ".mf4", ".blf", ".asc", ".log", ".json")
 
 
 class FileType(click.Path):
-    """A path as `click.Path`, for which files with certain endings are offered, and folders on the way to them.
+    """A path like `click.Path`, with completion of files that have certain endings, and of folders on the way to them.
 
     Args:
-        endings: of the files, such as (".npz",); none for folders alone, None for any file.
-        to_write: whether the file may be one that is not there yet: then the endings are offered too.
-        builds: whether folders that `codegen build` made are meant.
+        endings: file endings, such as (".npz",); empty for folders only, None for any file.
+        to_write: whether the file may be a new one; the endings are then completed as well.
+        builds: whether folders made by `codegen build` are expected.
     """
 
     def __init__(self, endings: tuple[str, ...] | None = None, *, to_write: bool = False, builds: bool = False) -> None:
@@ -59,7 +59,7 @@ class FileType(click.Path):
         self.endings, self.to_write, self.builds = endings, to_write, builds
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> Items:
-        """Files and folders that begin as `incomplete` does."""
+        """Return the files and folders that begin with `incomplete`."""
         del ctx, param
         found = list(self._found(incomplete))
         if self.to_write and self.endings:
@@ -80,19 +80,19 @@ class FileType(click.Path):
 
 
 def scenario_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
-    """Built-in scenarios, and files that hold one."""
+    """Return the built-in scenarios and files that may contain one."""
     named = [_item(name) for name in SCENARIOS if name.startswith(incomplete)]
     return named + FileType(SCENARIO_ENDINGS).shell_complete(context, parameter, incomplete)
 
 
 def case_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
-    """Cases of the ars.toml that is named on the line; those of the presets where there is none."""
+    """Return the cases of the ars.toml on the command line, or else those of the presets."""
     del parameter
     return [_item(name) for name in _cases(context.params.get("config_path")) if name.startswith(incomplete)]
 
 
 def bus_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
-    """Buses as they are mostly called, and the CAN interfaces of this machine."""
+    """Return common buses, and the CAN interfaces of this machine."""
     del context, parameter
     here = [f"socketcan:{name}" for name in can_interfaces()]
     names = dict.fromkeys((*here, *INTERFACES))
@@ -100,7 +100,7 @@ def bus_names(context: click.Context, parameter: click.Parameter, incomplete: st
 
 
 def can_interfaces() -> list[str]:
-    """Names of the CAN interfaces that this machine has; ARPHRD_CAN of linux/if_arp.h is 280."""
+    """Return the names of the CAN interfaces of this machine; ARPHRD_CAN of linux/if_arp.h is 280."""
     found = []
     for entry in _entries("/sys/class/net"):
         try:
@@ -113,7 +113,7 @@ def can_interfaces() -> list[str]:
 
 
 def result_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
-    """Files that `codegen report --run` takes, with a name and an equals sign in front or without."""
+    """Return files that `codegen report --run` accepts, with or without a leading `NAME=`."""
     name, sign, path = incomplete.rpartition("=")
     found = FileType(RESULT_ENDINGS).shell_complete(context, parameter, path)
     return [_item(f"{name}{sign}{item.value}", item.type) for item in found]
@@ -153,7 +153,7 @@ def _is_folder(entry: os.DirEntry[str]) -> bool:
 
 
 def _with_endings(incomplete: str, endings: Iterable[str]) -> list[str]:
-    """`run` as run.blf, run.asc, ...; `run.b` as run.blf."""
+    """Return `run` as run.blf, run.asc, ...; `run.b` as run.blf."""
     stem, ending = os.path.splitext(incomplete)  # noqa: PTH122
     if not os.path.basename(stem):  # noqa: PTH119
         return []
@@ -162,17 +162,17 @@ def _with_endings(incomplete: str, endings: Iterable[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number in SI (bytes for memory), and how the user wrote it."""
+    """A number in SI (bytes for memory), and its text as typed."""
 
     value: float
     words: str
 
 
 class FiniteRange(click.FloatRange):
-    """A number within a range; NaN, which no comparison excludes, is none."""
+    """A number within a range. Rejects NaN, which the comparisons of click do not exclude."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Raises click.BadParameter: not a number, or out of range."""
+        """Convert a value. Raises click.BadParameter: not a number, or out of range."""
         number = float(super().convert(value, param, ctx))
         if math.isnan(number):
             self.fail(f"{value!r} is not a number", param, ctx)
@@ -180,19 +180,19 @@ class FiniteRange(click.FloatRange):
 
 
 class QuantityType(click.ParamType[Quantity]):
-    """A positive number with its unit, such as 0.05deg/s: the value in SI, and the words.
+    """A positive number with its unit, such as 0.05deg/s, as `Quantity`.
 
     Args:
-        name: of the quantity, for messages.
-        units: how a unit is written -> its size in SI.
-        shown: an example.
+        name: name of the quantity, for messages.
+        units: unit as written -> its size in SI.
+        shown: example.
     """
 
     def __init__(self, name: str, units: Mapping[str, float], shown: str) -> None:
         self.name, self.units, self.shown = name, units, shown
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Quantity:
-        """Raises click.BadParameter: no number, no or another unit, or nothing that can be."""
+        """Convert a value. Raises click.BadParameter: no number, no unit or an unknown one, or an impossible value."""
         if isinstance(value, Quantity):
             return value
         found = _QUANTITY.fullmatch(str(value).strip())

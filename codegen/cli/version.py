@@ -1,4 +1,4 @@
-"""Output of `codegen --version`. It is read from the metadata of the packages, without importing them."""
+"""Output of `codegen --version`, from the metadata of the packages, which are not imported."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from codegen import __version__
 
 PACKAGES = ("casadi", "numpy", "cffi", "python-can")
-"""Those whose version can change a result."""
+"""Packages whose version can change a result."""
 
 
 def lines() -> Iterator[str]:
-    """The version of codegen first, then of what it works with."""
+    """Yield the version of codegen, then those of its environment."""
     from importlib.metadata import PackageNotFoundError, version
 
     yield f"codegen, version {__version__}"

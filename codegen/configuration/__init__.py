@@ -1,4 +1,4 @@
-"""The whole of `ars.toml`: reading it, and the rules between its tables."""
+"""Read and validate `ars.toml`, including the rules between its tables."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ __all__ = [
 Preset = Literal["paper", "recommended"]
 
 CONFIG_BYTES_MAX = 2**20
-"""Size limit of an ars.toml: hundreds of times what one with listed breakpoints needs."""
+"""Size limit of an ars.toml, hundreds of times the size of one with listed breakpoints."""
 
 MAX_LINE = 2**14
-"""Limit of characters on a line of TOML."""
+"""Largest number of characters on a line of TOML."""
 
 RELAXATION_STEP_MAX = 2.5
 """Largest distance that a wheel rolls in a step of the plant, over its relaxation length: Runge-Kutta is stable up to 2.79."""
@@ -71,7 +71,7 @@ STEPS_MIN = 50
 
 
 def _whole_number(value: object) -> object:
-    # Python takes true and 1.0 for 1.
+    # In Python, True and 1.0 equal 1.
     if isinstance(value, bool) or not isinstance(value, int):
         raise ValueError(f"a whole number is needed, not {value!r}")
     return value
@@ -140,19 +140,19 @@ class Config(Section):
         period_ms = self.controller.sampling_time_s * 1e3
         for role, message in self.can.messages().items():
             if message.cycle_time_ms is not None and abs(message.cycle_time_ms - period_ms) > 1e-9 * period_ms:
-                raise ValueError(f"can.{role}.cycle_time_ms must be that of controller.sampling_time_s, {period_ms:g}")
+                raise ValueError(f"can.{role}.cycle_time_ms must equal controller.sampling_time_s, {period_ms:g} ms")
         for place, signal, smallest, largest in self._carried():
             carried = (
                 f"can.{place} carries {signal.physical_low:.4g} to {signal.physical_high:.4g} in steps of {signal.factor:.4g}"
             )
             if signal.physical_low > smallest or signal.physical_high < largest:
-                raise ValueError(f"{carried}, {smallest:.4g} to {largest:.4g} is needed; enlarge its factor or length")
+                raise ValueError(f"{carried}, but needs {smallest:.4g} to {largest:.4g}; enlarge its factor or length")
             if signal.factor > (largest - smallest) / STEPS_MIN:
-                raise ValueError(f"{carried}, which is too coarse for {smallest:.4g} to {largest:.4g}; make its factor smaller")
+                raise ValueError(f"{carried}, which is too coarse for {smallest:.4g} to {largest:.4g}; reduce its factor")
         return self
 
     def _carried(self) -> Iterator[tuple[str, RealSignal, float, float]]:
-        """Yield key, signal, and the range (SI) that it must carry: the values that the controller accepts or commands."""
+        """Yield key and signal with the range (SI) that the controller accepts or commands, which the signal must cover."""
         can, inputs = self.can, self.controller.inputs
         yaw_rate = math.radians(inputs.yaw_rate_max_deg_s)
         both_signs = (
@@ -198,7 +198,7 @@ def parse(data: Mapping[str, Any], where: object) -> Config:
 
     Args:
         data: the tables and keys.
-        where: the place that an error message names, mostly a file.
+        where: location for the error message, usually a file.
 
     Raises:
         ConfigError: the first fault, with its key.
@@ -212,20 +212,20 @@ def parse(data: Mapping[str, Any], where: object) -> Config:
 def parse_toml(text: str, where: object, kind: type[CodegenError]) -> dict[str, Any]:
     """Return the tables of a TOML text. Raises `kind` for the first line that is not TOML."""
     for number, line in enumerate(text.split("\n"), start=1):
-        if len(line) > MAX_LINE:  # the reader's time grows with the square of a key's parts
-            raise kind(f"over {MAX_LINE >> 10} KiB on a line", where=f"{where}, line {number}", remedy="break it up")
+        if len(line) > MAX_LINE:  # the parser's time grows with the square of the number of parts of a key
+            raise kind(f"longer than {MAX_LINE >> 10} KiB", where=f"{where}, line {number}", remedy="split the line")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise kind(f"TOML syntax: {error}", where=where, remedy="correct that line") from None
     except (ValueError, RecursionError) as error:
-        # A number of thousands of digits or brackets nested by the thousand are TOML, but the reader rejects them.
+        # Numbers of thousands of digits and thousands of nested brackets are valid TOML, but the parser rejects them.
         raise kind(f"cannot be read as TOML ({error})", where=where, remedy="correct the number or the nesting") from None
 
 
 def load(path: Path) -> Config:
     """Read and validate an `ars.toml`. Raises ConfigError."""
-    text = read_text(path, CONFIG_BYTES_MAX, "name an ars.toml; `codegen init DIR` makes one", ConfigError)
+    text = read_text(path, CONFIG_BYTES_MAX, "name an ars.toml; `codegen init DIR` writes one", ConfigError)
     return parse(parse_toml(text, path, ConfigError), path)
 
 

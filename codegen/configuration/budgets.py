@@ -15,13 +15,13 @@ from codegen.configuration.signals import CARRIED
 Count = Annotated[int, Field(ge=1, le=100_000_000)]
 
 LOOKUP, SECOND_TABLE = 86, 60
-"""Instructions of a lookup over even breakpoints, and of an additional table for the rear angle."""
+"""Instructions of a lookup over even breakpoints, and of a second table for the rear angle."""
 
 SEARCH_ROUND, FRICTIONS, FRICTION, GRIP, GRIP_FRICTIONS = 10, 60, 10, 60, 30
-"""Additional instructions for a round of a search over uneven breakpoints, for tables of several frictions, for each of those,
-for a grip table, and for grip tables of several frictions."""
+"""Additional instructions, in this order: for each round of a search over uneven breakpoints, for tables of several frictions,
+for each of these frictions, for a grip table, and for grip tables of several frictions."""
 CARS, RAW = 20, 15
-"""Additional instructions for rear steering under the cap between two frictions, and for raw numbers of a table."""
+"""Additional instructions for the rear angle of a capped yaw rate between two frictions, and for a table of raw numbers."""
 
 GRIP_STACK = 48
 """Bytes of stack for a grip table."""
@@ -43,7 +43,7 @@ OF_KIND: Mapping[Kind, Mapping[str, int]] = {
 }
 """Budgets of each kind for a map with even breakpoints and one friction."""
 WITH_REAR_ANGLE: tuple[Kind, ...] = ("feedforward", "tracking")
-"""Kinds whose step looks the rear angle up."""
+"""Kinds whose step looks up the rear angle."""
 
 
 @dataclass(frozen=True)
@@ -76,17 +76,17 @@ class MapShape:
 
     @property
     def _raw(self) -> int:
-        """Instructions for the raw numbers of one table; of several layers, two are looked up."""
+        """Instructions for the raw numbers of one table. With several layers, the lookup reads two of them."""
         return RAW * min(self.frictions, 2) if self.is_raw else 0
 
 
 class Budgets(Section):
-    """Limit of each part; the defaults suit the kind of controller and the map.
+    """Limit of each part of the code. The defaults suit the kind of controller and the map.
 
-    Instructions count the longest call, including its callees. Those of a step exclude the limiter, which has its own limit. A
-    reference is a lookup that returns the rear angle too. The task is one period: two frames received, a step, one frame sent.
-    `state_bytes_max` is the memory of one controller; `flash_bytes_max`, code and constants of all objects together, has no
-    default, because the breakpoints of the map decide.
+    Instructions are those of the longest call, callees included. A step is counted without the limiter, which has its own
+    limit. A reference is a lookup that returns the rear angle too. The task is one period: two frames received, a step, one
+    frame sent. `state_bytes_max` is the memory of one controller. `flash_bytes_max` is the size of code and constants of all
+    objects together; it has no default, because it depends on the breakpoints of the map.
     """
 
     lookup_instructions_max: Count | None = None

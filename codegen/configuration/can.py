@@ -30,7 +30,7 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}\Z", re.ASCII)
 
 
 _RESERVED = ("VERSION", "FILTER", "VECTOR__INDEPENDENT_SIG_MSG", "Vector__XXX")
-"""Words of the DBC format; all others of its words end in an underscore."""
+"""Reserved words of the DBC format. All its other reserved words end in an underscore."""
 
 NODES = ("Car", "RearSteering")
 """Names of the two sending nodes in the DBC."""
@@ -38,9 +38,9 @@ NODES = ("Car", "RearSteering")
 
 def _check_dbc_name(name: str) -> str:
     if name in _RESERVED or name in NODES or name.endswith("_"):
-        raise ValueError(f"{name!r} has a meaning of its own in a DBC; use another name")
+        raise ValueError(f"{name!r} is reserved in a DBC; use another name")
     if not _NAME.match(name):
-        raise ValueError(f"{name[:40]!r} cannot stand in a DBC; use a letter, then letters, digits or '_', at most 32")
+        raise ValueError(f"{name[:40]!r} is not a valid name in a DBC; use a letter, then letters, digits or '_', at most 32")
     return name
 
 
@@ -66,15 +66,15 @@ class Signal(Section):
             bits.append(position)
             if byte_order == "intel":
                 position += 1
-            else:  # downwards within a byte, then on to the highest bit of the next
+            else:  # down to bit 0 of a byte, then to bit 7 of the next
                 position += 15 if position % 8 == 0 else -1
         if max(bits) >= 8 * FRAME_BYTES:
-            raise ValueError(f"{self.name} reaches beyond the {FRAME_BYTES} bytes of its frame; mend start_bit or length")
+            raise ValueError(f"{self.name} reaches beyond the {FRAME_BYTES} bytes of its frame; correct start_bit or length")
         return tuple(bits if byte_order == "intel" else reversed(bits))
 
 
 class RealSignal(Signal):
-    """A physical value: factor * code + offset. One code means "not available": the lowest where `signed`, else the highest."""
+    """A physical value: factor * code + offset. The lowest code (if `signed`, else the highest) means "not available"."""
 
     length: Annotated[int, Field(ge=2, le=24)]
     factor: Annotated[float, Range(1e-9, 1e6)]
@@ -110,7 +110,7 @@ class RealSignal(Signal):
 class Message(Section):
     """A frame of eight bytes, sent in every sampling time and protected by AUTOSAR E2E profile 1, variant 1A.
 
-    A subclass names its role in the table of signals, and gets a field for each of them: `role="vehicle_motion"`.
+    A subclass names its role in the table of signals, such as `role="vehicle_motion"`, and gets a field for each signal of it.
     """
 
     name: DbcName
@@ -179,9 +179,9 @@ def _needs(signal: Signal, length: int) -> None:
 
 
 class VehicleMotion(Message, role="vehicle_motion"):
-    """From the car: speed (m/s), front angle (rad, road wheel), yaw rate (rad/s).
+    """Message from the car: speed (m/s), front angle (rad, road wheel), yaw rate (rad/s).
 
-    `qualifier` has a bit for each that is valid: 0 speed, 1 front angle, 2 yaw rate.
+    `qualifier` has a validity bit for each: 0 speed, 1 front angle, 2 yaw rate.
     """
 
     name: DbcName = "VehicleMotion"
@@ -198,7 +198,8 @@ class VehicleMotion(Message, role="vehicle_motion"):
 
 
 class VehicleConditions(Message, role="vehicle_conditions"):
-    """From the car: ESC or ABS is acting, achieved rear angle (rad), estimated peak friction, lateral acceleration (m/s^2)."""
+    """Message from the car: whether ESC or ABS is acting, achieved rear angle (rad), estimated peak friction, lateral
+    acceleration (m/s^2)."""
 
     name: DbcName = "VehicleConditions"
     id: Identifier = 0x102
@@ -214,7 +215,7 @@ class VehicleConditions(Message, role="vehicle_conditions"):
 
 
 class RearSteerCommand(Message, role="rear_steer_command"):
-    """From the controller: status, rear angle (rad), reference yaw rate (rad/s), and one bit for each cause of trouble."""
+    """Message from the controller: status, rear angle (rad), reference yaw rate (rad/s), and a bit for each diagnosed cause."""
 
     name: DbcName = "RearSteerCommand"
     id: Identifier = 0x201
@@ -232,13 +233,13 @@ class RearSteerCommand(Message, role="rear_steer_command"):
 
 
 WINDOW_SIZE_MAX = 16
-"""Cycles: the generated C keeps a window in half a word."""
+"""Largest window in cycles. The generated C stores a window in half a word."""
 
 WindowCount = Annotated[int, Field(ge=0, le=WINDOW_SIZE_MAX)]
 
 
 class E2e(Section):
-    """Tolerances of the receivers of protected frames; names of AUTOSAR's E2E profile 1 and of its E2E state machine.
+    """Tolerances of the receivers of protected frames, named as in AUTOSAR's E2E profile 1 and its E2E state machine.
 
     The state machine counts the good frames (`min_ok_*`) and the damaged ones (`max_error_*`) of the last `window_size` cycles.
     The data of a message are used only while it is VALID.
@@ -258,7 +259,7 @@ class E2e(Section):
     @model_validator(mode="after")
     def _state_is_reached_and_kept(self) -> Self:
         if self.min_ok_state_valid < 1:
-            raise ValueError("min_ok_state_valid is 0: a message that stays away would be valid for ever; give at least 1")
+            raise ValueError("min_ok_state_valid is 0: a message that stops would stay valid for ever; give at least 1")
         for state in ("init", "invalid"):
             least, most = getattr(self, f"min_ok_state_{state}"), getattr(self, f"max_error_state_{state}")
             if least > self.window_size:
@@ -268,13 +269,13 @@ class E2e(Section):
                 )
             if least < self.min_ok_state_valid:
                 raise ValueError(
-                    f"min_ok_state_{state} is below min_ok_state_valid: a message would be valid and invalid in turns; "
+                    f"min_ok_state_{state} is below min_ok_state_valid: a message would alternate between valid and invalid; "
                     "give at least as much"
                 )
             if most > self.max_error_state_valid:
                 raise ValueError(
-                    f"max_error_state_{state} is above max_error_state_valid: a message would be valid and invalid in turns; "
-                    "give at most as much"
+                    f"max_error_state_{state} is above max_error_state_valid: a message would alternate between valid and "
+                    "invalid; give at most as much"
                 )
         return self
 

@@ -29,14 +29,14 @@ class Vehicle(Section):
 
 
 class Road(Section):
-    """The road that the map assumes."""
+    """Friction and gravity that the map assumes."""
 
     friction: Annotated[float, Range(0.05, 1.5)] = 0.9
     gravity_m_s2: Annotated[float, Range(1.0, 30.0, "m/s^2")] = GRAVITY
 
 
 class Tyre(Section):
-    """One tyre of an axle by the Magic Formula (H. B. Pacejka, Tire and Vehicle Dynamics, section 4.3).
+    """Magic Formula of one tyre of an axle (H. B. Pacejka, Tire and Vehicle Dynamics, section 4.3).
 
     The slope at zero slip is given either as `cornering_stiffness_n_per_rad` (of one tyre at its static load and the
     nominal friction) or by the factor B itself.
@@ -68,7 +68,7 @@ class Tyres(Section):
 
 
 class Limits(Section):
-    """Constraints of the optimisation (paper, equation of the optimisation problem)."""
+    """Constraints of the optimisation, as in the paper's optimisation problem."""
 
     sideslip_max_deg: Annotated[float, Range(0.2, 20.0, "deg")] = 3.0
     lateral_acceleration_max_g: Annotated[float, Range(0.05, 2.0, "g")] = 0.8
@@ -77,20 +77,20 @@ class Limits(Section):
 
     @property
     def sideslip_max(self) -> float:
-        """rad."""
+        """Bound on sideslip in rad."""
         return math.radians(self.sideslip_max_deg)
 
     @property
     def rear_angle_max(self) -> float:
-        """Bound of the map on the rear angle in rad, which may be tighter than the actuator's."""
+        """Bound of the map on the rear angle in rad. It may be tighter than the actuator's."""
         return math.radians(self.rear_angle_max_deg)
 
 
 class Case(Section):
     """One optimisation: rear steering on or off, and the weight of sideslip (lambda of the objective).
 
-    `passive_safe` excludes turns that the car cannot drive without rear steering. `tyre_model` is that of the steady turn: the
-    linear single-track car, as in the paper, or the plant's four loaded wheels with the whole Magic Formula.
+    `passive_safe` excludes turns that the car cannot drive without rear steering. `tyre_model` selects the model of the steady
+    turn: the linear single-track car, as in the paper, or the plant's four loaded wheels with the whole Magic Formula.
     """
 
     rear_steering: bool = True
@@ -126,7 +126,7 @@ class Grid(Section):
         speeds, angles = self.speed_breakpoints_km_h, self.front_angle_breakpoints_deg
         cells = (len(speeds) if speeds else self.speed_points) * (len(angles) if angles else self.front_angle_points)
         if cells > MAX_CELLS:
-            raise ValueError(f"{cells} cells are too many for one map; take fewer breakpoints, at most {MAX_CELLS} cells")
+            raise ValueError(f"{cells} cells are too many for one map; use fewer breakpoints, at most {MAX_CELLS} cells")
         return self
 
 
@@ -145,8 +145,8 @@ class Steering(Section):
 
 
 class RearActuator(Section):
-    """The rear-steering actuator: its limits, its model in the plant (first-order lag, rate limit), and its reaction without a
-    command: hold the last one, or return to zero.
+    """The rear-steering actuator: its limits, its model in the plant (first-order lag, rate limit), and its reaction to missing
+    commands: it holds the last one or returns to zero.
 
     The task reports it as stuck where the measured angle differs from the lagged command by more than `stuck_error_deg` for
     `stuck_time_s`. "from-actuator" means a tenth of the largest angle, and the time from one stop to the other at the largest
@@ -164,7 +164,7 @@ class RearActuator(Section):
 
     @property
     def angle_max(self) -> float:
-        """rad."""
+        """Largest angle in rad."""
         return math.radians(self.angle_max_deg)
 
 

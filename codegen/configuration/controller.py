@@ -32,11 +32,12 @@ class Inputs(Section):
     """Ranges of accepted measurements, and substitutes for the others.
 
     Each measurement has a range and a largest rate of change. A yaw rate is accepted up to the limit of the road plus a
-    tolerance. It counts as frozen where it stays equal to the bit while the yaw rate of the linear car moves away from it. A
-    rejected signal is accepted again once it agrees with the others. The lag is that of the yaw rate behind the front angle;
-    friction_recovery_1_s is the rate at which a lost friction estimate is forgotten. The offset of the yaw rate is learned on
-    straights, up to yaw_rate_offset_max_deg_s with the time constant yaw_rate_correction_time_s, which also applies to the
-    substitute of a yaw rate. On a straight, the front wheels alone cause at most straight_yaw_rate_deg_s.
+    tolerance. It counts as frozen if its bits do not change while the yaw rate of the linear car moves away from it. A
+    rejected signal is accepted again once it agrees with the others. yaw_rate_lag_s is the lag of the yaw rate behind the front
+    angle. friction_recovery_1_s is the rate at which a lost friction estimate is forgotten. The offset of the yaw rate is
+    learned on straights, up to yaw_rate_offset_max_deg_s with the time constant yaw_rate_correction_time_s. That time constant
+    also applies to the substitute of a yaw rate. A road counts as straight while the front wheels alone cause at most
+    straight_yaw_rate_deg_s.
     """
 
     speed_max_km_h: Annotated[float, Range(50.0, 500.0, "km/h")] = 400.0
@@ -61,7 +62,8 @@ class Inputs(Section):
 
 
 class FailSafe(Section):
-    """Time that inputs may be missing, time until they count again, and rate of the rear angle to zero without them."""
+    """Number of samples that inputs may be missing, number of good samples that end the fail-safe, and rate at which the rear
+    angle returns to zero."""
 
     degraded_samples_max: int = Field(default=3, ge=0, le=1_000)
     recovery_samples: int = Field(default=10, ge=1, le=RECOVERY_SAMPLES_MAX)
@@ -75,8 +77,8 @@ def _is_none(value: object) -> bool:
 class Schedule(Section):
     """Gains of the kind "tracking" over speed, and their design margins over the family of cars.
 
-    `codegen tune` writes it. Between breakpoints the gains are interpolated, beyond them they hold. The margins are information
-    for readers: the worst of the family at each breakpoint.
+    `codegen tune` writes this table. The gains are interpolated between breakpoints and constant beyond them. The margins are
+    for information only: the smallest of the family at each breakpoint.
     """
 
     speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")]
@@ -100,7 +102,7 @@ class Schedule(Section):
     def _one_length(self) -> Self:
         points = len(self.speed_km_h)
         if points > SCHEDULE_POINTS_MAX:
-            raise ValueError(f"{points} breakpoints; at most {SCHEDULE_POINTS_MAX} are taken")
+            raise ValueError(f"{points} breakpoints; at most {SCHEDULE_POINTS_MAX} are supported")
         for name in type(self).model_fields:
             values = getattr(self, name)
             if values is not None and len(values) != points:
@@ -135,8 +137,8 @@ class Tracking(Section):
 class Tuning(Section):
     """The family of cars for which `codegen tune` designs the gains, and the margins that each must keep.
 
-    All combinations of the listed deviations are members; the stiffness of front and rear axle vary independently. Yaw
-    inertia goes with the mass.
+    All combinations of the listed deviations are members. The stiffnesses of front and rear axle vary independently, and the
+    yaw inertia changes in proportion to the mass.
     """
 
     speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] = Field(
@@ -190,10 +192,11 @@ class Limiter(Section):
     """The safety limiter, last in the chain for every controller: limits of angle, rate, and opposite-phase angle.
 
     In opposite phase, front and rear wheels turn to different sides and the car turns more, so this limit falls with speed. In
-    phase the whole angle is free once the front wheels are turned by `in_phase_from_front_angle_deg`; with them straight
-    ahead the opposite-phase limit holds to both sides. "from-car" is the rear angle with which alone the linear car turns with
-    `opposite_phase_lateral_acceleration_m_s2`: a (L + K vx^2) / vx^2. The speeds "from-car" begin where that angle equals the
-    actuator's limit; below, the whole angle is free.
+    phase, the whole angle is free once the front wheels are turned by `in_phase_from_front_angle_deg`. With the front wheels
+    straight ahead, the opposite-phase limit applies to both sides. "from-car" derives the limit from the linear car: the rear
+    angle that alone causes the lateral acceleration a = `opposite_phase_lateral_acceleration_m_s2`, which is
+    a (L + K vx^2) / vx^2. The speeds "from-car" begin where that angle equals the actuator's limit; below, the whole angle is
+    free.
     """
 
     rear_rate_max_deg_s: Annotated[float, Range(REAR_RATE_MIN_DEG_S, 500.0, "deg/s")] | Literal["off"] = 30.0
@@ -207,7 +210,9 @@ class Limiter(Section):
         speeds, angles = self.opposite_phase_speed_km_h, self.opposite_phase_max_deg
         if isinstance(speeds, str):
             if not isinstance(angles, str):
-                raise ValueError("opposite_phase_max_deg is a list; give opposite_phase_speed_km_h as a list as long")
+                raise ValueError(
+                    "opposite_phase_max_deg is a list; give opposite_phase_speed_km_h as a list of the same length"
+                )
         elif not isinstance(angles, str) and len(angles) != len(speeds):
             raise ValueError(
                 f"opposite_phase_max_deg has {len(angles)} values for {len(speeds)} speeds; give one for each speed"
@@ -216,5 +221,5 @@ class Limiter(Section):
 
     @property
     def in_phase_from_front_angle(self) -> float:
-        """rad."""
+        """Front angle in rad from which the whole angle is free in phase."""
         return math.radians(self.in_phase_from_front_angle_deg)

@@ -1,4 +1,4 @@
-"""One error message for the first fault that pydantic finds in a TOML file."""
+"""Error message for the first fault that pydantic finds in a TOML file."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def first_fault(
 
     Args:
         error: raised by validating `model`.
-        where: the place that the message names, mostly a file.
-        key_of: writes a location as a key.
+        where: location for the message, usually a file.
+        key_of: formats a location as a key.
     """
     # A misspelt key explains a value that seems missing, so it is reported first.
     fault = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
@@ -50,11 +50,11 @@ def first_fault(
 
 
 def shown(value: object) -> str:
-    """Return the `repr` of a value for a message; Python prints no number of thousands of digits."""
+    """Return the `repr` of a value for a message. Python refuses to print numbers of thousands of digits."""
     try:
         return repr(value)
     except ValueError:
-        return "a number of so many digits"
+        return "a number with thousands of digits"
 
 
 def _fields_at(model: type[BaseModel], location: Location) -> list[str]:
@@ -81,7 +81,7 @@ def _length_fault(fault: Mapping[str, Any]) -> str:
     bound = fault["ctx"]["min_length" if short else "max_length"]
     entries = "entry" if bound == 1 else "entries"
     wanted = f"at least {bound} {entries} needed" if short else f"at most {bound} {entries} possible"
-    return f"{wanted}, not {found}; {'add what is missing' if short else 'take some out'}"
+    return f"{wanted}, not {found}; {'add what is missing' if short else 'remove some'}"
 
 
 def _is_union_label(part: int | str) -> bool:

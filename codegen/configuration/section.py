@@ -18,13 +18,13 @@ NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}\Z", re.ASCII)
 
 MAX_BREAKPOINTS = 2000
 MAX_CELLS = 1_000_000
-"""Far beyond any ECU's memory, and well inside the 64 MiB that a map file may unpack to."""
+"""Largest number of cells of a map: more than any ECU can store, and well within the 64 MiB limit of an unpacked map file."""
 
 
 def check_name(name: str) -> str:
     """Return `name` if it is valid in file names and C comments, else raise ValueError.
 
-    Such a name starts with an ASCII letter or digit and goes on with those, dot, hyphen or underscore; 63 characters at most.
+    A valid name has 1 to 63 characters: ASCII letters, digits, dots, hyphens and underscores, the first a letter or digit.
     """
     if len(name) > 63:
         raise ValueError(
@@ -32,7 +32,7 @@ def check_name(name: str) -> str:
         )
     if not NAME_PATTERN.match(name):
         raise ValueError(
-            f"the name {name!r} has characters that cannot stand in C; use 1 to 63 ASCII letters, digits, '.', '_' or '-'"
+            f"the name {name!r} has characters that are not allowed in C; use 1 to 63 ASCII letters, digits, '.', '_' or '-'"
         )
     return name
 
@@ -47,14 +47,14 @@ def check_number(value: object) -> object:
 
 @dataclass(frozen=True)
 class Range:
-    """Annotation of a number between `low` and `high` (inclusive), named with its unit in the error message."""
+    """Annotation of a number between `low` and `high` (inclusive). Error messages name the range and the unit."""
 
     low: float
     high: float
     unit: str = ""
 
     def check(self, value: float) -> float:
-        """Return `value`, or raise ValueError where it is outside (NaN is)."""
+        """Return `value`, or raise ValueError if it is outside the range or NaN."""
         if not self.low <= value <= self.high:
             in_unit = f" {self.unit}" if self.unit else ""
             raise ValueError(f"{value:g} is outside {self.low:g} to {self.high:g}{in_unit}; check the value and its unit")
@@ -69,7 +69,7 @@ class RangeOrZero(Range):
     """A range that also accepts zero, for "none"."""
 
     def check(self, value: float) -> float:
-        """Return `value`, or raise ValueError where it is outside."""
+        """Return `value`, or raise ValueError if it is neither zero nor in the range."""
         return value if value == 0.0 else super().check(value)
 
 

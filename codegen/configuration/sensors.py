@@ -25,7 +25,7 @@ class Sensor(Section):
     @property
     @abstractmethod
     def resolution(self) -> float:
-        """Step between two values, SI unit; 0: none."""
+        """Step between two values, SI unit; 0 if the sensor has none."""
 
 
 class SpeedSensor(Sensor):
@@ -36,12 +36,12 @@ class SpeedSensor(Sensor):
 
     @property
     def noise(self) -> float:
-        """m/s."""
+        """Standard deviation in m/s."""
         return self.noise_km_h * KM_H
 
     @property
     def resolution(self) -> float:
-        """m/s."""
+        """Step between two values in m/s."""
         return self.resolution_km_h * KM_H
 
 
@@ -53,12 +53,12 @@ class AngleSensor(Sensor):
 
     @property
     def noise(self) -> float:
-        """rad."""
+        """Standard deviation in rad."""
         return math.radians(self.noise_deg)
 
     @property
     def resolution(self) -> float:
-        """rad."""
+        """Step between two values in rad."""
         return math.radians(self.resolution_deg)
 
 
@@ -71,12 +71,12 @@ class YawRateSensor(Sensor):
 
     @property
     def noise(self) -> float:
-        """rad/s."""
+        """Standard deviation in rad/s."""
         return math.radians(self.noise_deg_s)
 
     @property
     def resolution(self) -> float:
-        """rad/s."""
+        """Step between two values in rad/s."""
         return math.radians(self.resolution_deg_s)
 
 
@@ -88,17 +88,17 @@ class AccelerationSensor(Sensor):
 
     @property
     def noise(self) -> float:
-        """m/s^2."""
+        """Standard deviation in m/s^2."""
         return self.noise_m_s2
 
     @property
     def resolution(self) -> float:
-        """m/s^2."""
+        """Step between two values in m/s^2."""
         return self.resolution_m_s2
 
 
 class Sensors(Section):
-    """The sensors of the bench. The defaults are examples: the data sheet of the sensor in use has the right numbers."""
+    """The sensors of the bench. The defaults are examples; use the data sheets of your sensors."""
 
     speed: SpeedSensor = SpeedSensor()
     front_angle: AngleSensor = AngleSensor()

@@ -1,10 +1,11 @@
-"""The signals between car and controller: the one table of their names, units, ranges, frames, sources and meanings.
+"""Table of the signals between car and controller: names, units, ranges, frames, sources and meanings.
 
-The fields of the three payload classes are the table, and `SIGNALS` lists them. Derived from it: the layout that `[can]` of
-`ars.toml` starts from, the C structs and their packing, the DBC, the measurements of the A2L, the variables of the FMUs, the
-columns of a run, the inputs of the checks and the tables of the guide.
+The fields of the three payload classes form the table; `SIGNALS` lists them. The default layout of `[can]` in `ars.toml`, the
+C structs and their packing, the DBC, the measurements of the A2L, the variables of the FMUs, the columns of a run, the inputs
+of the checks and the tables of the guide are derived from it.
 
-A signal that the controller does not use is added here alone. The controller receives it in its measurement and forwards it.
+To add a signal that the controller does not use, add it here only. The controller receives it in its measurement and forwards
+it.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ STATUSES = ("TRACKING", "LIMITED", "STANDBY", "DEGRADED", "FAIL_SAFE")
 """Names of the controller's status, from code 0."""
 
 UNIT_SUFFIXES = {"m/s": "_m_s", "rad": "_rad", "rad/s": "_rad_s", "m/s^2": "_m_s2", "m": "_m", "": ""}
-"""Endings of the names of columns and variables, by unit."""
+"""Suffixes of the names of columns and variables, by unit."""
 
 
 @dataclass(frozen=True)
@@ -26,16 +27,16 @@ class SignalDefinition:
     """One signal.
 
     Attributes:
-        name: in the DBC.
-        start_bit, length: default place in the frame, as the DBC counts with Intel byte order.
-        meaning: a phrase for comments and descriptions.
+        name: name in the DBC.
+        start_bit, length: default position in the frame, in the DBC's bit numbers for Intel byte order.
+        meaning: phrase for comments and descriptions.
         unit: SI unit; "" for a ratio or a whole number.
-        factor: default resolution, in the unit; None: a whole number. With `length` and `signed` it gives the range.
+        factor: default resolution, in the unit; None: a whole number. `factor`, `length` and `signed` determine the range.
         signed: whether a real signal has both signs.
         values: names of the codes of a whole number, from 0.
-        source: source in the bench: "scenario.", "state." or "output." (of the plant) and a name there; "": the bench sends
-            "not available".
-        is_used: whether the controller uses it; the others are only forwarded and recorded.
+        source: source in the bench: "scenario.", "state." or "output." (of the plant), then the name there. With "", the bench
+            sends "not available".
+        is_used: whether the controller uses it. Other signals are only forwarded and recorded.
         in_measurement: comment in the controller's measurement struct; "" derives it from unit and meaning.
         message: role of its message; filled in from the payload class.
         role: its name in code; filled in from the field.
@@ -105,7 +106,7 @@ class SignalDefinition:
 
 @dataclass(frozen=True)
 class VehicleMotion:
-    """From the car: m/s, rad (road wheel), rad/s; NaN where not available."""
+    """Payload from the car: speed (m/s), front angle (rad, road wheel), yaw rate (rad/s); NaN if not available."""
 
     speed: Annotated[
         float,
@@ -153,7 +154,7 @@ class VehicleMotion:
 
 @dataclass(frozen=True)
 class VehicleConditions:
-    """From the car: achieved rear angle (rad), peak friction, lateral acceleration (m/s^2), each NaN where it is not known; and
+    """Payload from the car: achieved rear angle (rad), peak friction and lateral acceleration (m/s^2), each NaN if unknown, and
     whether ESC or ABS is acting."""
 
     rear_angle: Annotated[
@@ -215,7 +216,8 @@ class VehicleConditions:
 
 @dataclass(frozen=True)
 class RearSteerCommand:
-    """From the controller: rad, rad/s (NaN where not available), its status, and one bit for each cause of trouble."""
+    """Payload from the controller: rear angle (rad) and reference yaw rate (rad/s), each NaN if not available, status, and a
+    bit for each diagnosed cause."""
 
     rear_angle: Annotated[
         float,
@@ -259,7 +261,7 @@ PAYLOADS: dict[str, type[VehicleMotion] | type[VehicleConditions] | type[RearSte
     "vehicle_conditions": VehicleConditions,
     "rear_steer_command": RearSteerCommand,
 }
-"""Contents of the messages by their role in the configuration."""
+"""Payload classes of the messages, by their role in the configuration."""
 
 
 def _definitions(message: str, payload: type[Any]) -> tuple[SignalDefinition, ...]:

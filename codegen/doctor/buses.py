@@ -1,6 +1,6 @@
 """Check the CAN buses: SocketCAN and udp_multicast, each tried with a frame.
 
-A frame is only sent where no car can hear it: on a virtual CAN interface, and to a multicast group of its own.
+Frames are sent only where no car can receive them: on a virtual CAN interface, and to a separate multicast group.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from codegen.doctor.finding import Finding, State
 from codegen.errors import CodegenError, one_line
 
 FRAME_ID = 0x1FFF_FFFF
-"""Extended, and so the lowest priority there is; no message of a build has it."""
+"""Extended identifier of the lowest priority; no message of a build uses it."""
 EXTENDED = 0x8000_0000  # CAN_EFF_FLAG of linux/can.h
 WAIT = 2.0
-"""s for a frame that goes through this machine alone."""
+"""Timeout in s for a frame within this machine."""
 
 SOCKETCAN, MULTICAST = "SocketCAN", "udp_multicast"
 SERVES = {
@@ -29,7 +29,7 @@ SERVES = {
 GROUP = "239.74.163.97"
 """Multicast group in the range for local use (RFC 2365); differs from that of the examples."""
 
-OTHERWISE = "take --bus udp_multicast:239.74.163.2, or make evidence PART=vcan for a guest with CAN"
+OTHERWISE = "use --bus udp_multicast:239.74.163.2, or make evidence PART=vcan for a guest with CAN"
 
 NETWORK = Path("/sys/class/net")
 MODULES = Path("/lib/modules")
@@ -38,7 +38,7 @@ IFF_UP = 1  # linux/if.h
 
 
 def socketcan(network: Path = NETWORK) -> Finding:
-    """Whether CAN sockets exist, a virtual interface is up, and a frame goes from one socket to another."""
+    """Check that CAN sockets exist, a virtual interface is up, and a frame passes from one socket to another."""
     if not hasattr(socket, "AF_CAN"):
         return _no_socketcan(f"{platform.system()} has no CAN sockets", OTHERWISE)
     try:
@@ -48,7 +48,7 @@ def socketcan(network: Path = NETWORK) -> Finding:
     interfaces = [path.name for path in sorted(network.iterdir()) if _read(path / "type") == ARPHRD_CAN]
     virtual = [name for name in interfaces if name.startswith("vcan")]
     if not virtual:
-        others = f"; there is {', '.join(interfaces)}, on which nothing was tried" if interfaces else ""
+        others = f"; there is {', '.join(interfaces)}, which was not tested" if interfaces else ""
         return _no_socketcan(f"the kernel has it, but there is no virtual interface{others}", make_vcan())
     up = [name for name in virtual if int(_read(network / name / "flags") or "0", 16) & IFF_UP]
     if not up:
@@ -61,7 +61,7 @@ def socketcan(network: Path = NETWORK) -> Finding:
 
 
 def exchange(interface: str) -> None:
-    """Send a frame from one socket, and receive it at another. Raises OSError."""
+    """Send a frame from one socket and receive it at another. Raises OSError."""
     frame = struct.pack("=IB3x8s", FRAME_ID | EXTENDED, 8, os.urandom(8))  # struct can_frame of linux/can.h
     kind = (socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     with socket.socket(*kind) as sender, socket.socket(*kind) as receiver:
@@ -71,12 +71,12 @@ def exchange(interface: str) -> None:
         for each in (receiver, sender):
             each.bind((interface,))
         sender.send(frame)
-        while receiver.recv(len(frame)) != frame:  # that of another doctor
+        while receiver.recv(len(frame)) != frame:  # skip frames of another `codegen doctor`
             pass
 
 
 def multicast() -> Finding:
-    """Whether a frame goes from one node to another through python-can's udp_multicast."""
+    """Check that a frame passes from one node to another through python-can's udp_multicast."""
     remedy = "let the firewall pass UDP multicast, and give the machine a route for it: " + _as_root(
         "ip route add 224.0.0.0/4 dev lo"
     )
@@ -102,7 +102,7 @@ def multicast() -> Finding:
 
 
 def make_vcan() -> str:
-    """The commands that make a virtual CAN interface."""
+    """Return the commands that create a virtual CAN interface."""
     return " && ".join(map(_as_root, ("modprobe vcan", "ip link add dev vcan0 type vcan", "ip link set up vcan0")))
 
 
@@ -120,7 +120,7 @@ def _refused(error: OSError) -> Finding:
 
 
 def _modules_of_kernel() -> str:
-    """Names of the running kernel's modules; none are to be seen in a container that runs on the host's kernel."""
+    """Return the names of the running kernel's modules; empty in a container that does not see those of the host."""
     release = MODULES / platform.release()
     return "".join(_read(release / name) for name in ("modules.dep", "modules.builtin"))
 

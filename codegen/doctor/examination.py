@@ -1,4 +1,4 @@
-"""All checks, in the order of the output."""
+"""All checks of `codegen doctor`, in the order of the output."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from codegen.programs import run_program
 from codegen.sil.toolchain import compiler_command, compiler_identity
 
 PERIOD = 0.001
-"""s; the plant's step."""
+"""Step of the plant, in s."""
 WAITS = 50
 LATENESS_MAX_FRACTION = 0.5
 """Fraction of the period by which a wait may end late; beyond it the bench counts late cycles in real time."""
@@ -45,13 +45,13 @@ def punctuality() -> Finding:
     middle, worst = statistics.median(late), max(late)
     what = f"waits of 1 ms end {1e3 * middle:.2f} ms late, at worst {1e3 * worst:.1f} ms"
     if middle > LATENESS_MAX_FRACTION * PERIOD:
-        return Finding(name, State.BAD, what, serves, "take --lock-step, or a machine with less to do")
+        return Finding(name, State.BAD, what, serves, "use --lock-step, or a machine with less load")
     return Finding(name, State.GOOD, what, serves)
 
 
 def real_time() -> Finding:
-    """Whether a process of this user may be scheduled in real time: tried, and undone."""
-    name, serves = "SCHED_FIFO", "the native ECU's --priority, for exact timing beside other load"
+    """Check whether this user may use real-time scheduling, by trying it and undoing it."""
+    name, serves = "SCHED_FIFO", "the native ECU's --priority, for exact timing under other load"
     if not hasattr(os, "SCHED_FIFO"):
         return Finding(name, State.MISSING, "this system has none", serves)
     before, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
@@ -82,25 +82,25 @@ print(made.mode)
 
 HOW = {
     "api": "compiled against Python's headers",
-    "abi": "compiled as a plain library, for Python's headers are not installed",
+    "abi": "compiled as a plain library, because Python's headers are not installed",
 }
 
 
 def cache() -> Finding:
     """Check the folder of compiled files and whether it is writable."""
-    serves = "compiled C is kept, and a second run starts at once"
+    serves = "compiled C, so that later runs start at once"
     try:
         folder = cache_folder()
     except BuildError as error:
         return Finding("cache", State.BAD, error.what, serves, error.remedy, needed=True)
     if folder.is_relative_to(tempfile.gettempdir()) and not os.environ.get("ARS_CACHE", "").startswith(str(folder)):
-        what = f"{folder}, for no folder of the user can be written"
+        what = f"{folder}, because no folder of the user is writable"
         return Finding("cache", State.GOOD, what, serves, "set ARS_CACHE to a folder that stays", needed=True)
     return Finding("cache", State.GOOD, str(folder), serves, needed=True)
 
 
 def module() -> Finding:
-    """Compile a small module and call it, in a process and a folder of its own: nothing of it comes from the cache."""
+    """Compile a small module and call it, in a separate process and folder, without the cache."""
     name, serves = "C in Python", "codegen sil, and all that runs the generated C"
     try:
         with tempfile.TemporaryDirectory(prefix="ars-doctor-") as folder:
@@ -136,7 +136,7 @@ SERVES = {
 """Purposes of the required packages."""
 
 MODULES = {"python-can": "can"}
-"""Names of modules that are not the package's own."""
+"""Names of modules that differ from the name of their package."""
 
 EXTRAS = {
     "tools": "files of other tools: A2L of a linked program (codegen a2l), MF4 and Parquet (-o, --log), XCP (hil --xcp), the "
@@ -147,33 +147,33 @@ EXTRAS = {
     "report": "codegen report and codegen explore: plots that can be turned, cut and read",
     "sweep": "codegen sweep: campaigns in Parquet, and clusters by Dask",
     "docs": "the guide, built from docs/",
-    "dev": "what works on codegen itself: tests, types, lint, packaging",
+    "dev": "development of codegen: tests, types, lint, packaging",
 }
 """Purpose of each extra."""
 
 
 def python() -> Finding:
-    """The interpreter."""
+    """Check the version of the interpreter."""
     fits = sys.version_info >= PYTHON
     wanted = ".".join(map(str, PYTHON))
-    what = f"{platform.python_version()} ({sys.executable})" + ("" if fits else f"; needed is {wanted} or newer")
+    what = f"{platform.python_version()} ({sys.executable})" + ("" if fits else f"; {wanted} or newer is required")
     remedy = "" if fits else f"install Python {wanted} or newer, and codegen in it"
     return Finding("Python", State.GOOD if fits else State.BAD, what, "", remedy, needed=True)
 
 
 def needed(asked: Iterable[Requirement]) -> list[Finding]:
-    """The packages that codegen always needs; each is imported, for one can be there and be broken."""
+    """Check the packages that codegen always needs. Each is imported, because an installed package may be broken."""
     return [_needed(each) for each in asked if not each.extra]
 
 
 def extras(asked: Iterable[Requirement]) -> list[Finding]:
-    """One finding for each extra: whole, or what is missing and what it would add."""
+    """Return one finding for each extra: complete, or what is missing and what it would add."""
     listed = tuple(asked)
     return [_extra(name, [each for each in listed if each.extra == name]) for name in extras_of(listed)]
 
 
 def install(*extras: str) -> str:
-    """The command that installs codegen with extras, or as it is."""
+    """Return the command that installs codegen, with extras if given."""
     return f'pip install "ars-codegen[{",".join(extras)}]"' if extras else "pip install --force-reinstall ars-codegen"
 
 
@@ -182,12 +182,12 @@ def _needed(asked: Requirement) -> Finding:
     remedy = f'pip install "{asked.name}{asked.bounds}"'
     found = _version(asked.name)
     if found is None:
-        return Finding(asked.name, State.MISSING, f"not installed; needed is {asked.bounds}", serves, remedy, needed=True)
+        return Finding(asked.name, State.MISSING, f"not installed; {asked.bounds} is required", serves, remedy, needed=True)
     if not asked.allows(found):
-        return Finding(asked.name, State.BAD, f"{found}; needed is {asked.bounds}", serves, remedy, needed=True)
+        return Finding(asked.name, State.BAD, f"{found}; {asked.bounds} is required", serves, remedy, needed=True)
     try:
         importlib.import_module(MODULES.get(asked.name, asked.name))
-    except Exception as error:  # a package that does not fit fails in any way
+    except Exception as error:  # an incompatible package may raise anything
         what = f"{found} cannot be imported: {one_line(error, 120) or type(error).__name__}"
         again = f'pip install --force-reinstall "{asked.name}{asked.bounds}"'
         return Finding(asked.name, State.BAD, what, serves, again, needed=True)
@@ -198,7 +198,7 @@ def _extra(name: str, asked: list[Requirement]) -> Finding:
     missing = [each.name for each in asked if _version(each.name) is None]
     others = [(each, found) for each in asked if (found := _version(each.name)) is not None and not each.allows(found)]
     serves = EXTRAS.get(name, "")
-    wrong = [f"{each.name} {found} (needed is {each.bounds})" for each, found in others]
+    wrong = [f"{each.name} {found} ({each.bounds} is required)" for each, found in others]
     if not missing and not wrong:
         return Finding(name, State.GOOD, f"{len(asked)} package{'s' * (len(asked) != 1)}", serves)
     parts = ([f"without {', '.join(missing)}"] if missing else []) + wrong
@@ -218,12 +218,12 @@ ANSWER_LIMIT = 20.0
 
 @dataclass(frozen=True)
 class Program:
-    """A program that some part uses.
+    """An external program that a feature uses.
 
     Attributes:
-        names: under which it is looked for, in order.
-        package: of Debian and Ubuntu.
-        arguments: that make it tell its version; none where it has no such.
+        names: names to search for, in order.
+        package: its package on Debian and Ubuntu.
+        arguments: arguments that print its version; empty if there are none.
     """
 
     names: tuple[str, ...]
@@ -238,14 +238,14 @@ PROGRAMS = (
     Program(("clang",), "clang", "a second compiler; MC/DC and libFuzzer in make evidence"),
     Program(("arm-none-eabi-gcc",), "gcc-arm-none-eabi", "codegen firmware --run with GCC"),
     Program(("qemu-system-arm",), "qemu-system-arm", "codegen firmware --run"),
-    Program(("candump",), "can-utils", "to look at a bus by hand", ()),
-    Program(("ip",), "iproute2", "to make a vcan0", ("-Version",)),
+    Program(("candump",), "can-utils", "inspecting a bus by hand", ()),
+    Program(("ip",), "iproute2", "creating vcan0", ("-Version",)),
     Program(("chromium", "chromium-browser", "google-chrome"), "chromium", "the tests of reports, in a browser"),
 )
 
 
 def compiler() -> Finding:
-    """The C compiler, which `codegen sil` needs."""
+    """Check the C compiler, which `codegen sil` needs."""
     serves = "the generated C on this machine"
     try:
         command = compiler_command()
@@ -274,7 +274,7 @@ def _look_for(program: Program) -> Finding:
         return Finding(name, State.BAD, f"{path} does not run: {one_line(error, 100)}", program.serves)
     told = (answer.stdout or answer.stderr).strip().splitlines()
     if answer.returncode != 0 or not told:
-        return Finding(name, State.BAD, f"{path} does not tell its version (exit code {answer.returncode})", program.serves)
+        return Finding(name, State.BAD, f"{path} does not report its version (exit code {answer.returncode})", program.serves)
     return Finding(name, State.GOOD, one_line(told[0], 80), program.serves)
 
 
@@ -289,10 +289,10 @@ class Section:
 
 @dataclass(frozen=True)
 class Examination:
-    """All that was found.
+    """Results of all checks.
 
     Attributes:
-        read_from: where the wanted versions of packages were read.
+        read_from: source of the required package versions.
     """
 
     sections: tuple[Section, ...]

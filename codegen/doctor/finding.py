@@ -11,21 +11,21 @@ class State(enum.StrEnum):
 
     GOOD = "good"
     MISSING = "missing"
-    """Not there; something does without it."""
+    """Not installed; some feature is not available."""
     BAD = "bad"
-    """There, and it does not work or does not fit."""
+    """Installed, but broken or not suitable."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the answer.
+    """One line of the output.
 
     Attributes:
-        name: of the thing.
-        state: how it is.
-        what: its version, or what is wrong.
-        serves: what it is for, in words.
-        remedy: what to type, "" where there is nothing to do.
+        name: name of the checked item.
+        state: its state.
+        what: its version, or the problem.
+        serves: its purpose.
+        remedy: what to type; "" if there is nothing to do.
         needed: whether `codegen sil` needs it.
     """
 

@@ -1,4 +1,4 @@
-"""The packages that the project asks for, by its metadata: those of the installation, or of the checkout it is run from."""
+"""Packages that the project requires, from the metadata of the installation or of the checkout."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _BOUND = re.compile(r"\s*(?P<operator>>=|<|==|<=|>|!=|~=)\s*(?P<version>[\w.]+)\
 
 @dataclass(frozen=True)
 class Requirement:
-    """A package and the versions that fit.
+    """A package and its accepted versions.
 
     Attributes:
-        bounds: as written, such as ">=2.4,<3".
-        extra: that asks for it, "" where it is always needed.
+        bounds: version bounds as written, such as ">=2.4,<3".
+        extra: extra that requires it; "" if it is always required.
     """
 
     name: str
@@ -34,8 +34,8 @@ class Requirement:
     extra: str = ""
 
     def allows(self, version: str) -> bool:
-        """Whether a version fits. Compared are the numbers alone, which is enough for the bounds that the project sets:
-        at least this, and below that."""
+        """Return whether a version is accepted. Compares only release numbers, which suffices for the bounds that the project
+        uses: `>=` and `<`."""
         for bound in filter(None, self.bounds.split(",")):
             match = _BOUND.fullmatch(bound)
             if match is None:
@@ -49,8 +49,8 @@ class Requirement:
 
 
 def requirements() -> tuple[tuple[Requirement, ...], str]:
-    """All requirements, those of the extra `all`, which only names the others, left out; and where they were read."""
-    if PYPROJECT.is_file():  # a checkout, installed or not: what stands there is what its code needs
+    """Return all requirements, and where they were read. The extra `all`, which only names the others, is omitted."""
+    if PYPROJECT.is_file():  # a checkout: its file is current even if an older one is installed
         project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
         listed = {"": project["dependencies"], **project.get("optional-dependencies", {})}
         read = (parse(line, extra) for extra, lines in listed.items() if extra != EVERYTHING for line in lines)
@@ -65,7 +65,7 @@ def requirements() -> tuple[tuple[Requirement, ...], str]:
 
 
 def parse(line: str, extra: str = "") -> Requirement:
-    """A requirement as PEP 508 writes it, `casadi<4,>=3.8; extra == "x"`; of markers only the extra is read."""
+    """Parse a requirement of PEP 508, `casadi<4,>=3.8; extra == "x"`; of the markers only the extra is used."""
     match = _REQUIREMENT.match(line)
     if match is None:
         raise ValueError(f"not a requirement: {line!r}")
@@ -75,12 +75,12 @@ def parse(line: str, extra: str = "") -> Requirement:
 
 
 def extras_of(asked: Iterable[Requirement]) -> list[str]:
-    """Names of the extras, in the order they come."""
+    """Return the names of the extras, in the order of the requirements."""
     return [extra for extra in dict.fromkeys(each.extra for each in asked) if extra]
 
 
 def _numbers(version: str) -> tuple[int, ...]:
-    """The release segment of PEP 440, without zeros at its end: 1.0 is 1."""
+    """Return the release segment of PEP 440 without trailing zeros: 1.0 is 1."""
     numbers = [int(number) for number in re.match(r"\d*(?:\.\d+)*", version)[0].split(".") if number]  # type: ignore[index]
     while numbers and numbers[-1] == 0:
         numbers.pop()

@@ -1,1 +1,1 @@
-"""Rendering of a map and a configuration to C."""
+"""Render a map and a configuration to C."""

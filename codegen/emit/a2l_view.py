@@ -30,8 +30,8 @@ COUNTERS = (
     ("early_cycles", "calls that found no message"),
     ("lost_samples", "calls without a good sample"),
 )
-BELIEVED = tuple((each.role, each.unit) for each in signals_of("vehicle_motion"))
-"""Signals of a sample that the inputs check and may replace, and their units."""
+CHECKED = tuple((each.role, each.unit) for each in signals_of("vehicle_motion"))
+"""Signals of a sample that the monitoring of the inputs checks and may replace, with their units."""
 OF_THE_ANGLE = ("rear_angle_max", "opposite_phase_max")
 """Parameters of the limiter that must not exceed the controller's own bound; `..._parameters_valid` checks it."""
 INSTANCE = "task"
@@ -53,7 +53,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Axis:
-    """An AXIS_PTS: breakpoints in memory. quantity: the measurement that is looked up there."""
+    """An AXIS_PTS: breakpoints in memory. `quantity` is the measurement that is looked up on the axis."""
 
     name: str
     text: str
@@ -67,7 +67,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Adjustable:
-    """A CHARACTERISTIC: VALUE, CURVE or MAP; of a map, the first axis is the one whose neighbours lie side by side."""
+    """A CHARACTERISTIC: VALUE, CURVE or MAP. Neighbouring values along the first axis of a MAP are adjacent in memory."""
 
     name: str
     text: str
@@ -82,7 +82,7 @@ class Adjustable:
 
 @dataclass(frozen=True)
 class Scale:
-    """A COMPU_METHOD of raw numbers; `unit` is that of the same quantity as it is."""
+    """A COMPU_METHOD of raw numbers. `unit` names the COMPU_METHOD of the same quantity in physical units."""
 
     name: str
     factor: str
@@ -169,7 +169,7 @@ def a2l_view(
 
 @dataclass(frozen=True)
 class _Lists:
-    """Makes the objects of one section of the calibration."""
+    """Builder of the objects in the A2L."""
 
     prefix: str
     real: str
@@ -204,7 +204,7 @@ class _Lists:
             name, where, text = f"{group}.{view.name}", f"{link}.{view.name}", view.comment
             low, high = (bound.rstrip("u") if view.is_count else _plain(bound) for bound in (view.low, view.high))
             if view.increasing:
-                axis = Axis(name, text, unit, sizes[view.points], low, high, f"{self.prefix}.believed.speed", where)
+                axis = Axis(name, text, unit, sizes[view.points], low, high, f"{self.prefix}.checked.speed", where)
                 axis_of[view.points] = axis
                 made.append(axis)
             elif view.points:
@@ -219,7 +219,7 @@ class _Lists:
         """Return the axes of the map, and a MAP for each table and friction."""
         prefix, frictions = self.prefix, view.frictions_text.split(", ")
         tops = (_plain(top) for top in view.axis_tops)
-        quantities = (f"{prefix}.believed.speed", f"{prefix}.believed.front_angle")
+        quantities = (f"{prefix}.checked.speed", f"{prefix}.checked.front_angle")
         axes = [
             Axis(
                 name=f"{prefix}.map.{axis.name}",
@@ -253,7 +253,7 @@ class _Lists:
         return [*axes, *maps]
 
     def checksum(self) -> Adjustable:
-        """Return the checksum that the self-test expects of the whole calibration."""
+        """Return the object of the calibration checksum that the self-test expects."""
         return Adjustable(
             f"{self.prefix}.calibration.expected_checksum",
             "CRC-32 of map, parameters and tyre curves, which the self-test expects",
@@ -266,7 +266,7 @@ class _Lists:
         )
 
     def state(self, controller: ControllerView) -> Iterator[Measured]:
-        """Yield the state of the controller, with those of its law and its grip estimate."""
+        """Yield the state of the controller, including the states of its law and its grip estimate."""
         prefix = self.prefix
         inside = {"law": controller.law_state, "grip": controller.grip_state}
         for field in controller.state:
@@ -275,9 +275,9 @@ class _Lists:
                 top = str(len(STATUSES) - 1)
                 yield Measured(f"{prefix}.status", field.comment, "ULONG", f"{prefix}.is_status", "0", top, link)
             elif field.name == "sample":
-                for name, unit in BELIEVED:
+                for name, unit in CHECKED:
                     yield self._measured(
-                        f"believed.{name}", f"{unit}, believed of the last sample", self.real, f"{link}.{name}"
+                        f"checked.{name}", f"{unit}, last sample after monitoring", self.real, f"{link}.{name}"
                     )
             elif field.name in inside:
                 for each in inside[field.name]:
@@ -292,7 +292,7 @@ class _Lists:
             yield self._measured(name, field.comment, types[field.kind], link)
 
     def received(self, can: CanView) -> Iterator[Measured]:
-        """Yield the signals from the car, of which the task keeps the last valid values."""
+        """Yield the signals from the car. The task stores their last valid values."""
         for message in can.messages:
             for signal in message.signals if message.sender == "Car" else ():
                 definition = signal.definition
@@ -319,7 +319,7 @@ class _Lists:
 
 
 def _limit(table: TableView, bound: str) -> str:
-    """Limit of the values of a table: the bound, or the largest raw number where that is less."""
+    """Return the limit of a table's values: the bound, or the value of the largest raw number if that is smaller."""
     if not table.scale:
         return _plain(bound)
     reach = RAW_MAX * float(_plain(table.scale))
@@ -327,5 +327,5 @@ def _limit(table: TableView, bound: str) -> str:
 
 
 def _plain(literal: str) -> str:
-    """A C literal as A2L has numbers."""
+    """Return a C literal in the number format of the A2L."""
     return literal.rstrip("f")

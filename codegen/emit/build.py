@@ -67,7 +67,7 @@ SOURCES = ("calibration", *(header for header in HEADERS if header not in ("sect
 OF_REFERENCE_MODEL = ("grip", "reference_model")
 """Units of the laws that use the reference model."""
 LINUX = ("ars_ecu.c", "ars_xcp.c", "ars_xcp.h")
-"""C of the Linux program that is the same in every build."""
+"""C files of the Linux program that are the same in every build."""
 NUMBERS = {"zero": 0.0, "quarter": 0.25, "half": 0.5, "one": 1.0, "two": 2.0, "five": 5.0, "minus_one": -1.0}
 """Literals that every template may print."""
 EXAMPLE_DURATION = 5.0
@@ -85,8 +85,8 @@ class BuildInputs:
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """Options of a build: its name, the prefix of the C names, the precision of the numbers, and the request for which the
-    breakpoints are chosen (None: the breakpoints of the map)."""
+    """Options of a build: its name, the prefix of the C names, the precision of the numbers, and the request that the chosen
+    breakpoints must meet (None: the breakpoints of the map)."""
 
     name: str
     prefix: str = "ars"
@@ -118,7 +118,7 @@ class BuildView:
 
 @dataclass(frozen=True)
 class Example:
-    """The turn of `example_main.c`: m/s, rad, and the yaw-rate gain of the car in 1/s, over so many samples."""
+    """Steady turn of `example_main.c`: speed (m/s), front angle (rad), yaw-rate gain of the car (1/s), number of samples."""
 
     speed: float
     front_angle: float
@@ -154,7 +154,7 @@ class _Parts:
 
 @dataclass(frozen=True)
 class _Code:
-    """Headers and sources of a build, by path, what its other files are rendered from, and the facts about the C."""
+    """Headers and sources of a build by path, the template context of its other files, and the facts for the manifest."""
 
     files: dict[str, bytes]
     context: dict[str, Any]
@@ -163,11 +163,11 @@ class _Code:
 
 
 def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, inputs: BuildInputs) -> Folder:
-    """Render everything.
+    """Render all files of a build.
 
     Args:
         reference_map: solved or bare.
-        config: the car and controller to build for (the map's own where the user gave no other).
+        config: configuration of car and controller; that of the map unless the user named another one.
 
     Raises:
         BuildError, MapError: see `extend` and `check_prefix`.
@@ -191,7 +191,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
 
 
 def build_code(reference_map: ReferenceMap, config: Config, options: BuildOptions, inputs: BuildInputs) -> Folder:
-    """Render headers and sources only, for compiling in memory. They are those of `build`, in a fraction of the time.
+    """Render headers and sources only, for compiling in memory. They equal those of `build` and take a fraction of the time.
 
     The manifest lacks the evidence (`codegen.emit.evidence`).
 
@@ -276,7 +276,7 @@ def _placed(reference_map: ReferenceMap, config: Config, options: BuildOptions) 
 
 
 def check_inputs(reference_map: ReferenceMap, config: Config) -> None:
-    """Reject inputs whose range excludes the map: yaw rates that would count as faults, and an enabling speed above it."""
+    """Reject input ranges that exclude speeds or yaw rates of the map, and an enable speed above half of its last speed."""
     controller, inputs = config.controller, config.controller.inputs
     fastest = reference_map.speed[-1] / KM_H
     if controller.enable_speed_km_h > 0.5 * fastest:
@@ -302,7 +302,7 @@ def check_inputs(reference_map: ReferenceMap, config: Config) -> None:
 
 
 def _build_id(config: Config, options: BuildOptions, inputs: BuildInputs) -> str:
-    """Return eight hexadecimal digits that change with any input. All headers and sources of a build carry them."""
+    """Return eight hexadecimal digits that change with any input. All headers and sources of a build contain them."""
     words = [__version__, inputs.map_sha256, config.to_json(), options.name, options.prefix, options.precision]
     words += [options.request.words] if options.request else []
     return hashlib.sha256("\n".join(words).encode()).hexdigest()[:8].upper()
@@ -316,7 +316,7 @@ def _domain(total: TotalMap) -> str:
 
 
 def _example(reference_map: ReferenceMap, config: Config) -> Example:
-    """A steady turn inside the map: the speed next to the paper's, half of the largest feasible front angle there."""
+    """Return a steady turn inside the map: the speed nearest to the paper's and half of its largest feasible front angle."""
     rows = np.flatnonzero(reference_map.feasible.any(axis=1) & (reference_map.speed > 0.0))
     row = rows[np.argmin(np.abs(reference_map.speed[rows] - EXAMPLE_SPEED))]
     speed = float(reference_map.speed[row])
@@ -341,7 +341,7 @@ def _readme_facts(parts: _Parts, evidence: Evidence) -> dict[str, Any]:
     flags += "" if inputs.config_source in ("map", "preset") else f" --config {shlex.quote(comment_text(inputs.config_source))}"
     return {
         "origin": f"case {reference_map.case} of the optimisation" if reference_map.solved else "a table from another tool",
-        # Printed only for other models than the linear one, so that older builds stay byte-identical.
+        # Printed only for models other than the linear one, so that older builds stay byte-identical.
         "tyre": "" if reference_map.tyre_model == "linear" else reference_map.tyre_model or "",
         "map_file": comment_text(inputs.map_file),
         "flags": flags,

@@ -1,7 +1,7 @@
-"""The generated sources as far as rules about names need it: objects and functions at file scope, and who uses them.
+"""Outline of the generated sources for rules about names: objects and functions at file scope, and their users.
 
-Goes by the layout that the templates keep: definitions start in the first column, functions with their section macro, and a
-brace in the first column ends them.
+The parser relies on the layout of the templates: a definition starts in the first column, a function definition with its
+section macro, and a brace in the first column ends it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _OBJECT = re.compile(r"^(?:\w+_SECTION_\w+ )?static const \w+ (?P<name>\w+)(?:\[
 
 @dataclass(frozen=True)
 class Definition:
-    """A function or an object at file scope; `line` is that of its name, `end` its last, both from 1."""
+    """A function or an object at file scope. `line` is the line of its name and `end` its last line; both count from 1."""
 
     name: str
     line: int
@@ -31,8 +31,8 @@ class Unit:
     """A source file.
 
     Attributes:
-        path: in the build.
-        text: its content.
+        path: path in the build.
+        text: content of the file.
     """
 
     path: str
@@ -40,12 +40,12 @@ class Unit:
 
     @cached_property
     def lines(self) -> tuple[str, ...]:
-        """Line by line, comments and strings left out."""
+        """Lines of the file, with blanks in place of comments and strings."""
         return tuple(_APART.sub(lambda part: re.sub(r"[^\n]", " ", part[0]), self.text).split("\n"))
 
     @cached_property
     def functions(self) -> tuple[Definition, ...]:
-        """Those that are defined."""
+        """Functions that the file defines."""
         found = []
         for number, line in enumerate(self.lines, 1):
             if match := _FUNCTION.match(line):
@@ -60,7 +60,7 @@ class Unit:
         return tuple(Definition(match["name"], number, number, True) for number, match in matches if match)
 
     def users(self, name: str) -> tuple[Definition, ...]:
-        """Functions whose definition mentions the name, other than as a member."""
+        """Return the functions whose definition uses a name other than as a member."""
         word = re.compile(rf"(?<![\w.>]){name}\b")
         return tuple(each for each in self.functions if any(word.search(line) for line in self.lines[each.line - 1 : each.end]))
 
@@ -69,12 +69,12 @@ class Unit:
         return next((each.name for each in self.functions if each.line <= line <= each.end), "")
 
     def mentions(self, name: str) -> int:
-        """Number of occurrences in the unit."""
+        """Return the number of occurrences of a name in the file."""
         word = re.compile(rf"\b{name}\b")
         return sum(len(word.findall(line)) for line in self.lines)
 
 
 def units(files: Mapping[str, bytes]) -> tuple[Unit, ...]:
-    """The sources for an ECU among the files of a build, by path."""
+    """Return the ECU sources among the files of a build, sorted by path."""
     paths = sorted(path for path in files if path.startswith("src/") and path.endswith(".c"))
     return tuple(Unit(path, files[path].decode("ascii", "replace")) for path in paths)

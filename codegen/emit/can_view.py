@@ -30,15 +30,15 @@ class Cause:
 _RECEPTION = (
     ("MISSING", "no frame in this cycle", "missing"),
     ("WRONG_CRC", "a frame with a wrong CRC, or without eight bytes", "damaged"),
-    ("WRONG_COUNTER", "a wrong counter, or the message has to prove itself", "out of sequence"),
+    ("WRONG_COUNTER", "a wrong counter, or too few valid frames since the start or a fault", "out of sequence"),
 )
 _OTHERS = (
-    ("UNAVAILABLE", "a signal is not available, out of range or impossible, for a short time so far", "signal unavailable"),
-    ("SPEED_REPLACED", "the speed is not believed: held, then falling", "speed replaced"),
-    ("FRONT_ANGLE_REPLACED", "the front angle is not believed: taken from the yaw rate", "front angle replaced"),
-    ("YAW_RATE_REPLACED", "the yaw rate is not believed: taken from the front angle", "yaw rate replaced"),
-    ("TASK_LATE", "the calls of the task stay behind the frames", "task late"),
-    ("INTERMITTENT", "the bus is disturbed and comes back, again and again", "bus intermittent"),
+    ("UNAVAILABLE", "a signal is not available, out of range or implausible, for a short time so far", "signal unavailable"),
+    ("SPEED_REPLACED", "the speed is rejected: last value, then decreasing", "speed replaced"),
+    ("FRONT_ANGLE_REPLACED", "the front angle is rejected: computed from the yaw rate", "front angle replaced"),
+    ("YAW_RATE_REPLACED", "the yaw rate is rejected: computed from the front angle", "yaw rate replaced"),
+    ("TASK_LATE", "the task is called less often than frames arrive", "task late"),
+    ("INTERMITTENT", "repeated disturbances of the bus", "bus intermittent"),
     ("ACTUATOR_STUCK", "the measured rear angle does not follow the command", "actuator stuck"),
 )
 
@@ -54,12 +54,12 @@ def _causes() -> tuple[Cause, ...]:
 
 _SIDES = (("MOTION", "VehicleMotion"), ("CONDITIONS", "VehicleConditions"))
 DIAGNOSTICS = _causes()
-"""Bits of `Diagnostics`, from bit 0; the three of each received message lie side by side in the same order."""
+"""Bits of `Diagnostics`, from bit 0. The three bits of each received message are adjacent and in the same order."""
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Neighbouring bits of a signal that share a byte: C that makes them from `code`, and C that gives them back to it."""
+    """Bits of a signal in one byte: the C expression that packs them from `code`, and the one that unpacks them."""
 
     byte: int
     packed: str
@@ -71,10 +71,10 @@ class FrameSignal:
     """A signal in its frame.
 
     Attributes:
-        definition: its entry in the table of signals.
-        layout: its place in the frame, as configured.
-        byte_order: of the frame.
-        precision: of the build.
+        definition: entry in the table of signals.
+        layout: configured position in the frame.
+        byte_order: byte order of the frame.
+        precision: precision of the build.
     """
 
     definition: SignalDefinition
@@ -89,7 +89,7 @@ class FrameSignal:
 
     @property
     def field_type(self) -> str:
-        """C type of a whole number in the struct of its message; "" for a real signal, and for what is not in the struct."""
+        """C type of a whole number in the struct of its message; "" for a real signal or a signal that the struct omits."""
         return "" if self.definition is _QUALIFIER else self.definition.c_type
 
     @property
@@ -104,12 +104,12 @@ class FrameSignal:
 
     @property
     def qualifier_bit(self) -> int:
-        """Mask of its bit in the qualifier; 0 where it has none."""
+        """Mask of the validity bit in the qualifier; 0 if there is none."""
         return 1 << QUALIFIED.index(self.definition.role) if self.definition.message == "vehicle_motion" else 0
 
     @property
     def sign_bit(self) -> int:
-        """Mask of the sign in the code; 0 where it has none."""
+        """Mask of the sign bit in the code; 0 if there is none."""
         return 1 << (self.layout.length - 1) if isinstance(self.layout, RealSignal) and self.layout.signed else 0
 
     @property
@@ -121,12 +121,12 @@ class FrameSignal:
 
     @property
     def value(self) -> str:
-        """C of a real signal's value without its offset."""
+        """C expression of a real signal's value without its offset."""
         return f"signals->{self.definition.role}{self._offset(' - ', ' + ')}"
 
     @property
     def decoded(self) -> str:
-        """C of a real signal's value from `code`, whose sign bit is inverted."""
+        """C expression of a real signal's value from `code`, whose sign bit is inverted."""
         assert isinstance(self.layout, RealSignal)
         code = f"(int32_t)code - {self.sign_bit}" if self.sign_bit else "(int32_t)code"
         return f"to_value({code}, {self.scale}, {self.layout.raw_not_available}){self._offset(' + ', ' - ')}"
@@ -149,7 +149,7 @@ class FrameSignal:
 
     @property
     def dbc_values(self) -> str:
-        """The signal's value table in a DBC; empty where it has none."""
+        """The signal's value table in a DBC; empty if there is none."""
         if isinstance(self.layout, RealSignal):
             return f'{self.layout.raw_not_available} "not available"'
         return " ".join(f'{code} "{text}"' for code, text in enumerate(self.definition.values))
@@ -160,9 +160,9 @@ class Frame:
     """A message with its signals.
 
     Attributes:
-        role: in the configuration.
-        layout: as configured.
-        title: a phrase for comments.
+        role: role in the configuration.
+        layout: configured message.
+        title: phrase for comments.
         sender, receiver: nodes of the DBC.
     """
 
@@ -191,12 +191,12 @@ class Frame:
 
 @dataclass(frozen=True)
 class CanView:
-    """Everything that the templates of the CAN side print."""
+    """Everything that the CAN templates print."""
 
     messages: tuple[Frame, ...]
     diagnostics: tuple[Cause, ...]
     reception_bits: int
-    cycle_time_ms: str
+    task_period_ms: str
     cycle_time_is_whole: bool
     baudrate: str
     max_delta_counter_init: int
@@ -233,19 +233,19 @@ class TaskView:
 
 
 def task_name(sampling_time: float) -> str:
-    """Name of the task's function after its period (s): task_10ms, task_2500us."""
+    """Return the name of the task's function, which contains its period (s): task_10ms, task_2500us."""
     microseconds = round(sampling_time * 1e6)
     return f"task_{microseconds // 1000}ms" if microseconds % 1000 == 0 else f"task_{microseconds}us"
 
 
 def task_view(config: Config) -> TaskView:
-    """The view of the configured sampling time."""
+    """Return the view of the configured sampling time."""
     return TaskView(task_name(config.controller.sampling_time_s))
 
 
 def can_view(config: Config, precision: Precision) -> CanView:
-    """The view of `config.can`."""
-    # In single precision the arithmetic is made exact; in double precision it is that of every tool that reads a DBC.
+    """Return the view of `config.can`."""
+    # In single precision the arithmetic is made exact. In double precision it equals that of tools that read a DBC.
     exact = precision == "single"
     can, period_ms = config.can, round(config.controller.sampling_time_s * 1e3, 9)
     count_mask = (1 << can.e2e.window_size.bit_length()) - 1
@@ -253,7 +253,7 @@ def can_view(config: Config, precision: Precision) -> CanView:
         messages=tuple(_frame(can, role, precision) for role in can.messages()),
         diagnostics=DIAGNOSTICS,
         reception_bits=len(_RECEPTION),
-        cycle_time_ms=decimal(period_ms),
+        task_period_ms=decimal(period_ms),
         cycle_time_is_whole=period_ms == round(period_ms),
         baudrate=decimal(can.bitrate_kbit_s * 1e3),
         **can.e2e.model_dump(),
@@ -278,7 +278,7 @@ CRC_POLYNOMIAL = 0x1D
 """SAE J1850."""
 
 CRC_EXAMPLE = (0x23, 0x01, 1, 0, 0, 0, 0, 0)
-"""Data id, low byte first, and the bytes 1 to 6 of the frame whose byte 7 runs through all values in the self-test."""
+"""Data id (low byte first) and bytes 1 to 6 of the self-test's frame. Its byte 7 takes all values."""
 
 
 def _crc_sum() -> int:

@@ -1,9 +1,9 @@
-"""A CasADi SX function as C99, by walking its instructions.
+"""Print a CasADi SX function as C99, instruction by instruction.
 
-CasADi's own generator prints double literals and double libm names whatever `casadi_real` is, which costs a soft-float
-library on a single-precision FPU. This printer emits straight-line code in one precision: each instruction becomes one
-constant, every literal carries its suffix, and minimum and maximum are comparisons, so that the only library functions are
-sin, cos and atan. The CasADi virtual machine is the oracle in the tests.
+CasADi's own generator prints double literals and double libm names whatever `casadi_real` is. On a single-precision FPU that
+requires a soft-float library. This printer emits straight-line code in one precision. Each instruction becomes one constant,
+and every literal has the suffix of its type. Minimum and maximum become comparisons, so the only library functions are sin,
+cos and atan. The tests compare the code with the CasADi virtual machine.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ _BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
 
 
 def function_body(function: Any, precision: Precision, indent: str = "    ") -> list[str]:
-    """Lines of C that evaluate an SX function.
+    """Return lines of C that evaluate an SX function.
 
-    The arguments are arrays named as the function's inputs (column-major where they are matrices); the results are written
-    to arrays named as its outputs. The lines declare one `const` for each intermediate result, so they need a block of
-    their own.
+    The arguments are arrays with the names of the function's inputs (matrices in column-major order). The results are written
+    to arrays with the names of its outputs. The lines declare one `const` for each intermediate result, so they need a block
+    of their own.
 
     Raises:
-        ValueError: the function uses an operation that has no C here.
+        ValueError: the function uses an operation that this printer does not support.
     """
     real = c_type(precision)
     value: dict[int, str] = {}
@@ -55,13 +55,13 @@ def function_body(function: Any, precision: Precision, indent: str = "    ") -> 
 
 
 def constant_text(number: float, precision: Precision) -> str:
-    """A constant as an operand."""
+    """Return a constant as an operand."""
     text = literal(number, precision)
     return f"({text})" if text.startswith("-") else text
 
 
 def expression_text(operation: int, arguments: list[str], precision: Precision) -> str:
-    """One CasADi operation on operands. Raises ValueError where it has no C here."""
+    """Return one CasADi operation on operands as C. Raises ValueError if the operation is not supported."""
     suffix = "f" if precision == "single" else ""
     zero, one, two = (literal(number, precision) for number in (0.0, 1.0, 2.0))
     first = arguments[0]

@@ -1,4 +1,4 @@
-"""View model of the checksum over a build's calibration: the same CRC-32 that the C computes, from Python's own numbers."""
+"""View model of the checksum over a build's calibration: the CRC-32 of the C, computed from the numbers in Python."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class ChecksumView:
     """The checksum and the order of its parameters.
 
     Attributes:
-        map: over the map alone, as a literal.
-        whole: over map, parameters and tyre curves.
-        value: the same as a number.
-        steps: table look-ups of four bits that computing it takes.
-        parameters: fields of the parameter structs in order, with names that reach into the structs inside.
-        has_arrays: an array is among them.
+        map: checksum of the map alone, as a C literal.
+        whole: checksum of map, parameters and tyre curves, as a C literal.
+        value: `whole` as a number.
+        steps: number of four-bit table look-ups in its computation.
+        parameters: fields of the parameter structs in order. The name of a field in a nested struct contains its path.
+        has_arrays: whether one of the parameters is an array.
     """
 
     map: str
@@ -82,6 +82,6 @@ def _bytes_of_parameters(parameters: Iterable[Parameter], precision: Precision) 
 
 
 def _bytes(values: Iterable[float], precision: Precision) -> bytes:
-    """Numbers in the target's precision, least significant byte first."""
+    """Return the bytes of numbers in the target's precision, least significant byte first."""
     numbers = np.array(list(values), dtype=numpy_type(precision))
     return numbers.astype(numbers.dtype.newbyteorder("<")).tobytes()

@@ -1,4 +1,4 @@
-"""Constants of the map and of the vehicle that the C computes with and that no calibration changes."""
+"""Constants of map and vehicle in the generated C that calibration cannot change."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Constant:
     """A member of the C struct `<prefix>_constants_t`.
 
     Attributes:
-        name: of the member.
-        value: SI units; a tuple holds a number for each friction of a stack.
-        unit: symbol, "" for a ratio.
-        meaning: for the comment in C.
+        name: name of the member.
+        value: value in SI units; a tuple has a number for each friction of a stack.
+        unit: symbol of the unit, "" for a ratio.
+        meaning: text for the comment in C.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Constant:
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The numbers, one or several."""
+        """All numbers of the value, one or several."""
         return self.value if isinstance(self.value, tuple) else (self.value,)
 
 
@@ -58,7 +58,7 @@ def _scales(total: TotalMap, *, with_rear_angle: bool) -> Iterator[Constant]:
 
 
 def _caps(lookup: Lookup, *, stacked: bool) -> Iterator[Constant]:
-    """The caps are rounded down, so that rounding never exceeds the bound."""
+    """Yield the caps, rounded down so that they never exceed the bound."""
     meaning = "largest steady one that the constraints allow"
     if stacked:
         yield Constant("frictions", _numbers(lookup.frictions, stacked), "", "friction of each layer")
@@ -70,7 +70,7 @@ def _caps(lookup: Lookup, *, stacked: bool) -> Iterator[Constant]:
 
 
 def _vehicle(lookup: Lookup, *, stacked: bool) -> Iterator[Constant]:
-    """The linear vehicle of the map, which gives the rear angle of a capped yaw rate."""
+    """Yield the constants of the map's linear vehicle, from which the lookup computes the rear angle of a capped yaw rate."""
     own, plural = lookup.cars[-1], "s" * stacked
     understeer = _numbers((car.understeer_coefficient for car in lookup.cars), stacked)
     slip = _numbers((car.rear_slip for car in lookup.cars), stacked)

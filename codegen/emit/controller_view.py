@@ -1,4 +1,4 @@
-"""View model of the controller: parameters with values, ranges and meaning, state, and what the self-test knows."""
+"""View model of the controller: parameters with values, ranges and meaning, state, and known values for the self-test."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from codegen.emit.text import Precision, literal
 from codegen.units import DEGREE, KM_H
 
 INITIALISED = 0x41525331
-"""Mark of a state that was initialised: not zero, and unlikely in memory that holds anything else."""
+"""Mark of an initialised state: not zero, and unlikely in memory that was not initialised."""
 
 SQUARES_MAX = 1e12
-"""Largest sum of squares of a valid state, SI units. No number of a valid state comes near its root."""
+"""Largest sum of squares of a valid state, in SI units. Each number of a valid state is far below the root of this value."""
 
 INPUT_NUMBERS = (
     "speed.value",
@@ -34,19 +34,19 @@ INPUT_NUMBERS = (
     "beyond_linear",
     "friction",
 )
-"""Numbers of the state of the inputs."""
+"""Real numbers in the state of the monitoring of the inputs."""
 
 ACTUATOR_SAMPLES_MAX = 60_000
-"""Largest value of the parameter; the count goes one above it and must not overflow."""
+"""Largest value of `actuator_samples_max`. The counter reaches one more and must not overflow."""
 
 REST_MIN = 0.01
-"""m: least denominator of the law "proportional"; that of a stable car is more than its front axle's distance."""
+"""Smallest denominator of the law "proportional", in m. That of a stable car exceeds the distance of its front axle."""
 
 REFERENCE_OVERSHOOT = 1.15
-"""Largest yaw rate of the reference model, as a multiple of what the assumed friction allows."""
+"""Largest yaw rate of the reference model, as a multiple of the yaw rate that the assumed friction allows."""
 
 SELFTEST_TOLERANCE = 1e-5
-"""rad/s. Fusing multiply and add changes the lookup by some units in the last place; a wrong cell changes it by far more."""
+"""Tolerance in rad/s. A fused multiply-add changes the lookup by a few units in the last place, a wrong cell by far more."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class ControllerView:
 
 
 def controller_parameters(config: Config) -> tuple[Parameter, ...]:
-    """The fields of `<prefix>_parameters_t` but for those of inputs and limiter, in order. Raises BuildError: see `law_of`."""
+    """Return the fields of `<prefix>_parameters_t` in order, without inputs and limiter. Raises BuildError: see `law_of`."""
     return (*law_of(config).parameters(config), *_common_parameters(config))
 
 
@@ -89,7 +89,7 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "rear_angle_max",
             config.rear_actuator.angle_max,
-            "rad, bound on the command; at most what the actuator can",
+            "rad, bound of the command, at most the actuator's largest angle",
             1e-4,
             config.rear_actuator.angle_max,
         ),
@@ -110,7 +110,7 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
 
 
 def _actuator_parameters(config: Config) -> Iterator[Parameter]:
-    """Parameters of the check that the actuator follows its command; see `RearActuator`."""
+    """Yield the parameters of the check that the actuator follows its command; see `RearActuator`."""
     actuator, period = config.rear_actuator, config.controller.sampling_time_s
     error: float | str = actuator.stuck_error_deg
     time: float | str = actuator.stuck_time_s
@@ -123,7 +123,7 @@ def _actuator_parameters(config: Config) -> Iterator[Parameter]:
     yield Parameter(
         "actuator_error_max",
         math.radians(error),
-        "rad off, beside twice the way to go, that is tolerated",
+        "rad, tolerated error, in addition to twice the remaining way",
         1e-4,
         1.5,
     )
@@ -132,7 +132,7 @@ def _actuator_parameters(config: Config) -> Iterator[Parameter]:
 
 
 _LAW_STATE = (Field("bool", "is_limited", "a limit acted in the last sample"),)
-"""State fields that every law has in addition to its own."""
+"""State fields that every law has besides its own."""
 
 _GRIP_STATE = (
     Field("real", "reached", "m/s^2 of lateral acceleration, lately"),
@@ -142,9 +142,9 @@ _GRIP_STATE = (
 _STATE = (
     Field("real", "rear_angle", "rad, last command"),
     Field("real", "yaw_rate_reference", "rad/s, last reference"),
-    Field("real", "yaw_rate_error", "rad/s, last reference less measured yaw rate; 0 where control is off"),
-    Field("bool", "enabled", "above the enabling speed, with hysteresis: the law runs"),
-    Field("uint32_t", "initialised", "a mark, of which memory without an initialisation has none"),
+    Field("real", "yaw_rate_error", "rad/s, last reference minus measured yaw rate; 0 while control is off"),
+    Field("bool", "enabled", "speed above the enabling speed, with hysteresis: the law runs"),
+    Field("uint32_t", "initialised", "mark of an initialised state"),
 )
 
 
@@ -166,7 +166,7 @@ def controller_view(
         numbers += [f"grip.{field.name}" for field in _GRIP_STATE]
     numbers += [f"inputs.{name}" for name in INPUT_NUMBERS]
     numbers += [f"limiter.{name}" for name in ("rear_angle", "speed", "front_angle")]
-    state.append(Field(f"{prefix}_measurement_t", "sample", "what is believed of the last one"))
+    state.append(Field(f"{prefix}_measurement_t", "sample", "last sample after monitoring"))
     state.append(Field(f"{prefix}_inputs_t", "inputs", "first in the chain"))
     state.append(Field(f"{prefix}_limiter_t", "limiter", "last in the chain"))
     state.append(Field(f"{prefix}_quality_t", "quality", "of the last sample"))
@@ -199,9 +199,10 @@ def controller_view(
 
 
 def _known_values(total: TotalMap, lookup: Lookup, precision: Precision) -> tuple[str, ...]:
-    """Speed, front angle, friction and yaw rate: corners, inside, beyond the edges, both signs, and slippery roads.
+    """Return rows of speed, front angle, friction and yaw rate: corners, inner points, points beyond the edges, both signs, and
+    slippery roads.
 
-    Chosen so that each constant of the lookup shows in at least one: at small angles and low speeds the cap does not act.
+    Each constant of the lookup affects at least one row. At small angles and low speeds the cap does not act.
     """
     top_speed, top_angle, friction = float(total.speed[-1]), float(total.front_angle[-1]), total.friction
     points = [

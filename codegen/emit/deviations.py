@@ -15,7 +15,7 @@ from codegen.emit.misra_rules import RULES, category
 FILE = "deviations.md"
 
 CHECKER = "checker"
-"""Category of a finding that a checker reports by its own rules, not by MISRA."""
+"""Category of a finding that a checker reports by its own rules, not by those of MISRA."""
 
 CODE_MAX = 90
 
@@ -71,7 +71,7 @@ Places = Iterator[tuple[Unit, int]]
 
 @dataclass(frozen=True)
 class Entry:
-    """A deviation from a rule: a function that finds its places in the code, and the reason."""
+    """A deviation from a rule: a function that finds its locations in the code, and the reason."""
 
     rule: str
     find: Callable[[tuple[Unit, ...]], Places]
@@ -189,7 +189,7 @@ def read_deviations(text: str) -> tuple[tuple[int, Deviation], ...]:
         if body and line.startswith("|"):
             match = _ROW.fullmatch(line)
             if match is None:
-                raise ValueError(f"line {number} is no row of the table")
+                raise ValueError(f"line {number} is not a row of the table")
             code = match["code"].replace("\\|", "|")
             row = Deviation(match["file"], match["function"], match["rule"], code, match["reason"], match["category"])
             rows.append((number, row))

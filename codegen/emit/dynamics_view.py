@@ -58,7 +58,7 @@ class DynamicsView:
 
 
 def function_view(function: Any, name: str, precision: Precision) -> FunctionView:
-    """A CasADi function as C text."""
+    """Return a CasADi function as C text."""
     body = function_body(function, precision)
     text = "\n".join(body)
     return FunctionView(
@@ -70,14 +70,14 @@ def function_view(function: Any, name: str, precision: Precision) -> FunctionVie
 
 
 def library_functions(functions: tuple[FunctionView, ...]) -> tuple[str, ...]:
-    """Names of the mathematical functions that C bodies call, sorted."""
+    """Return the names of the mathematical functions that C bodies call, sorted."""
     return tuple(
         sorted({match.group(0)[:-1] for view in functions for line in view.body for match in _LIBRARY_CALL.finditer(line)})
     )
 
 
 def dynamics_view(config: Config, precision: Precision) -> DynamicsView:
-    """The view of both single-track models of a car."""
+    """Return the view of both single-track models of a car."""
     models, functions = [], []
     described: tuple[tuple[str, str, Model], ...] = (
         ("linear", "Time derivative of the state with linear tyres.", single_track(config, "linear")),

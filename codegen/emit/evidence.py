@@ -1,5 +1,5 @@
-"""Facts about the safety of a build before it runs: margins of its feedback, what losing the function means, what the
-limiter cuts off the map, and by how much its reference model turns more than a map of the nonlinear car allows."""
+"""Safety facts of a build: margins of its feedback, consequences of a loss of function, cells of the map that the limiter cuts,
+and the excess yaw rate of its reference model over a map of the nonlinear car."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from codegen.units import KM_H
 
 @dataclass(frozen=True)
 class Evidence:
-    """Design results of one build. `margins` is None for a kind without feedback, `excess` where it is not computed."""
+    """Design results of one build. `margins` is None for a kind without feedback, `excess` if it does not apply."""
 
     config: Config
     margins: Weakest | None

@@ -1,6 +1,6 @@
 """Jinja filters of the templates: numbers, units and words as C text.
 
-A template prints domain objects through them, so that no view model has to copy fields as text.
+Templates print domain objects through these filters, so view models need not copy fields as text.
 
 >>> from codegen.emit.render import environment
 >>> environment().from_string("{{ 0.1 | literal }}").render(precision="single")
@@ -22,7 +22,7 @@ from codegen.emit.text import literal as literal_text
 
 @pass_context
 def literal(context: Context, value: float, precision: Precision | None = None) -> str:
-    """A number as a C literal, in the precision of the build or in another one.
+    """Return a number as a C literal, in the precision of the build unless `precision` names another one.
 
     >>> from codegen.emit.render import environment
     >>> environment().from_string("{{ 0.1 | literal('double') }}").render()
@@ -33,7 +33,7 @@ def literal(context: Context, value: float, precision: Precision | None = None) 
 
 @pass_context
 def c_type(context: Context, kind: str) -> str:
-    """The C type of a field: "real" is the number type of the build, everything else is a C type already.
+    """Return the C type of a field: the number type of the build for "real", and any other kind unchanged.
 
     >>> from codegen.emit.render import environment
     >>> environment().from_string("{{ 'real' | c_type }} {{ 'bool' | c_type }}").render(real="float")
@@ -43,7 +43,7 @@ def c_type(context: Context, kind: str) -> str:
 
 
 def hexadecimal(value: int, digits: int = 1) -> str:
-    """A whole number in hexadecimal, with at least so many digits.
+    """Return a whole number in hexadecimal with at least `digits` digits.
 
     >>> hexadecimal(257, 4)
     '0x0101'
@@ -52,7 +52,7 @@ def hexadecimal(value: int, digits: int = 1) -> str:
 
 
 def decimal(value: float) -> str:
-    """A number with at most twelve digits and without an exponent, which some readers of a DBC do not accept.
+    """Return a number with at most twelve digits and without an exponent, which some readers of a DBC reject.
 
     >>> decimal(5e-05), decimal(500000.0)
     ('0.00005', '500000')
@@ -61,7 +61,7 @@ def decimal(value: float) -> str:
 
 
 def unit(text: str, symbol: str) -> str:
-    """A description with its unit in front, as the comments of fields have it; "" is the unit of a ratio.
+    """Return a description after its unit, as in the comments of fields. The unit of a ratio is "".
 
     >>> unit("yaw rate", "rad/s"), unit("friction", "")
     ('rad/s, yaw rate', 'friction')

@@ -1,7 +1,7 @@
 """A generated folder in memory and on disk: its files, its manifest, and which files belong to the generator.
 
 A folder belongs to the generator if its `manifest.json` declares it, and a file if that manifest names it. The content of the
-files does not matter here. Imports only `errors`.
+files does not matter here. This module imports only `errors` and `files`.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from codegen.errors import BuildError
 from codegen.files import read_file
 
 MANIFEST = "manifest.json"
-BESIDE = ("verify.json", "verify.md")
-"""Files that verification writes into a build: ours, but about the build and so not named by its manifest."""
+VERIFICATION_FILES = ("verify.json", "verify.md")
+"""Files that `codegen verify` writes into a build. They belong to the generator, but describe the build, so its manifest does
+not name them."""
 
 BUILD_FILE_BYTES_MAX = 2**28
 MANIFEST_BYTES_MAX = 16 * 2**20
@@ -33,7 +34,7 @@ DEPTH_MAX = 32
 GENERATOR = "codegen"
 
 Kind = Literal["file", "folder", "other"]
-"""Return the type of a folder's entry; a link is always "other"."""
+"""Type of a folder's entry. A link is always "other"."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Folder:
 
     Raises:
         ValueError: a path is not plain (relative, ASCII, no ".."), is reserved, or names both a file and a folder;
-            a fact has a reserved key. All are faults of the program, not of its user.
+            or a fact has a reserved key. All are programming errors, not errors of the user.
     """
 
     files: Mapping[str, bytes]
@@ -55,18 +56,18 @@ class Folder:
     def __post_init__(self) -> None:
         folders = folders_of(self.files)
         for path in self.files:
-            if not _is_plain(path) or path in (MANIFEST, *BESIDE) or path in folders:
+            if not _is_plain(path) or path in (MANIFEST, *VERIFICATION_FILES) or path in folders:
                 raise ValueError(f"{path!r} cannot be the path of a generated file")
         if reserved := {"files", "generator"} & self.manifest.keys():
             raise ValueError(f"reserved keys in the manifest: {sorted(reserved)}")
 
     def content(self) -> dict[str, bytes]:
-        """Every file by path, the manifest first, so that a truncated folder still lists what it should hold."""
+        """Return every file by path. The manifest comes first, so that an incomplete folder still lists all its files."""
         return {MANIFEST: render_manifest(self), **self.files}
 
 
 def render_manifest(folder: Folder) -> bytes:
-    """The manifest's JSON: the caller's facts, and size and SHA-256 of each file. The same folder gives the same bytes."""
+    """Return the manifest as JSON: the caller's facts, and size and SHA-256 of each file. Equal folders give equal bytes."""
     files = {
         path: {"sha256": hashlib.sha256(content).hexdigest(), "bytes": len(content)} for path, content in folder.files.items()
     }
@@ -77,14 +78,14 @@ def render_manifest(folder: Folder) -> bytes:
 
 
 def _number_rows(match: re.Match[str]) -> str:
-    # One number a line would make a manifest of thousands of lines.
+    # With one number per line, the manifest would have thousands of lines.
     indent, numbers = match[1], " ".join(match[2].split())
     rows = textwrap.fill(numbers, 120, initial_indent=indent, subsequent_indent=indent, break_long_words=False)
     return f"[\n{rows}\n{indent[:-1]}]"
 
 
 def read_files(target: Path, manifest: Mapping[str, Any], folders: tuple[str, ...]) -> dict[str, bytes]:
-    """Content by path of those files that the manifest names in `folders` ("src/"). Raises BuildError: one cannot be read."""
+    """Return the files in `folders` (such as "src/") that the manifest names. Raises BuildError if one cannot be read."""
     files = {}
     for path in manifest["files"]:
         if path.startswith(folders):
@@ -93,33 +94,33 @@ def read_files(target: Path, manifest: Mapping[str, Any], folders: tuple[str, ..
 
 
 def read_manifest(target: Path) -> dict[str, Any]:
-    """The manifest of a generated folder. Raises BuildError: there is none, it cannot be read, or it is not ours."""
+    """Return the manifest of a generated folder. Raises BuildError if it is missing, unreadable or not codegen's."""
     path = Path(target) / MANIFEST
-    remedy = "`codegen build` makes such a folder"
+    remedy = "write the folder with `codegen build`"
     try:
         regular = stat.S_ISREG(os.lstat(path).st_mode)
-        # Opening a pipe would wait for ever, a link would lead out of the folder.
+        # Opening a pipe would block for ever, and a link may point outside the folder.
         if not regular:
             raise BuildError("not a regular file", where=path, remedy=remedy)
         with path.open("rb") as file:
             text = file.read(MANIFEST_BYTES_MAX + 1)
     except (FileNotFoundError, NotADirectoryError):
-        raise BuildError(f"no generated folder: there is no {MANIFEST}", where=target, remedy=remedy) from None
+        raise BuildError(f"not a generated folder: {MANIFEST} is missing", where=target, remedy=remedy) from None
     except OSError as error:
         raise BuildError(f"cannot be read ({error.strerror})", where=path, remedy="check its permissions") from error
     if len(text) > MANIFEST_BYTES_MAX:
-        raise BuildError(f"larger than {MANIFEST_BYTES_MAX} bytes, so not a manifest of ours", where=path, remedy=remedy)
+        raise BuildError(f"larger than {MANIFEST_BYTES_MAX} bytes, so not a manifest of codegen", where=path, remedy=remedy)
     try:
         manifest = json.loads(text)
     except (ValueError, RecursionError):
-        raise BuildError("not JSON, so not a manifest of ours", where=path, remedy=remedy) from None
+        raise BuildError("not JSON, so not a manifest of codegen", where=path, remedy=remedy) from None
     if not _is_ours(manifest):
         raise BuildError("not a manifest that codegen wrote", where=path, remedy=remedy)
     return dict(manifest)
 
 
 def differences(folder: Folder, target: Path) -> list[str]:
-    """Return the changes that building `folder` into `target` would make, one line a file; empty if it is up to date.
+    """Return the changes that building `folder` into `target` would make, one line per file; empty if it is up to date.
 
     Nothing is written.
 
@@ -130,11 +131,11 @@ def differences(folder: Folder, target: Path) -> list[str]:
     if not place.is_dir():
         return [f"{target}: {'not a folder' if os.path.lexists(place) else 'missing'}"]
     content = folder.content()
-    ours = {*content, *BESIDE}
+    ours = {*content, *VERIFICATION_FILES}
     with as_build_error(target, "read"):
         found = dict(entries(place))
         lines = [f"{path}: missing" for path in content if path not in found]
-        lines += [f"{path}: not named by the manifest" for path in strays(found.items(), ours)]
+        lines += [f"{path}: not named by the manifest" for path in foreign_paths(found.items(), ours)]
         lines += [
             f"{path}: differs" for path, data in content.items() if found.get(path) == "file" and not _holds(place / path, data)
         ]
@@ -142,7 +143,7 @@ def differences(folder: Folder, target: Path) -> list[str]:
 
 
 def verify_hashes(target: Path) -> list[str]:
-    """Paths, sorted, whose bytes are not those that the manifest of `target` was written for; a missing file is one.
+    """Return the sorted paths of files that are missing or do not match their hash in the manifest of `target`.
 
     Raises:
         BuildError: as `read_manifest`, or a file cannot be read.
@@ -158,7 +159,7 @@ def verify_hashes(target: Path) -> list[str]:
 
 
 def _is_plain(path: str) -> bool:
-    """Whether `path` is relative and stays below its folder, in the one spelling that compares equal to itself."""
+    """Return whether `path` is a relative path in normalised spelling that stays below its folder."""
     parts = PurePosixPath(path)
     plain_text = path.isascii() and path.isprintable() and "\\" not in path
     return plain_text and parts.as_posix() == path != "." and not parts.is_absolute() and ".." not in parts.parts
@@ -174,15 +175,15 @@ def _is_ours(manifest: object) -> bool:
 
 
 def owned_paths(folder: Path) -> set[str]:
-    """The paths that `folder` may hold by its own manifest; none where it has no manifest of ours."""
+    """Return the paths that `folder` may contain according to its manifest; none if it has no manifest of codegen."""
     try:
-        return {*read_manifest(folder)["files"], MANIFEST, *BESIDE}
+        return {*read_manifest(folder)["files"], MANIFEST, *VERIFICATION_FILES}
     except BuildError:
         return set()
 
 
 def folders_of(paths: Iterable[str]) -> set[str]:
-    """Every folder, by relative path, that files at `paths` stand in."""
+    """Return the relative paths of all folders that contain files at `paths`."""
     return {str(parent) for path in paths for parent in PurePosixPath(path).parents} - {"."}
 
 
@@ -206,8 +207,8 @@ def entries(folder: Path, below: str = "") -> Iterator[tuple[str, Kind]]:
             yield path, "file" if child.is_file(follow_symlinks=False) else "other"
 
 
-def strays(found: Iterable[tuple[str, Kind]], ours: set[str]) -> Iterator[str]:
-    """Those of `found` that are neither regular files of `ours` nor folders that hold such."""
+def foreign_paths(found: Iterable[tuple[str, Kind]], ours: set[str]) -> Iterator[str]:
+    """Yield the paths in `found` that are neither regular files of `ours` nor folders that contain such files."""
     folders = folders_of(ours)
     for path, kind in found:
         if (kind, path in ours) != ("file", True) and (kind, path in folders) != ("folder", True):
@@ -225,14 +226,14 @@ def _sha256(path: Path) -> str:
 
 @contextmanager
 def as_build_error(target: Path, done: str) -> Iterator[None]:
-    """Turn an OSError into a BuildError: `target` cannot be `done` ("written", "read"), the cause, and the remedy."""
+    """Convert an OSError to a BuildError: `target` cannot be `done` ("written", "read"), the cause, and the remedy."""
     try:
         yield
     except OSError as error:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         place = f" at {error.filename}" if error.filename is not None and not full else ""
-        remedy = "free some space" if full else "choose another folder, or see to its permissions"
-        unchanged = "; what stood before is unchanged" if done == "written" else ""
+        remedy = "free some space" if full else "choose another folder, or check its permissions"
+        unchanged = "; the previous content is unchanged" if done == "written" else ""
         raise BuildError(
             f"cannot be {done} ({error.strerror}{place}){unchanged}", where=target, remedy=f"{remedy} and try again"
         ) from error

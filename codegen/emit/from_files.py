@@ -20,7 +20,7 @@ from codegen.map_file.map import ReferenceMap
 
 @dataclass(frozen=True)
 class Prepared:
-    """A rendered build and what it was made from."""
+    """A rendered build and its inputs."""
 
     folder: Folder
     target: Path
@@ -41,11 +41,11 @@ def prepare(
 
     Args:
         target: output folder; by default generated/<stem of the map> in the current folder.
-        request: for what to choose the breakpoints; those of the map where it is None.
-        judge: called with the map and its file before anything is rendered; it may raise.
+        request: requirements on the chosen breakpoints; None keeps the breakpoints of the map.
+        judge: function that gets the map and its file before anything is rendered; it may raise.
 
     Raises:
-        MapError, ConfigError, BuildError: what cannot be read or built.
+        MapError, ConfigError, BuildError: an input cannot be read, or the build cannot be rendered.
     """
     # The name is checked before the map is read, so that a bad one is reported at once.
     options = BuildOptions(name=map_path.stem, prefix=prefix, precision=precision, request=request)

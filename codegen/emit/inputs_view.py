@@ -14,9 +14,9 @@ from codegen.units import DEGREE, GRAVITY, KM_H
 from codegen.vehicle.single_track import SingleTrack
 
 UNDERSTEER_CHANGE_MAX = math.radians(2.0) / GRAVITY
-"""s^2/m, 2 deg/g: calibration may take another variant of the car, but no other car."""
+"""Largest change of the understeer coefficient by calibration, in s^2/m: 2 deg/g cover variants of the car, not other cars."""
 FRICTION_UNKNOWN = 2.0
-"""More than the peak friction of any road: the map takes its own."""
+"""Value for an unknown friction, above the peak friction of any road: the map uses its own friction."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class InputsView:
 
 
 def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
-    """The fields of `<prefix>_inputs_parameters_t`, in order."""
+    """Return the fields of `<prefix>_inputs_parameters_t`, in order."""
     inputs, fail_safe, period = config.controller.inputs, config.controller.fail_safe, config.controller.sampling_time_s
     car = SingleTrack.from_config(config)
     wheelbase, understeer = car.wheelbase, car.understeer_coefficient
@@ -42,76 +42,88 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
         of_key("yaw_rate_max", "yaw_rate_max_deg_s", "rad/s, range", DEGREE, 20.0),
         of_key("rear_angle_max", "rear_angle_max_deg", "rad, range", DEGREE),
         of_key("friction_max", "friction_max", "range"),
-        of_key("speed_step", "acceleration_max_m_s2", "m/s at most in a sample", period, 200.0),
-        of_key("front_angle_step", "front_angle_rate_max_deg_s", "rad at most in a sample", DEGREE * period, 3.0),
-        of_key("yaw_rate_step", "yaw_acceleration_max_deg_s2", "rad/s at most in a sample", DEGREE * period, 40.0),
-        Parameter("wheelbase", wheelbase, "m, of the linear car", 0.5 * wheelbase, 2.0 * wheelbase),
+        of_key("speed_step", "acceleration_max_m_s2", "m/s, largest change in a sample", period, 200.0),
+        of_key("front_angle_step", "front_angle_rate_max_deg_s", "rad, largest change in a sample", DEGREE * period, 3.0),
+        of_key("yaw_rate_step", "yaw_acceleration_max_deg_s2", "rad/s, largest change in a sample", DEGREE * period, 40.0),
+        Parameter("wheelbase", wheelbase, "m, linear car", 0.5 * wheelbase, 2.0 * wheelbase),
         Parameter(
             "understeer_coefficient",
             understeer,
-            "s^2/m: of the linear car",
+            "s^2/m, linear car",
             understeer - UNDERSTEER_CHANGE_MAX,
             understeer + UNDERSTEER_CHANGE_MAX,
         ),
         Parameter(
             "expected_share",
             1.0 - math.exp(-period / inputs.yaw_rate_lag_s),
-            "share of its way to the steady turn that the yaw rate goes in a sample",
+            "weight of the steady yaw rate in the low-pass filter of the expected one",
             1e-3,
             1.0,
         ),
-        of_key("yaw_rate_tolerance", "yaw_rate_tolerance_deg_s", "rad/s beyond what the road explains", DEGREE, 20.0),
-        of_key("lateral_acceleration_max", "lateral_acceleration_max_m_s2", "m/s^2 that no road allows"),
+        of_key(
+            "yaw_rate_tolerance",
+            "yaw_rate_tolerance_deg_s",
+            "rad/s, largest difference from the expected yaw rate",
+            DEGREE,
+            20.0,
+        ),
+        of_key("lateral_acceleration_max", "lateral_acceleration_max_m_s2", "m/s^2, range, and bound for any road"),
         of_key(
             "yaw_rate_frozen",
             "yaw_rate_frozen_deg_s",
-            "rad/s that yaw rate and front angle may move apart while one of them stays to the bit",
+            "rad/s, difference of yaw rate and front angle at which one that is constant to the bit counts as frozen",
             DEGREE,
             20.0,
         ),
         of_key(
             "speed_agreement",
             "speed_agreement_km_h",
-            "m/s, beyond a quarter of what stands for it, within which a speed that was wrong counts again",
+            "m/s, added to a quarter of the replacement: a rejected speed within this distance is accepted again",
             KM_H,
             200.0,
         ),
         of_key(
             "yaw_rate_agreement",
             "yaw_rate_agreement_deg_s",
-            "rad/s, within which an angle or a yaw rate that was wrong does, in a turn of twice as much",
+            "rad/s, the same for a front angle or yaw rate, in a turn of at least twice as much",
             DEGREE,
         ),
         of_key(
             "straight_yaw_rate",
             "straight_yaw_rate_deg_s",
-            "rad/s that the front wheels make at most on a straight",
+            "rad/s, largest yaw rate by the front wheels that counts as straight",
             DEGREE,
             1.0,
         ),
-        of_key("yaw_rate_offset_max", "yaw_rate_offset_max_deg_s", "rad/s that is learned at most", DEGREE, 1.0),
+        of_key("yaw_rate_offset_max", "yaw_rate_offset_max_deg_s", "rad/s, largest offset that is learned", DEGREE, 1.0),
         Parameter(
             "yaw_rate_correction_share",
             period / inputs.yaw_rate_correction_time_s,
-            "share of what is left of a correction of the yaw rate, in a sample",
+            "share of a correction of the yaw rate that is removed in a sample",
             1e-6,
             1.0,
         ),
-        of_key("speed_fall", "speed_fall_m_s2", "m/s that a lost speed falls in a sample", period, 1.0),
-        of_key("friction_recovery", "friction_recovery_1_s", "that a lost estimate rises in a sample", period, 1.0),
+        of_key("speed_fall", "speed_fall_m_s2", "m/s, decrease of a lost speed in a sample", period, 1.0),
+        of_key("friction_recovery", "friction_recovery_1_s", "increase of a lost estimate in a sample", period, 1.0),
         Parameter(
             "missing_samples_max",
             fail_safe.degraded_samples_max,
-            "missing samples less others of a signal, before it is replaced",
+            "missing samples, less good ones, before a signal is replaced",
             0,
             round(DEGRADED_TIME_MAX_S / period),
         ),
-        Parameter("recovery_samples", fail_safe.recovery_samples, "in a row that end it", 1, RECOVERY_SAMPLES_MAX),
+        Parameter(
+            "recovery_samples",
+            fail_safe.recovery_samples,
+            "good samples in a row until it is used again",
+            1,
+            RECOVERY_SAMPLES_MAX,
+        ),
     )
 
 
 def inputs_view(config: Config, prefix: str, precision: Precision, real: str) -> InputsView:
-    """The view of a configuration's monitoring."""
+    """Return the view of a configuration's monitoring."""
     parameters = parameter_views(inputs_parameters(config), prefix, precision, real)
     return InputsView(
         parameters=parameters,

@@ -1,7 +1,8 @@
-"""The kinds of controller: this is the one place that chooses.
+"""Table of the kinds of controller, the only place that selects by kind.
 
-A law names its parameters, its state and what it needs of the rest of the build. The template folder `law/<kind>/` holds its C:
-the functions `<prefix>_law_init` and `<prefix>_law_step` of the unit `<prefix>_law`, which the controller of every kind calls.
+A law defines its parameters, its state and its requirements on the rest of the build. Its C is in the template folder
+`law/<kind>/`: the functions `<prefix>_law_init` and `<prefix>_law_step` of the unit `<prefix>_law`, which the controller calls
+for every kind.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ from codegen.units import DEGREE, KM_H
 from codegen.vehicle.single_track import SingleTrack
 
 SAMPLE_RANGES = {"speed": (0.01, 200.0), "front_angle": (-1.5, 1.5), "yaw_rate": (-20.0, 20.0)}
-"""Ranges of the believed sample that the control law accepts, in SI units: the widest that valid parameters allow."""
+"""Ranges of the checked sample that the control law accepts, in SI units: the widest that valid parameters allow."""
 
 REAR_ANGLE_MAX_RAD = 1.0
-"""Bound on the last command that the control law is given: the largest rear angle that valid limiter parameters allow."""
+"""Bound on the last command passed to the control law: the largest rear angle that valid limiter parameters allow."""
 
 YAW_RATE_ERROR_MAX_RAD_S = 1000.0
-"""Bound on the last yaw-rate error that the control law is given: far above that of any law."""
+"""Bound on the last yaw-rate error passed to the control law, far above the error of any law."""
 
 
 def _no_parameters(_config: Config) -> tuple[Parameter, ...]:
@@ -54,14 +55,14 @@ class Law:
     """A kind of controller.
 
     Attributes:
-        title: what it is, in a few words.
-        parameters: its own, of a configuration.
-        state: its own.
-        gains: of its feedback over speed, for the margins; None where it has none.
-        scheduled: its gains are those of controller.tracking.schedule, which `codegen tune` writes.
-        uses_rear_angle: it looks the optimum's own rear angle up.
-        uses_reference_model: it needs the units `<prefix>_reference_model` and `<prefix>_grip`.
-        points: name and size of the arrays among its parameters.
+        title: short description.
+        parameters: function that returns the law's own parameters for a configuration.
+        state: fields of the law's own state.
+        gains: function that returns the feedback gains over speed, for the margins; None if there is no feedback.
+        scheduled: whether the gains come from controller.tracking.schedule, which `codegen tune` writes.
+        uses_rear_angle: whether the law looks up the rear angle of the optimum.
+        uses_reference_model: whether the law needs the units `<prefix>_reference_model` and `<prefix>_grip`.
+        points: function that returns name and size of the arrays among the parameters.
     """
 
     kind: str
@@ -76,14 +77,14 @@ class Law:
 
 
 def law_of(config: Config) -> Law:
-    """The law that the configuration names. Raises BuildError: it lacks what the law needs."""
+    """Return the law that the configuration names. Raises BuildError if the configuration lacks a table that the law needs."""
     law = LAWS[config.controller.kind]
     law.parameters(config)
     return law
 
 
 def is_untuned(config: Config) -> bool:
-    """Whether `codegen tune` has to come before a build of this configuration."""
+    """Return whether this configuration needs `codegen tune` before a build."""
     return LAWS[config.controller.kind].scheduled and config.controller.tracking.schedule is None
 
 
@@ -92,7 +93,7 @@ def _lead_over_actuator(config: Config) -> Parameter:
         config.controller,
         "rear_angle_error_max",
         "rear_angle_error_max_deg",
-        "rad, how far the demand may run ahead of the measured rear angle",
+        "rad, largest distance of the demand from the measured rear angle",
         DEGREE,
         1.0,
     )
@@ -113,7 +114,7 @@ def _pi_gains(config: Config) -> Gains:
 
 
 def schedule_of(config: Config) -> Schedule:
-    """The gain schedule of kind "tracking". Raises BuildError where there is none."""
+    """Return the gain schedule of kind "tracking". Raises BuildError if there is none."""
     schedule = config.controller.tracking.schedule
     if schedule is None:
         raise BuildError(
@@ -157,7 +158,7 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "lead_time",
             tuple(schedule.lead_s or [tracking.lead_s] * len(schedule.speed_km_h)),
-            "s, how far the front angle that enters the map is looked ahead",
+            "s, prediction time of the front angle that enters the map",
             -LEAD_MAX_S,
             LEAD_MAX_S,
             points,
@@ -165,7 +166,7 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "response_gain",
             tuple(schedule.response_gain_s or [0.0] * len(schedule.speed_km_h)),
-            "s: rad of rear angle for each rad/s that the model lacks of the map's yaw rate",
+            "s: rad of rear angle for each rad/s that the model's yaw rate is below the map's",
             0.0,
             RESPONSE_GAIN_MAX_S,
             points,
@@ -173,47 +174,55 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "lead_smoothing",
             1.0 - math.exp(-config.controller.sampling_time_s / tracking.lead_smoothing_s),
-            "share of a new rate of the front angle that counts at once",
+            "weight of a new rate of the front angle in its low-pass filter",
             0.01,
             1.0,
         ),
-        Parameter("lead_angle_max", math.radians(tracking.lead_max_deg), "rad, bound of that", 0.0, 0.5),
+        Parameter("lead_angle_max", math.radians(tracking.lead_max_deg), "rad, bound of the predicted change", 0.0, 0.5),
         configured(
             tracking,
             "response_samples",
             "response_ahead_s",
-            "samples that the model's yaw rate is looked ahead for the response gain",
+            "samples, prediction time of the model's yaw rate for the response gain",
             1.0 / config.controller.sampling_time_s,
         ),
         Parameter(
             "yaw_increasing_max",
             math.radians(tracking.yaw_increasing_max_deg),
-            "rad that feedback may add where it makes the car turn more",
+            "rad, bound of the feedback in the direction that increases the yaw rate",
             0.0,
             1.0,
         ),
         Parameter(
             "trim_share",
             tracking.trim_max_percent / 100.0,
-            "of the map's yaw rate: bound of the trim",
+            "bound of the trim, as a share of the map's yaw rate",
             0.0,
             TRIM_MAX_PERCENT / 100.0,
         ),
-        Parameter("trim_rate", 1.0 / tracking.trim_time_s, "1/s, how fast the trim follows", 0.01, 20.0),
+        Parameter("trim_rate", 1.0 / tracking.trim_time_s, "1/s, inverse time constant of the trim", 0.01, 20.0),
         Parameter(
             "grip_shortfall",
             tracking.grip_shortfall_m_s2,
-            "m/s^2 of missing lateral acceleration that is no loss of grip",
+            "m/s^2, shortfall of lateral acceleration that does not count as a loss of grip",
             0.1,
             20.0,
         ),
-        Parameter("grip_loss_rate", 1.0 / tracking.grip_loss_time_s, "1/s, how fast the grip follows a larger one", 0.1, 50.0),
-        Parameter("grip_forgetting", 1.0 / tracking.grip_memory_s, "1/s, how fast what was reached is forgotten", 0.01, 50.0),
+        Parameter("grip_loss_rate", 1.0 / tracking.grip_loss_time_s, "1/s, inverse time constant of a loss of grip", 0.1, 50.0),
         Parameter(
-            "grip_recovery", tracking.grip_recovery_m_s3, "m/s^2 that the grip recovers in a second of a turn", 0.01, 100.0
+            "grip_forgetting",
+            1.0 / tracking.grip_memory_s,
+            "1/s, inverse time constant of the reached lateral acceleration",
+            0.01,
+            50.0,
         ),
+        Parameter("grip_recovery", tracking.grip_recovery_m_s3, "m/s^3, recovery of the grip in a turn", 0.01, 100.0),
         Parameter(
-            "grip_recovery_idle", tracking.grip_recovery_idle_m_s3, "m/s^2 where less than half of it is asked for", 0.01, 100.0
+            "grip_recovery_idle",
+            tracking.grip_recovery_idle_m_s3,
+            "m/s^3, recovery while less than half of the grip is needed",
+            0.01,
+            100.0,
         ),
         _lead_over_actuator(config),
     )
@@ -237,12 +246,12 @@ LAWS = {
             title="feedforward of the optimum, reference model, scheduled feedback",
             parameters=_tracking_parameters,
             state=(
-                Field("real", "trim", "rad/s, towards the map's yaw rate"),
-                Field("real", "integral", "rad, of rear angle"),
+                Field("real", "trim", "rad/s, correction towards the map's yaw rate"),
+                Field("real", "integral", "rad, part of the rear angle"),
                 Field("real", "front_angle", "rad, of the last sample"),
                 Field("real", "front_rate", "rad/s, smoothed"),
                 Field("real", "previous_model_yaw_rate", "rad/s, one sample ago"),
-                Field("uint16_t", "missed_samples", "that were predicted since the last good one"),
+                Field("uint16_t", "missed_samples", "predicted since the last good sample"),
                 Field("real", "yaw_rate", "rad/s, of the last sample"),
             ),
             gains=lambda config: gains_of(schedule_of(config)),
@@ -255,7 +264,7 @@ LAWS = {
             kind="pi",
             title="the paper's PI on the yaw-rate error",
             parameters=_pi_parameters,
-            state=(Field("real", "integral", "rad, of rear angle"),),
+            state=(Field("real", "integral", "rad, part of the rear angle"),),
             gains=_pi_gains,
         ),
         Law(

@@ -1,4 +1,4 @@
-"""Compute what the limiter takes away from a map: cells whose steady rear angle lies outside its range."""
+"""Find the cells of a map that the limiter cuts: cells whose steady rear angle lies outside its range."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from codegen.map_file.map import ReferenceMap
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
-LEAST_RAD = 1e-6
+CUT_MIN_RAD = 1e-6
 """Smallest difference that counts, in rad: single precision resolves an angle of 0.1 rad to 7e-9, a solver to about 1e-8."""
 
 
 def limiter_bounds(config: Config, speed: FloatArray, front_angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the largest rear angles against and with the front wheels, in rad, for speeds in m/s and |front angles| in rad."""
+    """Return the largest rear angles in opposite phase and in phase, in rad, for speeds in m/s and |front angles| in rad."""
     bound = np.interp(speed, np.array(opposite_phase_speeds_km_h(config)) * KM_H, opposite_phase_max(config))
     share = np.clip(front_angle / config.limiter.in_phase_from_front_angle, 0.0, 1.0)
     return bound, bound + share * (config.rear_actuator.angle_max - bound)
@@ -32,9 +32,9 @@ class LimiterCut:
     """Cells of a map that the limiter makes unreachable in steady state.
 
     Attributes:
-        cells, of: feasible cells that are cut, and all feasible cells; of a stack, those of its layers too.
-        largest: rad/s, the largest change of the steady yaw rate, with the gain of the linear car.
-        speed, front_angle: m/s and rad of that cell; NaN where nothing is cut.
+        cells, of: number of feasible cells that are cut, and of all feasible cells, including the layers of a stack.
+        largest: largest change of the steady yaw rate in rad/s, with the gain of the linear car.
+        speed, front_angle: m/s and rad of that cell; NaN if nothing is cut.
     """
 
     cells: int
@@ -45,7 +45,7 @@ class LimiterCut:
 
     @classmethod
     def of_map(cls, reference_map: ReferenceMap, config: Config) -> LimiterCut:
-        """Return what the limiter of a configuration cuts. A bare map is taken to steer as the linear car needs."""
+        """Return the cut of a configuration's limiter. A map without rear angles is assumed to have those of the linear car."""
         speed, front_angle = np.meshgrid(reference_map.speed, reference_map.front_angle, indexing="ij")
         gain = SingleTrack.from_config(config).yaw_gain(np.fmax(speed, 1e-9))
         bound, in_phase = limiter_bounds(config, speed, front_angle)
@@ -55,15 +55,15 @@ class LimiterCut:
             rear = front_angle - layer.yaw_rate / gain if layer.rear_angle is None else layer.rear_angle
             outside = np.where(layer.feasible, np.abs(rear - np.clip(rear, -bound, in_phase)), 0.0)
             total += int(layer.feasible.sum())
-            cells += int((outside > LEAST_RAD).sum())
-            lost = np.where(outside > LEAST_RAD, np.abs(gain) * outside, 0.0)
+            cells += int((outside > CUT_MIN_RAD).sum())
+            lost = np.where(outside > CUT_MIN_RAD, np.abs(gain) * outside, 0.0)
             at = np.unravel_index(int(lost.argmax()), lost.shape)
             if lost[at] > worst[0]:
                 worst = (float(lost[at]), float(speed[at]), float(front_angle[at]))
         return cls(cells, total, *worst)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return JSON values, rounded so that the last bits of a machine do not show; the place is null where there is none."""
+        """Return JSON values, rounded so that they do not depend on the machine. The location is null if nothing is cut."""
         return {
             "cells": self.cells,
             "of": self.of,

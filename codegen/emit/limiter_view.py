@@ -14,7 +14,7 @@ from codegen.vehicle.single_track import SingleTrack
 
 POINTS = "{PREFIX}_LIMITER_POINTS"
 POINTS_FROM_CAR = 6
-"""Breakpoints of the bound against the front wheels where they are derived from the car."""
+"""Number of breakpoints of the opposite-phase bound if they are derived from the car."""
 FIRST_SPEED_SHARE_MAX = 0.9
 """The first of them is at most this share of the last, so that they differ in any precision."""
 
@@ -30,19 +30,19 @@ class LimiterView:
 
 
 def opposite_phase_speeds_km_h(config: Config) -> list[float]:
-    """Return the breakpoints of the bound against the front wheels: as listed, or from the car.
+    """Return the breakpoints of the opposite-phase bound: as listed, or derived from the car.
 
-    From the car, the first is the speed at which a (L + K vx^2) / vx^2 comes down to the actuator's angle, rounded down, and
-    the last is the largest that the controller accepts. They are evenly spaced in 1/vx. That minimises the largest
-    interpolation error: the curvature of a bound in 1/vx^2 goes with 1/vx^4, and the best density of breakpoints with its
-    square root (C. de Boor, A Practical Guide to Splines, chapter III).
+    If they come from the car, the first is the speed at which a (L + K vx^2) / vx^2 falls to the actuator's angle, rounded
+    down. The last is the largest speed that the controller accepts. They are evenly spaced in 1/vx, which minimises the largest
+    interpolation error: the curvature of a bound in 1/vx^2 is proportional to 1/vx^4, and the best density of breakpoints to
+    the square root of the curvature (C. de Boor, A Practical Guide to Splines, chapter III).
     """
     limiter, top = config.limiter, config.controller.inputs.speed_max_km_h
     if not isinstance(limiter.opposite_phase_speed_km_h, str):
         return limiter.opposite_phase_speed_km_h
     wheelbase, understeer = _wheelbase_and_understeer(config)
     wanted = limiter.opposite_phase_lateral_acceleration_m_s2
-    falling = config.rear_actuator.angle_max / wanted - understeer  # what is left for L / vx^2
+    falling = config.rear_actuator.angle_max / wanted - understeer  # the share of L / vx^2
     first = math.sqrt(wheelbase / falling) / KM_H if falling > 0.0 else math.inf
     first = math.floor(10.0 * min(first, FIRST_SPEED_SHARE_MAX * top)) / 10.0
     steps = POINTS_FROM_CAR - 1
@@ -51,7 +51,7 @@ def opposite_phase_speeds_km_h(config: Config) -> list[float]:
 
 
 def opposite_phase_max(config: Config) -> list[float]:
-    """Return the bound against the front wheels at each of these breakpoints, in rad, at most the actuator's angle."""
+    """Return the opposite-phase bound at each of these breakpoints, in rad. It is at most the actuator's angle."""
     limiter, speeds, largest = config.limiter, opposite_phase_speeds_km_h(config), config.rear_actuator.angle_max
     bounds = limiter.opposite_phase_max_deg
     if bounds == "off":
@@ -64,21 +64,21 @@ def opposite_phase_max(config: Config) -> list[float]:
 
 
 def _wheelbase_and_understeer(config: Config) -> tuple[float, float]:
-    """Return L in m, and K in s^2/m, that of an oversteering car as zero.
+    """Return L in m and K in s^2/m. K of an oversteering car counts as zero.
 
-    The bound of an oversteering car would reach zero at its critical speed, where only feedback keeps it stable: the limiter
-    must leave that feedback some angle to steer with.
+    The bound of an oversteering car would reach zero at its critical speed, where only feedback keeps the car stable. The
+    limiter must leave some angle to that feedback.
     """
     car = SingleTrack.from_config(config)
     return car.wheelbase, max(car.understeer_coefficient, 0.0)
 
 
 def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
-    """The fields of `<prefix>_limiter_parameters_t`, in order."""
+    """Return the fields of `<prefix>_limiter_parameters_t`, in order."""
     limiter, inputs, angle_max = config.limiter, config.controller.inputs, config.rear_actuator.angle_max
     rate, off = limiter.rear_rate_max_deg_s, limiter.opposite_phase_max_deg == "off"
     return (
-        Parameter("rear_angle_max", angle_max, "rad, of the demand in any case", 1e-4, 1.0),
+        Parameter("rear_angle_max", angle_max, "rad, bound of the command", 1e-4, 1.0),
         Parameter(
             "rear_rate_max",
             RATE_OFF if rate == "off" else math.radians(rate),
@@ -98,7 +98,7 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "opposite_phase_max",
             tuple(opposite_phase_max(config)),
-            "rad against the front wheels, at those speeds" + (" (off)" if off else ""),
+            "rad, bound of the opposite-phase angle at those speeds" + (" (off)" if off else ""),
             0.0,
             1.0,
             POINTS,
@@ -106,19 +106,23 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "in_phase_from_front_angle",
             limiter.in_phase_from_front_angle,
-            "rad of front angle from which on all of rear_angle_max is free in phase",
+            "rad, front angle from which the whole rear_angle_max is allowed in phase",
             1e-4,
             1.0,
         ),
-        Parameter("speed_max", inputs.speed_max_km_h * KM_H, "m/s, beyond it a speed is none", 1.0, 200.0),
+        Parameter("speed_max", inputs.speed_max_km_h * KM_H, "m/s, range; a speed beyond it is ignored", 1.0, 200.0),
         Parameter(
-            "front_angle_max", math.radians(inputs.front_angle_max_deg), "rad, beyond it a front angle is none", 0.01, 1.5
+            "front_angle_max",
+            math.radians(inputs.front_angle_max_deg),
+            "rad, range; a front angle beyond it is ignored",
+            0.01,
+            1.5,
         ),
     )
 
 
 def limiter_view(config: Config, prefix: str, precision: Precision, real: str) -> LimiterView:
-    """The view of a configuration's limiter."""
+    """Return the view of a configuration's limiter."""
     period = config.controller.sampling_time_s
     return LimiterView(
         parameters=parameter_views(limiter_parameters(config), prefix, precision, real),

@@ -1,4 +1,4 @@
-"""Reading the manifest of a build: complete and of the right types, or a BuildError that names the entry."""
+"""Read the manifest of a build and check that its entries are complete and have the right types."""
 
 from __future__ import annotations
 
@@ -104,7 +104,8 @@ def read_build(folder: Path) -> dict[str, Any]:
     """Return the manifest of a build folder, complete and of the right types.
 
     Raises:
-        BuildError: not a build; an entry is missing or of another type. ConfigError: its configuration is none.
+        BuildError: the folder is not a build, or an entry is missing or has a wrong type.
+        ConfigError: the configuration in the manifest is not valid.
     """
     manifest, place = read_manifest(folder), Path(folder) / MANIFEST
     try:

@@ -21,7 +21,7 @@ from codegen.map_file.tables import PLAUSIBLE
 from codegen.units import KM_H
 
 MAGNITUDE = "front_angle_magnitude"
-"""An argument that is never negative."""
+"""Name of the C argument that is never negative."""
 
 TABLE_RANGES = {quantity: PLAUSIBLE[key][:2] for quantity, key in (("yaw_rate", "yaw_rate"), ("rear_angle", "delta_r"))}
 SPEED_TOP, FRONT_ANGLE_TOP = PLAUSIBLE["vx"].high, PLAUSIBLE["delta_f"].high
@@ -74,7 +74,7 @@ class AxisView:
 
 @dataclass(frozen=True)
 class RowView:
-    """The yaw rates at one speed."""
+    """The numbers of a table at one speed."""
 
     text: str
     lines: tuple[str, ...]
@@ -106,8 +106,8 @@ class NumbersView:
 
 @dataclass(frozen=True)
 class TableView(NumbersView):
-    """A table that may be calibrated, on the shared axes; `indices` are what picks each of its layers ("" where there is only
-    one), `are_between` and `crc_of` the functions of the C for its numbers."""
+    """A table on the shared axes that may be calibrated. `indices` are the C subscripts of its layers ("" if there is only
+    one). `are_between` and `crc_of` are the C functions for its numbers."""
 
     are_between: str
     crc_of: str
@@ -118,7 +118,7 @@ class TableView(NumbersView):
 
 @dataclass(frozen=True)
 class GripView:
-    """Share of the cap that grip allows, on axes of its own: constants that are not calibrated."""
+    """Table of the share of the cap that grip allows, on axes of its own. Its numbers are constants, not calibration."""
 
     speed: AxisView
     front_angle: AxisView
@@ -164,8 +164,8 @@ def map_view(total: TotalMap, lookup: Lookup, precision: Precision, prefix: str,
     """Return the view of a total map and its lookup; `with_rear_angle` if the law looks up the optimal rear angle.
 
     Raises:
-        MapError: breakpoints that the target's precision cannot tell apart.
-        ValueError: a number has no literal (the map contract rules that out).
+        MapError: breakpoints are equal in the target's precision.
+        ValueError: a number has no literal (a valid map excludes this).
     """
     options = _Options(precision, prefix)
     for key, constants in (("vx", lookup.speed_axis), ("delta_f", lookup.front_axis)):
@@ -231,7 +231,7 @@ def _grip_view(total: TotalMap, lookup: Lookup, options: _Options) -> GripView |
 
 
 def _grip_numbers(total: TotalMap, lookup: Lookup) -> list[npt.NDArray[Any]]:
-    """Share of the cap that grip allows, as the C stores it: shares (k, a, b), scale of raw ones, both axes; empty if none."""
+    """Return the grip table as the C stores it: shares (k, a, b), scale of raw shares, both axes. Empty if there is none."""
     if total.grip is None or lookup.grip is None:
         return []
     scale, axes = total.grip.scale, (lookup.grip.speed_axis.table, lookup.grip.front_axis.table)
@@ -260,7 +260,7 @@ def _tables(total: TotalMap, lookup: Lookup, options: _Options, with_rear_angle:
 
 
 def _storage(quantity: str, unit: str, scale: float | None, options: _Options) -> dict[str, str]:
-    """Storage of a table's numbers, for a view."""
+    """Return the fields of a view that describe how the C stores a table's numbers."""
     factor = "" if scale is None else literal(scale, options.precision)
     name = f"{options.prefix}_constants.{quantity}_scale"
     return {
@@ -274,7 +274,7 @@ def _storage(quantity: str, unit: str, scale: float | None, options: _Options) -
 
 
 def _stored(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list[tuple[npt.NDArray[Any], float | None]]:
-    """The tables (k, n, m) as the C holds them, and the scale of raw ones."""
+    """Return the tables (k, n, m) as the C stores them, each with its scale; None for real numbers."""
     count, scales = 1 + with_rear_angle, total.scales
     if scales is None:
         return [(table, None) for table in (lookup.tables, lookup.rear_tables)[:count]]
@@ -283,7 +283,7 @@ def _stored(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list[tupl
 
 
 def _calibration(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list[npt.NDArray[Any]]:
-    """The numbers that the checksum is over, in its order, but for what grip leaves, which comes last."""
+    """Return the numbers of the checksum in its order, without the grip table, which comes last."""
     frictions = [lookup.frictions] if lookup.frictions.size > 1 else []
     stored = _stored(total, lookup, with_rear_angle)
     scales = [np.array([scale], dtype=lookup.real) for _, scale in stored if scale is not None]
@@ -314,21 +314,21 @@ def _indices(layers: int, stacked: bool) -> tuple[str, ...]:
 
 
 def _check_apart(key: str, constants: AxisConstants) -> None:
-    """Breakpoints that differ in the file may be one number in the target's precision, or too close to divide by."""
+    """Reject breakpoints that are equal in the target's precision, or too close to divide by their difference."""
     with np.errstate(divide="ignore", over="ignore"):
         reciprocal = 1.0 / np.diff(constants.table)
     for index in np.flatnonzero(~(np.isfinite(reciprocal) & (reciprocal > 0.0)))[:1]:
         values = constants.axis.breakpoints[index : index + 2]
         raise MapError(
-            f"the breakpoints {values[0]:.9g} and {values[1]:.9g} are one in this precision",
+            f"the breakpoints {values[0]:.9g} and {values[1]:.9g} are equal in this precision",
             where=key,
-            remedy="take one of them out, or build with --precision double",
+            remedy="remove one of them, or build with --precision double",
         )
     if constants.unevenness > 0.5 * EVENNESS:
         raise MapError(
             "steps too small for this precision: rounding makes them uneven",
             where=key,
-            remedy="take every second breakpoint out, or build with --precision double",
+            remedy="remove every second breakpoint, or build with --precision double",
         )
 
 
@@ -370,8 +370,9 @@ def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, br
 
 
 def _cells(axis: Axis, argument: str, count: str, zero: str) -> tuple[CellsView, ...]:
-    """Return the cells in the order that finds the core with the fewest comparisons. Conditions are false for NaN."""
-    # Of the steps where the table ends with the core: they may round up to one cell too many, which a last cell may be.
+    """Return the cells in the order that finds the core with the fewest comparisons. All conditions are false for NaN."""
+    # The steps may round up to one cell too many. Where the table ends with the core, that cell does not exist, so the
+    # condition is on the steps instead of the argument.
     counted, end = (argument, f"breakpoints[{axis.core_end}]") if axis.has_last_cell else ("steps", count)
     beyond = CellsView("last" if axis.has_last_cell else "beyond", f"{counted} >= {end}")
     if argument == MAGNITUDE and not axis.has_first_cell:

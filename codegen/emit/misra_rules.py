@@ -1,4 +1,4 @@
-"""MISRA C:2012 with its amendments 1 to 4: the category of each rule, and in few words of our own what it is about.
+"""Rules of MISRA C:2012 with amendments 1 to 4: the category of each rule, and its topic in a few words of our own.
 
 The text of the rules belongs to MISRA and is not repeated here.
 """
@@ -15,7 +15,7 @@ MANDATORY = frozenset(
         *("21.20", "21.22", "22.2", "22.4", "22.5", "22.6", "22.12", "22.14", "22.20"),
     )
 )
-"""No deviation from these is possible."""
+"""Rules that permit no deviation."""
 
 ADVISORY = frozenset(
     (

@@ -1,4 +1,4 @@
-"""Check of the output path of a command, before it does any work."""
+"""Check the output path of a command before the command does any work."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from codegen.errors import CodegenError
 
 
 def check_output(path: Path | None, suffix: str, inputs: Iterable[Path | None] = ()) -> None:
-    """Refuse an output that would destroy something: an input, a device, a folder, a file inside a build.
+    """Reject an output that would destroy something: an input, a device, a folder, or a file inside a build.
 
     Args:
-        path: the file to write, or None where the user gave none.
-        suffix: required end of its name, such as ".npz".
+        path: the file to write, or None if the user gave none.
+        suffix: required suffix of its name, such as ".npz".
         inputs: files that the command reads.
 
     Raises:
-        CodegenError: with the path and what to name instead.
+        CodegenError: the output is rejected; the remedy suggests another name.
     """
     if path is None:
         return
@@ -26,12 +26,12 @@ def check_output(path: Path | None, suffix: str, inputs: Iterable[Path | None] =
         raise CodegenError(f"only {suffix} is written", where=path, remedy=f"name it {path.stem or 'result'}{suffix}")
     target = path.resolve()
     if not target.parent.is_dir():
-        raise CodegenError("its folder does not exist", where=path, remedy=f"make {path.parent} first")
+        raise CodegenError("its folder does not exist", where=path, remedy=f"create {path.parent} first")
     if target.exists() and not target.is_file():
-        raise CodegenError("there is something that is not a file", where=path, remedy="name another file")
+        raise CodegenError("it exists and is not a file", where=path, remedy="name another file")
     for source in inputs:
         if source is not None and source.exists() and target.exists() and source.samefile(target):
-            raise CodegenError("it is what this command reads", where=path, remedy="name another file for the result")
+            raise CodegenError("it is an input of this command", where=path, remedy="name another file for the result")
     for folder in target.parents:
         if owned_paths(folder):
             raise CodegenError("it lies inside a build", where=path, remedy=f"name a file outside of {folder}")

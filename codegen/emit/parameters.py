@@ -9,14 +9,14 @@ from codegen.configuration.section import Range, Section
 from codegen.emit.text import Precision, lines_of, literal
 
 RATE_OFF = 1000.0
-"""rad/s: a rate limit that never acts, for a rear axle that moves a few degrees."""
+"""Rate limit in rad/s that never acts on a rear axle, which moves by a few degrees."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One field of a parameter struct, SI units, with its allowed range; an integer is an unsigned count, from zero.
+    """One field of a parameter struct in SI units, with its allowed range. An integer is an unsigned count.
 
-    A tuple is an array, whose size the C knows by the name `points`; `increasing` where its values must rise.
+    A tuple is an array. `points` is the C name of its size, and `increasing` states that its values must increase.
     """
 
     name: str
@@ -29,9 +29,9 @@ class Parameter:
 
 
 def configured(section: Section, name: str, key: str, comment: str, scale: float = 1.0, high: float | None = None) -> Parameter:
-    """A parameter that is a key of `ars.toml` in SI units, `scale` of them for one of the key's.
+    """Return the parameter for a key of `ars.toml`. `scale` converts the unit of the key to SI.
 
-    Its range is the key's, or goes up to `high`: a calibration may open a check that the ECU makes elsewhere.
+    The range is that of the key, up to `high` if given: calibration may widen a check that the ECU makes elsewhere.
     """
     range_ = next(item for item in type(section).model_fields[key].metadata if isinstance(item, Range))
     highest = range_.high * scale if high is None else high
@@ -64,7 +64,7 @@ class ParameterView:
 
 @dataclass(frozen=True)
 class Field:
-    """One field of a state struct; `kind` "real" is the build's number type."""
+    """One field of a state struct. The `kind` "real" is the number type of the build."""
 
     kind: str
     name: str
@@ -72,7 +72,9 @@ class Field:
 
 
 def search_strides(points: int) -> tuple[int, ...]:
-    """Strides of the search for a cell between so many breakpoints: each halves what is left, all together reach the last one.
+    """Return the strides of the search for a cell among `points` breakpoints.
+
+    Each stride halves the remaining range. Their sum reaches the last cell.
 
     >>> search_strides(14)
     (6, 3, 2, 1)
@@ -86,7 +88,7 @@ def search_strides(points: int) -> tuple[int, ...]:
 
 
 def parameter_view(parameter: Parameter, precision: Precision, real: str) -> ParameterView:
-    """The C text of a parameter."""
+    """Return the C text of a parameter."""
     if isinstance(parameter.value, int):
         value, low, high = (f"{int(number)}u" for number in (parameter.value, parameter.low, parameter.high))
         return ParameterView("uint16_t", parameter.name, value, parameter.comment, low, high, "", False)
@@ -99,7 +101,7 @@ def parameter_view(parameter: Parameter, precision: Precision, real: str) -> Par
 
 
 def parameter_views(parameters: Iterable[Parameter], prefix: str, precision: Precision, real: str) -> tuple[ParameterView, ...]:
-    """The C text of all parameters of a struct, the names of their sizes with the prefix."""
+    """Return the C text of all parameters of a struct, with the prefix in the names of array sizes."""
     views = (parameter_view(parameter, precision, real) for parameter in parameters)
     return tuple(replace(view, points=view.points.format(PREFIX=prefix.upper())) for view in views)
 

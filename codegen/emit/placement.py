@@ -10,12 +10,12 @@ from codegen.ecu_map.placement import Placed, Request
 from codegen.ecu_map.reference_surface import GAP_POINTS
 from codegen.ecu_map.total import TotalMap
 
-AGAINST = {
-    "optimum": "the optimum, solved anew at every point",
+REFERENCES = {
+    "optimum": "the optimum, solved at every point",
     "surfaces": "the optimum, solved on a fine grid",
     "table": "the bilinear interpolation of the map's own table",
 }
-"""Name of the reference of an error."""
+"""Name of each reference that an error is measured against."""
 
 
 def request_facts(request: Request) -> dict[str, Any]:
@@ -24,8 +24,8 @@ def request_facts(request: Request) -> dict[str, Any]:
 
 
 def grip_facts(total: TotalMap) -> dict[str, Any]:
-    """Return the facts on grip for the map in the manifest: the axes of the share of the cap, if it varies, and the slip of the
-    rear axle from which the lookup computes the sideslip of the optimum."""
+    """Return the facts on grip for the map in the manifest: the axes of the table of the share of the cap, if there is one, and
+    the rear-axle slip from which the lookup computes the sideslip of the optimum."""
     if total.grip is None:
         return {}
     speed, front_angle = ([float(value) for value in axis] for axis in (total.grip.speed, total.grip.front_angle))
@@ -41,7 +41,7 @@ def placement_facts(placed: Placed) -> dict[str, Any]:
         "axes": placed.spacing,
         "own_speed_range_m_s": list(placed.own_speed),
         "own_front_angle_range_rad": list(placed.own_front_angle),
-        "error_against": AGAINST[placed.origin],
+        "error_against": REFERENCES[placed.origin],
         "error_rad_s": _rounded(error.yaw_rate),
         "error_whole_domain_rad_s": _rounded(error.yaw_rate_whole),
     }
@@ -66,7 +66,7 @@ def placement_facts(placed: Placed) -> dict[str, Any]:
 
 
 def _rounded(error: float) -> float:
-    """Round up to four digits: a search on a lattice is no more exact, and the result does not depend on the machine."""
+    """Round up to four digits. A search on a lattice is not more accurate, and the result does not depend on the machine."""
     if error <= 0.0:
         return 0.0
     step = 10.0 ** (math.floor(math.log10(error)) - 3)
@@ -78,8 +78,8 @@ def placement_text(placed: Placed) -> str:
     own, whole = (math.degrees(_rounded(error)) for error in (placed.error.yaw_rate, placed.error.yaw_rate_whole))
     stored = "" if placed.total.scales is None else ", stored as int16"
     return (
-        f"{placed.spacing}{stored}: after the cap at most {own:.3g} deg/s off {AGAINST[placed.origin]}, over the map's own "
-        f"breakpoints; {whole:.3g} deg/s wherever an ECU may be{_gap_text(placed.gap)}"
+        f"{placed.spacing}{stored}: after the cap at most {own:.3g} deg/s from {REFERENCES[placed.origin]}, over the map's own "
+        f"breakpoints; {whole:.3g} deg/s over the whole domain{_gap_text(placed.gap)}"
         f"{_rear_text(placed.error.rear_angle_whole, placed.error.rear_yaw_rate_whole) if placed.tables > 1 else ''}"
     )
 
@@ -114,6 +114,6 @@ def placement_line(manifest: Mapping[str, Any]) -> str:
         rear_text = _rear_text(facts["rear_angle_error_whole_domain_rad"], facts["rear_angle_error_as_yaw_rate_rad_s"])
     return (
         f"{rows} x {columns} breakpoints, {facts['axes']}, {facts['flash_bytes']:,} bytes: at most {error:.3g} deg/s off "
-        f"{facts['error_against']}; {whole:.3g} deg/s wherever an ECU may be"
+        f"{facts['error_against']}; {whole:.3g} deg/s over the whole domain"
         f"{_gap_text(facts.get('fine_grid_error_rad_s', 0.0))}{rear_text}"
     )

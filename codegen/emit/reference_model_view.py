@@ -1,4 +1,4 @@
-"""View model of the reference model: CasADi functions as C bodies around tyre curves that are tables."""
+"""View model of the reference model: CasADi functions as C bodies, and tyre curves as tables."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
 CURVE_ERROR_MAX = 1e-3
-"""Largest error of the table, as a fraction of the peak of the curve: far below tyre scatter, and it keeps the table small."""
+"""Largest error of the table, as a fraction of the peak of the curve: far below tyre scatter, and a small table suffices."""
 CELLS = (32, 64, 128, 256, 512)
 COMPRESSIONS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 ERROR_SAMPLES = 64
 """Points of each cell at which the interpolation error is evaluated."""
 ERROR_ALLOWANCE = 1.02
-"""Allowance for errors between those points: near its maximum the error of a chord is a parabola, flat to (1/64)^2. The rest
-covers the rounding of the target's precision."""
+"""Allowance for errors between those points. Near its maximum the error of a chord is a parabola, flat to (1/64)^2. The rest of
+the allowance covers rounding in the target's precision."""
 
 SIDESLIP_MAX = math.radians(20.0)
 
@@ -71,11 +71,11 @@ class ReferenceModelView:
 class Curve:
     """The curve of an axle at even steps of s = x/(x + compression), from x = 0 (s = 0) to infinity (s = 1).
 
-    It is sin(C atan(x - E (x - atan x))) less the loss by load transfer, see `vehicle.plant_car.load_transfer_losses`.
+    The curve is sin(C atan(x - E (x - atan x))) less the loss by load transfer, see `vehicle.plant_car.load_transfer_losses`.
 
     Attributes:
-        compression: of the argument.
-        values: (cells + 1,).
+        compression: compression of the argument.
+        values: values of the curve, (cells + 1,).
         error: bound on |interpolation - curve|.
     """
 
@@ -85,7 +85,7 @@ class Curve:
 
 
 def tabulate(tyre: MagicFormulaTyre, loss: float = 0.0, where: str = "tyre") -> Curve:
-    """The smallest table whose interpolation keeps CURVE_ERROR_MAX. Raises BuildError where none does."""
+    """Return the smallest table whose interpolation error is at most CURVE_ERROR_MAX. Raises BuildError if there is none."""
     for cells in CELLS:
         found = min((_curve(tyre, loss, cells, compression) for compression in COMPRESSIONS), key=lambda curve: curve.error)
         if found.error <= CURVE_ERROR_MAX:
@@ -113,7 +113,7 @@ def _shape(tyre: MagicFormulaTyre, loss: float, places: FloatArray, compression:
 
 
 def rounded_up(value: float) -> str:
-    """Two digits, not below the value."""
+    """Return a value rounded up to two digits."""
     exponent = math.floor(math.log10(value))
     return f"{math.ceil(value / 10.0 ** (exponent - 1)) * 10.0 ** (exponent - 1):.1e}"
 

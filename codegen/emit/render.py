@@ -1,4 +1,4 @@
-"""Jinja environment over the project's templates, found in a checkout and in an installed wheel alike."""
+"""Jinja environment of the project's templates, in a checkout or in an installed wheel."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OPTIONS: dict[str, Any] = {
 
 
 def templates_root() -> Path:
-    """The template folder: inside an installed package, or next to the package in a checkout."""
+    """Return the template folder: inside an installed package, or next to the package in a checkout."""
     package = Path(__file__).resolve().parent.parent
     for candidate in (package / "_templates", package.parent / "templates"):
         if (candidate / "_macros.j2").is_file():
@@ -36,24 +36,24 @@ def templates_root() -> Path:
 
 
 class _BytecodeCache(FileSystemBytecodeCache):
-    """Compiled templates in the cache folder. Jinja compares the hash of the source; the folder is that of the options."""
+    """Cache of compiled templates. Jinja compares the hash of the source; the folder is specific to `OPTIONS`."""
 
     def dump_bytecode(self, bucket: Bucket) -> None:
-        """Write one template; a full disk costs only the time of compiling it again."""
+        """Write one template. If that fails, for instance on a full disk, the template is compiled again next time."""
         with contextlib.suppress(OSError):
             super().dump_bytecode(bucket)
 
 
 @lru_cache(maxsize=1)
 def environment() -> Environment:
-    """The environment that all templates share."""
+    """Return the environment that all templates share."""
     made = Environment(loader=FileSystemLoader(templates_root(), encoding="utf-8"), bytecode_cache=_bytecode_cache(), **OPTIONS)
     made.filters.update(FILTERS)
     return made
 
 
 def _bytecode_cache() -> _BytecodeCache | None:
-    """The cache of the templates; None where no folder can be written."""
+    """Return the cache of compiled templates; None if no folder is writable."""
     key = hashlib.sha256(f"{jinja2.__version__} {OPTIONS}".encode()).hexdigest()[:16]
     try:
         folder = cache_folder() / f"templates-{key}"
@@ -64,23 +64,23 @@ def _bytecode_cache() -> _BytecodeCache | None:
 
 
 def render(template: str, context: Mapping[str, Any]) -> bytes:
-    """Render `template` with `context`; ASCII only, single blank lines, one newline at the end.
+    """Render `template` with `context` as ASCII, with single blank lines and one newline at the end.
 
     Raises:
-        UnicodeEncodeError: a template or a value is not ASCII (programming error: names are checked before).
+        UnicodeEncodeError: a template or a value is not ASCII. That is a programming error, because names are checked earlier.
     """
-    # Set as globals of this template too, so that imported macros see the same names.
+    # Imported macros see only globals, so the context is passed as globals too.
     text = environment().get_template(template, globals=dict(context)).render(**context)
     return (_tidy(text).rstrip("\n") + "\n").encode("ascii")
 
 
 def verbatim(name: str) -> bytes:
-    """Return a file of the template folder as it is: C that is the same in every build."""
+    """Return an unrendered file of the template folder: C that is the same in every build."""
     return (templates_root() / name).read_bytes()
 
 
 def _tidy(text: str) -> str:
-    """No trailing blanks, never two blank lines in a row, none at the start of the file or of a block."""
+    """Remove trailing blanks, repeated blank lines, and blank lines at the start of the file or of a block."""
     lines: list[str] = []
     for line in (raw.rstrip() for raw in text.splitlines()):
         if not line and (not lines or not lines[-1] or lines[-1].endswith("{")):

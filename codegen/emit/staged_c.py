@@ -1,11 +1,11 @@
-"""A CasADi SX function as C99 in stages and for many lanes: each operation runs only when one of its arguments has changed.
+"""Print a CasADi SX function as C99 in stages and for many lanes. An operation runs only when one of its arguments has changed.
 
-Each operation belongs to the first stage that knows everything it depends on. What later stages need of an earlier one is held
-in an array between them; to divide by a number of an earlier stage, its reciprocal is taken there, once.
+Each operation belongs to the first stage in which all its arguments are known. An array holds the results that later stages
+need. To divide by a result of an earlier stage, that stage computes the reciprocal once.
 
-Every number is one of a row over lanes, `name[index].at[lane]`: the lines of a stage are the body of a loop over `lane`, which
-the compiler turns into vectors. Calls of the mathematical library that do not wait for each other stand together, so that the
-processor works on them at the same time.
+Every number is an element of a row over lanes, `name[index].at[lane]`. The lines of a stage are the body of a loop over `lane`,
+which the compiler vectorises. Independent calls of the mathematical library are adjacent, so that the processor can overlap
+them.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ class Stage:
     """Code of one stage, which runs when its arguments have changed.
 
     Attributes:
-        name: of the stage.
-        body: lines of C, of a loop over `lane`.
-        held: how many rows it leaves for later stages, in the array `held_<name>`.
+        name: name of the stage.
+        body: lines of C, the body of a loop over `lane`.
+        held: number of rows in the array `held_<name>` that the stage computes for later stages.
     """
 
     name: str
@@ -37,12 +37,12 @@ class Stage:
 
 @dataclass(frozen=True)
 class _Value:
-    """A result.
+    """Result of an operation.
 
     Attributes:
-        stage: where it is known; -1: always.
-        text: its name there.
-        depth: the most library calls on a way to it within its stage.
+        stage: index of the stage that computes it; -1 for a constant.
+        text: C text of the value in that stage.
+        depth: largest number of library calls on a path to the value within its stage.
     """
 
     stage: int
@@ -59,7 +59,7 @@ class _Line:
 
 @dataclass
 class _Printer:
-    """The stages as they grow."""
+    """Stages under construction."""
 
     names: Sequence[str]
     indent: str
@@ -69,14 +69,14 @@ class _Printer:
     count: int = 0
 
     def define(self, stage: int, expression: str, depth: int, is_call: bool = False) -> _Value:
-        """A new constant of a stage."""
+        """Add a constant to a stage and return it."""
         name = f"t{self.count}"
         self.count += 1
         self.lines[stage].append(_Line(depth, is_call, f"{self.indent}const double {name} = {expression};"))
         return _Value(stage, name, depth + is_call)
 
     def seen_from(self, stage: int, value: _Value) -> str:
-        """The value as text in a stage; held in an array where it is a result of an earlier one."""
+        """Return a value as C text in a stage. A result of an earlier stage is stored in the array of held rows."""
         if value.stage in (-1, stage) or value.text.endswith("[lane]"):
             return value.text
         held = self.held[value.stage]
@@ -102,13 +102,13 @@ class _Printer:
         return self.define(stage, text, depth, operation in LIBRARY)
 
     def store(self, target: str, value: _Value) -> None:
-        """A result of the function, in the last stage."""
+        """Assign a result of the function to `target` in the last stage."""
         last = len(self.names) - 1
         depth = value.depth if value.stage == last else 0
         self.lines[last].append(_Line(depth, False, f"{self.indent}{target} = {self.seen_from(last, value)};"))
 
     def finished(self) -> list[Stage]:
-        """The stages, each in the order of the depth of its lines; a result comes before what is made of it."""
+        """Return the stages, their lines sorted by depth. The sort is stable, so a value is defined before it is used."""
         ordered = [sorted(lines, key=lambda line: (line.depth, line.is_call)) for lines in self.lines]
         return [
             Stage(name, tuple(line.text for line in lines), len(held))
@@ -117,15 +117,16 @@ class _Printer:
 
 
 def staged_body(function: Any, stages: Mapping[str, Sequence[str]], indent: str = "        ") -> list[Stage]:
-    """The stages of an SX function in double precision; the last one writes the results to arrays named as the outputs.
+    """Return the stages of an SX function in double precision. The last stage writes the results to arrays with the names of
+    the outputs.
 
     Args:
-        function: with column vectors as arguments.
-        stages: name of the stage -> the arguments that are known from it on, in the order in which the stages run.
-        indent: of each line.
+        function: SX function with column vectors as arguments.
+        stages: name of each stage -> arguments that are known from that stage on. The stages run in this order.
+        indent: indent of each line.
 
     Raises:
-        ValueError: the function uses an operation that has no C here, or `stages` does not name each argument once.
+        ValueError: the function uses an unsupported operation, or `stages` does not name each argument once.
     """
     stage_of = {argument: index for index, arguments in enumerate(stages.values()) for argument in arguments}
     if sorted(function.name_in()) != sorted(argument for arguments in stages.values() for argument in arguments):

@@ -1,4 +1,4 @@
-"""The objects with external linkage in the C of a build, as the manifest lists them."""
+"""Objects with external linkage in the C of a build, for the manifest."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from codegen.emit.map_view import AxisView, MapView
 
 
 def symbols_of(table: MapView, prefix: str, real: str, epk: str) -> dict[str, dict[str, Any]]:
-    """Return name to type, shape, unit and section of each object; all are defined in `<prefix>_calibration.c`.
+    """Return type, shape, unit and section of each object by name. All are defined in `<prefix>_calibration.c`.
 
-    Numbers of a table are stored row by row, the speeds in rows. `unit` is that of a raw number 1 for whole numbers.
+    A table is stored row by row, with one row for each speed. `unit` is the unit of the physical value.
     """
     layers = (table.layer_count,) if table.stacked else ()
     found = {

@@ -1,4 +1,4 @@
-"""The files by which a C project takes a build over: CMake, GNU make, Zephyr."""
+"""Files that integrate a build into a C project: CMake, GNU make, Zephyr."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class TakeOver:
     Attributes:
         sources: files of the controller and its task, relative to the build.
         dynamics_source: the file that needs the mathematical library; no other file needs it.
-        zephyr_name: of the Zephyr module and its library.
-        ZEPHYR_NAME: the same as a symbol of Kconfig; long enough not to meet one of Zephyr's own, whatever the prefix.
+        zephyr_name: name of the Zephyr module and its library.
+        ZEPHYR_NAME: its Kconfig symbol, long enough not to collide with a symbol of Zephyr for any prefix.
     """
 
     sources: tuple[str, ...]
@@ -33,10 +33,10 @@ class TakeOver:
 
 
 def take_over_files(context: Mapping[str, Any]) -> dict[str, bytes]:
-    """Content by path.
+    """Return the integration files, content by path.
 
     Args:
-        context: of the templates of a build; of it "build" and "dynamics" are used.
+        context: template context of a build; "build" and "dynamics" are used.
     """
     build = context["build"]
     known = {**context, "take_over": TakeOver.of(build.prefix, build.sources)}

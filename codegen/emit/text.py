@@ -14,7 +14,7 @@ from codegen.errors import BuildError
 Precision = Literal["single", "double"]
 
 _PREFIX = re.compile(r"[a-z][a-z0-9_]{0,30}\Z", re.ASCII)
-# Words of C and C++, and names of targets that CMake keeps for itself: the library is called like the prefix.
+# Keywords of C and C++, and target names that CMake reserves: the name of the library is the prefix.
 _RESERVED_WORDS = """
 auto bool break case char class const continue default delete do double else enum extern float for goto if inline int long
 namespace new private public register restrict return short signed sizeof static struct switch template this typedef union
@@ -24,17 +24,17 @@ _RESERVED = frozenset(_RESERVED_WORDS.split())
 
 
 def c_type(precision: Precision) -> str:
-    """The C type of a real number."""
+    """Return the C type of a real number."""
     return "float" if precision == "single" else "double"
 
 
 def numpy_type(precision: Precision) -> type[np.float32] | type[np.float64]:
-    """The NumPy type of a real number."""
+    """Return the NumPy type of a real number."""
     return np.float32 if precision == "single" else np.float64
 
 
 def literal(value: float, precision: Precision) -> str:
-    """`value` rounded to the precision, as the shortest C literal that reads back to the same bits.
+    """Return `value`, rounded to the precision, as the shortest C literal that reads back to the same bits.
 
     Raises:
         ValueError: the value is not finite in that precision.
@@ -51,11 +51,11 @@ def literal(value: float, precision: Precision) -> str:
 
 NUMBERS_PER_LINE = 8
 LINE_WIDTH = 112
-"""Characters of numbers in a line, without its indent."""
+"""Largest number of characters in a line of numbers, without its indent."""
 
 
 def lines_of(numbers: Sequence[str], last_comma: bool = False) -> tuple[str, ...]:
-    """Literals, several to a line, separated by commas."""
+    """Return lines of literals, several to a line and separated by commas."""
     width = max(len(number) for number in numbers) + 2
     each = min(NUMBERS_PER_LINE, max(1, LINE_WIDTH // width))
     chunks = [numbers[k : k + each] for k in range(0, len(numbers), each)]
@@ -66,17 +66,17 @@ def lines_of(numbers: Sequence[str], last_comma: bool = False) -> tuple[str, ...
 
 
 def comment_text(text: str) -> str:
-    """`text` made safe for a C comment or string: printable ASCII on one line that cannot end a comment or continue a line."""
+    """Return `text` made safe for a C comment or string: printable ASCII on one line, without the end of a comment."""
     safe = "".join(character if " " <= character <= "~" else "?" for character in text)
     safe = safe.replace("\\", "/").replace('"', "'")
     for dangerous, harmless in (("*/", "* /"), ("/*", "/ *"), ("??", "? ?")):
-        while dangerous in safe:  # what one replacement leaves may be dangerous again
+        while dangerous in safe:  # the result of a replacement may be dangerous again
             safe = safe.replace(dangerous, harmless)
     return safe
 
 
 def check_prefix(prefix: str) -> str:
-    """`prefix` if C names may start with it, else BuildError."""
+    """Return `prefix` if C names may start with it. Raises BuildError otherwise."""
     if prefix in _RESERVED:
         raise BuildError(f"{prefix!r} is a reserved word", where="--prefix", remedy="use another one, such as ars")
     if not _PREFIX.match(prefix) or prefix.endswith("_") or "__" in prefix:

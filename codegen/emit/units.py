@@ -1,4 +1,4 @@
-"""Units of the numbers in the generated C, as its comments name them."""
+"""Units in the comments of the generated C."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ class Unit:
     """A derived SI unit.
 
     Attributes:
-        conversion: its name where only identifiers may stand.
-        exponents: of m, kg, s, A, K, mol, cd, in the order of ASAP2's SI_EXPONENTS.
+        conversion: name of the unit as part of an identifier.
+        exponents: exponents of m, kg, s, A, K, mol, cd, in the order of ASAP2's SI_EXPONENTS.
     """
 
     symbol: str
@@ -22,6 +22,7 @@ class Unit:
 
 NONE = Unit("", "no_unit", (0,) * 7)
 UNITS = (
+    Unit("m/s^3", "m_s3", (1, 0, -3, 0, 0, 0, 0)),
     Unit("m/s^2", "m_s2", (1, 0, -2, 0, 0, 0, 0)),
     Unit("rad/s", "rad_s", (0, 0, -1, 0, 0, 0, 0)),
     Unit("m/s", "m_s", (1, 0, -1, 0, 0, 0, 0)),
@@ -38,7 +39,7 @@ _IN_COMMENT = re.compile(
 
 
 def unit_of_comment(comment: str) -> Unit:
-    """The unit that a field's comment begins with; none for a ratio, such as rad for each rad."""
+    """Return the unit at the start of a field's comment; `NONE` for a ratio, such as "rad for each rad"."""
     found = _IN_COMMENT.match(comment)
     if found is None or (found["after"] == " " and "for each" in found["rest"]):
         return NONE

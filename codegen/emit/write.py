@@ -1,9 +1,9 @@
 """Write a generated folder as one step.
 
-A new folder is written next to the old one and swapped in whole. A full disk, an interrupt or a kill leaves the old one or
-the new one, never a mixture. Only files that a folder's own manifest names are ever removed.
+A new folder is written next to the old one, and then the two are swapped. After a full disk, an interrupt or a kill, either the
+old or the new folder is complete, never a mixture. Only files that a folder's own manifest names are ever removed.
 
-Imports `errors`, `files` and, of this package, `folder`, whose public names are offered here as well.
+This module imports only `errors`, `files` and, from this package, `folder`, whose public names it exports too.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from codegen.emit.folder import (
-    BESIDE,
     MANIFEST,
+    VERIFICATION_FILES,
     Folder,
     as_build_error,
     differences,
     entries,
     folders_of,
+    foreign_paths,
     owned_paths,
     read_manifest,
     render_manifest,
-    strays,
     verify_hashes,
 )
 from codegen.errors import BuildError
 from codegen.files import sync_folder
 
 __all__ = [
-    "BESIDE",
     "MANIFEST",
+    "VERIFICATION_FILES",
     "Folder",
     "check_target",
     "differences",
@@ -50,17 +50,18 @@ __all__ = [
 
 
 def write_folder(folder: Folder, target: Path) -> bool:
-    """Make `target` hold exactly `folder`; return whether anything had to change.
+    """Replace the content of `target` with `folder`. Return whether anything changed.
 
-    Nothing is touched if every byte is there already. Otherwise the folder is replaced as a whole, and the
-    `BESIDE` files of the old build go with it. A link to a folder is followed. Builds into one parent folder take turns.
+    If every byte is the same already, nothing is touched. Otherwise the folder is replaced as a whole, and the
+    `VERIFICATION_FILES` of the old build are removed. A link to a folder is followed. Concurrent builds into one parent folder
+    wait for each other.
 
     Raises:
-        BuildError: the target is a file or holds something that is not ours, or cannot be written; then, as after any
-            other exception up to the swap, what stood before still stands.
+        BuildError: the target is a file, contains files that codegen did not write, or cannot be written. After this and any
+            other exception before the swap, the previous content is unchanged.
     """
     place = Path(os.path.realpath(target))
-    with as_build_error(target, "written"), _parents(place.parent), _turn(place.parent):
+    with as_build_error(target, "written"), _parents(place.parent), _folder_lock(place.parent):
         _restore(place)
         _refuse_foreign(place, target)
         _refuse_other_kind(folder, place, target)
@@ -73,27 +74,27 @@ def write_folder(folder: Folder, target: Path) -> bool:
 
 
 def check_target(target: Path) -> None:
-    """Refuse before any work what `write_folder` would refuse after it: a file, or a folder that holds something else.
+    """Reject a target that `write_folder` would reject, before any work: a file, or a folder with other content.
 
     Raises:
-        BuildError: with what stands there.
+        BuildError: the target is rejected; the message names the content.
     """
     _refuse_foreign(Path(os.path.realpath(target)), target)
 
 
 def _refuse_foreign(place: Path, target: Path) -> None:
-    remedy = "nothing was changed; choose another folder with -o, or move that away"
+    remedy = "nothing was changed; choose another folder with -o, or move it away"
     if not place.name or (os.path.lexists(place) and not place.is_dir()):
         raise BuildError("not a folder that a build can be written to", where=target, remedy=remedy)
-    if place.is_dir() and (stray := next(strays(entries(place), owned_paths(place)), None)) is not None:
-        raise BuildError(f"holds {stray!r}, which no manifest of codegen names", where=target, remedy=remedy)
+    if place.is_dir() and (stray := next(foreign_paths(entries(place), owned_paths(place)), None)) is not None:
+        raise BuildError(f"contains {stray!r}, which no manifest of codegen names", where=target, remedy=remedy)
 
 
 def _refuse_other_kind(folder: Folder, place: Path, target: Path) -> None:
-    """Refuse to replace a firmware project by a build, or a build by a firmware project."""
+    """Reject the replacement of a firmware project by a build, or of a build by a firmware project."""
     if owned_paths(place) and read_manifest(place).get("what") != folder.manifest.get("what"):
         raise BuildError(
-            "another kind of generated folder stands there",
+            "the folder contains another kind of generated project",
             where=target,
             remedy="nothing was changed; choose another folder with -o",
         )
@@ -101,14 +102,14 @@ def _refuse_other_kind(folder: Folder, place: Path, target: Path) -> None:
 
 def _replace(place: Path, content: Mapping[str, bytes], target: Path) -> None:
     new, aside = _temporary(place)
-    os.mkdir(new)  # outside `try`: what stands there already is not for this build to discard
+    os.mkdir(new)  # outside `try`: if the folder exists, this build must not discard it
     try:
         _fill(new, content)
         if place.is_dir():
             shutil.copymode(place, new)
         old = _swap(new, place, aside)
         try:
-            if old is not None:  # what was put there since the first look must not vanish with the old build
+            if old is not None:  # files added since the first check must not be deleted with the old build
                 _refuse_foreign(old, target)
             sync_folder(place.parent)
         except BaseException:
@@ -141,7 +142,7 @@ def _write_file(path: Path, content: bytes) -> None:
 
 
 def _swap(new: Path, place: Path, aside: Path) -> Path | None:
-    """Put `new` in `place`; return where the old folder is now, None where there was none."""
+    """Move `new` to `place`. Return the new path of the old folder, None if there was none."""
     if not os.path.lexists(place):
         os.rename(new, place)
         return None
@@ -159,7 +160,7 @@ def _swap(new: Path, place: Path, aside: Path) -> Path | None:
 
 
 def _exchange(one: Path, other: Path) -> None:
-    """Exchange two folders in one step (Linux: renameat2). Raises OSError where system or file system cannot."""
+    """Exchange two folders in one step (Linux: renameat2). Raises OSError if system or file system do not support it."""
     renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None) if sys.platform == "linux" else None
     if renameat2 is None:
         raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
@@ -171,7 +172,7 @@ def _exchange(one: Path, other: Path) -> None:
 
 @contextmanager
 def _parents(folder: Path) -> Iterator[None]:
-    """Make `folder` and what is missing above it; take that away again where the build fails."""
+    """Create `folder` and its missing parents. Remove them again if the build fails."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -184,8 +185,8 @@ def _parents(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _turn(parent: Path) -> Iterator[None]:
-    """Wait for other builds into `parent`. The lock ends with the process, whatever ends it, and leaves no file."""
+def _folder_lock(parent: Path) -> Iterator[None]:
+    """Lock `parent` against other builds, and wait for them. The lock ends with the process in any case and leaves no file."""
     descriptor = os.open(parent, os.O_RDONLY | os.O_DIRECTORY)
     try:
         with suppress(OSError):  # a file system without locks: the swap alone still keeps folders whole
@@ -196,13 +197,13 @@ def _turn(parent: Path) -> Iterator[None]:
 
 
 def _temporary(place: Path) -> tuple[Path, Path]:
-    """Paths for the new folder, and for the old one if the two cannot be exchanged."""
+    """Return paths for the new folder, and for the old one if the two cannot be exchanged."""
     name = f".{place.name}.codegen-tmp-{os.getpid()}"
     return place.with_name(name), place.with_name(f"{name}-old")
 
 
 def _leftovers(place: Path) -> Iterator[Path]:
-    """Temporary folders of builds into `place` whose process is gone."""
+    """Yield temporary folders of builds into `place` whose process has ended."""
     pattern = re.compile(re.escape(f".{place.name}.codegen-tmp-") + r"([1-9][0-9]*)(-old)?\Z")
     with os.scandir(place.parent) as listing:
         siblings = sorted(listing, key=lambda sibling: sibling.name)
@@ -214,19 +215,20 @@ def _leftovers(place: Path) -> Iterator[Path]:
 
 def _is_alive(pid: int) -> bool:
     if pid == os.getpid():
-        # Builds take turns, so this one is not ours but that of a namesake: process numbers repeat, in containers often.
+        # This build has not created its folder yet, so an earlier process with the same number left this one. Numbers repeat,
+        # often in containers.
         return False
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
         return False
-    except PermissionError:  # it lives and is another user's
+    except PermissionError:  # the process is alive and belongs to another user
         pass
     return True
 
 
 def _restore(place: Path) -> None:
-    """Put back a folder that a killed build had moved aside (only where the file system cannot exchange two folders)."""
+    """Restore a folder that a killed build had moved aside (only if the file system cannot exchange two folders)."""
     if not os.path.lexists(place):
         for leftover in _leftovers(place):
             if leftover.name.endswith("-old") and owned_paths(leftover):
@@ -235,9 +237,9 @@ def _restore(place: Path) -> None:
 
 
 def _discard(folder: Path) -> None:
-    """Remove the files that the manifest of `folder` names, and the folders that this leaves empty.
+    """Remove the files that the manifest of `folder` names, and the folders that are empty then.
 
-    Files that cannot be removed stay for the next build, with the manifest. A finished build does not fail because of them.
+    Files that cannot be removed remain for the next build, with the manifest. They do not make a finished build fail.
     """
     if folder.is_symlink():
         return
@@ -250,7 +252,8 @@ def _discard(folder: Path) -> None:
             elif kind == "folder" and path in folders:
                 with suppress(OSError):
                     os.rmdir(folder / path)
-        # Alone, it goes even if it is cut short: a build that ended while it wrote its manifest has written nothing else.
+        # A lone manifest is removed even if it is incomplete: a build that was killed while it wrote its manifest, its first
+        # file, has written nothing else.
         if os.listdir(folder) == [MANIFEST]:
             os.unlink(folder / MANIFEST)
         os.rmdir(folder)

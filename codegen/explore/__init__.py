@@ -1,4 +1,4 @@
-"""The explorer: a local page on which settings are moved and the map, the step response and the margins follow at once.
+"""The explorer: a local page to change settings, with the map, the step response and the margins updated at once.
 
-Above `report`, whose palette and bundle of Plotly it shares, and below `cli`.
+It uses the palette and the Plotly bundle of `report`; `cli` uses it.
 """

@@ -1,7 +1,7 @@
-"""Controls of the page, and the configuration that their values give.
+"""Controls of the page, and the configuration that results from their values.
 
-The bounds of what may be typed are those of the configuration's own models; a slider spans the part of them that is worth
-dragging through, and the table below says why.
+The number boxes accept the range of the configuration's own models. A slider spans the useful part of that range; the comment
+above the controls gives the reasons.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Values = Mapping[str, float]
 
 GROUP_TITLES: Mapping[Group, str] = {"step": "Step at the steering wheel", "controller": "Controller", "map": "Map"}
 
-FLOAT_MAX = sys.float_info.max  # beyond it are infinity, and whole numbers of hundreds of digits
+FLOAT_MAX = sys.float_info.max  # larger values are infinity and very long whole numbers
 LAMBDA, FRICTION = "lambda", "road.friction"
 WEIGHT_KEY = "sideslip_weight_per_s2"
 SCALES = {
@@ -39,7 +39,7 @@ STEP_SPEED, STEP_ANGLE, STEP_ROAD = "step.speed_km_h", "step.angle_deg", "step.r
 
 
 class ExploreError(CodegenError):
-    """Settings that cannot be taken, or a page that cannot be served."""
+    """Settings that are invalid, or a page that cannot be served."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,12 @@ class Control:
     """One slider with its number box.
 
     Attributes:
-        key: its name on the page; the dotted key in the configuration where it is one.
-        label, unit, help: for people; `help` says in a line what it does.
-        low, high, step: of the slider; `step` is a factor less one where it is logarithmic.
-        bounds: of what may be typed.
-        value: at the start.
-        logarithmic: equal ways of the slider are equal ratios; zero, where it may be typed, is one stop more, below `low`.
+        key: name on the page; for a configuration key, the dotted key.
+        label, unit, help: texts for the user; `help` is one line.
+        low, high, step: range and step of the slider; if logarithmic, `step` is the factor minus one.
+        bounds: accepted values.
+        value: start value.
+        logarithmic: equal slider distances are equal ratios; if zero is accepted, it is an extra stop below `low`.
     """
 
     key: str
@@ -80,13 +80,11 @@ class Control:
         return float(value)
 
 
-# Where the sliders end. Angles and lateral acceleration: from next to nothing to the most that rear axles on the market steer,
-# and to a racing tyre's grip. lambda: by ratios, from a map that hardly knows sideslip to one that knows nothing else.
-# Friction: from packed snow to warm asphalt. Gains: several times the paper's, and three times the tuned ones.
+# Ranges of the sliders. Angles and lateral acceleration: from nearly zero to the largest rear angles on the market and the grip
+# of a racing tyre. lambda: from nearly no weight on sideslip to nearly no weight on yaw rate. Friction: from packed snow to
+# warm asphalt. Gains: several times the paper's, and three times the tuned ones.
 _MAP_CONTROLS = (
-    Control(
-        LAMBDA, "map", "Sideslip weight λ", "1/s²", "How dear sideslip is beside yaw rate", 10.0, 1e5, 0.02, logarithmic=True
-    ),
+    Control(LAMBDA, "map", "Sideslip weight λ", "1/s²", "Cost of sideslip against yaw rate", 10.0, 1e5, 0.02, logarithmic=True),
     Control(
         "limits.sideslip_max_deg", "map", "Sideslip limit", "deg", "Largest sideslip angle in a steady turn", 0.5, 8.0, 0.1
     ),
@@ -100,18 +98,20 @@ _MAP_CONTROLS = (
         1.2,
         0.01,
     ),
-    Control("limits.rear_angle_max_deg", "map", "Rear angle limit", "deg", "Largest that the map may ask for", 0.1, 10.0, 0.1),
+    Control("limits.rear_angle_max_deg", "map", "Rear angle limit", "deg", "Largest rear angle in the map", 0.1, 10.0, 0.1),
     Control(
         "limits.slip_departure_percent",
         "map",
         "Tyre slip limit",
         "%",
-        "How far the tyre's force may fall behind its straight line",
+        "Largest departure of the tyre's force from its tangent",
         1.0,
         30.0,
         0.5,
     ),
-    Control(FRICTION, "map", "Friction of the road", "", "What the map is made for; the tyres stay the same", 0.2, 1.2, 0.01),
+    Control(
+        FRICTION, "map", "Friction of the road", "", "Friction that the map assumes; the tyres stay the same", 0.2, 1.2, 0.01
+    ),
 )
 _PI_CONTROLS = (
     Control(
@@ -141,7 +141,7 @@ _TRACKING_CONTROLS = (
         "controller",
         "Proportional gain",
         "%",
-        "Of the gains over speed at the start, all of them together",
+        "Scales all gains over speed, in percent of those at the start",
         0.0,
         300.0,
         1.0,
@@ -152,14 +152,20 @@ _TRACKING_CONTROLS = (
         "controller",
         "Integral gain",
         "%",
-        "Of the gains over speed at the start, all of them together",
+        "Scales all gains over speed, in percent of those at the start",
         0.0,
         300.0,
         1.0,
         value=100.0,
     ),
     Control(
-        *("lead_percent", "controller", "Look ahead", "%", "Of the lead over speed at the start, on the front angle"),
+        *(
+            "lead_percent",
+            "controller",
+            "Look ahead",
+            "%",
+            "Scales the lead of the front angle, in percent of that at the start",
+        ),
         *(0.0, 300.0, 1.0),
         value=100.0,
     ),
@@ -169,7 +175,7 @@ _TRACKING_CONTROLS = (
             "controller",
             "Response gain",
             "%",
-            "Of the gain over speed at the start, on what the model lacks",
+            "Scales the response gain, in percent of that at the start",
         ),
         *(0.0, 300.0, 1.0),
         value=100.0,
@@ -179,7 +185,7 @@ _TRACKING_CONTROLS = (
         "controller",
         "Feedback into the turn",
         "deg",
-        "Most that feedback may add where it turns the car more",
+        "Largest feedback angle that increases the yaw rate",
         0.0,
         3.5,
         0.05,
@@ -189,7 +195,7 @@ _TRACKING_CONTROLS = (
         "controller",
         "Trim towards the map",
         "%",
-        "Of the map's yaw rate, at most",
+        "Largest trim, in percent of the map's yaw rate",
         0.0,
         10.0,
         0.1,
@@ -198,14 +204,14 @@ _TRACKING_CONTROLS = (
 _OF_KIND = {"pi": _PI_CONTROLS, "tracking": _TRACKING_CONTROLS}
 _STEP_CONTROLS = (
     # The paper's step, on the road that the map is for.
-    Control(STEP_SPEED, "step", "Speed", "km/h", "Held all through the step", 15.0, 150.0, 0.5, value=42.5),
+    Control(STEP_SPEED, "step", "Speed", "km/h", "Constant during the step", 15.0, 150.0, 0.5, value=42.5),
     Control(STEP_ANGLE, "step", "Steering wheel angle", "deg", "After the step", 5.0, 180.0, 1.0, value=90.0),
     Control(
         STEP_ROAD,
         "step",
         "Road under the car",
         "%",
-        "Its friction, of the friction that the map is made for; the controller is not told",
+        "Road friction in percent of the map's; unknown to the controller",
         30.0,
         130.0,
         1.0,
@@ -216,7 +222,7 @@ _STEP_CONTROLS = (
 
 
 def controls_of(config: Config, case: str) -> tuple[Control, ...]:
-    """The controls of a configuration and a case of it, with their bounds and their values at the start."""
+    """Return the controls for a configuration and one of its cases, with bounds and start values."""
     return tuple(
         _started(control, config, case)
         for control in (*_MAP_CONTROLS, *_OF_KIND.get(config.controller.kind, ()), *_STEP_CONTROLS)
@@ -239,7 +245,7 @@ def _started(control: Control, config: Config, case: str) -> Control:
 
 
 def _with_value(control: Control, value: float) -> Control:
-    """Extend the slider to its start value. A logarithmic slider has an own stop for zero."""
+    """Extend the slider to its start value. A logarithmic slider has an extra stop for zero."""
     low = control.low if control.logarithmic and value == 0.0 else min(control.low, value)
     return replace(control, value=value, low=low, high=max(control.high, value))
 
@@ -255,13 +261,13 @@ def _bounds(config: Config, path: tuple[str, ...]) -> tuple[float, float]:
 
 
 def checked(controls: tuple[Control, ...], given: object) -> dict[str, float]:
-    """Key -> number, of all controls; what is not given keeps its value of the start.
+    """Return key -> number for all controls; keys that are not given keep their start value.
 
     Raises:
-        ExploreError: no mapping, an unknown key, or a value that is none.
+        ExploreError: not a mapping, an unknown key, or an invalid value.
     """
     if not isinstance(given, dict):
-        raise ExploreError("the settings are no table of keys and values")
+        raise ExploreError("the settings must be a table of keys and values")
     known = {control.key: control for control in controls}
     for key in given:
         if key not in known:
@@ -270,10 +276,10 @@ def checked(controls: tuple[Control, ...], given: object) -> dict[str, float]:
 
 
 def apply(start: Config, case: str, controls: tuple[Control, ...], values: Values) -> Config:
-    """The configuration with the settings; what stands as at the start keeps its exact value.
+    """Return the configuration with the settings; unchanged settings keep their exact value.
 
     Raises:
-        ConfigError: the models refuse the configuration.
+        ConfigError: the models reject the configuration.
     """
     moved = {control.key: values[control.key] for control in controls if values[control.key] != control.value}
     config = on_road(start, moved.pop(FRICTION)) if FRICTION in moved else start
@@ -289,7 +295,7 @@ def apply(start: Config, case: str, controls: tuple[Control, ...], values: Value
             untuned = {"lead_s": tracking["lead_s"]}.get(SCALES[key], 0.0)
             at_start = schedule.get(SCALES[key]) or [untuned] * len(schedule["speed_km_h"])
             schedule[SCALES[key]] = [float(f"{gain * value / 100.0:.6g}") for gain in at_start]
-            if key in ("proportional_percent", "integral_percent"):  # those were the margins of other gains
+            if key in ("proportional_percent", "integral_percent"):  # the stored margins belong to other gains
                 schedule |= dict.fromkeys(("gain_margin_db", "phase_margin_deg", "sensitivity"))
         elif _is_of_config(key):
             section, _, name = key.rpartition(".")
@@ -309,7 +315,7 @@ def _is_of_config(key: str) -> bool:
 
 @dataclass(frozen=True)
 class Step:
-    """The step at the steering wheel: m/s, deg at the steering wheel, share of the map's friction that the road has."""
+    """Step at the steering wheel: speed in m/s, angle in deg, and road friction as a fraction of the map's."""
 
     speed: float
     angle_deg: float
@@ -317,5 +323,5 @@ class Step:
 
     @classmethod
     def of(cls, values: Values) -> Step:
-        """Return the configuration with checked values."""
+        """Return the step that checked values describe."""
         return cls(values[STEP_SPEED] * KM_H, values[STEP_ANGLE], values[STEP_ROAD] / 100.0)

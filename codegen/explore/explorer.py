@@ -1,4 +1,4 @@
-"""One exploration: the settings that it began with, and the picture of any other."""
+"""One exploration: its start settings, and the data to display for any others."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from hil_sim.scenarios import SCENARIOS
 Data = dict[str, Any]
 
 STEER_TIME, DURATION = 0.5, 4.5
-"""s. From straight ahead nothing happens before the step; the paper's own recording is longer on both sides of it."""
+"""Time of the step and duration, in s. The paper's recording is longer on both sides of the step."""
 
 FAMILY_SPEEDS = 22
 CUT_ANGLES = 121
@@ -52,22 +52,22 @@ UNBOUNDED_DB, UNBOUNDED_DEG = 40.0, 180.0
 
 
 def numbers(values: npt.ArrayLike, digits: int = 4) -> list[float | None]:
-    """A list for JSON, rounded; None for what is not finite."""
+    """Return a rounded list for JSON; None for values that are not finite."""
     array = np.round(np.asarray(values, dtype=np.float64), digits)
     return [value if math.isfinite(value) else None for value in array.tolist()]
 
 
 def binding_colours(known: Sequence[int]) -> list[str]:
-    """The colours of sets of binding constraints, those of the report; a set keeps its own while others are added behind it."""
+    """Return the colours of sets of binding constraints, as in the report. New sets do not change the colours of others."""
     others = iter(OTHER_COLOURS)
     return [BINDING_COLOURS.get(flags) or next(others, GREY) for flags in known]
 
 
 def map_data(reference_map: ReferenceMap, known: list[int]) -> Data:
-    """The map in cells; packed tables have rows of front angles and columns of speeds.
+    """Return the map as cells; packed tables have rows of front angles and columns of speeds.
 
     Args:
-        known: sets of binding constraints in the order of their colours; those that are new are added.
+        known: sets of binding constraints in the order of their colours; new ones are appended.
     """
     active, feasible = reference_map.active, reference_map.feasible
     assert active is not None  # a solved map has all tables
@@ -103,7 +103,7 @@ def cut_data(total: TotalMap, last_angle: float, speed: float) -> Data:
 
 
 def drive(software: Recalibrated, calibration: Calibration, step: Step, *, controlled: bool = True) -> FloatArray:
-    """The step at the steering wheel in closed loop, in C: a recording (samples, 12), columns RECORD_COLUMNS."""
+    """Return a recording (samples, 12) of the step in closed loop, simulated in C; columns RECORD_COLUMNS."""
     config = calibration.config
     scenario = replace(
         SCENARIOS["step-steer"],
@@ -124,12 +124,12 @@ _CURVES = (
 
 
 def run_data(record: FloatArray) -> Data:
-    """The curves of a recording."""
+    """Return the curves of a recording."""
     return {name: numbers(np.degrees(column(record, source))) for name, source in _CURVES}
 
 
 def figures(record: FloatArray, config: Config) -> Data:
-    """The figures of a step, None where there is no steady value for them. Angles and accelerations: magnitudes."""
+    """Return the figures of a step; None for those without a steady value. Angles and accelerations are magnitudes."""
     if spin_time(record) is not None:
         return {"spins": True}
     found = step_metrics(record, STEER_TIME, config.steering.ratio)
@@ -146,7 +146,7 @@ def figures(record: FloatArray, config: Config) -> Data:
 
 
 def margins_of(config: Config) -> tuple[FloatArray, Margins] | None:
-    """Speeds (n,) in m/s and the margins of the configured car there; None for a law without feedback."""
+    """Return speeds (n,) in m/s and the margins of the configured car there; None for a law without feedback."""
     gains = law_of(config).gains(config)
     if gains is None:
         return None
@@ -180,7 +180,7 @@ def margin_data(config: Config) -> Data | None:
 
 
 def family_data(config: Config, is_stale: Callable[[], bool]) -> Data | None:
-    """The worst margins of the whole family of cars, over the speeds of the map; None where they are no longer wanted.
+    """Return the worst margins of the whole family of cars over the speeds of the map; None if the request is outdated.
 
     Raises:
         ConfigError: the family is too large.
@@ -207,7 +207,7 @@ def family_data(config: Config, is_stale: Callable[[], bool]) -> Data | None:
 
 
 def _last_speed(config: Config) -> float:
-    """km/h, of the map; above where the controller switches on."""
+    """Return the last speed of the map in km/h, at least 1.2 times the enable speed."""
     return max(config.grid.last_speed_km_h, 1.2 * config.controller.enable_speed_km_h)
 
 
@@ -217,7 +217,7 @@ def _least(values: FloatArray, place: int) -> float | None:
 
 
 def time_axis(record: FloatArray) -> Sequence[float | None]:
-    """s, from the step on."""
+    """Return the times since the step, in s."""
     return numbers(column(record, "time_s") - STEER_TIME, 4)
 
 
@@ -231,10 +231,10 @@ class Explorer:
     """Answers to the requests of the page. Calls may come from any thread; one computes at a time.
 
     Attributes:
-        start: the configuration that the page begins with.
-        case: the case of it that is solved.
-        name: of the map, for titles.
-        notes: what the user should know.
+        start: configuration at the start.
+        case: its case that is solved.
+        name: name of the map, for titles.
+        notes: notes for the user.
     """
 
     start: Config
@@ -251,33 +251,33 @@ class Explorer:
 
     def __post_init__(self) -> None:
         self.controls = controls_of(self.start, self.case)
-        law_of(self.start)  # before anything is compiled: it may have no gains yet
+        law_of(self.start)  # rejects missing gains before anything is compiled
         self._begun = self.calibration(self.start)
         self._software = Recalibrated(self._map(self.start).reference_map, self.start)
         self._begun_margins = margin_data(self.start)
 
     def configured(self, given: object) -> Config:
-        """The configuration of what the page sends. Raises CodegenError."""
+        """Return the configuration for the settings of the page. Raises CodegenError."""
         return apply(self.start, self.case, self.controls, checked(self.controls, given))
 
     def solvable(self, config: Config) -> None:
-        """Refuse a configuration that leaves no map, or that the C cannot be built for. Raises CodegenError."""
+        """Reject a configuration without a feasible map, or for which the C cannot be built. Raises CodegenError."""
         self.calibration(config)
 
     def calibration(self, config: Config) -> Calibration:
-        """All numbers of a configuration for the C. Raises CodegenError."""
+        """Return all numbers of a configuration for the C. Raises CodegenError."""
         with self._computing:
             return Calibration.of(self._map(config).total, config)
 
     def run(self, calibration: Calibration, inputs: FloatArray) -> FloatArray:
-        """The closed loop in C with those numbers; see `Recalibrated.run`."""
+        """Run the closed loop in C with these numbers; see `Recalibrated.run`."""
         return self._software.run(calibration, inputs)
 
     def picture(self, given: object) -> Data:
-        """Return all data that the page shows of some settings, see `picture`; `took_ms` has the time of each part in ms.
+        """Return all data that the page displays for some settings, see `picture`; `took_ms` is the time of each part in ms.
 
         Raises:
-            CodegenError: settings that are none, or that leave no map.
+            CodegenError: the settings are invalid or leave no map.
         """
         values = checked(self.controls, given)
         with self._computing:
@@ -300,7 +300,7 @@ class Explorer:
         }
 
     def family(self, given: object, is_stale: Callable[[], bool]) -> Data | None:
-        """The margins of the whole family of cars, see `family_data`. Nobody waits for it. Raises CodegenError."""
+        """Return the margins of the family of cars; see `family_data`. Runs beside other requests. Raises CodegenError."""
         return family_data(self.configured(given), is_stale)
 
     def _kept(self, name: str, key: object, make: Callable[[], Kept]) -> Kept:
@@ -352,7 +352,7 @@ def _of_the_loop(config: Config) -> tuple[object, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Map:
-    """A solved map, the same over an ECU's whole domain, and as the page is shown it."""
+    """A solved map: as solved, extended to the ECU's whole domain, and as sent to the page."""
 
     reference_map: ReferenceMap
     total: TotalMap
@@ -360,7 +360,7 @@ class _Map:
 
     @classmethod
     def of(cls, config: Config, case: str, bindings: list[int]) -> Self:
-        """Solve it. Raises CodegenError."""
+        """Solve a map. Raises CodegenError."""
         reference_map = solve_case(config, case)
         total = extend(reference_map, config, config.steering.front_angle_stop)
         return cls(reference_map, total, map_data(reference_map, bindings))
@@ -368,27 +368,27 @@ class _Map:
 
 @dataclass
 class _Clock:
-    """Computing time of the parts of one picture."""
+    """Computing time of each part of one update."""
 
     laps: dict[str, float] = field(default_factory=dict)
     last: float = field(default_factory=time.perf_counter)
 
     def lap(self, name: str) -> None:
-        """The time since the last lap is that of `name`, in ms."""
+        """Record the time since the last lap, in ms, under `name`."""
         now = time.perf_counter()
         self.laps[name], self.last = round(1e3 * (now - self.last), 2), now
 
 
 def opened(map_path: Path, config_path: Path | None = None) -> Explorer:
-    """An exploration of a map in a file, with its own configuration or that of the file that the user names.
+    """Return an exploration of a map file, with the map's own configuration or that of a given file.
 
     Raises:
-        CodegenError: what cannot be read, solved or compiled; a map that this project did not solve.
+        CodegenError: a file cannot be read, solved or compiled, or the map was not solved by this project.
     """
     reference_map = npz.load(map_path)
     if reference_map.case is None or reference_map.active is None:
         raise MapError(
-            "it was not solved here: there is no optimisation to explore",
+            "it was not solved by codegen, so there is no optimisation to explore",
             where=map_path,
             remedy="solve one with `codegen solve --config ars.toml --case 4ws-2 -o 4ws2.npz`",
         )
@@ -397,7 +397,7 @@ def opened(map_path: Path, config_path: Path | None = None) -> Explorer:
         config = configuration.load(config_path)
         config.case(case, f"{config_path}: [cases]")
     if config is None:
-        raise MapError("it brings no configuration", where=map_path, remedy="name one with --config ars.toml")
+        raise MapError("it contains no configuration", where=map_path, remedy="name one with --config ars.toml")
     with within(config_path or map_path):
         return Explorer(config, case, map_path.stem, _notes(reference_map, config_path))
 
@@ -405,7 +405,7 @@ def opened(map_path: Path, config_path: Path | None = None) -> Explorer:
 def _notes(reference_map: ReferenceMap, config_path: Path | None) -> tuple[str, ...]:
     notes = []
     if reference_map.layers:
-        notes.append("the maps for lower frictions are left out here: each setting is solved for its own friction")
+        notes.append("the maps for lower frictions are not used: settings are solved for their own friction")
     if config_path is not None and reference_map.config is not None:
         notes.append(f"the map is solved again with {config_path.name}; the one in the file is not used")
     return tuple(notes)

@@ -1,4 +1,4 @@
-"""The page and what it loads, as bytes: nothing on it comes from elsewhere."""
+"""The page and its assets, as bytes. The page loads nothing from elsewhere."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ SECURITY_POLICY = "; ".join(
 
 @dataclass(frozen=True)
 class Asset:
-    """One thing that the server gives out."""
+    """A file that the server delivers."""
 
     content: bytes
     kind: str
 
 
 def assets() -> dict[str, Asset]:
-    """Path -> what stands there, without the page itself. Raises CodegenError where Plotly is not installed."""
+    """Return path -> asset, without the page itself. Raises CodegenError if Plotly is not installed."""
     root = templates_root()
     style, script = "text/css; charset=utf-8", "text/javascript; charset=utf-8"
     return {
@@ -57,8 +57,8 @@ def page(explorer: Explorer, key: str, page_number: int) -> Asset:
     """Render the page of an exploration.
 
     Args:
-        key: what its requests must carry.
-        page_number: distinguishes its requests from those of another page.
+        key: access key that requests must carry.
+        page_number: distinguishes the requests of this page from those of others.
     """
     groups = [
         {"key": group, "title": title, "controls": [each for each in explorer.controls if each.group == group]}
@@ -93,5 +93,5 @@ def _control(control: Control) -> dict[str, Any]:
 
 
 def _embedded(data: Mapping[str, Any]) -> str:
-    """JSON that can end no script element."""
+    """Return JSON that cannot end a script element."""
     return json.dumps(data, allow_nan=False).replace("<", "\\u003c")

@@ -1,7 +1,7 @@
-"""The generated C, compiled once, with the numbers of any setting: no compiler runs while a slider moves.
+"""The generated C, compiled once, with the numbers of any settings, so that no compiler runs while a slider moves.
 
-The numbers of the map and the parameters lie in `ars_calibration.c`, behind symbols that the compiler cannot see through. Here
-their sections can be written. A test checks that this copy computes, bit for bit, what a fresh build of the same setting does.
+The numbers of the map and the parameters are in `ars_calibration.c`, behind symbols that the compiler cannot see through. This
+copy puts them into writable sections. A test checks that it computes the same bits as a fresh build of the same settings.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from codegen.sil.compile import DEFAULT_FLAGS, Library, compile_library
 from codegen.sil.software import Software, bench_sources
 
 PREFIX = "ars"
-# Linkers put a section of this name among the data that may be written, though its objects are const.
+# Linkers put a section of this name into writable memory, although its objects are const.
 _SECTION = "__DATA,ars_calib" if sys.platform == "darwin" else ".data.calibration"
 WRITABLE = tuple(f'-DARS_SECTION_{kind}=__attribute__((section("{_SECTION}")))' for kind in ("CALIBRATION", "CONST"))
 
@@ -45,19 +45,19 @@ _CONSTANTS_C = f"""#include "constants.h"
 """
 
 _using = threading.RLock()
-"""The numbers are the library's own, and a process has one library of a name: who writes them runs with them."""
+"""Held while the numbers are written and used: they are global in the library, of which a process has only one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """All numbers of one setting.
+    """All numbers of one configuration.
 
     Attributes:
-        config: the setting.
+        config: the configuration.
         total: its map over the whole domain of an ECU.
-        tables: name in C -> values, single precision.
-        constants: the fields of the C struct of constants.
-        parameters: the C parameter struct's fields; `inputs` and `limiter` those of the structs inside it.
+        tables: name in C -> values, in single precision.
+        constants: fields of the C struct of constants.
+        parameters: fields of the C struct of parameters; `inputs` and `limiter` contain those of the nested structs.
     """
 
     config: Config
@@ -95,7 +95,7 @@ def _fields(views: tuple[ParameterView, ...]) -> dict[str, Any]:
 
 
 def _value(text: str) -> float | int | list[float]:
-    """Parse a C initialiser. The view's own text is the only source of a parameter's value."""
+    """Parse a C initialiser. Parameter values come only from the view's own text."""
     if text.startswith("{"):
         return [_number(part) for part in text.strip("{} \n").replace("\n", " ").split(",")]
     return int(text.removesuffix("u")) if text.endswith("u") else _number(text)
@@ -106,7 +106,7 @@ def _number(text: str) -> float:
 
 
 class Recalibrated:
-    """The C of a map and a configuration, ready for any setting of the same car, grid and kind of controller.
+    """The C of a map and a configuration, for any settings of the same car, grid and kind of controller.
 
     Raises:
         BuildError: there is no compiler, or the C does not compile here.
@@ -129,10 +129,10 @@ class Recalibrated:
         self._software = Software(self.library, PREFIX, "single", config)
 
     def run(self, calibration: Calibration, inputs: FloatArray, *, controlled: bool = True) -> FloatArray:
-        """A recording (samples, 12) from rest, columns RECORD_COLUMNS; inputs as of `ClosedLoop.run`.
+        """Return a recording (samples, 12) from rest, columns RECORD_COLUMNS; inputs as in `ClosedLoop.run`.
 
         Raises:
-            BuildError: the C itself refuses the numbers.
+            BuildError: the C rejects the numbers.
         """
         with _using:
             parameters = self._take(calibration)
@@ -140,7 +140,7 @@ class Recalibrated:
             return ClosedLoop(software, LoopOptions(controlled=controlled, parameters=parameters)).run(inputs)
 
     def look_up(self, calibration: Calibration, speed: float, front_angle: FloatArray) -> npt.NDArray[np.float32]:
-        """Yaw rate in rad/s as the C looks it up, for a speed in m/s and front angles (n,) in rad."""
+        """Return the yaw rate in rad/s that the C looks up for a speed in m/s and front angles (n,) in rad."""
         with _using:
             self._take(calibration)
             result: npt.NDArray[np.float32] = self._software.map_yaw_rate(speed, front_angle)
@@ -159,5 +159,5 @@ class Recalibrated:
             for name, value in fields.items():
                 setattr(struct, name, value)
         if not (lib.ars_map_valid() and lib.ars_parameters_valid(parameters)):
-            raise BuildError("the generated code refuses these settings", remedy="go back a step")
+            raise BuildError("the generated code rejects these settings", remedy="undo the last change")
         return parameters

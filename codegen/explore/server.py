@@ -1,7 +1,7 @@
-"""The page's server: on the loopback address alone, for one user.
+"""Server of the page, for one user, on the loopback address only.
 
-Requests are rejected unless their Host header is the listening address (a name that resolves to this host is refused too) and
-they carry the key that the command printed. Only the page's own parts are served: no path is read as a file.
+A request is rejected unless its Host header is the listening address, which also excludes other names of this host, and unless
+it carries the key that the command printed. Only the page's own parts are served: no path is read as a file.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from codegen.explore.toml_file import Existing, Target
 
 HOST = "127.0.0.1"
 BODY_MAX = 64 * 1024
-"""Bytes of a request: settings need less than 2000."""
+"""Largest request body in bytes; settings need less than 2000."""
 IDLE_S = 60.0
 LENGTH_DIGITS_MAX = 7
 PAGES_MAX = 64
@@ -34,31 +34,31 @@ PAGES_MAX = 64
 
 @dataclass
 class Newest:
-    """The number of the newest request of each page: of older ones nobody waits for the answer."""
+    """Number of the newest request of each page. Older requests are outdated."""
 
     numbers: dict[int, int] = field(default_factory=dict)
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def came(self, page_number: int, number: int) -> None:
-        """A request has come."""
+        """Record a request."""
         with self.lock:
             self.numbers[page_number] = max(number, self.numbers.pop(page_number, number))
             while len(self.numbers) > PAGES_MAX:
                 del self.numbers[next(iter(self.numbers))]
 
     def is_stale(self, page_number: int, number: int) -> bool:
-        """Whether a newer one has come since."""
+        """Return whether a newer request has arrived."""
         return number < self.numbers.get(page_number, number)
 
 
 class ExploreServer(ThreadingHTTPServer):
-    """Serves one exploration.
+    """HTTP server of one exploration.
 
     Args:
-        port: 0 for any that is free.
+        port: port number; 0 selects a free one.
 
     Raises:
-        ExploreError: the port is taken, or may not be listened on.
+        ExploreError: the port is in use or not permitted.
         CodegenError: Plotly is not installed.
     """
 
@@ -76,7 +76,7 @@ class ExploreServer(ThreadingHTTPServer):
         except OSError as error:
             taken = error.errno == errno.EADDRINUSE
             what = f"port {port} is in use" if taken else f"port {port} cannot be listened on ({error.strerror})"
-            raise ExploreError(what, where="--port", remedy="name another one, or 0 for any that is free") from None
+            raise ExploreError(what, where="--port", remedy="choose another one, or 0 for a free one") from None
 
     def server_bind(self) -> None:
         """Bind without the host name look-up of HTTPServer, which may query a name server."""
@@ -95,11 +95,11 @@ class ExploreServer(ThreadingHTTPServer):
         return frozenset(names | ({HOST, "localhost"} if self.server_port == 80 else set()))
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that goes away in the middle of an answer is no error."""
+        """Ignore a browser that disconnects during a response."""
 
 
 class _Refusal(Exception):
-    """An answer other than 200."""
+    """A response other than 200."""
 
     def __init__(self, status: HTTPStatus, data: dict[str, Any]) -> None:
         super().__init__(status, data)
@@ -120,7 +120,7 @@ class _Handler(BaseHTTPRequestHandler):
         return cast(ExploreServer, self.server)
 
     def do_GET(self) -> None:
-        """The page and its parts."""
+        """Serve the page and its parts."""
         try:
             self._check_host()
             where = self._where()
@@ -171,14 +171,14 @@ class _Handler(BaseHTTPRequestHandler):
             return {"stale": True} if is_stale() else self.explore.explorer.picture(data.get("values"))
 
     def _family(self, data: dict[str, Any]) -> dict[str, Any]:
-        # Without the turn: a picture that is asked for meanwhile goes first.
+        # Not under the lock, so that requests for a picture are answered first.
         return self.explore.explorer.family(data.get("values"), self._came(data)) or {"stale": True}
 
     def _came(self, data: dict[str, Any]) -> Callable[[], bool]:
-        """Note a request; returns whether there has been a newer one of the same page."""
+        """Record a request. Return a function that reports whether the same page has sent a newer one."""
         number, of_page = data.get("number", 0), data.get("page", 0)
         if type(number) is not int or type(of_page) is not int:
-            raise _refusal(HTTPStatus.BAD_REQUEST, "page and number are whole numbers")
+            raise _refusal(HTTPStatus.BAD_REQUEST, "page and number must be whole numbers")
         newest = self.explore.newest
         newest.came(of_page, number)
         return lambda: newest.is_stale(of_page, number)
@@ -186,10 +186,10 @@ class _Handler(BaseHTTPRequestHandler):
     def _write(self, data: dict[str, Any]) -> dict[str, Any]:
         replaces = data.get("replaces")
         if replaces is not None and not isinstance(replaces, str):
-            raise _refusal(HTTPStatus.BAD_REQUEST, "replaces is a SHA-256, or null")
+            raise _refusal(HTTPStatus.BAD_REQUEST, "replaces must be a SHA-256 or null")
         explorer, target = self.explore.explorer, self.explore.target
         config = explorer.configured(data.get("values"))
-        explorer.solvable(config)  # what could not be solved is not written either
+        explorer.solvable(config)  # reject what cannot be solved
         with self.explore.turn:
             target.write(config, replaces)
         case = explorer.case
@@ -208,7 +208,7 @@ class _Handler(BaseHTTPRequestHandler):
         origin = self.headers.get("Origin")
         if origin is not None and origin not in {f"http://{host}" for host in hosts}:
             self.close_connection = True
-            raise _refusal(HTTPStatus.FORBIDDEN, "another site may not ask")
+            raise _refusal(HTTPStatus.FORBIDDEN, "requests of other sites are rejected")
 
     def _check_key(self, given: str) -> None:
         if not secrets.compare_digest(given.encode(), self.explore.key.encode()):
@@ -219,10 +219,10 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             return urlsplit(self.path)
         except ValueError:
-            raise _refusal(HTTPStatus.BAD_REQUEST, "this is no address") from None
+            raise _refusal(HTTPStatus.BAD_REQUEST, "not a valid address") from None
 
     def _question(self) -> dict[str, Any]:
-        """The JSON of a request. Its body is left alone until the key is seen."""
+        """Return the JSON of a request. The body is read only after the key is checked."""
         self._check_key(self.headers.get("X-Explore-Key", ""))
         length = self.headers.get("Content-Length", "")
         whole = length.isascii() and length.isdigit() and len(length) <= LENGTH_DIGITS_MAX
@@ -263,10 +263,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """Answer what the library itself rejects, such as methods other than GET and POST, with the usual headers."""
-        del message, explain  # they repeat what was asked
+        del message, explain  # they quote the request
         self.close_connection = True
         status = HTTPStatus(code)
         self._answer(status, f"{status.phrase}\n".encode("ascii"), "text/plain; charset=utf-8")
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Silent: the terminal shows what the user started, not what the browser fetches."""
+        """Log nothing: the terminal is for the user's commands, not for the browser's requests."""

@@ -1,5 +1,5 @@
-"""The configuration that was found, as `ars.toml`: an existing text with other numbers where there is one that fits, so that
-comments stay; else the whole configuration, key by key."""
+"""Write the chosen configuration as `ars.toml`. If an existing text fits, only its numbers are replaced, which keeps its
+comments; otherwise the whole configuration is written, key by key."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from codegen.importing.toml_edit import replace_values
 
 REMARK = "codegen explore wrote into this table."
 MOVABLE = ("cases.", "limits.", "road.", "tyre.", "controller.")
-"""Tables that a text may differ in and still be the same car's: its comments then stay true."""
+"""Tables in which a text may differ and still describe the same car; its comments then remain valid."""
 
 Leaves = dict[str, Any]
 
@@ -30,12 +30,12 @@ class Existing(ExploreError):
     """The file exists already; it is overwritten only if the user confirms.
 
     Attributes:
-        sha256: of its bytes, which the user's word is for.
-        text: what would become of it, for people; `changes` line by line.
+        sha256: of the existing file; the consent refers to it.
+        text: what would change, for the user; `changes` lists it line by line.
     """
 
     def __init__(self, sha256: str, text: str, changes: tuple[str, ...]) -> None:
-        super().__init__("there is such a file already")
+        super().__init__("the file exists already")
         self.sha256, self.text, self.changes = sha256, text, changes
 
 
@@ -44,7 +44,7 @@ class Target:
     """The file to write: one name in one folder.
 
     Attributes:
-        bases: texts that may be taken over, the first that fits; that of the file itself comes before them.
+        bases: texts that may be reused; the first that fits. The text of the file itself comes before them.
     """
 
     path: Path
@@ -54,11 +54,11 @@ class Target:
         """Write the configuration, whole or not at all.
 
         Args:
-            replaces: SHA-256 of the file that the user agreed to replace; None where there should be none.
+            replaces: SHA-256 of the file that the user agreed to replace; None if no file may exist.
 
         Raises:
-            Existing: there is a file, and it is not the one that the user agreed to replace.
-            CodegenError: it cannot be written, or the place is a link, a folder or part of a build.
+            Existing: a file exists that the user did not agree to replace.
+            CodegenError: it cannot be written, or the path is a link, a folder or part of a build.
         """
         if self.path.is_symlink():
             raise ExploreError(
@@ -81,7 +81,7 @@ class Target:
         return read_file(self.path, CONFIG_BYTES_MAX, "check its permissions, or move it away", ExploreError)
 
     def _text(self, config: Config, before: bytes | None) -> tuple[str, bool]:
-        """The text to write, and whether it is that of the file with other numbers."""
+        """Return the text to write, and whether it is the existing file with other numbers."""
         own = [] if before is None else [_decoded(before)]
         for text in (*own, *self.bases):
             edited = _edited(text, config) if text is not None else None
@@ -92,14 +92,14 @@ class Target:
     def _told(self, before: bytes, config: Config, kept: bool) -> tuple[str, tuple[str, ...]]:
         base = _parsed(_decoded(before) or "")
         if base is None:
-            return f"{self.path} is no configuration of this program. All of it would be replaced.", ()
+            return f"{self.path} is not a configuration of codegen. All of it would be replaced.", ()
         changes = tuple(_differences(_leaves(base), _leaves(config)))
         if not changes:
-            return f"{self.path} says the same already.", ()
+            return f"{self.path} already contains these settings.", ()
         if kept:
             return f"In {self.path} these keys would change; comments stay:", changes
         return (
-            f"{self.path} differs in more than what is moved here. All of it would be replaced, with its comments:",
+            f"{self.path} differs in more than the settings of this page. All of it would be replaced, with its comments:",
             changes,
         )
 
@@ -111,7 +111,7 @@ def whole(config: Config) -> str:
 
 
 def _edited(text: str, config: Config) -> str | None:
-    """The text with the numbers of the configuration; None where it is no text for it, or cannot be edited line by line."""
+    """Return a text with the numbers of the configuration; None if it does not fit, or cannot be edited line by line."""
     base = _parsed(text)
     if base is None:
         return None
@@ -129,7 +129,7 @@ def _edited(text: str, config: Config) -> str | None:
             gone.setdefault(table, []).append(name)
     try:
         for table, values in tables.items():
-            # The stiffness of a tyre gives way to B, and margins to the gains that they are no longer of.
+            # The stiffness of a tyre is replaced by B, and margins that belong to other gains are removed.
             renamed = dict.fromkeys(gone.get(table, ()), next(iter(values)))
             text = replace_values(text, table, values, renamed, REMARK)
     except CodegenError:
@@ -138,7 +138,7 @@ def _edited(text: str, config: Config) -> str | None:
 
 
 def _leaves(config: Config) -> Leaves:
-    """Dotted key -> value, of all keys that are no tables."""
+    """Yield dotted key -> value for all keys that are not tables."""
 
     def below(values: Mapping[str, Any], place: str) -> Iterator[tuple[str, Any]]:
         for key, value in values.items():
@@ -177,5 +177,5 @@ def _parsed(text: str) -> Config | None:
 
 
 def preset_bases() -> tuple[str, ...]:
-    """The commented presets."""
+    """Return the commented presets."""
     return preset_text("recommended"), preset_text("paper")

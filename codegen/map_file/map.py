@@ -2,7 +2,7 @@
 
 `vx` (n,) m/s and `delta_f` (m,) rad, strictly increasing, with `yaw_rate` (n, m) rad/s are a map. The optimisation adds
 `beta`, `delta_r` (rad), `feasible`, `active` (what binds) and `meta`, a JSON text with the configuration. Nothing in a file is
-trusted: no pickle is read, no size believed, and what breaks the contract is refused with its key, index and remedy.
+trusted: no pickle is read, sizes are checked first, and a violation of the contract is rejected with key, index and remedy.
 
 That map is for the friction of its configuration, `road.friction`. A stack adds maps of the same car for lower frictions on the
 same axes: `friction` (k,) rising by 0.01 or more, all as far below that of the map, and `friction_yaw_rate` (k, n, m) with

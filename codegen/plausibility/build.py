@@ -15,7 +15,7 @@ from codegen.configuration import Config
 from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, TRIM_MAX_PERCENT
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Margins, family_margins, gains_of
 from codegen.ecu_map.model_excess import COARSE
-from codegen.emit.folder import BESIDE, MANIFEST, verify_hashes
+from codegen.emit.folder import MANIFEST, VERIFICATION_FILES, verify_hashes
 from codegen.errors import CodegenError
 from codegen.files import read_file
 from codegen.plausibility.car import distinct
@@ -130,7 +130,7 @@ def family_warnings(config: Config, margins: Margins) -> Iterator[str]:
 def read_record(folder: Path) -> dict[str, Any] | None:
     """Return the record of `codegen verify` in a build; None if it is missing, damaged or of another version."""
     try:
-        record = json.loads(read_file(folder / BESIDE[0], RECORD_BYTES_MAX, "verify the build again"))
+        record = json.loads(read_file(folder / VERIFICATION_FILES[0], RECORD_BYTES_MAX, "verify the build again"))
         counts, checks = record["counts"], record["checks"].values()
         complete = (
             isinstance(record["build"]["manifest_sha256"], str)
@@ -149,10 +149,10 @@ def is_current(record: Mapping[str, Any], folder: Path) -> bool:
 
 def folder_notes(folder: Path) -> Iterator[str]:
     """Yield the next step for a build whose current state has not been verified."""
-    if not (folder / BESIDE[0]).exists():
+    if not (folder / VERIFICATION_FILES[0]).exists():
         yield f"not verified yet; next: `codegen verify {folder}`"
     elif (record := read_record(folder)) is not None and not is_current(record, folder):
-        yield f"{BESIDE[0]} is of an older build; next: `codegen verify {folder}`"
+        yield f"{VERIFICATION_FILES[0]} is of an older build; next: `codegen verify {folder}`"
 
 
 def folder_warnings(folder: Path) -> Iterator[str]:
@@ -164,10 +164,10 @@ def folder_warnings(folder: Path) -> Iterator[str]:
     edited = verify_hashes(folder)
     if edited:
         yield f"changed since the build: {', '.join(edited[:3])}{' and more' if len(edited) > 3 else ''}; build again"
-    if not (folder / BESIDE[0]).exists():
+    if not (folder / VERIFICATION_FILES[0]).exists():
         return
     record = read_record(folder)
     if record is None:
-        yield f"{BESIDE[0]} cannot be read; run `codegen verify {folder}`"
+        yield f"{VERIFICATION_FILES[0]} cannot be read; run `codegen verify {folder}`"
     elif is_current(record, folder) and (failed := record["counts"]["failed"]):
-        yield f"{failed} check{'s' if failed > 1 else ''} of `codegen verify` failed; see {folder / BESIDE[1]}"
+        yield f"{failed} check{'s' if failed > 1 else ''} of `codegen verify` failed; see {folder / VERIFICATION_FILES[1]}"

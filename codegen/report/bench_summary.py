@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def bus_facts(result: BenchResult, sampling_time: float) -> dict[str, Any]:
-    """Counts and times of a run, for JSON; times in ms, None where time was simulated."""
+    """Return counts and times of a run, for JSON. Times are in ms, None in simulated time."""
     answered = result.response[np.isfinite(result.response)]
     times = None
     if answered.size:
@@ -37,13 +37,13 @@ _SHARES = {"median": 50.0, "99_percent": 99.0, "max": 100.0}
 
 
 def status_counts(result: BenchResult) -> dict[str, int]:
-    """Cycles in each status of the controller that occurred."""
+    """Return the number of cycles in each status that occurred."""
     column = result.record[:, RECORD_COLUMNS.index("status")]
     return {status.name: int(count) for status in Status if (count := np.count_nonzero(column == status))}
 
 
 def diagnostics_counts(result: BenchResult) -> dict[str, int]:
-    """Cycles in which each bit of `Diagnostics` was set, for those that were."""
+    """Return the number of cycles in which each bit of `Diagnostics` was set; bits that never were are omitted."""
     from hil_sim.diagnostics import DIAGNOSTICS
 
     bits = {name: 1 << bit for bit, (name, _) in DIAGNOSTICS.items()}
@@ -51,7 +51,7 @@ def diagnostics_counts(result: BenchResult) -> dict[str, int]:
 
 
 def bus_lines(result: BenchResult, sampling_time: float) -> list[str]:
-    """A few lines for the console."""
+    """Return a few lines for the console."""
     facts = bus_facts(result, sampling_time)
     speed = facts["simulated_s"] / facts["wall_s"] if facts["wall_s"] > 0.0 else 0.0
     lines = [
@@ -71,5 +71,5 @@ def bus_lines(result: BenchResult, sampling_time: float) -> list[str]:
     seen = facts["cycles_with_diagnostics"]
     lines.append("diagnostics: " + (", ".join(f"{name} {count}" for name, count in seen.items()) or "none"))
     if facts["send_errors"]:
-        lines.append(f"{facts['send_errors']} frames were not taken by the interface")
+        lines.append(f"{facts['send_errors']} frames were rejected by the interface")
     return lines

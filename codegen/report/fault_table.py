@@ -27,14 +27,14 @@ HEADER = (
 
 
 def fault_rows(outcomes: Sequence[FaultOutcome]) -> list[tuple[str, ...]]:
-    """Rows under HEADER, for a terminal: the last column is flush left."""
+    """Return the rows under HEADER for a terminal; the last column is flush left."""
     rows = [fault_cells(entry) for entry in fault_data(outcomes)]
     width = max((len(row[-1]) for row in rows), default=0)
     return [(*row[:-1], row[-1].ljust(width)) for row in rows]
 
 
 def fault_cells(entry: FaultEntry) -> tuple[str, ...]:
-    """The row of one entry of `fault_data`, under HEADER."""
+    """Return the row of one entry of `fault_data`, under HEADER."""
     return (
         entry["injected"],
         entry["reached"],
@@ -52,7 +52,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class FaultEntry(TypedDict):
-    """Entry of a fault that `codegen faults --json` prints; times in s."""
+    """Entry for one fault in the output of `codegen faults --json`; times in s."""
 
     name: str
     injected: str
@@ -69,13 +69,13 @@ class FaultEntry(TypedDict):
 
 
 class FaultFile(TypedDict):
-    """The whole of it, as far as a report needs it."""
+    """The part of that output that a report needs."""
 
     faults: Annotated[list[FaultEntry], Field(min_length=1)]
 
 
 def fault_data(outcomes: Sequence[FaultOutcome]) -> list[FaultEntry]:
-    """The same for JSON; times in s."""
+    """Return the outcomes for JSON; times in s."""
     return [
         {
             "name": outcome.case.name,

@@ -12,7 +12,7 @@ from codegen.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LOOKS = {
+SERIES_STYLES = {
     "even": (BLUE, "s", "even axes, float"),
     "uneven": (VERMILION, "o", "uneven axes, float"),
     "int16": (GREEN, "^", "int16"),
@@ -27,13 +27,13 @@ HEADER = (
 )
 AGAINST = {
     "optimum": "errors are against the optimum, solved anew at every point",
-    "surfaces": "errors are against the optimum, solved on a fine grid, with what that may be off",
+    "surfaces": "errors are against the optimum, solved on a fine grid, plus the error bound of that grid",
     "table": "errors are against the bilinear interpolation of the map's own table",
 }
 
 
 def flash_rows(table: FlashTable) -> list[tuple[str, ...]]:
-    """A row for each bound, as text; "-" where no table of 256 breakpoints an axis holds it."""
+    """Return a row of text for each bound; "-" if no table with up to 256 breakpoints on each axis meets it."""
     rows = []
     for bound in dict.fromkeys(point.bound for point in table.points):
         found = {point.way: point.placed for point in table.points if point.bound == bound}
@@ -46,7 +46,7 @@ def flash_rows(table: FlashTable) -> list[tuple[str, ...]]:
 
 
 def flash_headline(table: FlashTable) -> str:
-    """The grid as it is, and what is measured."""
+    """Return a line with the map's own grid, its error, and the reference of the errors."""
     tables, rear = "yaw rate", ""
     if table.tables > 1:
         tables = "yaw rate and rear angle"
@@ -92,11 +92,11 @@ def _rear(tables: int, error: MeasuredError) -> dict[str, float]:
 
 
 def flash_figure(table: FlashTable, name: str) -> Figure:
-    """Error against bytes, both logarithmic: each way, and the grid as it is."""
+    """Plot error over bytes, both logarithmic, for each storage option and for the map's own grid."""
     with style():
         figure = new_figure(6.2, 4.4)
         axes = figure.subplots()
-        for way, (colour, marker, label) in LOOKS.items():
+        for way, (colour, marker, label) in SERIES_STYLES.items():
             found = [point.placed for point in table.of(way) if point.placed is not None]
             sizes = [placed.flash_bytes for placed in found]
             errors = [math.degrees(placed.bounded_error) for placed in found]

@@ -1,4 +1,4 @@
-"""Legends that fit: users choose the names of controllers, and a picture has only so much room for them."""
+"""Legends that fit into a picture, even with long names of controllers, which users choose."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ POINTS_PER_INCH = 72.0
 LINE_HEIGHT = 1.7
 """Height of an entry including its spacing, as a multiple of the font size."""
 HEIGHT_WITHOUT_GROWING = 0.5
-"""in that a picture has for the legend under its panels."""
+"""Height in inches that a picture has for the legend under its panels without growing."""
 
 
 def fitted(handles: Sequence[Artist], room: float, most: int) -> dict[str, Any]:
-    """Arguments of `legend`: entries in at most `most` columns, fewer where they would be wider than `room` (in).
+    """Return arguments of `legend`: at most `most` columns, fewer if they would be wider than `room` (in).
 
-    Where one column is too wide, its labels go on in a second line.
+    If one column is too wide, its labels are wrapped.
     """
     labels = [str(handle.get_label()) for handle in handles]
     for columns in range(min(most, len(labels)), 0, -1):
@@ -40,7 +40,7 @@ def height(arguments: dict[str, Any]) -> float:
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
-    """The legend of all panels, under them; the picture grows with one of many lines."""
+    """Add the legend of all panels below them. The picture grows with a legend of many lines."""
     legend = fitted(handles, figure.get_figwidth(), 4)
     figure.set_figheight(figure.get_figheight() + max(0.0, height(legend) - HEIGHT_WITHOUT_GROWING))
     figure.legend(loc="outside lower center", **legend)
@@ -84,6 +84,6 @@ def _text_width(text: str) -> float:
 
 
 def _wrapped(label: str, room: float) -> str:
-    """A label of lines that fit, broken between words where there are any."""
+    """Return a label wrapped into lines that fit, broken between words where possible."""
     share = (room - _width_of_spaces(1)) / _text_width(label)
     return label if share >= 1.0 else "\n".join(textwrap.wrap(label, int(len(label) * share), break_on_hyphens=False))

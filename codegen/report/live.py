@@ -1,7 +1,7 @@
-"""A run on the bench while it goes on: numbers, a little history, and what went wrong, on a terminal.
+"""Live view of a bench run on a terminal: values, a short history, and errors.
 
-`LiveView.update` only stores the sample. A thread of rich draws ten times a second, and gives way to the bench within half a
-millisecond: Python else lets a thread keep the interpreter for five, half a cycle of the controller.
+`LiveView.update` only stores the sample. A thread of rich draws ten times a second, and releases the interpreter within half a
+millisecond. By default Python lets a thread keep it for 5 ms, half a cycle of the controller.
 """
 
 from __future__ import annotations
@@ -16,29 +16,29 @@ from rich.live import Live
 from rich.panel import Panel
 from rich.text import Text
 
-from codegen.report.live_rows import History, LiveSample, Look, draw
+from codegen.report.live_rows import History, LiveSample, LiveStyle, draw
 
 __all__ = ["LiveSample", "LiveView"]
 
 REDRAWS_PER_SECOND = 10
 SWITCH_INTERVAL = 0.0005
-"""s; how long the drawing thread may keep others waiting."""
+"""Longest time in s that the drawing thread may keep others waiting."""
 
 
 class LiveView:
-    """The view; a context manager. Nothing is printed where the console is no terminal, or quiet.
+    """The view; a context manager. Prints nothing if the console is quiet or not a terminal.
 
-    After a run that ended well nothing stays on the screen; after an error or Ctrl-C the last picture does.
+    After a run without an error the view disappears; after an error or Ctrl-C the last picture stays.
     """
 
     def __init__(self, title: str, bus: str, ecu: str, clock: str, console: Console | None = None) -> None:
         """
         Args:
-            title: what runs, the scenario.
+            title: title of the scenario.
             bus, ecu, clock: "socketcan:vcan0", "native", "real time".
             console: None for standard error.
         """
-        # FORCE_COLOR is about colour; what is drawn over needs a terminal.
+        # FORCE_COLOR only affects colour; redrawing needs a terminal.
         self._console = Console(stderr=True, force_terminal=sys.stderr.isatty()) if console is None else console
         self._title, self._footer = title, f"{bus} · ECU {ecu} · {clock}"
         self._samples: deque[LiveSample] = deque()
@@ -47,7 +47,7 @@ class LiveView:
         self._switch_interval = 0.0
 
     def update(self, sample: LiveSample) -> None:
-        """Store a sample, from any thread. Drawing is another thread's."""
+        """Store a sample, from any thread. Another thread draws it."""
         if self._live is not None:
             self._samples.append(sample)
 
@@ -73,11 +73,11 @@ class LiveView:
         while self._samples:
             self._history.add(self._samples.popleft())
         width, height = self._console.size
-        look = Look(max(1, width - 4), height - 3, self._console.options.ascii_only, self._console.no_color)
+        options = LiveStyle(max(1, width - 4), height - 3, self._console.options.ascii_only, self._console.no_color)
         return Panel(
-            Group(*draw(self._history, look)),
+            Group(*draw(self._history, options)),
             title=Text(self._title),
             title_align="left",
-            subtitle=Text(look.plain(self._footer)),
+            subtitle=Text(options.plain(self._footer)),
             subtitle_align="right",
         )

@@ -19,7 +19,7 @@ DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 STEPS = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)
 
 LONGEST = 30.0
-"""Seconds that a chart shows at most; a longer run moves through."""
+"""Largest time range of a chart, in s; a longer run scrolls."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Window:
 
     @staticmethod
     def of(time: float, duration: float) -> Window:
-        """All of a short run; of a longer or endless one the last 30 s."""
+        """Return the whole range of a short run, or the last 30 s of a longer or endless one."""
         length = duration if 0.0 < duration <= LONGEST else LONGEST
         width = length / BINS
         return Window(max(0.0, (math.floor(time / width) + 1) * width - length), length)
@@ -39,12 +39,12 @@ class Window:
 
 @dataclass
 class Trace:
-    """A signal over time: (least, greatest) by number of the bin; NaN leaves a gap."""
+    """A signal over time: bin number -> (least, greatest); NaN leaves a gap."""
 
     bins: dict[int, tuple[float, float]] = field(default_factory=dict)
 
     def add(self, time: float, value: float, width: float) -> None:
-        """Fold in a value; `width` of a bin (s). Bins that no chart shows any more are dropped."""
+        """Add a value; `width` is that of a bin, in s. Bins that no chart shows any more are dropped."""
         if not math.isfinite(value):
             return
         number = math.floor(time / width)
@@ -55,13 +55,13 @@ class Trace:
                 del self.bins[old]
 
     def shown(self, window: Window) -> dict[int, tuple[float, float]]:
-        """The bins inside a window."""
+        """Return the bins inside a window."""
         first = round(window.start / window.length * BINS)
         return {number - first: pair for number, pair in self.bins.items() if 0 <= number - first < BINS}
 
 
 def scale(traces: Sequence[Trace], window: Window, least: float) -> float:
-    """The top of an axis from -top to top that holds all that is shown: a step times a power of ten, `least` or more."""
+    """Return the top of an axis from -top to top that holds all shown values: a step times a power of ten, `least` or more."""
     extremes = [abs(value) for trace in traces for pair in trace.shown(window).values() for value in pair]
     needed = max([least, *extremes])
     power = 10.0 ** math.floor(math.log10(needed))
@@ -69,14 +69,14 @@ def scale(traces: Sequence[Trace], window: Window, least: float) -> float:
 
 
 def columns_of(number: int, columns: int) -> range:
-    """The columns, one at least, that a bin takes on a chart that is wider or narrower than there are bins."""
+    """Return the columns that a bin occupies, at least one, on a chart with more or fewer columns than bins."""
     first = number * columns // BINS
     return range(first, max(first + 1, (number + 1) * columns // BINS))
 
 
 @dataclass(frozen=True)
 class Line:
-    """A trace and its style; `dotted` leaves every other dot out, for terminals without colour."""
+    """A trace and its style; `dotted` omits every other dot, for terminals without colour."""
 
     trace: Trace
     style: str
@@ -84,14 +84,14 @@ class Line:
 
 
 def chart(lines: Sequence[Line], window: Window, top: float, size: tuple[int, int], ascii_only: bool = False) -> list[Text]:
-    """Rows of a chart, from the top.
+    """Return the rows of a chart, from the top.
 
     Args:
-        lines: the last is on top.
-        window: time along the width.
+        lines: lines to draw; the last is on top.
+        window: time range of the chart.
         top: the axis reaches from -top to top.
         size: columns and rows, in characters.
-        ascii_only: stars in place of braille.
+        ascii_only: stars instead of braille.
     """
     columns, rows = size
     cells: list[list[tuple[int, str]]] = [[(0, "")] * columns for _ in range(rows)]
@@ -107,7 +107,7 @@ def chart(lines: Sequence[Line], window: Window, top: float, size: tuple[int, in
 
 
 def _spans(line: Line, window: Window, top: float, dots: tuple[int, int]) -> list[tuple[int, int, int]]:
-    """(column, first row, last row) in dots, joined with the neighbour so that steep lines have no holes."""
+    """Return (column, first row, last row) in dots, joined with the neighbour so that steep lines have no gaps."""
     columns, rows = dots
     found: dict[int, tuple[int, int]] = {}
     for number, (low, high) in line.trace.shown(window).items():
@@ -165,10 +165,10 @@ class LiveSample:
         duration: of the run (s); infinite or 0 where it has no end.
         yaw_rate, yaw_rate_reference: rad/s.
         sideslip: rad.
-        rear_angle_command, rear_angle: rad, asked for and achieved.
+        rear_angle_command, rear_angle: rad, commanded and achieved.
         status: code of `Status`.
         diagnostics: bits of hil_sim.diagnostics.
-        cycle_time: how long the last cycle took (s).
+        cycle_time: duration of the last cycle (s).
         lost_frames, late_cycles: since the start.
     """
 
@@ -187,8 +187,8 @@ class LiveSample:
 
 
 @dataclass(frozen=True)
-class Look:
-    """Room, and what the terminal can show."""
+class LiveStyle:
+    """Space on the terminal, and what it can display."""
 
     columns: int
     rows: int
@@ -196,7 +196,7 @@ class Look:
     no_colour: bool = False
 
     def plain(self, text: str) -> str:
-        """The text, in ASCII where there is no more."""
+        """Return the text, in ASCII if the terminal supports nothing else."""
         if not self.ascii_only:
             return text
         return text.translate({0x00B7: "|", 0x2501: "#", 0x2500: "-", 0x00D7: "x"}).encode("ascii", "replace").decode("ascii")
@@ -207,7 +207,7 @@ TRACES = ("yaw_rate", "yaw_rate_reference", "sideslip", "rear_angle_command", "r
 
 @dataclass
 class History:
-    """A run so far, folded so that it stays small: angles in deg, rates in deg/s."""
+    """The run so far in a bounded amount of memory: angles in deg, rates in deg/s."""
 
     last: LiveSample | None = None
     cycles: int = 0
@@ -219,7 +219,7 @@ class History:
     seen_at: dict[str, float] = field(default_factory=dict)
 
     def add(self, sample: LiveSample) -> None:
-        """Fold in a sample."""
+        """Add a sample."""
         width = Window.of(sample.time, sample.duration).length / BINS
         for name, trace in self.traces.items():
             trace.add(sample.time, math.degrees(getattr(sample, name)), width)
@@ -236,24 +236,24 @@ class History:
         self.cycles += 1
 
 
-def draw(history: History, look: Look) -> list[Text]:
-    """The rows of the view, none wider than `look` has columns; charts only where there is room for them."""
-    rows = [Text("waiting for the first cycle")] if history.last is None else _draw(history, history.last, look)
+def draw(history: History, options: LiveStyle) -> list[Text]:
+    """Return the rows of the view, none wider than `options`; charts only if there is room for them."""
+    rows = [Text("waiting for the first cycle")] if history.last is None else _draw(history, history.last, options)
     for row in rows:
-        row.truncate(look.columns, overflow="crop" if look.ascii_only else "ellipsis")
+        row.truncate(options.columns, overflow="crop" if options.ascii_only else "ellipsis")
     return rows
 
 
-def _draw(history: History, last: LiveSample, look: Look) -> list[Text]:
+def _draw(history: History, last: LiveSample, options: LiveStyle) -> list[Text]:
     window = Window.of(last.time, last.duration)
-    columns = look.columns - LABELS - NUMBERS - UNITS - SCALES
-    heights = _heights(look.rows - FIXED_ROWS) if columns >= FEWEST_COLUMNS else None
-    rows = [_progress(history, last, look)]
-    for number, block in enumerate(_blocks(history, last, look)):
+    columns = options.columns - LABELS - NUMBERS - UNITS - SCALES
+    heights = _heights(options.rows - FIXED_ROWS) if columns >= FEWEST_COLUMNS else None
+    rows = [_progress(history, last, options)]
+    for number, block in enumerate(_blocks(history, last, options)):
         size = None if heights is None else (columns, heights[number])
-        rows += _draw_block(block, window, size, look)
-    rows += _status_rows(history, last, window, 0 if heights is None else columns, look)
-    return rows + _counters(history, last, look) + _diagnostics(history, last, look)
+        rows += _draw_block(block, window, size, options)
+    rows += _status_rows(history, last, window, 0 if heights is None else columns, options)
+    return rows + _counters(history, last, options) + _diagnostics(history, last, options)
 
 
 @dataclass(frozen=True)
@@ -265,14 +265,14 @@ class _Block:
     least: float
 
 
-def _blocks(history: History, last: LiveSample, look: Look) -> tuple[_Block, ...]:
+def _blocks(history: History, last: LiveSample, options: LiveStyle) -> tuple[_Block, ...]:
     def asked(name: str) -> Line:
-        return Line(history.traces[name], ASKED, dotted=look.no_colour)
+        return Line(history.traces[name], ASKED, dotted=options.no_colour)
 
     def measured(name: str) -> Line:
         return Line(history.traces[name], MEASURED)
 
-    dots = " .." if look.no_colour else ""
+    dots = " .." if options.no_colour else ""
     yaw_rate, reference = math.degrees(last.yaw_rate), math.degrees(last.yaw_rate_reference)
     rear_angle, command = math.degrees(last.rear_angle), math.degrees(last.rear_angle_command)
     return (
@@ -295,14 +295,14 @@ def _blocks(history: History, last: LiveSample, look: Look) -> tuple[_Block, ...
 
 
 def _heights(room: int) -> tuple[int, int, int] | None:
-    """Rows of the three charts, odd: zero is in the middle of a row; None where they have no room."""
+    """Return the odd heights of the three charts, so that zero is in the middle of a row; None if there is no room."""
     return next((heights for heights in CHART_HEIGHTS if sum(heights) <= room), None)
 
 
-def _draw_block(block: _Block, window: Window, size: tuple[int, int] | None, look: Look) -> list[Text]:
+def _draw_block(block: _Block, window: Window, size: tuple[int, int] | None, options: LiveStyle) -> list[Text]:
     height = len(block.entries) if size is None else size[1]
     top = scale([line.trace for line in block.lines], window, block.least)
-    drawn = chart(block.lines, window, top, size, look.ascii_only) if size is not None else []
+    drawn = chart(block.lines, window, top, size, options.ascii_only) if size is not None else []
     rows = []
     for number in range(height):
         row = Text(no_wrap=True)
@@ -323,22 +323,22 @@ def _number(value: float) -> str:
     return f"{value:.2f}" if math.isfinite(value) else "n/a"
 
 
-def _progress(history: History, last: LiveSample, look: Look) -> Text:
-    """A bar where the run has an end, and how far it is."""
+def _progress(history: History, last: LiveSample, options: LiveStyle) -> Text:
+    """Return the progress, with a bar if the run has an end."""
     bounded = 0.0 < last.duration < math.inf
     share = min(1.0, max(0.0, last.time / last.duration)) if bounded else 0.0
     told = f"{last.time:.2f} s of {last.duration:.2f} s  {math.floor(100 * share):3d} %" if bounded else f"{last.time:.2f} s"
     told += f"  cycle {history.cycles}"
-    room = look.columns - len(told) - 2
+    room = options.columns - len(told) - 2
     if not bounded or room < FEWEST_COLUMNS:
         return Text(told)
     done = round(share * room)
-    row = Text(look.plain("━" * done), "green")
-    row.append(("-" if look.ascii_only else "─") * (room - done), "dim")
+    row = Text(options.plain("━" * done), "green")
+    row.append(("-" if options.ascii_only else "─") * (room - done), "dim")
     return row.append(f"  {told}", "default")
 
 
-def _status_rows(history: History, last: LiveSample, window: Window, columns: int, look: Look) -> list[Text]:
+def _status_rows(history: History, last: LiveSample, window: Window, columns: int, options: LiveStyle) -> list[Text]:
     """Yield the status by name with the worst status of each bin, then the time axis."""
     name, style = _status(last.status)
     row = Text.assemble("Status".ljust(LABELS), (name, style))
@@ -352,7 +352,7 @@ def _status_rows(history: History, last: LiveSample, window: Window, columns: in
     for column in range(columns):
         if column in worst:
             mark, style = _mark(worst[column])
-            row.append(look.plain(mark), style)
+            row.append(options.plain(mark), style)
         else:
             row.append(" ")
     axis = Text(" " * (LABELS + NUMBERS + UNITS + SCALES))
@@ -368,29 +368,29 @@ def _mark(code: int) -> tuple[str, str]:
     return (STATUS_MARKS[Status(code)], STATUS_STYLES[Status(code)]) if code in set(Status) else (UNKNOWN_MARK, UNKNOWN_STYLE)
 
 
-def _counters(history: History, last: LiveSample, look: Look) -> list[Text]:
+def _counters(history: History, last: LiveSample, options: LiveStyle) -> list[Text]:
     times = [1000.0 * value for _, value in history.cycle_times]
     least, mean, most = min(times), sum(times) / len(times), max(times)
     told = f"{least:8.2f} min · {mean:.2f} mean · {most:.2f} max ms"
-    if LABELS + len(told) > look.columns:
+    if LABELS + len(told) > options.columns:
         told = f"{least:.2f} / {mean:.2f} / {most:.2f} ms"
     counters = Text("Lost frames".ljust(LABELS))
     counters.append(f"{last.lost_frames:8d}", "bold red" if last.lost_frames else "default")
     counters.append("      late cycles ")
     counters.append(f"{last.late_cycles}", "bold yellow" if last.late_cycles else "default")
-    return [Text("Cycle time".ljust(LABELS) + look.plain(told)), counters]
+    return [Text("Cycle time".ljust(LABELS) + options.plain(told)), counters]
 
 
-def _diagnostics(history: History, last: LiveSample, look: Look) -> list[Text]:
-    """Causes of the last half second on a row; on two those from before, with the number of cycles."""
+def _diagnostics(history: History, last: LiveSample, options: LiveStyle) -> list[Text]:
+    """Return the causes of the last half second in one row, and earlier ones with their number of cycles in two rows."""
     now = [cause for cause, at in history.seen_at.items() if at > last.time - 0.5 * RECENT]
     before = [f"{cause} ×{history.seen[cause]}" for cause in history.seen if cause not in now]
     first: list[str] = []
     second = list(before)
-    while second and LABELS + len(" · ".join([*first, second[0]])) <= look.columns:
+    while second and LABELS + len(" · ".join([*first, second[0]])) <= options.columns:
         first.append(second.pop(0))
     rows = []
     for label, found, style in (("Diagnostics", now, "bold red"), ("  earlier", first, "dim"), ("", second, "dim")):
         row = Text(label.ljust(LABELS), no_wrap=True)
-        rows.append(row.append(look.plain(" · ".join(found) or ("none" if label else "")), style if found else "dim"))
+        rows.append(row.append(options.plain(" · ".join(found) or ("none" if label else "")), style if found else "dim"))
     return rows

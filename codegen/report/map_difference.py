@@ -1,6 +1,6 @@
-"""Differences of two maps in figures, where both are defined, on the breakpoints of the first.
+"""Differences between two maps in figures, on the breakpoints of the first where both are defined.
 
-Degrees and km/h, as they are told. For the console, for JSON and for the HTML report alike.
+Values are in degrees and km/h. The console, the JSON output and the HTML report use them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ON_BREAKPOINT = 1e-9
 """Fraction of the cell width within which a point counts as on the breakpoint."""
 
 SAME = 1e-7
-"""Share by which the slips of two cells may differ and be equal."""
+"""Relative difference below which the slips of two cells count as equal."""
 
 CAR_HEADER = ("", "first", "second")
 DIFFERENCE_HEADER = ("[deg/s]", "mean", "RMS", "largest", "there")
@@ -48,7 +48,7 @@ class Place:
 
 @dataclass(frozen=True)
 class AxleSlip:
-    """The slip of an axle on the plant, in percent of its bound: the largest, where, and in how many cells it is above."""
+    """Slip of an axle on the plant, in percent of its bound: the largest, its place, and the number of cells above it."""
 
     largest_percent: float
     at: Place
@@ -60,10 +60,10 @@ class Side:
     """Figures of one map over all its cells.
 
     Attributes:
-        tyre_model: of its case; None for a bare map.
-        binding_cells: constraint to the cells in which it binds, alone or with others; None where the map does not tell.
-        front_slip, rear_slip: of the map tracked exactly; None where it brings no car, or no cell has such a turn.
-        unreached_cells: in which the plant has no steady turn with that yaw rate; None where the map brings no car.
+        tyre_model: tyre model of its case; None for a bare map.
+        binding_cells: constraint -> cells in which it binds, alone or with others; None if the map lacks it.
+        front_slip, rear_slip: slip if the map is tracked exactly; None without a car, or if no cell has such a turn.
+        unreached_cells: cells in which the plant has no steady turn with that yaw rate; None without a car.
     """
 
     tyre_model: str | None
@@ -89,12 +89,12 @@ class Point:
 
 @dataclass(frozen=True)
 class MapDifference:
-    """Two maps compared. Differences are the first less the second, in deg/s, over cells with a value in both.
+    """Comparison of two maps. Differences are first minus second, in deg/s, over the cells with a value in both.
 
     Attributes:
-        largest_deg_s: the difference of the largest magnitude, with its sign, at `largest_at`.
-        both, only_first, only_second: breakpoints of the first inside the axes of the second, by which map is feasible there.
-        outside: the other breakpoints of the first.
+        largest_deg_s: difference of the largest magnitude, with its sign, at `largest_at`.
+        both, only_first, only_second: breakpoints of the first inside the axes of the second, by the feasible maps.
+        outside: remaining breakpoints of the first.
     """
 
     first: Side
@@ -110,18 +110,18 @@ class MapDifference:
     points: tuple[Point, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Name to value, for JSON."""
+        """Return name -> value, for JSON."""
         return asdict(self)
 
     @property
     def difference_row(self) -> tuple[str, ...]:
-        """The difference of the yaw rates, under DIFFERENCE_HEADER."""
+        """Difference of the yaw rates, under DIFFERENCE_HEADER."""
         told = (self.mean_deg_s, self.rms_deg_s, self.largest_deg_s)
         return "yaw rate, first less second", *(f"{value:.3g}" for value in told), str(self.largest_at)
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
-        """A row for each figure that both maps have: what, of the first, of the second."""
+        """Rows for each figure that both maps have: name, first, second."""
         return list(self._rows())
 
     def _rows(self) -> Iterator[tuple[str, ...]]:
@@ -154,7 +154,7 @@ class MapDifference:
 
     @property
     def point_rows(self) -> list[tuple[str, ...]]:
-        """A row for each operating point, under POINT_HEADER; deg/s and deg."""
+        """Rows for each operating point, under POINT_HEADER; deg/s and deg."""
         return [_point_row(point) for point in self.points]
 
 
@@ -169,7 +169,7 @@ def map_difference(one: ReferenceMap, other: ReferenceMap, used: Sequence[SlipUs
     """Compare two maps; of a stack, the map itself.
 
     Args:
-        used: `slip_use` of both, where it is known already.
+        used: `slip_use` of both maps, if already known.
 
     Raises:
         MapError: no breakpoint of the first lies inside the axes of the second, or none has a value in both.
@@ -251,7 +251,7 @@ def _axle(one: ReferenceMap, percent: FloatArray) -> AxleSlip | None:
     if not np.isfinite(percent).any():
         return None
     largest = float(np.nanmax(percent))
-    # Where a bound binds, many cells are equal but for rounding: the first of them is named.
+    # Where a bound binds, many cells are equal except for rounding; the first of them is named.
     first = np.argwhere(percent >= largest * (1.0 - SAME))[0]
     return AxleSlip(largest, _place(one, first), int((percent > ABOVE).sum()))
 
@@ -273,15 +273,15 @@ def _points(one: ReferenceMap, other: ReferenceMap) -> Iterator[Point]:
 
 
 def on_axes_of(one: ReferenceMap, other: ReferenceMap) -> FloatArray:
-    """The other's yaw rate in rad/s, (n, m) at the first one's breakpoints: see `interpolated`."""
+    """Return the other map's yaw rate in rad/s, (n, m), at the breakpoints of the first; see `interpolated`."""
     return interpolated(other, other.yaw_rate, one.speed, one.front_angle)
 
 
 def interpolated(one: ReferenceMap, table: FloatArray, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
-    """A table of a map (NaN where infeasible) at speeds (k,) and front angles (l,): (k, l), linear between its breakpoints,
-    NaN outside and beside an infeasible cell.
+    """Return a table of a map (NaN where infeasible) at speeds (k,) and front angles (l,), as (k, l). It is linear between
+    breakpoints, and NaN outside and next to an infeasible cell.
 
-    On a breakpoint its neighbours, feasible or not, have no say.
+    On a breakpoint, neighbours have no influence, feasible or not.
     """
     row, along = _places(one.speed, speed)
     column, across = _places(one.front_angle, front_angle)
@@ -290,7 +290,7 @@ def interpolated(one: ReferenceMap, table: FloatArray, speed: FloatArray, front_
 
 
 def inside_of(one: ReferenceMap, other: ReferenceMap) -> BoolArray:
-    """(n, m): which breakpoints of the first lie inside the axes of the other."""
+    """Return which breakpoints of the first lie inside the axes of the other, (n, m)."""
     along, across = (
         np.isfinite(_places(theirs, mine)[1])
         for theirs, mine in ((other.speed, one.speed), (other.front_angle, one.front_angle))
@@ -300,7 +300,7 @@ def inside_of(one: ReferenceMap, other: ReferenceMap) -> BoolArray:
 
 
 def _places(axis: FloatArray, at: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Cell and share of the way through it of each value; NaN for the share outside of the axis."""
+    """Return the cell of each value and its fractional position there; NaN for the fraction outside the axis."""
     cell = np.clip(np.searchsorted(axis, at, side="right") - 1, 0, axis.size - 2)
     share = (at - axis[cell]) / (axis[cell + 1] - axis[cell])
     nearest = np.round(share)

@@ -1,4 +1,4 @@
-"""Two maps as one picture: both yaw rates, what the first has more, where each is feasible, and the slip that each takes."""
+"""Picture of two maps: both yaw rates, their difference, where each is feasible, and the slip that each uses."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ if TYPE_CHECKING:
 
 
 def overview_figure(config: Config, maps: Mapping[str, ReferenceMap], runs: Mapping[str, FloatArray]) -> Figure:
-    """The 4WS-2 map and what the controller makes of it, in one wide picture, 1600 by 620 pixels.
+    """Draw the 4WS-2 map and its closed-loop step response in one wide picture, 1600 by 620 pixels.
 
     Raises:
-        PlotError: no map "4ws-2", or runs that cannot be shown.
+        PlotError: there is no map "4ws-2", or the runs cannot be drawn.
     """
     by_name = {name.lower(): one for name, one in maps.items()}
     if "4ws-2" not in by_name:
@@ -79,11 +79,11 @@ def _draw_overview_map(figure: Figure, axes: Axes, reference_map: ReferenceMap, 
     axes.legend(handles=entries, loc="upper right", frameon=True, framealpha=1.0)
 
 
-LEAST, LEAST_ABOVE = 0.01, 10.0
-"""deg/s to both sides, and percent above the bound, that a diverging scale spans at least."""
+COLOUR_RANGE_MIN, ABOVE_BOUND_MIN = 0.01, 10.0
+"""Minimum span of a diverging scale: deg/s to both sides, and percent above the bound."""
 
 NAME_MAX = 20
-"""Characters of a map's name that stand in a title."""
+"""Largest number of characters of a map's name in a title."""
 
 BOUND = 100.0
 """Percent."""
@@ -94,10 +94,10 @@ BOTH, DIVERGING, USE = "#D9D4C5", "BrBG", "RdYlBu_r"
 def map_difference_figure(
     maps: tuple[ReferenceMap, ReferenceMap], used: tuple[SlipUse | None, SlipUse | None], names: tuple[str, str]
 ) -> Figure:
-    """Two maps over speed and front angle: each on its own breakpoints, what is compared on the first's.
+    """Draw two maps over speed and front angle: each on its own breakpoints, comparisons on those of the first.
 
     Args:
-        used: `slip_use` of each; without any its two panels are left out.
+        used: `slip_use` of each map; without it, its two panels are omitted.
     """
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
@@ -117,7 +117,9 @@ def map_difference_figure(
         grid[0][0].set(**limits)
         for axes in grid[-1]:
             axes.set_xlabel(SPEED_LABEL)
-        grid[0][0].xaxis.set_major_locator(MaxNLocator(5, prune="upper"))  # the last would touch the next panel's first
+        grid[0][0].xaxis.set_major_locator(
+            MaxNLocator(5, prune="upper")
+        )  # the last label would touch the first of the next panel
         for axes in grid[:, 0]:
             axes.set_ylabel(FRONT_ANGLE_LABEL)
         figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
@@ -143,7 +145,7 @@ def _draw_gain(figure: Figure, axes: Axes, maps: tuple[ReferenceMap, ReferenceMa
 
     first, second = maps
     gain = np.degrees(first.yaw_rate - on_axes_of(first, second))
-    reach = max(float(np.nanmax(np.abs(gain), initial=0.0)), LEAST)
+    reach = max(float(np.nanmax(np.abs(gain), initial=0.0)), COLOUR_RANGE_MIN)
     scale = Normalize(-reach, reach)
     draw_table(axes, first, gain, scale, DIVERGING)
     figure.colorbar(ScalarMappable(scale, DIVERGING), ax=axes, label=f"yaw rate ({YAW_RATE.unit})")
@@ -180,19 +182,19 @@ def _draw_use(
     used: tuple[SlipUse | None, SlipUse | None],
     titles: Sequence[str],
 ) -> bool:
-    """The axle that is nearer to its bound, in percent of it; a line where it meets its bound, the middle of the scale. Whether
-    there is such a line."""
+    """Draw the slip of the axle that is nearer to its bound, in percent of the bound, with a line where it meets the bound.
+    Return whether there is such a line."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import TwoSlopeNorm
 
     tables = [None if use is None else np.fmax(use.front, use.rear) for use in used]
     highest = max((float(np.nanmax(table, initial=0.0)) for table in tables if table is not None), default=0.0)
-    top = max(highest, BOUND + LEAST_ABOVE)
+    top = max(highest, BOUND + ABOVE_BOUND_MIN)
     scale = TwoSlopeNorm(BOUND, 0.0, top)
     lines = 0
     for axes, one, table, title in zip(panels, maps, tables, titles, strict=True):
         if table is None:
-            axes.text(0.5, 0.5, "brings no car", transform=axes.transAxes, ha="center")
+            axes.text(0.5, 0.5, "contains no car", transform=axes.transAxes, ha="center")
         else:
             draw_table(axes, one, table, scale, USE)
             if (table > ABOVE).any():

@@ -52,7 +52,7 @@ BINDING_COLOURS = {
     **{int(bound.flag): bound.colour for bound in BOUNDS},
 }
 OTHER_COLOURS = ("#999933", "#882255", "#44AA99", "#332288", "#DDCC77")
-"""Colours of constraint sets without an own colour (P. Tol's muted scheme). Still rarer sets share grey."""
+"""Colours of constraint sets without a colour of their own (P. Tol's muted scheme). Still rarer sets share grey."""
 
 
 def map_figure(reference_map: ReferenceMap, title: str) -> Figure:
@@ -78,7 +78,7 @@ def map_figure(reference_map: ReferenceMap, title: str) -> Figure:
         if reference_map.active is not None:
             patches = _draw_binding(grid.flat[panels - 1], reference_map, reference_map.active)
             longest = max(len(str(patch.get_label())) for patch in patches)
-            ncols = 3 if longest < 24 else 2 if longest < 48 else 1  # what fits beside the other legend
+            ncols = 3 if longest < 24 else 2 if longest < 48 else 1  # as many as fit next to the other legend
             figure.legend(handles=patches, loc="outside lower right", ncols=ncols, handlelength=1.3)
         if entries:
             figure.legend(handles=entries, loc="outside lower left")
@@ -170,7 +170,7 @@ def at_front_angle(reference_map: ReferenceMap, values: FloatArray, front_angle:
             remedy=f"choose {low:.4g} to {high:.4g} deg",
         )
     nearest = round(place)
-    if abs(place - nearest) < 1e-9:  # on a breakpoint the next column, feasible or not, has no say
+    if abs(place - nearest) < 1e-9:  # on a breakpoint, the next column has no influence
         return np.array(values[:, nearest])
     left = int(place)
     share = place - left
@@ -179,9 +179,9 @@ def at_front_angle(reference_map: ReferenceMap, values: FloatArray, front_angle:
 
 
 def front_angle_cut_figure(maps: Mapping[str, ReferenceMap], front_angle: float) -> Figure:
-    """Yaw rate and sideslip over speed at one front angle (rad), a line for each case, at feasible speeds.
+    """Draw yaw rate and sideslip over speed at one front angle (rad), one line for each case, at feasible speeds.
 
-    Where the cut is the paper's (its car, its cases, 4 deg), the values of its table are marked.
+    If the cut is the paper's (its car, its cases, 4 deg), the values of its table are marked.
 
     Raises:
         PlotError: no map, or the angle is outside one.
@@ -203,7 +203,7 @@ def front_angle_cut_figure(maps: Mapping[str, ReferenceMap], front_angle: float)
                 axes.plot(one.speed / KM_H, values, label=_case_name(name), **look)
                 if is_paper(one) and one.case == name.lower() and math.isclose(front_angle, PAPER_FRONT_ANGLE, rel_tol=1e-6):
                     here = np.interp(PAPER_SPEED, one.speed, values)
-                    # The table gives |beta|: it is marked on the side where the map has it.
+                    # The table gives |beta|; the mark is on the side of the map's value.
                     value = math.copysign(PAPER_TABLE[name.lower()][entry], here)
                     axes.plot([43.9], [value], "o", color=look["color"], markerfacecolor=WHITE, markersize=6, zorder=5)
                     marked = True
@@ -212,7 +212,7 @@ def front_angle_cut_figure(maps: Mapping[str, ReferenceMap], front_angle: float)
 
 
 def is_paper(reference_map: ReferenceMap) -> bool:
-    """Whether a map is one of the paper's: its car, its limits, and one of its cases."""
+    """Return whether a map is one of the paper's: its car, its limits, and one of its cases."""
     paper, own, case = preset(), reference_map.config, reference_map.case
     if own is None or case not in PAPER_TABLE or own.cases.get(case) != paper.cases[case]:
         return False

@@ -46,12 +46,12 @@ RUN_NOTES = (
     "C1 is the paper's PI on the 4WS-2 map, C2 the same on the FWS map.",
     "C1 tracking is the recommended controller on the map of C1.",
 )
-"""C1's map with the recommended controller instead of the paper's, for comparison."""
+"""Map of C1 with the recommended controller instead of the paper's, for comparison."""
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """Everything that was computed, and where it was written.
+    """All results, and the paths of the files.
 
     `runs` are the paper's; `tracking` is C1's map with the recommended controller.
     """
@@ -65,7 +65,7 @@ class Reproduction:
     outputs: Mapping[str, Path]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
+        """Return the results for JSON."""
         named = {**self.runs, TRACKING: self.tracking, "passive": self.passive}
         return {
             "table": [row.__dict__ for row in self.table],
@@ -74,7 +74,7 @@ class Reproduction:
         }
 
     def lines(self) -> list[str]:
-        """The tables as text."""
+        """Return the tables as text."""
         text = [
             f"Optimum at a front angle of {TABLE_FRONT_ANGLE_DEG:g} deg, beside the paper's table for 43.9 km/h",
             "",
@@ -102,13 +102,13 @@ class Reproduction:
 
 
 def reproduce(folder: Path, config: Config | None = None, done: Callable[[int, int], None] | None = None) -> Reproduction:
-    """Solve, build, run and draw everything under `folder`.
+    """Solve, build, simulate and draw everything under `folder`.
 
     Args:
-        done: called after each part with the number of parts done, and of all parts.
+        done: called after each part with the number of finished parts, and of all parts.
 
     Raises:
-        CodegenError: a folder that cannot be written, no compiler, a self-test that fails.
+        CodegenError: the folder cannot be written, there is no compiler, or a self-test fails.
     """
     config = configuration.preset() if config is None else config
     find_compiler()  # before anything is written
@@ -156,7 +156,7 @@ def reproduce(folder: Path, config: Config | None = None, done: Callable[[int, i
 
 
 def _teller(done: Callable[[int, int], None] | None) -> Callable[[], None]:
-    """Progress after each part: maps, the tuned one, runs, the pictures, and the report."""
+    """Return a progress callback for the parts: maps, the tuned map, runs, pictures, and the report."""
     parts, count = 2 * (len(RUNS) + 1) + 3, itertools.count(1)
 
     def tell() -> None:
@@ -184,11 +184,11 @@ def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], record
 def _report(
     folder: Path, config: Config, best: Config, maps: Mapping[str, ReferenceMap], records: Mapping[str, Any]
 ) -> dict[str, Path]:
-    """All of it in one page; none where Plotly, which an extra brings, is not installed."""
+    """Write everything on one page; nothing if Plotly, an optional package, is not installed."""
     if importlib.util.find_spec("plotly") is None:
         return {}
     named = [NamedMap(CASES[case], reference_map) for case, reference_map in maps.items()]
-    named.sort(key=lambda one: one.map.case != RUNS["C1"])  # it is about that map
+    named.sort(key=lambda one: one.map.case != RUNS["C1"])  # the report is about the first map
     build = folder / "generated" / "4ws2"
     software = load(build)
     material = Material(

@@ -19,7 +19,7 @@ TABLE_SPEEDS_KM_H = (TABLE_SPEED_KM_H, 43.35)
 """The speed that the paper's table names, and the one at which its three rows come out together."""
 
 RUNS = {"C1": "4ws-2", "C2": "fws"}
-"""The paper's runs -> the case of their maps."""
+"""Name of a run in the paper -> case of its map."""
 
 Table = tuple[tuple[str, ...], list[tuple[str, ...]]]
 """A header and its rows."""
@@ -27,7 +27,7 @@ Table = tuple[tuple[str, ...], list[tuple[str, ...]]]
 
 @dataclass(frozen=True)
 class TableRow:
-    """One case at one speed: deg/s and deg, ours and the paper's."""
+    """One case at one speed in deg/s and deg: our values and the paper's."""
 
     case: str
     speed_km_h: float
@@ -38,7 +38,7 @@ class TableRow:
 
     @property
     def yaw_rate_difference_percent(self) -> float:
-        """Ours against the paper's."""
+        """Difference to the paper's yaw rate, in percent."""
         return 100.0 * (self.yaw_rate_deg_s / self.paper_yaw_rate_deg_s - 1.0)
 
 
@@ -55,7 +55,7 @@ def optimum_rows(config: Config) -> list[TableRow]:
 
 
 def optimum_table(rows: Sequence[TableRow]) -> Table:
-    """The rows as text."""
+    """Return the rows as text."""
     header = ("", "speed", "yaw rate", "paper", "differs", "over FWS", "paper", "|sideslip|", "paper")
     passive = {row.speed_km_h: row.yaw_rate_deg_s for row in rows if row.case == "fws"}
     cells: list[tuple[str, ...]] = []

@@ -1,6 +1,6 @@
-"""The figures, all in one place: maps, cuts through them, tyres, runs, the overview. Each function returns a Matplotlib Figure.
+"""All figures: maps, cuts through them, tyres, runs, the overview. Each function returns a Matplotlib Figure.
 
-On paper degrees and km/h, SI inside.
+Labels are in degrees and km/h, arguments in SI units.
 """
 
 from codegen.report.map_difference_plot import map_difference_figure, overview_figure

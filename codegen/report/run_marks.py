@@ -21,7 +21,7 @@ SPIN_MARKER: dict[str, Any] = {"linestyle": "", "marker": "X", "markersize": 8, 
 
 @dataclass(frozen=True)
 class Mark:
-    """A moment (s) that is marked in every panel, and what stands above it."""
+    """A time (s) that is marked in every panel, and its label above the first one."""
 
     time: float
     label: str
@@ -29,7 +29,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of time (s) that is shaded in every panel, and its name in the legend."""
+    """A time range (s) that is shaded in every panel, and its name in the legend."""
 
     start: float
     end: float
@@ -37,7 +37,7 @@ class Span:
 
 
 def until_spin(run: FloatArray) -> FloatArray:
-    """A run up to the sample in which the car spins, two samples at least; the whole run where it does not."""
+    """Return a run up to the sample in which the car spins, at least two samples; the whole run if it does not spin."""
     from hil_sim.metrics import spin_time
 
     time = spin_time(run)
@@ -45,7 +45,7 @@ def until_spin(run: FloatArray) -> FloatArray:
 
 
 def spin_handles(runs: Mapping[str, FloatArray], spun: Mapping[str, FloatArray]) -> list[Any]:
-    """The legend entry of the mark at a spin, where a run was cut at one."""
+    """Return the legend entry for the mark of a spin, if a run was cut at one."""
     from matplotlib.lines import Line2D
 
     if all(len(spun[name]) == len(run) for name, run in runs.items()):
@@ -54,7 +54,7 @@ def spin_handles(runs: Mapping[str, FloatArray], spun: Mapping[str, FloatArray])
 
 
 def draw_spans(panels: Sequence[Axes], spans: Sequence[Span]) -> list[Any]:
-    """Shade stretches of time; returns their legend entry."""
+    """Shade time ranges and return their legend entry."""
     from matplotlib.patches import Patch
 
     for axes in panels:
@@ -65,7 +65,7 @@ def draw_spans(panels: Sequence[Axes], spans: Sequence[Span]) -> list[Any]:
 
 
 def draw_marks(panels: Sequence[Axes], marks: Sequence[Mark]) -> None:
-    """Lines through all panels, named above the first."""
+    """Draw lines through all panels, labelled above the first one."""
     for axes in panels:
         for mark in marks:
             axes.axvline(mark.time, color=GREY, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1.5, label="_")

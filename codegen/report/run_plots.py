@@ -55,7 +55,7 @@ SIGNALS = (
     _Signal("Lateral acc.\n(m/s²)", "lateral_acceleration_m_s2"),
 )
 SPEED_SIGNAL = _Signal("Speed\n(km/h)", "speed_m_s")
-"""Shown where the speed is not held."""
+"""CellRuns if the speed is not constant."""
 RUN_LINES: Mapping[str, Mapping[str, Any]] = {
     "C1": {"color": CONTROLLER_COLOURS["pi"]},
     "C2": {"color": GREY},
@@ -64,10 +64,10 @@ RUN_LINES: Mapping[str, Mapping[str, Any]] = {
     **{kind: {"color": colour} for kind, colour in CONTROLLER_COLOURS.items() if kind != "passive"},
 }
 RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
-"""Colours of runs that are not called by a kind of controller."""
+"""Colours of runs that are not named after a kind of controller."""
 LIMIT_LINE: Mapping[str, Any] = {"color": BLACK, "linewidth": 0.9, "linestyle": (0, (5, 2)), "zorder": 1.5}
 LIMIT_IN_REACH = 0.6
-"""A limit is drawn where it is at most this share of the panel's height beyond the curves."""
+"""A limit is drawn if it is at most this fraction of the panel's height beyond the curves."""
 STATUS_COLOURS = {"LIMITED": "#F0E442", "STANDBY": "#BBBBBB", "DEGRADED": ORANGE, "FAIL_SAFE": VERMILION}
 STATUS_SHOWN = ("STANDBY", "DEGRADED", "FAIL_SAFE")
 
@@ -76,16 +76,16 @@ MAP_LINE: Mapping[str, Any] = {"color": GREY, "linestyle": "-.", "linewidth": 1.
 BEFORE_START = 0.5
 AFTER_START = 3.0
 MOVED = math.radians(0.01)
-LEAST_HEIGHT = 0.2
-"""deg, deg/s or m/s^2 that a panel spans at least."""
+AXIS_HEIGHT_MIN = 0.2
+"""Minimum span of a panel, in deg, deg/s or m/s^2."""
 SPEED_HELD = 0.5
-"""m/s by which the speed of a run may vary and still count as held."""
+"""Largest variation of a constant speed, in m/s."""
 
 
 def column(run: FloatArray, name: str) -> FloatArray:
-    """One column of a run as it is drawn: angles in deg, speed in km/h, others in SI.
+    """Return one column of a run in display units: angles in deg, speed in km/h, others in SI.
 
-    There is no reference where the controller gives none.
+    The reference is NaN in STANDBY and FAIL_SAFE, in which the controller has none.
     """
     from codegen.sil.software import RECORD_COLUMNS, Status
 
@@ -99,7 +99,7 @@ def column(run: FloatArray, name: str) -> FloatArray:
 
 
 def signal_limits(config: Config) -> dict[str, float]:
-    """Return the limit to either side of each column as it is drawn: deg and m/s^2, of the optimisation and the actuator."""
+    """Return the limit of each column to either side in display units, deg and m/s^2: those of optimisation and actuator."""
     limits = config.limits
     return {
         "sideslip_rad": limits.sideslip_max_deg,
@@ -109,7 +109,7 @@ def signal_limits(config: Config) -> dict[str, float]:
 
 
 def run_window(runs: Mapping[str, FloatArray]) -> tuple[float, float]:
-    """The time worth showing: from 0.5 s before the front angle first moves to 3 s after, or until all has settled."""
+    """Return the time range to show: from 0.5 s before the front angle first moves to 3 s after, or until all has settled."""
     starts, ends = [], []
     for run in runs.values():
         time, front_angle = column(run, "time_s"), np.radians(column(run, "front_angle_rad"))
@@ -136,17 +136,17 @@ def run_figure(
     limits: Mapping[str, float] | None = None,
     time_label: str = "Time (s)",
 ) -> Figure:
-    """Runs (name -> array with columns RECORD_COLUMNS) over time, in panels below each other.
+    """Draw runs (name -> array with columns RECORD_COLUMNS) over time, in panels below each other.
 
-    A name that starts with "passive" is a car without control: no command, no status. Status is shown where it ever leaves
-    normal operation, speed where it is not held. A run ends where the car spins.
+    A name that starts with "passive" denotes a car without a controller: no command, no status. Status is shown if it ever
+    leaves normal operation, speed if it is not constant. A run ends where the car spins.
 
     Args:
-        runs: in the order of the legend.
-        title: above all.
-        marks, spans: moments and stretches of time to point out.
-        window: s to show, from and to; None takes what is worth showing.
-        of_map: (samples,) rad/s, the map's steady yaw rate in the samples of the first run; None leaves it out.
+        runs: runs in the order of the legend.
+        title: title above all panels.
+        marks, spans: times and time ranges to mark.
+        window: start and end of the shown range in s; None selects it with `run_window`.
+        of_map: (samples,) rad/s, the map's steady yaw rate in the samples of the first run; None omits it.
         limits: column -> limit to either side, in deg or m/s^2.
         time_label: label of the time axis.
 
@@ -182,7 +182,7 @@ def run_figure(
 
 
 def heading(title: str) -> str:
-    """A title of one or more lines, each as it is."""
+    """Return a title of one or more lines, each unchanged."""
     return "\n".join(plain(line) for line in title.split("\n"))
 
 
@@ -243,8 +243,8 @@ def draw_signal(
     axes.set_ylabel(signal.label)
     axes.margins(x=0.0)
     low, high = axes.get_ylim()
-    if high - low < LEAST_HEIGHT:  # rounding is not to look like motion
-        axes.set_ylim(0.5 * (low + high - LEAST_HEIGHT), 0.5 * (low + high + LEAST_HEIGHT))
+    if high - low < AXIS_HEIGHT_MIN:  # rounding errors must not look like motion
+        axes.set_ylim(0.5 * (low + high - AXIS_HEIGHT_MIN), 0.5 * (low + high + AXIS_HEIGHT_MIN))
     axes.grid(True)
 
 
@@ -267,7 +267,7 @@ def _draw_map(axes: Axes, run: FloatArray, of_map: FloatArray, window: tuple[flo
 
 
 def _draw_limits(panels: Sequence[Axes], signals: Sequence[_Signal], limits: Mapping[str, float]) -> list[Any]:
-    """Draw those limits that the curves come near; returns their legend entry."""
+    """Draw the limits that are close to the curves and return their legend entry."""
     from matplotlib.lines import Line2D
 
     drawn = False

@@ -1,4 +1,4 @@
-"""The picture of a scenario: over time, or as its standard shows it."""
+"""Picture of a scenario: over time, or in the form that its standard uses."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 FIT_LINE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.1}
 GUIDE: dict[str, Any] = {"color": GREY, "linewidth": 0.9, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}
 CONTROLLED = "controlled"
-"""Name of the run of the build in `runs`."""
+"""Name of the build's run in `runs`."""
 TITLE_LENGTH = 64
-"""Characters of name and title that go on one line."""
+"""Largest number of characters of name and title on one line."""
 LINE_LENGTH = 78
-"""Characters that fit on one line."""
+"""Largest number of characters on one line."""
 FREQUENCY_TICKS = (0.2, 0.5, 1.0, 2.0, 3.0)
 
 
@@ -46,12 +46,12 @@ def scenario_figure(
     """Draw the runs of a scenario.
 
     Args:
-        scenario: what was driven.
-        config: of the car.
+        scenario: scenario of the runs.
+        config: configuration of the car.
         runs: name -> array with columns RECORD_COLUMNS; see `run_figure`.
-        name: of the build, for the title.
-        details: of the car and the run, below the title; lines that are too long go on below each other.
-        look_up: the map, whose steady yaw rate is drawn over time; None leaves it out.
+        name: name of the build, for the title.
+        details: details of the car and the run, below the title; long lines are wrapped.
+        look_up: map lookup, to draw the map's steady yaw rate over time; None omits it.
 
     Raises:
         PlotError: no run, or an array of another shape.
@@ -78,7 +78,7 @@ def scenario_figure(
 
 
 def _named(runs: Mapping[str, FloatArray], config: Config) -> dict[str, FloatArray]:
-    """Call the controlled run by its kind of controller."""
+    """Name the controlled run after its kind of controller."""
     kind = config.controller.kind
     own = kind if kind not in runs else f"{kind} (this build)"
     return {own if name == CONTROLLED else name: run for name, run in runs.items()}
@@ -92,14 +92,14 @@ def title_of(scenario: Scenario) -> str:
 def _title(scenario: Scenario, name: str, details: str) -> str:
     title = title_of(scenario)
     named = f"{one_line(name)} – {title}"
-    # What does not fit beside each other goes below each other.
+    # Wrap what does not fit on one line.
     first = [] if not name else [named] if len(named) <= TITLE_LENGTH else [one_line(name)]
     rest = [details] if named in first else [title, details]
     return "\n".join([*first, *(part for line in rest for part in textwrap.wrap(line, LINE_LENGTH, break_on_hyphens=False))])
 
 
 def _whole(runs: Mapping[str, FloatArray]) -> tuple[float, float]:
-    looks_of(runs)  # refuses what has no times
+    looks_of(runs)  # rejects runs without times
     return float(min(run[0, 0] for run in runs.values())), float(max(run[-1, 0] for run in runs.values()))
 
 
@@ -126,7 +126,7 @@ def _dwell_marks(scenario: Scenario, config: Config, runs: Mapping[str, FloatArr
 
 
 def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], title: str) -> Figure:
-    """Gain and phase of the yaw rate over the steering wheel angle; a car that spins has none."""
+    """Draw gain and phase of the yaw rate over the steering wheel angle; a car that spins has neither."""
     from hil_sim.metrics import frequency, spin_time
 
     looks = looks_of(runs)
@@ -169,7 +169,7 @@ def _dot_handle() -> Any:
 
 
 def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], title: str) -> Figure:
-    """Front angle, sideslip and rear angle over lateral acceleration, with the lines whose slopes are the gradients."""
+    """Draw front angle, sideslip and rear angle over lateral acceleration, with the lines whose slopes are the gradients."""
     from hil_sim.metrics import ramp
 
     looks = looks_of(runs)

@@ -1,4 +1,4 @@
-"""Common parts of all pictures: palette, fonts, names, the panel of a map, and the output file.
+"""Common parts of all pictures: palette, fonts, names, map panels, and the output file.
 
 Matplotlib is used through its object interface, never pyplot, and imported only where a picture is drawn.
 """
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# M. Okabe, K. Ito, Color Universal Design (2008): told apart by all common kinds of colour vision.
+# M. Okabe, K. Ito, Color Universal Design (2008): distinguishable with all common kinds of colour vision.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 GREY, BLACK, WHITE = "#777777", "#000000", "#FFFFFF"
 CONTROLLER_COLOURS = {"tracking": BLUE, "pi": VERMILION, "feedforward": GREEN, "proportional": PURPLE, "passive": BLACK}
@@ -69,7 +69,7 @@ _STYLE: dict[str, Any] = {
 
 
 class PlotError(CodegenError):
-    """A picture cannot be drawn from what is given, or cannot be written."""
+    """A picture cannot be drawn from the given data, or cannot be written."""
 
 
 @contextmanager
@@ -84,7 +84,7 @@ def style(font_scale: float = 1.0) -> Iterator[None]:
 
 
 def new_figure(width: float, height: float, dpi: float | None = None) -> Figure:
-    """An empty figure, width by height in inches, that finds room for its labels by itself."""
+    """Return an empty figure, width by height in inches, whose layout makes room for the labels."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -94,17 +94,17 @@ def new_figure(width: float, height: float, dpi: float | None = None) -> Figure:
 
 
 def plain(text: object) -> str:
-    """Text of the user's on one line, as it is: a dollar sign starts no formula, an underscore hides no legend entry."""
+    """Return a user's text on one line, unchanged: a dollar sign starts no formula, an underscore hides no legend entry."""
     line = one_line(text, 80).replace("$", r"\$")
     return f" {line}" if line.startswith("_") else line
 
 
 def to_png(figure: Figure) -> bytes:
-    """The PNG of a figure, without date or software: the same figure gives the same bytes."""
+    """Return the PNG of a figure. It contains no date or software version, so equal figures give equal bytes."""
     stream = io.BytesIO()
     with style(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # a box stands for a character that the font lacks
-        # The layout shifts a little with each drawing; the first one counts.
+        # Each drawing shifts the layout slightly, so it is fixed after the first one.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
         figure.savefig(stream, format="png", dpi="figure", metadata={"Software": None})
@@ -112,7 +112,7 @@ def to_png(figure: Figure) -> bytes:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all.
+    """Write a figure as PNG, atomically.
 
     Raises:
         PlotError: the name does not end in .png.
@@ -128,12 +128,12 @@ def save(figure: Figure, path: Path) -> None:
 
 @dataclass(frozen=True)
 class Quantity:
-    """One table of a map and how it is shown.
+    """One table of a map and its display.
 
     Attributes:
-        name: with its symbol. unit: of what is drawn.
+        name: name with its symbol. unit: unit of the displayed values.
         colours: name of the colour map; a diverging one is centred at zero.
-        table: the values of a map in SI, (n, m), None where the map has none.
+        table: function from a map to the values in SI, (n, m), or to None if the map lacks them.
     """
 
     name: str
@@ -148,18 +148,18 @@ class Quantity:
         return f"{self.name} ({self.unit})"
 
     def degrees(self, reference_map: ReferenceMap) -> FloatArray | None:
-        """Values to draw, (n, m) in `unit`; NaN where infeasible."""
+        """Return the displayed values, (n, m) in `unit`; NaN where infeasible."""
         values = self.table(reference_map)
         return None if values is None else np.degrees(np.where(reference_map.feasible, values, np.nan))
 
     def colour_bar(self, figure: Figure, axes: Any, scale: Normalize, **look: Any) -> None:
-        """The colour bar of one or several panels."""
+        """Add the colour bar of one or several panels."""
         from matplotlib.cm import ScalarMappable
 
         figure.colorbar(ScalarMappable(scale, self.colours), ax=axes, **look)
 
     def scale(self, maps: Iterable[ReferenceMap]) -> Normalize:
-        """One colour scale for several maps: from zero to the largest value, or that far to both sides of zero."""
+        """Return a common colour scale for several maps: from zero to the largest value, or symmetric about zero."""
         from matplotlib.colors import Normalize
 
         tables = [table for one in maps if (table := self.degrees(one)) is not None]
@@ -175,7 +175,7 @@ QUANTITIES = (YAW_RATE, SIDESLIP, REAR_STEER)
 
 
 def draw_quantity(axes: Axes, reference_map: ReferenceMap, quantity: Quantity, scale: Normalize) -> bool:
-    """Draw one table of a map with the phase line over it; False where the map has no such line."""
+    """Draw one table of a map with the phase line. Return whether there is such a line."""
     table = quantity.degrees(reference_map)
     if table is None:
         axes.text(0.5, 0.5, "not in this map", transform=axes.transAxes, ha="center")
@@ -189,7 +189,7 @@ def draw_quantity(axes: Axes, reference_map: ReferenceMap, quantity: Quantity, s
 def draw_table(
     axes: Axes, reference_map: ReferenceMap, table: npt.NDArray[Any], scale: Normalize, colours: str | Colormap
 ) -> None:
-    """A cell of colour for each operating point of `table` (n, m); the hatched ground shows where it is NaN."""
+    """Draw a coloured cell for each operating point of `table` (n, m); NaN shows the hatched background."""
     axes.patch.set(facecolor=INFEASIBLE_FACE, hatch="////", hatchcolor=INFEASIBLE_HATCH)
     speed, front_angle = reference_map.speed / KM_H, np.degrees(reference_map.front_angle)
     masked = np.ma.masked_invalid(table.T)
@@ -198,16 +198,16 @@ def draw_table(
 
 
 def _ends(breakpoints: FloatArray) -> tuple[float, float]:
-    """The outer breakpoints, and half of an even step beyond them, as the cells are drawn; not below zero."""
+    """Return the outer breakpoints, extended by half a step on even axes as the cells are drawn; not below zero."""
     steps = np.diff(breakpoints)
     margin = 0.5 * float(steps[0]) if np.allclose(steps, steps[0], rtol=1e-6) else 0.0
     return max(0.0, float(breakpoints[0]) - margin), float(breakpoints[-1]) + margin
 
 
 def phase_lines(reference_map: ReferenceMap) -> list[FloatArray]:
-    """Pieces (k, 2), speed in km/h and front angle in deg, of the line delta_r = 0.
+    """Return the pieces (k, 2) of the line delta_r = 0, with speed in km/h and front angle in deg.
 
-    There the rear wheels pass from the opposite to the same direction as the front wheels. Empty where they never do.
+    There the rear wheels change from the opposite to the same direction as the front wheels. Empty if there is no such line.
     """
     from contourpy import contour_generator
 
@@ -216,13 +216,13 @@ def phase_lines(reference_map: ReferenceMap) -> list[FloatArray]:
         return []
     speed, front_angle = reference_map.speed / KM_H, np.degrees(reference_map.front_angle)
     pieces: Any = contour_generator(speed, front_angle, np.ma.masked_invalid(rear_angle.T)).lines(0.0)
-    # Where the line runs out into infeasible cells it leaves specks.
+    # Where the line runs into infeasible cells, it leaves short pieces.
     longest = max((len(piece) for piece in pieces), default=0)
     return [piece for piece in pieces if len(piece) > SPECK * longest]
 
 
 def draw_phase_line(axes: Axes, reference_map: ReferenceMap) -> bool:
-    """Draw the line delta_r = 0; False where there is none."""
+    """Draw the line delta_r = 0. Return whether there is one."""
     from matplotlib.patheffects import withStroke
 
     pieces = phase_lines(reference_map)
@@ -233,7 +233,7 @@ def draw_phase_line(axes: Axes, reference_map: ReferenceMap) -> bool:
 
 
 SPECK = 0.15
-"""Pieces of the phase line with no more than this share of the points of the longest are not drawn."""
+"""Pieces of the phase line with at most this fraction of the points of the longest one are not drawn."""
 
 PHASE_NAME = f"phase conversion, {REAR_ANGLE} = 0"
 INFEASIBLE_NAME = "no feasible steady turn"

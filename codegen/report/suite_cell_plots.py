@@ -18,7 +18,7 @@ from codegen.report.style import (
     plain,
     style,
 )
-from codegen.report.suite_looks import LIMIT, lines_of, markers_of, name_handles
+from codegen.report.suite_styles import LIMIT, lines_of, markers_of, name_handles
 from hil_sim.suite.requirements import sideslip_limit
 
 if TYPE_CHECKING:
@@ -32,11 +32,11 @@ SMALL: dict[str, Any] = {"markersize": 4.5, "markeredgewidth": 0.0, "zorder": 3}
 ROW_SHARE, ROW_FACE = 0.9, "#F2F2F2"
 """Fraction of the row height that its marks take; background of every other row."""
 LEVELS = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0)
-"""% of overshoot: bounds of the colours."""
+"""Bounds of the colours, in % of overshoot."""
 
 
 def cells_figure(result: SuiteResult) -> Figure:
-    """Overshoot in every cell as configured and under the condition of the largest lag, a panel for each subject."""
+    """Draw the overshoot in every cell as configured and with the largest actuator lag, one panel for each subject."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
     wanted = [condition for condition in result.conditions if condition.name in ("nominal", "lag-100", "relaxation-300")]
@@ -91,7 +91,7 @@ def _level_handles(colours: Any) -> list[Any]:
 
 
 def conditions_figure(result: SuiteResult) -> Figure:
-    """Largest overshoot, error to the map and sideslip over the cells, and spins: a row a condition, a mark a subject."""
+    """Draw the largest overshoot, map error and sideslip over the cells, and spins: rows are conditions, marks are subjects."""
     with style():
         figure = new_figure(13.0, 0.34 * len(result.conditions) + 1.6)
         panels = figure.subplots(1, 4, sharey=True, width_ratios=(1.3, 1.0, 1.0, 0.8))
@@ -120,7 +120,7 @@ def conditions_figure(result: SuiteResult) -> Figure:
 def _draw_conditions(axes: Axes, result: SuiteResult, figure_of: Callable[[Any], float | None]) -> None:
     markers = markers_of(result)
     for number, name in enumerate(result.subjects):
-        # A little below each other, so that equal values hide nobody.
+        # Shifted slightly, so that marks of equal values do not cover each other.
         shift = ROW_SHARE * ((number + 0.5) / len(result.subjects) - 0.5)
         found = [figure_of(result.summary(name, condition.name)) for condition in result.conditions]
         values = np.array([math.nan if value is None else value for value in found])
@@ -136,7 +136,7 @@ def slippery(result: SuiteResult) -> list[Any]:
 
 
 def friction_figure(result: SuiteResult) -> Figure:
-    """Spins, and the largest sideslip of the cells without one, on slippery roads with and without an estimate."""
+    """Draw the spins, and the largest sideslip of the other cells, on slippery roads with and without an estimate."""
     with style():
         figure = new_figure(11.0, 6.0)
         panels = figure.subplots(2, 1, sharex=True)
@@ -162,7 +162,7 @@ def _draw_sideslip_limits(axes: Axes, result: SuiteResult) -> list[Any]:
         asked = sideslip_limit(result.limits, road)
         if asked is not None:
             axes.plot([place - 0.45, place + 0.45], [asked, asked], **LIMIT)
-    return [Line2D([], [], **{**LIMIT, "label": f"asked of {plain(result.tested)}"})]
+    return [Line2D([], [], **{**LIMIT, "label": f"limit for {plain(result.tested)}"})]
 
 
 def draw_spins(axes: Axes, result: SuiteResult) -> None:
@@ -186,7 +186,7 @@ def _draw_bars(axes: Axes, result: SuiteResult, figure_of: Callable[[Any], float
 
 
 def road_ticks(result: SuiteResult, ends: Iterable[str]) -> tuple[range, list[str]]:
-    """Places and names of the roads; lines end after each of `ends`."""
+    """Return positions and names of the roads; lines end after each of `ends`."""
     names = [road.title for road in slippery(result)]
     for end in ends:
         names = [name.replace(end, end.strip(", ") + "\n") for name in names]

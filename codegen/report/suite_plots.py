@@ -1,6 +1,6 @@
-"""Results of the test set of rear-steering controllers as pictures: each function returns a Matplotlib Figure.
+"""Pictures of the results of the test set of rear-steering controllers. Each function returns a Matplotlib Figure.
 
-On paper degrees and km/h, SI inside.
+Labels are in degrees and km/h, arguments in SI units.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from codegen.report.suite_cell_plots import (
     road_ticks,
     slippery,
 )
-from codegen.report.suite_looks import lines_of, name_handles
 from codegen.report.suite_step_plots import (
     MARGIN_PANELS,
     cell_title,
@@ -34,6 +33,7 @@ from codegen.report.suite_step_plots import (
     spin_handle,
     steps_figure,
 )
+from codegen.report.suite_styles import lines_of, name_handles
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 def figures(result: SuiteResult) -> dict[str, Figure]:
-    """Name of the file, without its ending, to picture; those for which something was driven."""
+    """Return name -> picture, with the file name without extension, for everything that was simulated."""
     made: dict[str, Figure] = {"overview": overview_figure(result), "steps": steps_figure(result)}
     if result.conditions:
         made["cells"] = cells_figure(result)
@@ -57,7 +57,7 @@ def figures(result: SuiteResult) -> dict[str, Figure]:
 
 
 def overview_figure(result: SuiteResult) -> Figure:
-    """The paper's step, a fast one, margins and slippery roads, in one picture."""
+    """Draw the paper's step, a fast one, margins and slippery roads in one picture."""
     looks = lines_of(result)
     with style():
         figure = new_figure(12.0, 8.6)
@@ -68,7 +68,7 @@ def overview_figure(result: SuiteResult) -> Figure:
             axes.set(xlabel="Time after the step (s)", ylabel="Yaw rate (deg/s)", title=f"Step steer, {cell_title(shown)}")
         draw_margins(panels[1, 0], result, *MARGIN_PANELS[1])
         asked = result.limits.phase_margin_deg
-        for level, text in ((asked, "asked of the worst"), (WARN_PHASE_MARGIN_DEG, "a build warns below")):
+        for level, text in ((asked, "required of the worst car"), (WARN_PHASE_MARGIN_DEG, "a build warns below")):
             place = {"xytext": (4, -4), "textcoords": "offset points", "va": "top", "fontsize": 8.5}
             panels[1, 0].annotate(text, (panels[1, 0].get_xlim()[0], level), **place)
         panels[1, 0].set_title("Phase margin of the car itself (thin), and the worst of the family of cars")

@@ -19,18 +19,18 @@ from codegen.report.style import (
     plain,
     style,
 )
-from codegen.report.suite_looks import LIMIT, REFERENCE, WARNING, lines_of, markers_of, name_handles
+from codegen.report.suite_styles import LIMIT, REFERENCE, WARNING, lines_of, markers_of, name_handles
 from hil_sim.suite.cells import STEER_TIME
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from hil_sim.suite.tracking import Shown, SuiteResult
+    from hil_sim.suite.tracking import CellRuns, SuiteResult
 
 
 def margins_figure(result: SuiteResult) -> Figure:
-    """Gain margin, phase margin and peak sensitivity over speed: of the configured car, and the worst of the family."""
+    """Draw gain margin, phase margin and peak sensitivity over speed, of the configured car and the worst of the family."""
     with style():
         figure = new_figure(11.0, 4.4)
         panels = figure.subplots(1, 3)
@@ -91,13 +91,13 @@ def _margin_handles(result: SuiteResult) -> list[Any]:
     ]
     return [
         *handles,
-        Line2D([], [], **{**LIMIT, "label": "asked for"}),
+        Line2D([], [], **{**LIMIT, "label": "required"}),
         Line2D([], [], **{**WARNING, "label": "a build warns below"}),
     ]
 
 
 def price_figure(result: SuiteResult) -> Figure:
-    """Rise time over speed, and gain and phase of sines at the steering wheel at the highest speed where they were driven."""
+    """Draw the rise time over speed, and gain and phase of sines at the steering wheel at the highest simulated speed."""
     looks = lines_of(result)
     fastest = max((row.speed_km_h for row in result.sine[result.tested]), default=None)
     with style():
@@ -138,7 +138,7 @@ def _marked(marker: Mapping[str, Any]) -> dict[str, Any]:
 
 
 BEFORE, AFTER = 0.2, 2.0
-"""s around the step that are shown."""
+"""CellRuns time before and after the step, in s."""
 FOLLOWED: dict[str, Any] = {**REFERENCE, "color": SKY, "zorder": 4.5}
 
 
@@ -150,7 +150,7 @@ SIGNALS = (
 
 
 def steps_figure(result: SuiteResult) -> Figure:
-    """The paper's step and some cells, a column each: yaw rate with the map's value and the model's, rear angle, sideslip."""
+    """Draw the paper's step and some cells in columns: yaw rate with the values of map and model, rear angle, sideslip."""
     looks = lines_of(result)
     with style():
         figure = new_figure(3.1 * len(result.shown) + 0.6, 7.6)
@@ -172,12 +172,12 @@ def steps_figure(result: SuiteResult) -> Figure:
     return figure
 
 
-def cell_title(shown: Shown) -> str:
+def cell_title(shown: CellRuns) -> str:
     return f"{shown.cell.speed_km_h:g} km/h, {shown.cell.front_angle_deg:.3g} deg"
 
 
-def draw_step(axes: Axes, result: SuiteResult, shown: Shown, name: str, looks: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Draw one signal of all subjects, as far as the car stays on the road; whether one spins in the time shown."""
+def draw_step(axes: Axes, result: SuiteResult, shown: CellRuns, name: str, looks: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Draw one signal of all subjects until the car spins. Return whether one spins in the shown time."""
     spun = False
     for subject in result.subjects:
         whole = shown.records[subject]
@@ -200,7 +200,7 @@ def _around_step(run: FloatArray) -> FloatArray:
     return inside if len(inside) >= 2 else run[:2]
 
 
-def _draw_references(axes: Axes, result: SuiteResult, shown: Shown) -> None:
+def _draw_references(axes: Axes, result: SuiteResult, shown: CellRuns) -> None:
     """Draw the steady yaw rate of the map, and the reference of the controller under test."""
     inside = _around_step(shown.records[result.tested])
     axes.plot(column(inside, "time_s") - STEER_TIME, column(inside, "yaw_rate_reference_rad_s"), label="_", **FOLLOWED)

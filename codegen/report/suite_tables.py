@@ -12,15 +12,15 @@ from codegen.text_table import text_table
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cars import SHARES, SPEEDS_KM_H
 from hil_sim.suite.conditions import LAGS, NOMINAL
-from hil_sim.suite.price import compare_rise
+from hil_sim.suite.cost import compare_rise
 from hil_sim.suite.sample_timing import TIMINGS
 from hil_sim.suite.tracking import STRUCTURE_SET
 
 if TYPE_CHECKING:
     from hil_sim.suite.cars import CarResult, CarsResult
+    from hil_sim.suite.cost import SineTracking
     from hil_sim.suite.limits import Limits
     from hil_sim.suite.loop_margins import MarginPoint
-    from hil_sim.suite.price import SineTracking
     from hil_sim.suite.requirements import Requirement
     from hil_sim.suite.runs import CellResult
     from hil_sim.suite.summary import Extreme, Summary
@@ -32,14 +32,14 @@ BASELINE = "pi"
 """Baseline for the cost of a controller."""
 
 SECONDS, DEGREES, SHARE, OVERSHOOT = 0.005, 0.5, 0.005, 2.0
-"""Differences that are worth telling."""
+"""Smallest differences that are reported."""
 
 
 def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
-    """Titles and texts, in the order in which they are read."""
-    yield f"What is asked, and what {result.tested} shows", requirement_table(result.requirements)
+    """Yield titles and texts in reading order."""
+    yield f"Requirements, and results of {result.tested}", requirement_table(result.requirements)
     if why := explanation(result.requirements, result.limits):
-        yield "Limits that are missed, and why they are asked", why
+        yield "Missed limits, and their reasons", why
     yield from condition_tables(result)
     yield "The paper's step, C1", c1_table(result)
     if result.margins:
@@ -57,7 +57,7 @@ def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
         figures = "overshoot (%) / settling (s) / largest |sideslip| (deg)"
         yield f"Third party's multi-body car: {figures}", third_party_table(result, _cell)
         yield "Error to the map on the third party's car, steady / peak (%)", third_party_table(result, _map_errors)
-    yield "What was tuned on what", sets_text(result)
+    yield "Data used for tuning and for testing", sets_text(result)
 
 
 # --- laying out --------------------------------------------------------------------------------------------------------
@@ -83,7 +83,7 @@ def verdict(row: Requirement) -> str:
 
 
 def requirement_table(rows: Sequence[Requirement]) -> str:
-    """Each subject matter on a line of its own, and its figures below."""
+    """Return a table with a line for each subject matter, and its figures below."""
     cells: list[tuple[str, ...]] = []
     for matter, group in groupby(rows, key=lambda row: row.subject_matter):
         cells.append((matter, "", "", "", ""))
@@ -102,16 +102,16 @@ def measured_text(row: Requirement) -> str:
 
 
 def explanation(rows: Sequence[Requirement], limits: Limits) -> str:
-    """Return what each missed limit is there for, and how to change it; "" where none is missed."""
+    """Return the reason of each missed limit, and how to change it; "" if none is missed."""
     keys = dict.fromkeys(row.key for row in rows if row.passed is False and row.key)
     if not keys:
         return ""
     told = "\n".join(_wrapped(f"{key} = {getattr(limits, key):g}: {limits.why(key)}") for key in keys)
-    return f"{told}\n{_wrapped('Another limit: write such a line into a TOML file and name it with --limits.')}"
+    return f"{told}\n{_wrapped('To change a limit, write such a line into a TOML file and pass the file with --limits.')}"
 
 
 def failures(rows: Sequence[Requirement]) -> list[str]:
-    """The figures that are not as they must be, a text for each."""
+    """Return a text for each figure that misses its requirement."""
     return [
         f"{row.subject_matter}: {row.figure} {measured_text(row)} ({row.asked})"
         for row in rows
@@ -131,7 +131,7 @@ _CAR_FIGURES = (
 
 
 def car_sections(result: CarsResult) -> Iterator[tuple[str, str]]:
-    """Titles and texts of `codegen sil --suite cars`."""
+    """Yield titles and texts of `codegen sil --suite cars`."""
     speeds, shares = (_listed([f"{value:g}" for value in values]) for values in (SPEEDS_KM_H, (100.0 * s for s in SHARES)))
     yield (
         "Random cars: mass, wheelbase, understeer gradient, largest rear angle, actuator lag",
@@ -144,7 +144,7 @@ def car_sections(result: CarsResult) -> Iterator[tuple[str, str]]:
     limits = "; ".join(f"{row.figure} {row.asked}" for row in driven[0].requirements) if driven else ""
     yield "Limits of every car", _wrapped(f"{limits}. {told}")
     if why := explanation([row for car in driven for row in car.requirements], result.limits):
-        yield "Limits that are missed, and why they are asked", why
+        yield "Missed limits, and their reasons", why
     yield "Result", f"{result.passed} of {len(result.cars)} cars meet all limits"
 
 
@@ -153,7 +153,7 @@ _CAR_HEADER = ("", *(title for title, _, _ in _CAR_FIGURES), "slip (%)", "spins"
 
 def _car_row(car: CarResult) -> tuple[str, ...]:
     summary, margins = car.summary, car.margins
-    assert summary is not None  # asked only of cars that were driven
+    assert summary is not None  # called only for cars that were simulated
     return (
         f"car {car.number}",
         *(_placed(getattr(summary, name), digits) for _, name, digits in _CAR_FIGURES),
@@ -164,7 +164,7 @@ def _car_row(car: CarResult) -> tuple[str, ...]:
 
 
 def _placed(found: Extreme | None, digits: int) -> str:
-    """A figure and its cell: "4.8 at 120/50", km/h and percent of the feasible angle."""
+    """Return a figure and its cell: "4.8 at 120/50", km/h and percent of the feasible angle."""
     if found is None:
         return NONE
     share = "" if found.cell.share is None else f"/{100.0 * found.cell.share:g}"
@@ -187,7 +187,7 @@ def car_failures(result: CarsResult) -> list[str]:
 
 
 def condition_tables(result: SuiteResult) -> Iterator[tuple[str, str]]:
-    """One table for each figure: a row for each condition, a column for each subject."""
+    """Yield one table for each figure: rows are conditions, columns are subjects."""
     if not result.conditions:
         return
     count = len(result.cells)
@@ -245,7 +245,7 @@ def _listed(words: Sequence[str]) -> str:
 
 
 def c1_table(result: SuiteResult) -> str:
-    """A row for each lag and figure."""
+    """Return a table with a row for each lag and figure."""
     figures = (
         ("overshoot", "%", "overshoot_percent", 1),
         ("error to the map, steady", "%", "map_error_percent", 1),
@@ -267,7 +267,7 @@ def c1_table(result: SuiteResult) -> str:
 
 
 def margin_table(result: SuiteResult) -> str:
-    """Rows of the controller under test and the paper's: the configured car, and the worst of the family."""
+    """Return the margins of the controller under test and the paper's: the configured car, and the worst of the family."""
     names = [name for name in dict.fromkeys((result.tested, BASELINE)) if name in result.margins]
     header = ["", *(text for name in names for text in (f"{name}: the car itself", f"{name}: worst of the family"))]
     rows = []
@@ -289,7 +289,7 @@ def _margins(point: MarginPoint) -> str:
 
 
 def rise_table(result: SuiteResult) -> str:
-    """A row for each speed."""
+    """Return a table with a row for each speed."""
     rows = []
     for at in zip(*(result.rise_times[name] for name in result.subjects), strict=True):
         texts = [NONE if one.mean_s is None else f"{one.mean_s:.2f} / {_number(one.largest_s, 2)}" for one in at]
@@ -298,7 +298,7 @@ def rise_table(result: SuiteResult) -> str:
 
 
 def sine_table(result: SuiteResult) -> str:
-    """A row for each speed and frequency; only where the grid reaches those speeds."""
+    """Return a table with a row for each speed and frequency, if the grid reaches those speeds."""
     rows = []
     for at in zip(*(result.sine[name] for name in result.subjects), strict=True):
         rows.append((f"{at[0].speed_km_h:g} km/h, {at[0].frequency_hz:g} Hz", *map(_sine, at)))
@@ -312,7 +312,7 @@ def _sine(row: SineTracking) -> str:
 
 
 def worse_text(result: SuiteResult) -> str:
-    """Trade-offs: where the controller under test rises slower, tracks a sine less well, or overshoots more."""
+    """Return the trade-offs: where the controller under test rises slower, tracks a sine less well, or overshoots more."""
     return "\n".join(_wrapped(line) for line in (_slower(result), _lags_more(result), _overshoots_more(result)))
 
 
@@ -358,7 +358,7 @@ def _overshoots_more(result: SuiteResult) -> str:
         if own is not None and best is not None and own.value - _largest(best) > OVERSHOOT:
             worse.append(f"{condition.title} {own.value:.0f} % against {_largest(best):.0f} % of {best.subject}")
     if not worse:
-        return "Nobody whose car never spins overshoots less."
+        return "No controller whose car never spins overshoots less."
     return f"Its largest overshoot is above that of another whose car never spins: {'; '.join(worse)}."
 
 
@@ -370,7 +370,7 @@ def _largest(summary: Summary) -> float:
 
 
 def timing_table(result: SuiteResult) -> str:
-    """A row for each timing of the frames."""
+    """Return a table with a row for each timing of the frames."""
     rows = [
         (
             name,
@@ -385,7 +385,7 @@ def timing_table(result: SuiteResult) -> str:
 
 
 def path_table(result: SuiteResult) -> str:
-    """A row for each scenario."""
+    """Return a table with a row for each scenario."""
     rows = [
         (name, *(SPUN if errors[name] is None else _number(errors[name], 3) for errors in result.path_errors.values()))
         for name in PATH_SCENARIOS
@@ -394,7 +394,7 @@ def path_table(result: SuiteResult) -> str:
 
 
 def third_party_table(result: SuiteResult, text: Callable[[CellResult], str]) -> str:
-    """A row for each cell."""
+    """Return a table with a row for each cell."""
     names = [name for name in result.subjects if name in result.third_party]
     rows = [(at[0].cell.title, *map(text, at)) for at in zip(*(result.third_party[name] for name in names), strict=True)]
     return text_table(("", *names), rows)
@@ -412,7 +412,7 @@ def _map_errors(result: CellResult) -> str:
 
 
 def sets_text(result: SuiteResult) -> str:
-    """Design set and test set, in words."""
+    """Return a description of design set and test set."""
     lines = [
         f"Gains (`codegen tune`): {result.design_set}.",
         f"Structure: {STRUCTURE_SET}.",

@@ -37,8 +37,8 @@ class LayerSummary:
 class MapSummary:
     """A map in figures. Ranges are (smallest, largest) over feasible cells, in the units of the names.
 
-    `tyre_model` is that of the optimisation, None for a bare map.
-    `friction` is the one of the map itself, None where no configuration tells it; `stack` has the lower ones, rising.
+    `tyre_model` is that of the optimisation; None for a bare map.
+    `friction` is that of the map itself; None without a configuration. `stack` contains the lower ones, rising.
     """
 
     case: str | None
@@ -58,12 +58,12 @@ class MapSummary:
     stack: tuple[LayerSummary, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Name to value, for JSON."""
+        """Return name -> value, for JSON."""
         return asdict(self)
 
     @property
     def headline(self) -> str:
-        """One line: where it comes from, size, feasibility."""
+        """Origin, size and feasibility in one line."""
         origin = f"case {self.case}" if self.case else "a bare map"
         lower = ", ".join(f"{layer.friction:g}" for layer in self.stack)
         stack = f"; a stack with friction {lower}" if lower else ""
@@ -124,7 +124,7 @@ def _span(values: tuple[float, float]) -> tuple[str, str]:
 
 
 def map_summary(reference_map: ReferenceMap) -> MapSummary:
-    """Sum a map up."""
+    """Return the summary of a map."""
     feasible = reference_map.feasible
 
     def span(values: Any, factor: float) -> tuple[float, float]:
@@ -162,5 +162,5 @@ def _lateral_acceleration_max(reference_map: ReferenceMap) -> float:
 
 
 def metric_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Rows of a table of figures: a name with its unit, then a column for each run."""
+    """Return the rows of a table of figures: a name with its unit, then a column for each run."""
     return [(f"{title} [{unit}]" if unit else title, *texts) for title, unit, texts in evaluation.rows]

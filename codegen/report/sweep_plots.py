@@ -1,4 +1,4 @@
-"""Pictures of a campaign: how overshoot and sideslip are distributed, for each controller."""
+"""Pictures of a campaign: distributions of overshoot, sideslip and other figures for each controller."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 LINES = ("-", "--", "-.", ":")
 LOG_FROM = 20.0
-"""Largest value over the medians, or over a limit that is drawn, from which an axis is logarithmic beyond what is usual."""
+"""Ratio of the largest value to the medians or a drawn limit above which the axis is logarithmic outside the usual range."""
 FAR_FROM = 4.0
 """Ratio of the axis width with the limit to that of the data above which the limit is only named in the legend."""
 TICKS_MAX = 4
 """Most ticks on each side of the linear part of such an axis."""
 
 WIDTH, HEIGHT = 4.6, 4.4
-"""in of a panel."""
+"""Size of a panel, in inches."""
 LEGEND_GAP_IN = 0.2
-"""in that a panel's legend leaves to the next one's."""
+"""Gap between the legends of neighbouring panels, in inches."""
 TITLE_LENGTH = 44
-"""Letters that fit above a panel."""
+"""Number of characters that fit above a panel."""
 LEGEND_HEIGHT = 0.9
-"""in that a panel has for its legend without growing."""
+"""Height of a panel's legend without enlarging the picture, in inches."""
 
 PANELS = (
     ("overshoot", "overshoot_percent", "Overshoot of the yaw rate (%)"),
@@ -47,13 +47,13 @@ PANELS = (
 LIMITS = {"yaw_rate_ratio_1_75_s_percent": (20.0, "% at most"), "lateral_displacement_m": (1.83, "m at least")}
 """Value, unit and side, of FMVSS 126, S5.2.2 and S5.2.3 (for cars up to 3,500 kg)."""
 OUT_FROM = 3.0
-"""Width of the data over that of the usual runs and the limit, from which the axis ends at half of the latter beyond them."""
+"""Ratio of the data's width to that of the usual runs and the limit above which the axis ends half the latter beyond them."""
 
 
 def pictures(summary: Summary) -> Iterator[tuple[str, Picture]]:
-    """Name and picture of each distribution that the campaign has: a panel for each scenario.
+    """Yield name and picture of each distribution in the campaign, with one panel for each scenario.
 
-    Sideslip, which every run has that does not spin, has one for scenarios too in which all spin.
+    Sideslip exists for every run that does not spin. Its picture also shows scenarios in which all runs spin.
     """
     for name, figure, label in PANELS:
         having = (
@@ -96,7 +96,7 @@ def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) ->
 
 
 def _draw_limit(axes: Axes, shown: list[Figure], limit: float, unit: str) -> None:
-    """A line, or a line in the legend alone where the axis would have to reach far beyond the data for it."""
+    """Draw a limit, or only its legend entry if the axis would have to reach far beyond the data."""
     look: Mapping[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (2, 2))}
     label = f"limit of FMVSS 126,\n{limit:g} {unit}"
     if _is_near(shown, limit):
@@ -112,7 +112,7 @@ def _is_near(shown: list[Figure], limit: float) -> bool:
 
 
 def _window(axes: Axes, shown: list[Figure], limit: float) -> None:
-    """Range of the usual runs and a drawn limit. The legend has the number of runs far outside."""
+    """Limit the axis to the usual runs and a drawn limit. The legend contains the fraction of runs beyond the axis."""
     drawn = [limit] if _is_near(shown, limit) else []
     low, high = (of([*(one.quantiles[at] for one in shown), *drawn]) for of, at in ((min, 0), (max, 2)))
     if max(one.high for one in shown) - min(one.low for one in shown) <= OUT_FROM * (high - low):
@@ -126,7 +126,7 @@ def _window(axes: Axes, shown: list[Figure], limit: float) -> None:
 
 
 def _scale(axes: Axes, shown: list[Figure], limit: float) -> None:
-    """Linear, or where a few runs lie far out logarithmic beyond a power of ten, with plain numbers at its ticks."""
+    """Set a linear scale, or one that is logarithmic beyond a power of ten if a few runs lie far out, with plain ticks."""
     furthest = max(max(abs(one.low), abs(one.high)) for one in shown)
     if furthest <= LOG_FROM * max(*(abs(one.quantiles[1]) for one in shown), limit, 1e-9):
         if limit:
@@ -145,9 +145,9 @@ def _scale(axes: Axes, shown: list[Figure], limit: float) -> None:
 
 
 def _draw(axes: Axes, figure: Figure | None, outcome: Outcome, name: str, place: int) -> None:
-    """Cumulative, over all runs: a curve that ends below 100 % shows how many spun, or never came to the figure.
+    """Draw the cumulative distribution over all runs. A curve that ends below 100 % shows how many spun or lack the figure.
 
-    Where none came to it, the legend alone has the controller: it is not to look as if it had not been driven.
+    If no run has the figure, the controller appears in the legend only, to show that it was simulated.
     """
     edges, share, end = np.empty(0), np.empty(0), ": none"
     if figure is not None:

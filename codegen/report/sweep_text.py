@@ -1,4 +1,4 @@
-"""A campaign in words: tables for the terminal and for `summary.md`."""
+"""A campaign as text: tables for the terminal and for `summary.md`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ CRITERIA = {
 """Criteria of FMVSS 126: name in summary.json, and in words."""
 
 IN_TITLE = ("friction_estimate_error", "steering_percent")
-"""Factors whose outcome, the estimate and the angle, a title has already."""
+"""Factors whose results, estimate and angle, are already in the title."""
 UNITS = (
     ("percent", "%"),
     ("samples", "samples"),
@@ -55,11 +55,11 @@ OF_WHICH = "Figures are of the runs that did not spin before. Overshoot is over 
 HEADER = ("figure", "runs", "mean", *(f"{round(100 * share)} %" for share in QUANTILES), "min", "max")
 WORST_HEADER = ("worst", "value", "run")
 WIDTH, NUMBER_WIDTH = 80, 5
-"""Columns of the text, and of a number so that a table fits in."""
+"""Width of the text, and of a number so that a table fits, in columns."""
 
 
 def sections(summary: Summary) -> Iterator[tuple[str, str]]:
-    """Heading and text, at most 80 columns wide, of each scenario and controller."""
+    """Yield heading and text, at most 80 columns wide, of each scenario and controller."""
     for (scenario, controller), outcome in summary.outcomes.items():
         yield f"{scenario}, {controller}", _text(outcome)
 
@@ -77,8 +77,8 @@ def factors_of(row: Mapping[str, float]) -> str:
 
 
 def again(replay: str) -> str:
-    """Explain how to repeat a run of the tables: `replay` is the command, up to the run's number."""
-    return f"Any of these runs again, RUN its number:\n{replay} RUN"
+    """Return how to repeat a run of the tables; `replay` is the command, up to the run's number."""
+    return f"Repeat any of these runs by its number RUN:\n{replay} RUN"
 
 
 def _text(outcome: Outcome) -> str:
@@ -108,15 +108,15 @@ def _shares(outcome: Outcome) -> Iterator[str]:
     if (settled := outcome.figures.get("settled")) is not None:
         yield f"{100.0 * settled.mean:.4g} % of the rest settled"
     if (met := outcome.figures.get("meets_fmvss_126")) is not None:
-        of = "" if met.count == outcome.runs else f" of the {met.count} that tell"
+        of = "" if met.count == outcome.runs else f" of the {met.count} measured"
         yield f"{100.0 * met.mean:.4g} %{of} meet FMVSS 126"
     elif "lateral_displacement_m" in outcome.figures:
         yield "FMVSS 126 not measured"
 
 
 def short(value: float) -> str:
-    """Three digits, fewer where they would not fit into NUMBER_WIDTH."""
-    # Adding zero takes the sign off a zero.
+    """Return a number with three digits, or fewer if they would not fit into NUMBER_WIDTH."""
+    # Adding zero removes the sign of a zero.
     for text in (f"{value:.3g}", f"{round(value, 2) + 0.0:.2f}" if abs(value) < 1.0 else f"{value:.0f}"):
         if len(text) <= NUMBER_WIDTH:
             return text
@@ -124,8 +124,8 @@ def short(value: float) -> str:
 
 
 def markdown(summary: Summary, replay: str) -> str:
-    """`summary.md`; `replay` as in `again`."""
-    parts = [f"# A campaign of {summary.runs} runs", f"Quantiles are as fine as 1/{BINS} of the range of their figure."]
+    """Return the content of `summary.md`; `replay` as in `again`."""
+    parts = [f"# A campaign of {summary.runs} runs", f"Quantiles have a resolution of 1/{BINS} of the range of their figure."]
     parts += [f"## {heading}\n\n```\n{text}\n```" for heading, text in sections(summary)]
     sentence, command = again(replay).split("\n")
     return "\n\n".join([*parts, f"{sentence}\n\n```\n{command}\n```"]) + "\n"

@@ -23,10 +23,10 @@ TYRE_SLIP_MAX = math.radians(8.0)
 
 
 def tyre_figure(config: Config) -> Figure:
-    """Lateral force of a front and of a rear tyre over slip, for several wheel loads, with the linear range.
+    """Draw the lateral force of a front and a rear tyre over slip, for several wheel loads, with the linear range.
 
     Raises:
-        ConfigError: the tyre has no end to its linear range.
+        ConfigError: the linear range of the tyre has no end.
     """
     tyres = AxleTyres.from_config(config)
     axles = (("Front tyre", tyres.front, tyres.front_slip_bound), ("Rear tyre", tyres.rear, tyres.rear_slip_bound))

@@ -4,7 +4,7 @@ The two-track plant of `BATCH_LANES` runs is computed together, with vector inst
 them. The controller of each run is the C of the build, called once a sample. The result of a run does not depend on the rest
 of the batch, bit for bit.
 
-Results differ from the single run (`closed_loop`) of the same car by rounding, see DIFFERENCE_MAX.
+Results differ from a single run (`closed_loop`) of the same car only by rounding, see DIFFERENCE_MAX.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from codegen.sil.vector import FLAGS, FUNCTIONS, ISAS, Isa, best_isa, compiler_o
 from codegen.vehicle.dynamics import PLANT_PARAMETERS, ParametricModel, two_track_of_parameters
 
 LANES = 8
-"""Runs that are computed together: the doubles of one AVX-512 vector.
+"""Number of runs that are computed together: the doubles of one AVX-512 vector.
 
-Twice as many gain a few percent, but waste more when a batch does not fill its last lanes."""
+Twice as many gain a few percent, but waste more time when a batch does not fill its last lanes."""
 
 PLANT_UNIT = "batch/batch_plant.c"
-"""The source whose loops become vectors."""
+"""Source with the vectorised loops."""
 
 _UNRECORDED = ("position_x", "position_y", "heading")
-"""States that no column depends on; omitted unless a signal reads them."""
+"""States that no column depends on. They are omitted unless a signal reads them."""
 _SOURCES = {each.source for each in RECORDED}
 
 
@@ -112,9 +112,9 @@ DIFFERENCE_MAX = 1e-11
 """Largest difference between a batch run and the single run, in SI units, while the car does not spin.
 
 Vector functions are accurate to 4 units in the last place, scalar functions to 1. Divisions by constants become products with
-the reciprocal. Together these make about twenty roundings a plant step, 1e-14 of an acceleration of 10 m/s^2. Their effect
-decays within about a hundred steps, near the limit of grip within about a thousand, and so reaches 1e-13 rad/s. Measured with
-and without vectors in 8,000 runs of random cars, step steer and sine with dwell: at most 1.5e-13 rad/s and 1.6e-12 m/s^2."""
+the reciprocal. Together these cause about twenty roundings per plant step, 1e-14 of an acceleration of 10 m/s^2. Their effect
+decays within about a hundred steps, or about a thousand near the limit of grip, and so reaches 1e-13 rad/s. In 8,000 runs of
+random cars with and without vectors, step steer and sine with dwell, it was at most 1.5e-13 rad/s and 1.6e-12 m/s^2."""
 
 DIFFERENCE_MAX_FLIPPED = 1e-6
 """The same limit if a measured signal rounds to the other neighbour in single precision.
@@ -134,13 +134,13 @@ class Lanes:
         cars: (n, k), rows from `vehicle.dynamics.plant_parameters`, columns PLANT_PARAMETERS.
         speed_factor: multiplies the scenario's speed; above zero.
         wheel_factor: multiplies the scenario's steering-wheel command.
-        friction: replaces the road friction of the scenario. A friction that changes over time is instead multiplied by this
-            value over that of the configuration. None keeps the scenario's.
+        friction: replaces the road friction of the scenario. A friction that changes over time is instead multiplied by the
+            ratio of this value to the friction of the configuration. None keeps the scenario's friction.
         friction_estimate: replaces the scenario's estimate for the controller; NaN: no estimate.
-        delay_samples: control samples from computing a command until it acts, 0 to 100.
-        command_factor: multiplies the rear angle command, and so the loop gain, when the command acts; 1 changes no bit.
+        delay_samples: control samples between the computation of a command and its effect, 0 to 100.
+        command_factor: multiplies the rear angle command, and so the loop gain, when the command acts; 1 changes nothing.
         controlled: False keeps the rear command at zero: the passive car.
-        noise: (samples, 3, n), added to measured speed (m/s), front angle (rad) and yaw rate (rad/s). None: none.
+        noise: (samples, 3, n), added to measured speed (m/s), front angle (rad) and yaw rate (rad/s). None adds nothing.
     """
 
     cars: FloatArray
@@ -159,7 +159,7 @@ class BatchSoftware:
     """A compiled build with the plant for many cars. It has no state; threads may call it concurrently.
 
     Attributes:
-        software: the controller of the build in the batch's own library; it makes parameter structs.
+        software: the controller of the build in the batch's own library; it creates parameter structs.
         isa: the vector instructions that the plant uses.
         steps_per_sample: plant steps in a sample of the controller.
     """
@@ -193,7 +193,7 @@ class BatchSoftware:
         parameters: Any | None = None,
         columns: Sequence[str] = RECORD_COLUMNS,
     ) -> FloatArray:
-        """Simulate all runs in this thread, without holding the interpreter lock.
+        """Simulate all runs in this thread, with the interpreter lock released.
 
         Args:
             profile: (samples * steps_per_sample, 6), columns INPUT_COLUMNS: the scenario that all runs share. Speed above zero.
@@ -244,7 +244,7 @@ class BatchSoftware:
         if cars.ndim != 2 or cars.shape[1] != len(PLANT_PARAMETERS):
             raise ValueError(f"cars of shape {cars.shape}; needed: (n, {len(PLANT_PARAMETERS)}), columns PLANT_PARAMETERS")
         if ((cars[:, _RELAXATION] > 0.0) != (self.config.plant.relaxation_length_m > 0.0)).any():
-            raise ValueError("all cars, and the build's, must have a relaxation length, or none of them")
+            raise ValueError("either all cars, including the build's, must have a relaxation length, or none of them")
         own: dict[str, npt.NDArray[Any]] = {"cars": cars}
         friction: Any = 1.0
         if lanes.friction is not None:
@@ -288,7 +288,7 @@ def load_batch(build: Path, isa: Isa | None = None) -> BatchSoftware:
     """Compile the C of a build folder for many runs at once; see `compile_batch` for `isa`.
 
     Raises:
-        BuildError: not a build folder, no compiler, C that does not compile, or unavailable vectors of the requested level.
+        BuildError: not a build folder, no compiler, C that does not compile, or vectors of the requested level unavailable.
     """
     manifest = read_build(build)
     require_can_side(manifest, build)
@@ -310,7 +310,7 @@ def compile_batch(
     Args:
         files: path -> content of the build.
         manifest: manifest of the build.
-        config: gives sampling times, nominal friction, and whether tyres have a relaxation length; None: the build's.
+        config: source of sampling times, nominal friction, and whether tyres have a relaxation length; None: the build's.
         isa: vector instructions; None uses the best level that compiler and machine support.
         mode: see `compile_library`.
         edited: files of the build that were changed after generation.
@@ -338,12 +338,12 @@ def compile_batch(
         )
         if is_vectorised(library, level):
             return BatchSoftware(Software(library, prefix, precision, config, edited), level)
-    raise BuildError(f"the compiler made no vectors of {isa} of the plant", remedy='use "none"')
+    raise BuildError(f"the compiler did not vectorise the plant for {isa}", remedy='use "none"')
 
 
 def _require(isa: Isa) -> None:
     # Unsupported instructions would terminate the process.
     if not machine_runs(isa):
-        raise BuildError(f"this machine has no instructions of {isa}", remedy='use "none", or leave the choice')
+        raise BuildError(f"this machine does not support {isa}", remedy='use "none", or do not name a level')
     if not compiler_offers(isa):
-        raise BuildError(f"the compiler makes no vectors of {isa}", remedy='use "none", or GCC with glibc 2.35 or newer')
+        raise BuildError(f"the compiler does not vectorise for {isa}", remedy='use "none", or GCC with glibc 2.35 or newer')

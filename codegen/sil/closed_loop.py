@@ -1,4 +1,4 @@
-"""The closed loop of plant and controller in C, run in one call or stepped from Python with identical results."""
+"""Closed loop of plant and controller in C. It runs in one call, or step by step from Python with identical results."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ INPUT_COLUMNS = ("speed", "steering_wheel_command", "friction", "friction_estima
 
 
 Driver = Callable[[tuple[float, float, float], float, float], float]
-"""Steering-wheel angle (rad) from position (m forward, m left, heading in rad), sideslip (rad) and yaw rate (rad/s)."""
+"""Function of position (m forward, m left, heading in rad), sideslip (rad) and yaw rate (rad/s) that returns the steering-wheel
+angle (rad)."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class LoopOptions:
 
     Attributes:
         controlled: False keeps the rear command at zero: the passive car.
-        delay_samples: control samples from computing a command until it acts; None uses the configuration's.
+        delay_samples: control samples between the computation of a command and its effect; None uses the configuration's.
         through_can: pass signals and command through protected CAN frames, with their quantisation.
         parameters: C parameter struct (see `Software.parameters`); None uses the build's.
     """
@@ -39,7 +40,7 @@ class LoopOptions:
 
 
 class ClosedLoop:
-    """Plant and one controller with their states. A run continues from the end of the last one unless `reset` is called."""
+    """Plant and controller with their states. A run continues from the end of the previous one unless `reset` is called."""
 
     def __init__(self, software: Software, options: LoopOptions | None = None) -> None:
         options = LoopOptions() if options is None else options
@@ -89,7 +90,7 @@ class ClosedLoop:
         return record
 
     def run_stepped(self, inputs: FloatArray, driver: Driver | None = None) -> FloatArray:
-        """Do the same run with the loop in Python, which calls controller and plant step by step.
+        """Run the loop in Python, which calls controller and plant step by step. The results equal those of `run`.
 
         Args:
             inputs: as for `run`.

@@ -122,7 +122,7 @@ def compile_library(
     unit_flags: Mapping[str, Sequence[str]] | None = None,
     mode: Mode = "auto",
 ) -> Library:
-    """Compile C sources, or find them in the cache, and load them. Equal inputs give the same object in one process.
+    """Compile C sources, or find them in the cache, and load them. Equal inputs return the same object within a process.
 
     Args:
         name: readable part of the file name.
@@ -175,15 +175,14 @@ def _resolved_mode(mode: Mode) -> str:
         return "api"
     if mode == "auto":
         return "abi"
-    raise BuildError("Python.h is not installed", remedy='apt install python3-dev, or use mode "abi", which does without')
+    raise BuildError("Python.h is not installed", remedy='apt install python3-dev, or use mode "abi", which does not need it')
 
 
 def _open(job: _Job, cache: Path) -> Library:
     entry = _read_entry(job, cache)
     if entry is not None:
-        with contextlib.suppress(
-            BuildError
-        ):  # an intact entry may fail to load, e.g. after an update of the C library: build again
+        # An intact entry may fail to load, for example after an update of the C library. Then it is built again.
+        with contextlib.suppress(BuildError):
             return _load(job, entry)
     try:
         return _load(job, _build(job, cache))
@@ -222,7 +221,7 @@ def _build(job: _Job, cache: Path) -> _Entry:
             (tree / path).write_bytes(content)
         units = sorted(path for path in job.sources if path.endswith(".c"))
         search = [f"-I{folder}" for folder in job.include_folders]
-        # Sources first, so that the compiler reports errors in headers, not the parser.
+        # The sources are compiled first, so that the compiler reports errors in headers before the parser does.
         commands = [
             [*job.compiler, *job.flags, *job.unit_flags.get(unit, ()), *search, "-c", unit, "-o", f"../{number}.o"]
             for number, unit in enumerate(units)
@@ -248,13 +247,13 @@ def _build(job: _Job, cache: Path) -> _Entry:
 
 
 def _compile_glue(job: _Job, ffi: Any, tree: Path, search: Sequence[str]) -> None:
-    # As FFI.emit_c_code, which also prints a line to standard output.
+    # Equivalent to FFI.emit_c_code, which would also print a line to standard output.
     includes = "".join(f'#include "{header}"\n' for header in job.headers)
     make_c_source(ffi, job.module_name, includes, str(tree.parent / "glue.c"))
     flags = [flag for flag in job.flags if not _STRICTNESS.fullmatch(flag)]
     python = [f"-I{folder}" for folder in _python_include_folders()]
     command = [*job.compiler, *flags, "-fPIC", "-I.", *search, *python, "-c", "../glue.c", "-o", "../glue.o"]
-    require_success(run(command, tree), "the glue made by cffi")
+    require_success(run(command, tree), "the glue code of cffi")
 
 
 def _publish(job: _Job, cache: Path, scratch: Path, cdef: str) -> _Entry:
@@ -335,7 +334,7 @@ def _refuse_set_layout(text: str) -> None:
     attributes = (found[0] for found in _ATTRIBUTE.finditer(text) if _LAYOUT_WORD.search(found[0]))
     if _PRAGMA_PACK.search(text) or any(attributes):
         raise BuildError(
-            "a packed or aligned struct cannot be carried over", where="the public headers", remedy="use the natural layout"
+            "packed or aligned structs are not supported", where="the public headers", remedy="use the natural layout"
         )
 
 
@@ -386,5 +385,5 @@ def parsed_ffi(cdef: str) -> Any:
     try:
         ffi.cdef(cdef)
     except (cffi.CDefError, cffi.FFIError, NotImplementedError) as error:
-        raise BuildError(f"cffi does not take a declaration: {error.args[0]}", where="the public headers") from error
+        raise BuildError(f"cffi rejects a declaration: {error.args[0]}", where="the public headers") from error
     return ffi

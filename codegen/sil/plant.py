@@ -20,7 +20,7 @@ from codegen.vehicle.dynamics import Model, two_track
 
 @dataclass(frozen=True)
 class PlantInput:
-    """Inputs of the car: m/s, rad at the steering wheel, rad at the rear wheels, peak friction, N m."""
+    """Inputs of the car: m/s, rad at the steering wheel, rad at the rear wheels, peak friction, yaw moment in N m."""
 
     speed: float
     steering_wheel_command: float
@@ -31,7 +31,8 @@ class PlantInput:
 
 @dataclass(frozen=True)
 class PlantSample:
-    """Outputs of the car at one time, in rad, rad/s and m/s^2; `recorded`: value of each signal in `RECORDED`, by role."""
+    """Outputs of the car at one time, in rad, rad/s and m/s^2. `recorded` maps the role of each signal in `RECORDED` to its
+    value."""
 
     front_angle: float
     yaw_rate: float
@@ -52,10 +53,10 @@ class Plant:
 
     Args:
         config: configuration of the car and its time step.
-        model: another car; its states, inputs and outputs include those of `two_track`.
+        model: model of another car. Its states, inputs and outputs must include those of `two_track`.
 
     Raises:
-        BuildError: the C does not compile here.
+        BuildError: no compiler, or C that does not compile.
     """
 
     def __init__(self, config: Config, model: Model | None = None) -> None:

@@ -1,4 +1,4 @@
-"""The generated controller and the plant as compiled C, with a typed Python interface.
+"""Typed Python interface to the generated controller and the plant as compiled C.
 
 `load` compiles a build folder together with the plant of its configuration.
 """
@@ -147,7 +147,7 @@ class Software:
 
 
 class Controller:
-    """One instance of the generated controller. Instances are independent; do not share one between threads."""
+    """One instance of the generated controller. Instances are independent. Do not share one between threads."""
 
     def __init__(self, software: Software, rear_angle: float = 0.0, parameters: Any | None = None) -> None:
         self._software = software
@@ -195,7 +195,7 @@ def load(build: Path, config: Config | None = None, flags: Sequence[str] = DEFAU
 def require_can_side(manifest: Mapping[str, Any], build: Path) -> None:
     """Raise BuildError if the build has no CAN task."""
     if f"include/{manifest['options']['prefix']}_task.h" not in manifest["files"]:
-        raise BuildError("the build has no CAN side; an older codegen made it", where=build, remedy="build it again")
+        raise BuildError("the build has no CAN task; an older codegen wrote it", where=build, remedy="build it again")
 
 
 def compile_build(
@@ -207,7 +207,7 @@ def compile_build(
     mode: Mode = "auto",
     edited: tuple[str, ...] = (),
 ) -> Software:
-    """Compile generated files that are in memory; see `load`, and `compile_library` for `flags` and `mode`."""
+    """Compile generated files that are in memory. See `load`; for `flags` and `mode` see `compile_library`."""
     built_for = configuration.parse(manifest["configuration"], "manifest.json: configuration")
     prefix, precision = manifest["options"]["prefix"], manifest["options"]["precision"]
     sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
@@ -238,7 +238,7 @@ COUNTERS = ("cycles", "late_cycles", "early_cycles", "lost_samples")
 
 
 class Task:
-    """One `<prefix>_task_t` with its functions. Instances are independent; do not share one between threads."""
+    """One `<prefix>_task_t` with its functions. Instances are independent. Do not share one between threads."""
 
     def __init__(self, ffi: Any, state: Any, parameters: Any, function: Callable[[str], Any], period_name: str) -> None:
         self.state = state
@@ -255,7 +255,7 @@ class Task:
 
     @property
     def is_complete(self) -> bool:
-        """Whether both messages of the car arrived since the last run."""
+        """Whether both messages of the car have arrived since the last run."""
         return bool(self._is_complete(self.state))
 
     def run(self) -> tuple[int, bytes]:

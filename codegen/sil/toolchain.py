@@ -48,7 +48,8 @@ def find_compiler() -> str:
 
 def compiler_command() -> tuple[str, ...]:
     """Return `find_compiler` split into words; the first is an absolute path."""
-    # Absolute, because the compiler starts in other folders. Symbolic links stay: some compilers depend on their name.
+    # The path is absolute, because the compiler starts in other folders. Symbolic links are kept: some compilers depend on the
+    # name by which they are called.
     program, *arguments = shlex.split(find_compiler())
     return (str(Path(shutil.which(program) or program).absolute()), *arguments)
 
@@ -67,7 +68,9 @@ def require_success(result: subprocess.CompletedProcess[str], where: str) -> Non
     if result.returncode == 0:
         return
     if result.returncode < 0:
-        raise BuildError(f"the compiler was ended by signal {-result.returncode}", where=where, remedy="check the free memory")
+        raise BuildError(
+            f"the compiler was terminated by signal {-result.returncode}", where=where, remedy="check the free memory"
+        )
     output = result.stderr + result.stdout
     found = _LINK_ERROR_LINE.search(output) or _ERROR_LINE.search(output)
     if found is None:
@@ -78,7 +81,7 @@ def require_success(result: subprocess.CompletedProcess[str], where: str) -> Non
 
 @functools.lru_cache(maxsize=16)
 def compiler_identity(command: tuple[str, ...], native_flags: tuple[str, ...]) -> tuple[str, ...]:
-    """Return version, target, and with flags such as -march=native a hash of the macros that they define."""
+    """Return version and target of a compiler, and a hash of the macros that flags such as -march=native define."""
     version = run([*command, "--version"])
     if version.returncode != 0 or not version.stdout.strip():
         raise BuildError("the compiler does not answer --version", where=shlex.join(command), remedy="set CC to a C compiler")

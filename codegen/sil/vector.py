@@ -18,14 +18,14 @@ Isa = Literal["x86-64-v4", "x86-64-v3", "none"]
 """Level of the x86-64 psABI: AVX-512, AVX2 with FMA; "none": scalar code for any compiler and machine."""
 
 ISAS: tuple[Isa, ...] = ("x86-64-v4", "x86-64-v3", "none")
-"""Best first."""
+"""All levels, the best first."""
 
 FUNCTIONS = ("sin", "cos", "atan")
 """Functions of the mathematical library that the batch calls."""
 
 _COMMON = (
     "-O3",
-    # Otherwise GCC merges sin(x) and cos(x) into sincos, which has no vector form.
+    # Without these flags GCC merges sin(x) and cos(x) into sincos, which has no vector form.
     "-fno-builtin-sin",
     "-fno-builtin-cos",
     "-DBATCH_VECTOR_LIBRARY",
@@ -69,7 +69,7 @@ _PROBE = {
 
 
 def machine_runs(isa: Isa) -> bool:
-    """Whether Linux reports the instructions of a level for this machine."""
+    """Return whether Linux reports the instructions of a level for this machine."""
     return _NEEDED[isa] <= _processor_flags()
 
 
@@ -85,7 +85,7 @@ def _processor_flags() -> set[str]:
 
 
 def compiler_offers(isa: Isa) -> bool:
-    """Whether the compiler vectorises the mathematical functions at a level."""
+    """Return whether the compiler vectorises the mathematical functions at a level."""
     return isa == "none" or _probed(compiler_command(), isa)
 
 
@@ -102,7 +102,7 @@ def _probed(compiler: tuple[str, ...], isa: Isa) -> bool:
 
 
 def is_vectorised(library: Library, isa: Isa) -> bool:
-    """Whether the dynamic symbols of a library show only vector calls of FUNCTIONS at a level.
+    """Return whether the dynamic symbols of a library contain only vector calls of FUNCTIONS at a level.
 
     Always true for "none".
     """
@@ -115,5 +115,5 @@ def is_vectorised(library: Library, isa: Isa) -> bool:
 
 
 def best_isa() -> Isa:
-    """Return the best level that compiler, mathematical library and machine support. Raises BuildError: no compiler."""
+    """Return the best level that compiler, mathematical library and machine support. Raises BuildError without a compiler."""
     return next(isa for isa in ISAS if machine_runs(isa) and compiler_offers(isa))

@@ -42,8 +42,8 @@ def run_campaign(plan: Plan, folder: Path, engine: Engine, progress: Progress | 
 
 def _what_is_kept(kept: int, of: int) -> str:
     if kept == 0:
-        return f"no chunk of {of} was finished; the same command begins again"
-    return f"{kept} of {of} chunks {'is' if kept == 1 else 'are'} kept; the same command goes on"
+        return f"no chunk of {of} was finished; run the same command to start again"
+    return f"{kept} of {of} chunks {'is' if kept == 1 else 'are'} kept; run the same command to resume"
 
 
 def _drive(plan: Plan, folder: Path, there: set[int], engine: Engine, progress: Progress | None) -> Path:

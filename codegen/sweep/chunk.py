@@ -53,7 +53,7 @@ def software(plan: Plan, controller: Controller) -> BatchSoftware:
                 raise BuildError(
                     f"this machine has no instructions of {plan.isa}",
                     where="--isa",
-                    remedy=f"drive the whole campaign with --isa {best_isa()}",
+                    remedy=f"run the whole campaign with --isa {best_isa()}",
                 )
             with within(controller.folder or controller.name):
                 found = compile_batch(controller.files, controller.manifest, plan.config, isa=plan.isa)

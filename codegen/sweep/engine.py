@@ -1,7 +1,7 @@
 """Engines that run the chunks: local threads, or the workers of a Dask cluster. The results are equal.
 
-An engine yields (number of the chunk, its result) as chunks end, in any order, with only so many under way that memory stays
-as it is however long the campaign.
+An engine yields (chunk number, result) as chunks end, in any order. The number of chunks in progress is limited, so that memory
+does not grow with the campaign.
 """
 
 from __future__ import annotations
@@ -23,15 +23,14 @@ ADDRESS, PORT_MAX = re.compile(r"[a-z]+://[^\s/]+:(?P<port>\d{1,9})\Z"), 65_535
 AHEAD = 2
 """Chunks submitted for each worker: one running, one waiting."""
 CONNECT_TIMEOUT = 20.0
-"""s"""
+"""Timeout of a connection, in s."""
 DEATHS_MAX = 10
 """Largest number of times that the cluster may give up a chunk because its workers died, each time after several deaths.
-Beyond it
-the chunk itself kills them."""
+A chunk that exceeds it is considered the cause of the deaths."""
 CLOSINGS_MAX = 10
 """Attempts to close a client, each of which waits for up to 0.1 s."""
 TALKATIVE = ("distributed", "tornado", "asyncio")
-"""Loggers, with all below them, that tell a lost connection by tracebacks, beside the one line that says what to do."""
+"""Loggers that report a lost connection with tracebacks. They and their children are silenced; one line states the remedy."""
 
 Work = Callable[[int], Any]
 
@@ -55,7 +54,7 @@ class Threads:
         self.workers = cores() if workers is None else workers
 
     def run(self, work: Work, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
-        """See `Engine`. What the work raises is raised here."""
+        """See `Engine`. Exceptions of the work are raised here."""
         waiting = iter(numbers)
         with ThreadPoolExecutor(self.workers) as pool:
             under_way: dict[Any, int] = {}
@@ -78,16 +77,16 @@ class Dask:
     """The workers of a running Dask scheduler; they need this package, its `sweep` extra and a C compiler.
 
     Raises:
-        CodegenError: `distributed` is missing, or nobody answers at the address.
+        CodegenError: `distributed` is missing, or nothing responds at the address.
     """
 
     def __init__(self, address: str) -> None:
         found = ADDRESS.match(address)
         if found is None or int(found["port"]) > PORT_MAX:
             raise CodegenError(
-                f"{address!r} is no address",
+                f"{address!r} is not a valid address",
                 where="--scheduler",
-                remedy="give it as tcp://HOST:PORT, as `dask scheduler` tells it",
+                remedy="give it as tcp://HOST:PORT, as `dask scheduler` prints it",
             )
         try:
             import distributed
@@ -103,9 +102,9 @@ class Dask:
             try:
                 _knock(address)
                 self._client = library.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
-            # MemoryError: the first bytes of an answer are taken for its length, also where they are of another protocol.
+            # MemoryError: the first bytes of a response are read as its length, even if another protocol sent them.
             except (OSError, TimeoutError, ValueError, OverflowError, MemoryError) as error:
-                cause = error if isinstance(error, OSError) and str(error) else "what answers is another program"
+                cause = error if isinstance(error, OSError) and str(error) else "another program responds"
                 raise CodegenError(
                     f"no Dask scheduler answers ({cause})",
                     where=address,
@@ -114,7 +113,7 @@ class Dask:
             self._silence = silence.pop_all()
 
     def run(self, work: Work, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
-        """See `Engine`. A worker that dies loses nothing: what it had goes to another.
+        """See `Engine`. If a worker dies, its chunks go to other workers.
 
         Raises:
             CodegenError: the scheduler went away.
@@ -126,15 +125,15 @@ class Dask:
         except (OSError, CancelledError) as error:
             raise self._gone() from error
         except RuntimeError as error:
-            # What the client says when it is asked for anything after it gave the scheduler up.
+            # Message of the client for any call after it has given up the scheduler.
             if self._client.status in ("running", "newly-created"):
                 raise
             raise self._gone() from error
 
     def _run(self, work: Work, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
         client = self._client
-        # Builds and plan go once to each worker; as a task, not as data: where all that have it die, it is sent again.
-        # Keys are the scheduler's, and it serves other clients: none of them, and no run before, has these.
+        # Builds and plan are sent once to each worker, as a task and not as data: if all workers that have it die, it is sent
+        # again. The scheduler also serves other clients, so the keys must differ from those of all clients and earlier runs.
         run = uuid.uuid4().hex
         sent = client.submit(_itself, work, key=f"work-{run}", pure=False)
         waiting = iter(numbers)
@@ -153,9 +152,9 @@ class Dask:
             nonlocal coming
             if coming is None:
                 return
-            if client.status != "running":  # asked now, it would try to connect for long
+            if client.status != "running":  # a query would now try to connect for a long time
                 raise self._gone()
-            # Each time anew: workers come and go.
+            # Queried each time, because workers come and go.
             window = AHEAD * max(sum(client.nthreads().values()), 1)
             while coming is not None and len(under_way) < window:
                 submit(coming)
@@ -173,7 +172,7 @@ class Dask:
                 yield number, _result(future, number)
                 refill()
         finally:
-            with contextlib.suppress(Exception):  # nobody may be there any more to be told
+            with contextlib.suppress(Exception):  # the scheduler may be gone
                 for future in under_way:
                     future.cancel()
 
@@ -185,15 +184,15 @@ class Dask:
         return CodegenError(
             "the Dask scheduler went away; what was finished is kept",
             where=self.address,
-            remedy="run the same command again when it is back: it goes on from there",
+            remedy="run the same command again when it is back, to resume",
         )
 
     def close(self) -> None:
         """Disconnect from the cluster, which keeps running."""
         with self._silence:
             for _ in range(CLOSINGS_MAX):
-                # A client whose scheduler is gone closes itself as well. Where both give up one connection, asyncio refuses the
-                # second time ("Cannot change state of expiring Timeout"): so once more.
+                # A client whose scheduler is gone also closes itself. If both close a connection at the same time, asyncio
+                # rejects the second attempt ("Cannot change state of expiring Timeout"), hence the retry.
                 with contextlib.suppress(RuntimeError):
                     self._client.close()
                     break
@@ -218,10 +217,10 @@ def _nothing(_record: logging.LogRecord) -> bool:
 
 
 def _knock(address: str) -> None:
-    """See whether the one who listens speaks as Dask does: `Client` waits for ever for one that does not.
+    """Check that the listener speaks Dask's protocol. `Client` would wait without end for one that does not.
 
     Raises:
-        OSError: nobody listens. TimeoutError, MemoryError, ValueError, OverflowError: somebody else does, or the port is none.
+        OSError: nothing listens. TimeoutError, MemoryError, ValueError, OverflowError: another program, or an invalid port.
     """
     from distributed.comm.core import connect
 
@@ -229,7 +228,7 @@ def _knock(address: str) -> None:
         connection = await connect(address, timeout=CONNECT_TIMEOUT)  # type: ignore[no-untyped-call]
         await connection.close()
 
-    # In a thread of its own, for the caller's may have an event loop already.
+    # In a separate thread, because the caller may already run an event loop.
     with ThreadPoolExecutor(1) as pool:
         pool.submit(asyncio.run, asyncio.wait_for(knock(), 1.5 * CONNECT_TIMEOUT)).result()
 
@@ -245,13 +244,13 @@ def _call(work: Work, number: int, wanted: Mapping[str, str]) -> Any:
         _require(wanted)
         return work(number)
     except BuildError as error:
-        # No compiler, not these instructions or versions: of one machine among many, so that it must be named.
+        # One of many machines lacks the compiler, the instructions or the versions, so the message names the machine.
         where = f"Dask worker {get_worker().address}{': ' if error.where else ''}{error.where}"
         raise BuildError(error.what, where=where, remedy=error.remedy) from None
 
 
 def _require(wanted: Mapping[str, str]) -> None:
-    """Refuse a campaign of other versions (name to version) than are installed here. Raises BuildError."""
+    """Reject a campaign made with other versions (name -> version) than those installed here. Raises BuildError."""
     own = versions()
     other = [name for name in wanted if own.get(name) != wanted[name]]
     if other:
@@ -269,5 +268,5 @@ def _result(future: Any, number: int) -> Any:
         raise CheckFailed(
             f"the cluster did not finish chunk {number} ({type(error).__name__}: {error})",
             where="--scheduler",
-            remedy="see the workers' logs; the same command goes on from here",
+            remedy="see the workers' logs; run the same command to resume",
         ) from error

@@ -1,6 +1,6 @@
 """Figures of many runs at once: those of `hil_sim.metrics`, for signals (samples, n) of n runs of one scenario.
 
-The definitions are there; a test holds each figure here to the one there, run by run.
+The definitions are there; a test compares each figure here with the one there, run by run.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from hil_sim.metrics.sine_with_dwell import (
     RATIO_TIMES,
     ZERO_ANGLE,
 )
-from hil_sim.metrics.step import SETTLED_SHARE, SETTLING_SHARE, STEADY_WINDOW
+from hil_sim.metrics.step import SETTLING_BAND_FRACTION, STEADY_SWING_MAX_FRACTION, STEADY_WINDOW
 from hil_sim.scenarios import Kind
 
 Figures = dict[str, FloatArray]
-"""Name, with its unit, to (n,); NaN where the run does not have it. Yes and no are 1 and 0."""
+"""Name with its unit -> values (n,); NaN for runs without the figure. Yes and no are 1 and 0."""
 
 COLUMNS = tuple(name for name in RECORD_COLUMNS if name not in ("time_s", "speed_m_s", "rear_angle_command_rad"))
 """Columns from which the figures are computed."""
@@ -40,12 +40,12 @@ class Runs:
 
     Attributes:
         time: (samples,) s.
-        signals: column of COLUMNS to (samples, n), SI.
-        steer_time: s, when the driver begins.
-        steering_ratio: of steering wheel to road wheel.
+        signals: column of COLUMNS -> (samples, n), SI.
+        steer_time: s, start of steering.
+        steering_ratio: ratio of steering wheel to road wheel.
         mass: (n,) kg.
-        slip_bounds: rad, of front and rear axle of the configured car; None where it has none.
-        map_yaw_rate: (n,) rad/s, the map's steady yaw rate at the end of the run; None where it is not known.
+        slip_bounds: rad, of front and rear axle of the configured car; None for tyres without bounds.
+        map_yaw_rate: (n,) rad/s, the map's steady yaw rate at the end of the run; None if unknown.
     """
 
     time: FloatArray
@@ -60,19 +60,19 @@ class Runs:
         return self.signals[name]
 
     def degrees(self, name: str) -> FloatArray:
-        """A column of angles or angular rates in deg or deg/s."""
+        """Return a column of angles or angular rates in deg or deg/s."""
         result: FloatArray = np.rad2deg(self.signals[name])
         return result
 
 
 def figures(kind: Kind, runs: Runs) -> Figures:
-    """`spun_at_s`, and the figures of the kind; what a spin took away is NaN."""
+    """Return `spun_at_s` and the figures of the kind; figures that a spin invalidates are NaN."""
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         return MEASURES[kind](runs, spin_times(runs))
 
 
 def spin_times(runs: Runs) -> FloatArray:
-    """(n,) s of the first sample in which a car spins, or has left all numbers; NaN where it never does."""
+    """Return (n,) times in s of the first sample in which a car spins or its state is not finite; NaN if it does not spin."""
     spinning = (np.abs(runs["sideslip_rad"]) > SPIN_SIDESLIP) & (np.abs(runs["slip_rear_rad"]) > SPIN_REAR_SLIP)
     for name, values in runs.signals.items():
         if name != "status":
@@ -103,8 +103,8 @@ def _step(runs: Runs, spun: FloatArray) -> Figures:
     first = np.where(risen.any(axis=0), first_after + risen.argmax(axis=0), time.size - 1)
     past_rise = np.arange(time.size)[:, np.newaxis] >= first
     size = np.maximum(np.abs(mean), 1e-9)
-    settled = np.ptp(yaw_rate[steady], axis=0) <= SETTLED_SHARE * size
-    outside = np.abs(yaw_rate - mean)[after] > SETTLING_SHARE * size
+    settled = np.ptp(yaw_rate[steady], axis=0) <= STEADY_SWING_MAX_FRACTION * size
+    outside = np.abs(yaw_rate - mean)[after] > SETTLING_BAND_FRACTION * size
     last_outside = time.size - 1 - outside[::-1].argmax(axis=0)
     inside_from = np.where(settled & outside.any(axis=0), time[np.minimum(last_outside + 1, time.size - 1)], start)
     slips = [runs.degrees(f"slip_{axle}_rad")[steady].mean(axis=0) for axle in ("front", "rear")]
@@ -143,13 +143,13 @@ def _step(runs: Runs, spun: FloatArray) -> Figures:
 
 
 def _first(where: BoolArray, begin: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """(n,) index of the first true sample of each column from `begin` (n,) on; -1 where there is none."""
+    """Return (n,) indices of the first true sample of each column from `begin` (n,) on; -1 if there is none."""
     allowed = where & (np.arange(where.shape[0])[:, np.newaxis] >= begin)
     return np.where(allowed.any(axis=0), allowed.argmax(axis=0), -1)
 
 
 def _crossing(time: FloatArray, values: FloatArray, level: float, begin: npt.NDArray[np.intp]) -> FloatArray:
-    """(n,) s when each column, from `begin` on, first comes from below to `level`, between samples; NaN where it does not."""
+    """Return (n,) times in s at which each column, from `begin` on, first rises to `level`, interpolated; NaN if never."""
     index = _first(values >= level, begin)
     runs = np.arange(values.shape[1])
     at, before = values[index, runs], values[index - 1, runs]
@@ -158,7 +158,7 @@ def _crossing(time: FloatArray, values: FloatArray, level: float, begin: npt.NDA
 
 
 def _at(runs: Runs, times: FloatArray, name: str) -> FloatArray:
-    """(n,) values of a column at times (n,) in s, between samples linearly."""
+    """Return (n,) values of a column at times (n,) in s, interpolated linearly."""
     values, time = runs[name], runs.time
     safe = np.where(np.isnan(times), time[0], times)
     index = np.clip(np.searchsorted(time, safe, side="right") - 1, 0, time.size - 2)
@@ -169,7 +169,7 @@ def _at(runs: Runs, times: FloatArray, name: str) -> FloatArray:
 
 
 def _steering_times(runs: Runs) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """s of beginning, reversal and completion of steer, (n,) each; NaN in all three where a run has no such steering."""
+    """Return beginning, reversal and completion of steer in s, (n,) each; all three NaN for a run without such steering."""
     time, start = runs.time, runs.steer_time
     begun = int(np.searchsorted(time, start - 1e-9))
     half = int(np.searchsorted(time, start + 0.5 * DWELL_LENGTH))
@@ -193,7 +193,7 @@ def _steering_times(runs: Runs) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _second_peak(runs: Runs, reversal: FloatArray) -> FloatArray:
-    """(n,) rad/s: the first peak of the yaw rate after the steering wheel changed sign, in the direction it then turns."""
+    """Return (n,) first peaks of the yaw rate in rad/s after the steering wheel changed sign, in its new direction."""
     sign = np.where(_at(runs, reversal + 0.05, "front_angle_rad") >= 0.0, 1.0, -1.0)
     yaw_rate = sign * runs["yaw_rate_rad_s"]
     inside = runs.time[:, np.newaxis] >= reversal
@@ -208,7 +208,10 @@ def _second_peak(runs: Runs, reversal: FloatArray) -> FloatArray:
 
 
 def _displacement(runs: Runs, begin: FloatArray, end: FloatArray) -> FloatArray:
-    """(n,) m: the lateral acceleration integrated twice from `begin` to `end` (n,), exact for one linear between samples."""
+    """Return (n,) displacements in m: the lateral acceleration integrated twice from `begin` to `end` (n,).
+
+    The sum is exact for an acceleration that is linear between samples.
+    """
     time, lateral = runs.time, runs["lateral_acceleration_m_s2"]
     first, last = _at(runs, begin, "lateral_acceleration_m_s2"), _at(runs, end, "lateral_acceleration_m_s2")
     # Each interval between samples, cut to what lies inside.
@@ -219,7 +222,7 @@ def _displacement(runs: Runs, begin: FloatArray, end: FloatArray) -> FloatArray:
     inside = np.where(left == begin, first, inside)
     inside_right = np.where(right == end, last, inside_right)
     step = right - left
-    # A car that leaves all numbers later does not take away what was measured before: NaN times zero is NaN.
+    # A later non-finite value must not invalidate earlier ones: NaN times zero is NaN.
     taken = step > 0.0
     inside, inside_right = np.where(taken, inside, 0.0), np.where(taken, inside_right, 0.0)
     gained = 0.5 * step * (inside + inside_right)
@@ -265,4 +268,4 @@ def _sine_with_dwell(runs: Runs, spun: FloatArray) -> Figures:
 
 
 MEASURES: Mapping[Kind, Callable[[Runs, FloatArray], Figures]] = {"step": _step, "sine-with-dwell": _sine_with_dwell}
-"""The kinds of scenario that a campaign has figures for."""
+"""Kinds of scenario for which a campaign has figures."""

@@ -29,9 +29,9 @@ from codegen.sweep.spec import Spec
 from codegen.units import KM_H
 from hil_sim.scenarios import SCENARIOS, Scenario, find
 
-RUNS_PER_CHUNK = 512
+RUNS_PER_CHUNK_MAX = 512
 """Approximate runs in a chunk: enough to hide the interpreter's overhead, few enough to repeat after an interruption."""
-CHUNK_BYTES = 128 * 2**20
+CHUNK_BYTES_MAX = 128 * 2**20
 """Memory limit for recording, noise and intermediate arrays of a chunk. Long scenarios get fewer samples in a chunk."""
 NUMBERS_PER_SAMPLE = 24
 """Numbers held for each control sample of a run: nine columns, the noise as drawn and as added, intermediate results."""
@@ -94,8 +94,8 @@ class Plan:
         """Samples in every chunk but the last. Spec, profiles and sampling times determine it, not the engine."""
         steps = round(self.config.controller.sampling_time_s / self.config.plant.sampling_time_s)
         longest: int = max(profile.inputs.shape[0] // steps for profile in self.profiles)
-        held: int = CHUNK_BYTES // (8 * NUMBERS_PER_SAMPLE * longest)
-        return max(1, min(RUNS_PER_CHUNK // (len(self.profiles) * len(self.controllers)), held))
+        held: int = CHUNK_BYTES_MAX // (8 * NUMBERS_PER_SAMPLE * longest)
+        return max(1, min(RUNS_PER_CHUNK_MAX // (len(self.profiles) * len(self.controllers)), held))
 
     @property
     def chunk_count(self) -> int:
@@ -161,7 +161,7 @@ def read(path: Path, isa: Isa | None = None) -> Plan:
         )
     if "cg_shift_m" in spec.factors:
         with within(path):
-            cars(config, {"cg_shift_m": np.array(spec.factors["cg_shift_m"].extremes)}, 2)  # refuses what is beyond an axle
+            cars(config, {"cg_shift_m": np.array(spec.factors["cg_shift_m"].extremes)}, 2)  # rejects shifts beyond an axle
     return Plan(spec, config, controllers, profiles, best_isa() if isa is None else isa)
 
 
@@ -182,7 +182,7 @@ def _check_same_car(config: Config, controller: Controller, path: Path) -> None:
             raise ConfigError(
                 f"its build has another [{table}] than that of the first controller",
                 where=f"{path}: controllers.{controller.name}",
-                remedy="build both for one car, or drive them in two campaigns",
+                remedy="build both for one car, or use two campaigns",
             )
     if own.controller.sampling_time_s != config.controller.sampling_time_s:
         raise ConfigError(
@@ -210,7 +210,9 @@ def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:
         )
     if scenario.faults:
         raise ConfigError(
-            f"{scenario.name} has faults on the bus, and here is none", where=place, remedy="use codegen hil or codegen faults"
+            f"{scenario.name} has faults on the bus, but a campaign has no bus",
+            where=place,
+            remedy="use codegen hil or codegen faults",
         )
     _check_length(spec, scenario, path)
     profile = profile_of(scenario, config, spec.lead_s, spec.length_s)
@@ -221,9 +223,9 @@ def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:
     told = not np.isnan(profile.estimate)
     if told and "friction" in spec.factors and "friction_estimate_error" not in spec.factors:
         raise ConfigError(
-            f"{scenario.name} tells the controller a friction of {profile.estimate:g}, whatever that of the road is",
+            f"{scenario.name} gives the controller a friction of {profile.estimate:g} on any road",
             where=f"{path}: factors.friction",
-            remedy="give friction_estimate_error, 0 for a controller that knows it",
+            remedy="set friction_estimate_error, to 0 for an exact estimate",
         )
     return profile
 
@@ -237,7 +239,7 @@ def _check_length(spec: Spec, scenario: Scenario, path: Path) -> None:
         raise ConfigError(
             f"{scenario.name} ends {longest:g} s after the driver begins, before {length:g} s",
             where=f"{path}: length_s",
-            remedy=f"give {longest:g} s or less, or raise duration_s in a scenario file whose base takes it",
+            remedy=f"give {longest:g} s or less, or raise duration_s in a scenario file whose base supports it",
         )
     if length < shortest - 1e-9:
         place, remedy = "length_s", f"give {shortest:g} s or more"

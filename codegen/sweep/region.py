@@ -40,19 +40,19 @@ PULSE_DEG, PULSE_FROM, PULSE_TO = 0.05, 0.5, 0.7
 """Steering pulse: deg at the front wheels, beginning and end in s. Tyres and actuator stay in their linear range if the loop
 is stable."""
 EARLY, LATE = (1.0, 4.0), (7.0, 10.0)
-"""s of the drive: an unstable loop swings more in the second than in the first."""
+"""Time ranges of the run, in s: an unstable loop swings more in the second than in the first."""
 GROWN, WINDOW = 2.0, 1.0
-"""A loop is unstable, too, whose swing in any second is so many times that in the first one. Some swing less at the end: what
-grows leaves the linear range, where a bounded actuator, or a controller that takes its actuator for stuck, ends it."""
+"""A loop is also unstable if its swing in any second is this many times that in the first. Some unstable loops swing less
+at the end, because a bounded actuator, or a controller that assumes a stuck actuator, stops further growth."""
 QUIET = 1e-5
-"""rad/s. What swings less at the end has died out: float32 resolves a yaw rate at rest far finer."""
+"""Largest swing at the end, in rad/s, that counts as zero; float32 resolves a yaw rate at rest far better."""
 MARGIN_SHARES = (0.9, 1.1)
 """Fractions of the gain margin, as a factor: the loop must be stable with the first and unstable with the second."""
 MARGIN_EVERY = 3
 """The gain margin is simulated in every third cell along each axis, so that all speeds, frictions and masses occur, in a few
 seconds."""
 NEAR = 0.02
-"""A loop whose slowest pole moves by less than this share in a second is neither seen to grow nor to die out."""
+"""A loop whose slowest pole moves by less than this fraction in a second is undecided: neither growth nor decay is visible."""
 
 
 ALONE_UNSTABLE, MODEL_UNSTABLE, UNEXPLAINED = "car alone unstable", "reference model unstable", "unexplained"
@@ -66,17 +66,17 @@ class Region:
 
     Attributes:
         speeds_km_h, frictions, masses_percent: the grid.
-        gain_margin_db, phase_margin_deg: straight ahead; 0 where unstable, inf where no change matters.
+        gain_margin_db, phase_margin_deg: straight ahead; 0 if unstable, inf if no change makes it unstable.
         stable: straight ahead. turn_stable: in the turn, where `turn_found`.
         turn_gain_margin_db, turn_phase_margin_deg: in the turn; NaN where there is none.
         without: whether the car alone, its rear wheels held straight, is stable.
         growth: rate of the slowest pole, 1/s: below zero where the loop is stable.
-        gain_limit: straight ahead, the factor of the loop's gain at which it becomes unstable: above 1, or below where less
-            gain does it; NaN where there is none.
+        gain_limit: straight ahead, the factor of the loop's gain at which it becomes unstable: above 1, or below 1 if less
+        gain makes it unstable; NaN if there is none.
         limit_growth: (2, masses, frictions, speeds), `growth` at MARGIN_SHARES of that; NaN where there is none.
-        critical_speed_km_h: from which the controller's reference model is unstable; inf for a kind without such a model.
-        driven: whether it was stable when driven; None where it was not driven.
-        margin_driven: as `limit_growth`, whether it was stable when driven so (1 and 0), NaN where it was not driven.
+        critical_speed_km_h: speed from which the controller's reference model is unstable; inf for a kind without such a model.
+        driven: whether the simulation was stable; None without a simulation.
+        margin_driven: as `limit_growth`, whether the simulation was stable (1 or 0); NaN if not simulated.
     """
 
     speeds_km_h: tuple[float, ...]
@@ -120,13 +120,13 @@ class Region:
 
     @property
     def margin_undecided(self) -> BoolArray:
-        """Those of them that change too slowly about their margin for a drive of some seconds to tell."""
+        """Cells of the margin sample that change too slowly near their margin for a simulation of a few seconds to decide."""
         near: BoolArray = self.margin_sample & (np.abs(self.limit_growth) < NEAR).any(axis=0)
         return near
 
     @property
     def margin_contradicted(self) -> BoolArray:
-        """Cells that are not stable just within the computed gain margin and unstable just beyond it, when driven."""
+        """Cells whose simulation is not stable just within the computed gain margin and unstable just beyond it."""
         if self.margin_driven is None:
             return np.zeros(self.stable.shape, dtype=bool)
         within, beyond = self.margin_driven
@@ -137,7 +137,7 @@ class Region:
     def beyond_linear(self) -> BoolArray:
         """Cells in which a disagreement is explained: the car alone, or the reference model, is unstable.
 
-        The linear loop leaves out that the feedback is bounded and that the reference comes from a model of the car itself.
+        The linear loop does not include that the feedback is bounded and that the reference comes from a model of the car.
         """
         beyond: BoolArray = ~self.without | (np.array(self.speeds_km_h) >= self.critical_speed_km_h)
         return beyond
@@ -156,7 +156,7 @@ class Region:
 
     @property
     def explanations(self) -> dict[str, int]:
-        """Disagreeing cells by what explains them, the first that does."""
+        """Number of disagreeing cells for each explanation, the first that applies."""
         cells = self.disagreeing
         model = np.array(self.speeds_km_h) >= self.critical_speed_km_h
         return {
@@ -167,21 +167,21 @@ class Region:
 
     @property
     def disagreement(self) -> str:
-        """A warning where computed and driven stability disagree, with what explains it and what to do; "" where not."""
+        """Warning if computed and simulated stability disagree, with explanation and remedy; "" if they agree."""
         cells, first = self.disagreeing, self.disagreeing_from
         if first is None:
             return ""
         counts = (self.contradicted.sum(), cells.size, self.margin_contradicted.sum(), self.margin_sample.sum())
         unexplained = self.explanations[UNEXPLAINED]
-        why = "the car alone or the reference model is unstable there, and feedback of bounded authority does not hold it"
+        why = "the car alone or the reference model is unstable there, and bounded feedback does not stabilise the car"
         why += f" (but for {unexplained} unexplained)" if unexplained else ""
         return (
-            "driven otherwise than computed: {} of {} cells and {} of {} gain margins".format(*counts)
+            "simulations contradict the computed stability in {} of {} cells and {} of {} gain margins".format(*counts)
             + f", from {first:g} km/h on; {why}; set controller.inputs.speed_max_km_h below {first:g}"
         )
 
     def unstable_from(self, mass: int, friction: int, feedback: bool = True) -> float | None:
-        """The lowest speed of the grid, km/h, at which the loop, or the car alone, is unstable; None where there is none."""
+        """Return the lowest speed of the grid, in km/h, at which the loop, or the car alone, is unstable; None without one."""
         found = np.flatnonzero(~(self.stable if feedback else self.without)[mass, friction])
         return self.speeds_km_h[int(found[0])] if found.size else None
 
@@ -202,7 +202,7 @@ def _turns(car: _Car, grip_share: float) -> SteadyTurns:
 
 
 def region(config: Config) -> Region | None:
-    """The linear part; None for a kind without feedback.
+    """Return the linear part of a region; None for a kind without feedback.
 
     Raises:
         BuildError: the kind lacks what it needs.
@@ -238,7 +238,7 @@ def region(config: Config) -> Region | None:
 
 
 def _limits(car: SampledCar, kp: FloatArray, ki: FloatArray, margins: Margins) -> tuple[FloatArray, FloatArray]:
-    """`gain_limit` (n,) and `limit_growth` (2, n) of n loops. The margin is no direction: the poles beyond it tell."""
+    """Return `gain_limit` (n,) and `limit_growth` (2, n) of n loops. The poles beyond the margin show its direction."""
     has = margins.stable & np.isfinite(margins.gain_margin_db)
     factor = np.where(has, 10.0 ** (np.where(has, margins.gain_margin_db, 0.0) / 20.0), 1.0)
     beyond = MARGIN_SHARES[1] * factor
@@ -259,13 +259,13 @@ def speeds_of(config: Config) -> tuple[float, ...]:
 
 
 def _grid(config: Config) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mass in %, friction, speed in m/s, (masses, frictions, speeds) each."""
+    """Return mass in %, friction and speed in m/s, (masses, frictions, speeds) each."""
     found = np.meshgrid(MASSES_PERCENT, FRICTIONS, np.array(speeds_of(config)) * KM_H, indexing="ij")
     return found[0], found[1], found[2]
 
 
 def confirm(linear: Region, files: Mapping[str, bytes], manifest: Mapping[str, Any], isa: Isa | None = None) -> Region:
-    """The same with what the generated C does in every cell, and about the gain margins of a third of them.
+    """Return a region with the simulation of the generated C in every cell, and near the gain margins of a third of them.
 
     Args:
         files, manifest: of the build.
@@ -278,11 +278,11 @@ def confirm(linear: Region, files: Mapping[str, bytes], manifest: Mapping[str, A
 
 
 def confirm_with(linear: Region, software: BatchSoftware, config: Config, parameters: Any | None = None) -> Region:
-    """The same of a compiled build, with the parameters of a controller that was tuned after it.
+    """Return a region with the simulation of a compiled build, with the parameters of a controller tuned after it.
 
     Args:
-        config: with the controller that `linear` is of.
-        parameters: of that controller; None takes the build's.
+        config: configuration with the controller of `linear`.
+        parameters: parameters of that controller; None uses the build's.
     """
     mass, friction, speed = (values.ravel() for values in _grid(config))
     driven = _is_stable(software, config, parameters, mass, friction, speed, np.ones(mass.size))
@@ -303,9 +303,9 @@ def _is_stable(
     speed: FloatArray,
     gain: FloatArray,
 ) -> BoolArray:
-    """(n,) whether the loop swings less late than early and never grew, each with its gain multiplied.
+    """Return (n,) whether each loop, its gain multiplied, swings less late than early and never grows.
 
-    Without the offset of the yaw rate, which is learned up to a bound: the linear loop does not have it.
+    The learned offset of the yaw rate is disabled, because the linear loop does not have it.
     """
     applied = software.parameters()
     if parameters is not None:
@@ -314,7 +314,7 @@ def _is_stable(
     lanes = Lanes(
         cars=cars(config, {"mass_percent": mass}, mass.size),
         speed_factor=speed,
-        # A loop of more gain answers more: so the actuator stays in its linear range, and the controller calm.
+        # A loop of higher gain responds more, so a smaller pulse keeps actuator and controller in their linear range.
         wheel_factor=1.0 / np.maximum(gain, 1.0),
         friction=friction,
         friction_estimate=np.full(mass.size, np.nan),
@@ -341,7 +341,7 @@ def _is_stable(
 
 
 def _pulse(config: Config) -> FloatArray:
-    """(steps, 6), columns INPUT_COLUMNS: 1 m/s, to be multiplied, and a pulse at the steering wheel."""
+    """Return inputs (steps, 6), columns INPUT_COLUMNS: a speed of 1 m/s, to be scaled, and a pulse at the steering wheel."""
     step = config.plant.sampling_time_s
     time = (
         np.arange(round(LATE[1] / config.controller.sampling_time_s) * round(config.controller.sampling_time_s / step)) * step

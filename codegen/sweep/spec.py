@@ -14,7 +14,7 @@
     yaw_rate_noise_deg_s = { normal = [0.1, 0.02], within = [0, 0.2] }
     delay_samples = 1
 
-Each sample is driven by every controller in every scenario, so that controllers are compared on the same cars.
+Each sample is simulated with every controller in every scenario, so that controllers are compared on the same cars.
 """
 
 from __future__ import annotations
@@ -69,9 +69,7 @@ FACTORS: Mapping[str, Factor] = {
     "rear_stiffness_percent": Factor(-80.0, 300.0, 0.0, "cornering stiffness of the rear tyres"),
     "tyre_peak_percent": Factor(-60.0, 100.0, 0.0, "peak force of all tyres, at the same stiffness"),
     "friction": Factor(0.05, 1.5, None, "peak friction of the road"),
-    "friction_estimate_error": Factor(
-        -1.0, 1.0, None, "what the controller is told, less the friction; without it, as the scenario"
-    ),
+    "friction_estimate_error": Factor(-1.0, 1.0, None, "friction estimate minus friction; without it, as in the scenario"),
     "speed_km_h": Factor(5.0, 400.0, None, "speed"),
     "steering_wheel_angle_deg": Factor(0.5, 1_500.0, None, "amplitude at the steering wheel"),
     "steering_percent": Factor(1.0, 500.0, 100.0, "of the scenario's own amplitude at that speed"),
@@ -140,7 +138,7 @@ class Values(Section):
 
     @property
     def levels(self) -> list[float] | None:
-        """The values of a factorial design; None where it has none."""
+        """Return the values of a factorial design; None if there are none."""
         if self.values is not None:
             return self.values
         if self.uniform is not None and self.points is not None:
@@ -155,7 +153,7 @@ def _check_normal(normal: list[float], within: list[float]) -> None:
         raise ValueError("normal needs a deviation above zero; for one value give that alone")
     if within[0] >= within[1]:
         raise ValueError("within needs the lower end first; swap them")
-    # So far out a window is a slip in the unit.
+    # A window this far from the mean indicates a wrong unit.
     if not (within[0] < mean + 4.0 * deviation and within[1] > mean - 4.0 * deviation):
         raise ValueError("within lies more than 4 deviations from the mean; check the unit")
 
@@ -252,7 +250,7 @@ def load(path: Path) -> Spec:
 
 
 def parse(data: Mapping[str, Any], where: object) -> Spec:
-    """Check a mapping as read from TOML; `where` is what messages name as the place. Raises ConfigError."""
+    """Check a mapping as read from TOML; messages name `where` as the place. Raises ConfigError."""
     try:
         return Spec.model_validate(dict(data))
     except ValidationError as error:

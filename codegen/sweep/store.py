@@ -1,7 +1,7 @@
 """Results on disk: a part for each chunk while the campaign runs, one Parquet file when it is done.
 
-The file says in its metadata what it depends on. No clock, host or path: equal campaigns give equal bytes, with the same
-versions of the packages.
+The file's metadata records what its content depends on. It contains no clock, host or path, so equal campaigns give equal bytes
+with the same versions of the packages.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ WHOLE = ("run", "sample")
 YES_NO = ("settled", "meets_fmvss_126")
 NAMES = ("scenario", "controller")
 ROWS_PER_GROUP = 2**13
-"""About: of the finished file. A group is in memory as a whole while it is written, and what the footer tells of all groups
-until the file is closed. 2^13 rows of a step are 2 MB, their part of the footer some 50 kB: about the least for a million runs.
+"""Approximate number of rows in a group of the finished file. A group is in memory while it is written, and its entry in the
+footer until the file is closed. 2^13 rows of a step are 2 MB, their entry some 50 kB: about the minimum for a million runs.
 """
 ROWS_PER_BATCH = 2**12
 """Largest number of rows in memory while the finished file is read."""
 
 WRITING: Mapping[str, Any] = {"compression": "zstd", "write_page_checksum": True, "use_dictionary": list(NAMES)}
-"""No dictionaries of figures: hardly two runs have the same, and to look costs time, memory and a fifth of the file."""
+"""No dictionaries for figures: values hardly repeat, and building them would cost time, memory and a fifth of the file."""
 READING: Mapping[str, Any] = {"page_checksum_verification": True, "pre_buffer": False}
-"""A page that a dying disk changed is told, and not counted. What is buffered ahead would stay until the file is closed."""
+"""Detect pages that a failing disk has changed. Buffered pages would stay in memory until the file is closed."""
 
 FACTS_BYTES_MAX = 2**24
 FACTS, PARTS, RUNS = "campaign.json", "parts", "runs.parquet"
@@ -67,10 +67,10 @@ def prepare(folder: Path) -> None:
 
 
 def open_folder(folder: Path, plan: Plan) -> set[int]:
-    """The folder of a campaign, there and locked; returns the chunks that it has already.
+    """Create and lock the folder of a campaign. Return the chunks that it already contains.
 
     Raises:
-        CodegenError: it holds another campaign, or files of somebody else's.
+        CodegenError: it contains another campaign or other files.
     """
     text, there = facts_text(plan).encode(), _facts(folder)
     if there is None:
@@ -94,7 +94,7 @@ def check_same(folder: Path, plan: Plan) -> None:
     if there is None:
         raise CodegenError("no campaign is there", where=folder, remedy="name the folder that codegen sweep wrote")
     if there != facts_text(plan).encode():
-        raise _other(there, plan, folder, "drive it with the spec and the builds that it was made of")
+        raise _other(there, plan, folder, "use the spec and the builds of that campaign")
 
 
 def _facts(folder: Path) -> bytes | None:
@@ -121,7 +121,7 @@ def _damaged(path: Path) -> CodegenError:
 
 
 def _is_whole(folder: Path, chunk: int, plan: Plan) -> bool:
-    """Whether a part is the chunk's; one that a dying disk left behind, or that was copied there, is driven again."""
+    """Return whether a part belongs to its chunk. Damaged or foreign parts are simulated again."""
     try:
         _part(folder, chunk, plan)
     except CodegenError:
@@ -131,9 +131,9 @@ def _is_whole(folder: Path, chunk: int, plan: Plan) -> bool:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Alone in a folder: a second campaign there would take the first one's files from under it.
+    """Lock a folder, so that a second campaign there cannot remove the files of the first.
 
-    The lock ends with the process, however that ends. Raises CodegenError.
+    The lock ends with the process. Raises CodegenError.
     """
     try:
         handle = os.open(folder, os.O_RDONLY)
@@ -144,7 +144,7 @@ def locked(folder: Path) -> Iterator[None]:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise CodegenError(
-                "another codegen sweep is at work in it", where=folder, remedy="wait for it, or name another folder"
+                "another codegen sweep is using it", where=folder, remedy="wait for it, or name another folder"
             ) from None
         yield
     finally:
@@ -158,11 +158,11 @@ def _other(content: bytes, plan: Plan, folder: Path, remedy: str) -> CodegenErro
     except (ValueError, RecursionError):  # no JSON, not even text, or nested without end
         return CodegenError(f"it holds another campaign: {FACTS} has been changed since", where=folder, remedy=remedy)
     facts = json.loads(facts_text(plan))
-    # As text, for the order of controllers, scenarios and factors counts.
+    # As text, because the order of controllers, scenarios and factors matters.
     names = [name for name in facts if not isinstance(there, dict) or json.dumps(there.get(name)) != json.dumps(facts[name])]
     if names == ["isa"] and there.get("isa") in ISAS:
         return CodegenError(
-            f"it was driven with the instruction set {there['isa']}, not {plan.isa}, whose results differ by rounding",
+            f"it was simulated with the instruction set {there['isa']}, not {plan.isa}, whose results differ by rounding",
             where=folder,
             remedy=f"give --isa {there['isa']}, or name another folder with -o",
         )
@@ -208,7 +208,7 @@ def save_part(folder: Path, chunk: int, table: Table, plan: Plan) -> None:
 
 
 def to_arrow(table: Table, plan: Plan) -> Any:
-    """A table with the types of the file: names as dictionaries, yes and no as such, null for what a run does not have."""
+    """Return a table with the types of the file: dictionaries for names, booleans for yes and no, null for missing figures."""
     import pyarrow as pa
 
     names = {
@@ -235,7 +235,7 @@ def _metadata(table: Any, plan: Plan) -> dict[bytes, bytes]:
 
 
 def merge(folder: Path, plan: Plan) -> Path:
-    """Make one file of all parts, in the order of the runs, and remove them. Memory: one group of rows.
+    """Merge all parts into one file, in the order of the runs, and remove them. Memory: one group of rows.
 
     Returns the path. Raises CodegenError: a part is damaged or another chunk's, or the file cannot be written.
     """
@@ -271,7 +271,7 @@ def merge(folder: Path, plan: Plan) -> Path:
 
 
 def _part(folder: Path, chunk: int, plan: Plan) -> Any:
-    """The table of a part, with the columns and the runs that it must have. Raises CodegenError."""
+    """Return the table of a part after checking its columns and runs. Raises CodegenError."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -289,8 +289,8 @@ def _part(folder: Path, chunk: int, plan: Plan) -> Any:
 
 
 def read_batches(path: Path) -> Iterator[dict[str, npt.NDArray[Any]]]:
-    """The finished file, at most ROWS_PER_BATCH rows at a time: column to values; NaN for null, names as text, yes and no as 1
-    and 0.
+    """Yield the finished file in batches of at most ROWS_PER_BATCH rows: column -> values; NaN for null, names as text, yes and
+    no as 1 and 0.
 
     Raises:
         CodegenError: it is damaged.
@@ -305,7 +305,7 @@ def read_batches(path: Path) -> Iterator[dict[str, npt.NDArray[Any]]]:
     except (OSError, pa.ArrowException):
         raise _damaged(path) from None
     finally:
-        # What the pool keeps for itself, NumPy and Matplotlib could not have.
+        # Memory that the pool keeps would not be available to NumPy and Matplotlib.
         pa.default_memory_pool().release_unused()
 
 
@@ -313,7 +313,7 @@ def _values(name: str, column: Any) -> npt.NDArray[Any]:
     if name in WHOLE:
         return np.asarray(column.to_numpy())
     if name in NAMES:
-        # The few names once, and each row's by its code: a string of its own for each row would outweigh the figures.
+        # Each name is stored once and each row has a code: a string for each row would take more memory than the figures.
         return np.asarray(np.asarray(column.dictionary.to_pylist())[column.indices.to_numpy()])
     if name in YES_NO:
         column = column.cast("int8").cast("float64")

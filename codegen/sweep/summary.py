@@ -122,11 +122,11 @@ class Outcome:
     """One controller in one scenario.
 
     Attributes:
-        runs, spun: how many.
-        figures: by name.
-        worst: name of a figure to its worst runs, the worst first.
+        runs, spun: number of runs, and of runs that spin.
+        figures: figures by name.
+        worst: name of a figure -> its worst runs, the worst first.
         first_spins: runs that spin, the earliest spin first: (run, s).
-        failed_by: of a sine with dwell, each criterion of FMVSS 126 to the runs that fail it; one may fail several.
+        failed_by: for a sine with dwell, criterion of FMVSS 126 -> number of runs that fail it; a run may fail several.
     """
 
     runs: int = 0
@@ -171,7 +171,7 @@ class Summary:
 
 
 def summarise(path: Path, plan: Plan) -> Summary:
-    """The summary of a finished campaign's file. Raises what reading it raises."""
+    """Return the summary of a finished campaign's file. Raises the errors of reading it."""
     groups = [(profile.name, controller.name) for profile in plan.profiles for controller in plan.controllers]
     outcomes = {group: Outcome() for group in groups}
     dwells = {profile.name for profile in plan.profiles if profile.kind == "sine-with-dwell"}
@@ -228,7 +228,7 @@ def _count_failures(failed_by: dict[str, int], table: Mapping[str, npt.NDArray[A
 
 
 def _merged(found: list[Worst], run: npt.NDArray[Any], values: FloatArray, *, largest: bool) -> list[Worst]:
-    """The worst WORST of those found and of more; of equal ones the first runs."""
+    """Return the WORST worst runs of those found and of more; of equal ones the first."""
     known = np.flatnonzero(~np.isnan(values))
     sign = -1.0 if largest else 1.0
     order = known[np.argsort(sign * values[known], kind="stable")[:WORST]]

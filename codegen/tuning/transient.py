@@ -52,7 +52,7 @@ SPEED_MIN_KM_H = 25.0
 
 STEER_TIME, DURATION, STEADY_WINDOW = 0.2, 4.0, 0.5
 """Times in s: a step begins, ends, and is averaged for the steady yaw rate."""
-SETTLED_SHARE, RISEN_SHARE = 0.02, 0.9
+SETTLING_BAND_FRACTION, RISEN_SHARE = 0.02, 0.9
 
 LEADS_S = (-0.02, 0.0, 0.02, 0.04, 0.06, 0.08, 0.10, 0.12, 0.14)
 """Leads of the first pairs. Lead amplifies noise: 0.14 s turn 0.01 deg of the front angle into about 0.1 deg of rear angle."""
@@ -258,7 +258,7 @@ class _Search:
         after = yaw_rate[round(STEER_TIME / period) :]
         steady = after[-round(STEADY_WINDOW / period) :].mean(axis=0)
         share = after / steady
-        outside = np.abs(share - 1.0) > SETTLED_SHARE
+        outside = np.abs(share - 1.0) > SETTLING_BAND_FRACTION
         settling = period * (outside.shape[0] - np.argmax(outside[::-1], axis=0)) * outside.any(axis=0)
         rise = period * _crossing(share, RISEN_SHARE)
         spins = ((np.abs(sideslip) > SPIN_SIDESLIP) & (np.abs(slip) > SPIN_REAR_SLIP)).any(axis=0) | ~(steady > 0.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen import __version__
-from codegen.emit.folder import BESIDE
+from codegen.emit.folder import VERIFICATION_FILES
 from codegen.errors import CodegenError
 from codegen.files import write_atomically
 from codegen.verify.check import Outcome, Verdict
@@ -17,7 +17,7 @@ from codegen.verify.manual import manual
 from codegen.verify.runner import Report
 
 SCHEMA_VERSION = 1
-JSON, MANUAL = BESIDE
+JSON, MANUAL = VERIFICATION_FILES
 
 
 def to_dict(report: Report) -> dict[str, Any]:
@@ -76,7 +76,7 @@ def write(report: Report, folder: Path) -> bool:
 
 def require_place(folder: Path) -> None:
     """Raise CodegenError before the checks run if the record could not be written after them."""
-    for name in BESIDE:
+    for name in VERIFICATION_FILES:
         path = folder / name
         if os.path.lexists(path) and not path.is_file():
             raise CodegenError("not a regular file: the result goes there", where=path, remedy="move it away")

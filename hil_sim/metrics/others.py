@@ -55,7 +55,7 @@ def measure_speed_ramp(run: Run) -> list[Metric]:
 
 
 def measure_straight(run: Run) -> list[Metric]:
-    """Return how far a car is turned that should drive straight on."""
+    """Return how far a car deviates that should drive straight."""
     end = float(run.time[-1])
     heading, _, offset = path(run)
     return [

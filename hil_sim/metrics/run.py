@@ -20,7 +20,7 @@ LookUp = Callable[[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike], npt.NDArray[Any
 """The map's steady yaw rate (rad/s) as a function of speed (m/s), front angle (rad) and friction estimate (NaN: unknown)."""
 
 SPIN_SIDESLIP = math.radians(10.0)
-"""Sideslip angle beyond which a car spins: no driver holds it, and no metric of what follows means anything."""
+"""Sideslip angle beyond which a car spins: no driver holds it, and later metrics are meaningless."""
 SPIN_REAR_SLIP = math.radians(5.0)
 """Rear slip angle that a spin needs as well: in a tight turn at walking speed the sideslip angle alone is as large."""
 
@@ -34,7 +34,7 @@ def spin_time(record: FloatArray) -> float | None:
     """Return the time in s of the first sample of a recording (samples, 12) in which the car spins; None where it does not."""
     spinning = np.abs(column(record, "sideslip_rad")) > SPIN_SIDESLIP
     spinning &= np.abs(column(record, "slip_rear_rad")) > SPIN_REAR_SLIP
-    # A car whose state is not finite has not stayed on the road either.
+    # A state that is not finite counts as a spin as well.
     spinning |= ~np.isfinite(record[:, : RECORD_COLUMNS.index("slip_rear_rad") + 1]).all(axis=1)
     first = np.flatnonzero(spinning)
     return float(column(record, "time_s")[first[0]]) if first.size else None

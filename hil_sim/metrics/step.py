@@ -21,10 +21,10 @@ from hil_sim.metrics.run import Metric, Run, column
 STEADY_WINDOW = 1.0
 """Time at the end of the run, in s, over which steady values are averaged."""
 
-SETTLED_SHARE = 0.01
+STEADY_SWING_MAX_FRACTION = 0.01
 """A run is settled where the range of the yaw rate over that window is below this fraction of its mean."""
 
-SETTLING_SHARE = 0.02
+SETTLING_BAND_FRACTION = 0.02
 """Half of the width of the settling band, as a fraction of the steady yaw rate."""
 
 
@@ -133,8 +133,8 @@ def step_metrics(
     past_rise = np.arange(len(time)) >= first
     swing, size = float(np.ptp(yaw_rate[steady])), max(abs(yaw_rate_steady), 1e-9)
     wheel = float(degrees("front_angle_rad")[steady].mean()) * steering_ratio
-    settled = swing <= SETTLED_SHARE * size
-    outside = np.flatnonzero(after & (np.abs(yaw_rate - yaw_rate_steady) > SETTLING_SHARE * size))
+    settled = swing <= STEADY_SWING_MAX_FRACTION * size
+    outside = np.flatnonzero(after & (np.abs(yaw_rate - yaw_rate_steady) > SETTLING_BAND_FRACTION * size))
     # The sample after the last one outside the band: a settled run ends inside.
     inside_from = float(time[outside[-1] + 1]) if settled and outside.size else steer_time
     return StepMetrics(

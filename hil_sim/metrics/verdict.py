@@ -1,4 +1,4 @@
-"""One line that judges a controlled run: whether the car followed its map or its course, and what kept it from doing so."""
+"""Verdict on a controlled run in one line: whether the car followed its map or course, and the reasons if it did not."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from hil_sim.metrics.run import Metric, Run
 from hil_sim.metrics.step import slip_bounds
 
 STEADY_ERROR_MAX_PERCENT = 2.0
-"""A car within this of its map or reference follows it."""
+"""Largest error to map or reference, in percent, of a car that follows it."""
 OVERSHOOT_MAX_PERCENT = 5.0
 SLIP_MAX_PERCENT = 101.0
 """Largest slip, in percent of its bound, that counts as kept."""
 ANGLE_TOLERANCE_RAD = 1e-4
 """A command this close to a bound is at the bound; two codes of its CAN signal."""
 RATE_TOLERANCE = 0.02
-"""The same for a rate, as a fraction of it."""
+"""Tolerance of a rate limit, as a fraction of it."""
 OTHER_STATES = {Status.DEGRADED: "a signal was replaced", Status.FAIL_SAFE: "the fail-safe acted"}
 EXTENDED = {Rule.HOLD, Rule.PASSIVE_SLOPE, Rule.CONTINUED}
 """Rules by which a build extends its map beyond the edges."""
@@ -98,7 +98,7 @@ def _following(values: Mapping[str, float | bool | None]) -> str:
 
 
 def _excess(values: Mapping[str, float | bool | None]) -> Iterator[str]:
-    """Yield the overshoot, of the car's own steady yaw rate: how far that is from the map's is reported already."""
+    """Yield the overshoot of the car's own steady yaw rate; the error of that to the map is reported elsewhere."""
     peak = values.get("overshoot_percent") or 0.0
     if values.get("settled") and peak > OVERSHOOT_MAX_PERCENT:
         yield f"overshoots its steady yaw rate by {peak:.0f} %"

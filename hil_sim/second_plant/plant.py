@@ -188,7 +188,7 @@ class RearSteeredCar:
 
 
 SPEED_GAIN = 10.0
-"""1/s: acceleration wanted of engine and brakes for each m/s that the car is too slow."""
+"""Gain of the speed controller in 1/s: acceleration demanded for each m/s of speed error."""
 
 STEERING = 2
 FRONT_SIDE_SPEED, REAR_SIDE_SPEED = 15, 20
@@ -202,7 +202,7 @@ cover."""
 
 
 class LeftModelError(CodegenError):
-    """The car has rolled over or spun to where its model means nothing."""
+    """The car has rolled over or spun beyond the range of its model."""
 
     def __init__(self, how: str) -> None:
         super().__init__(
@@ -229,7 +229,7 @@ class MultiBodyPlant:
         parameters: of the car; None takes the default of `package.published`.
 
     Raises:
-        CodegenError: the package is missing, or the car would stand.
+        CodegenError: the package is missing, or the car would not move.
     """
 
     def __init__(self, config: Config, speed: float, parameters: Any | None = None) -> None:
@@ -252,7 +252,7 @@ class MultiBodyPlant:
 
     @property
     def position(self) -> tuple[float, float, float]:
-        """m forward and m to the left in the road frame, heading in rad."""
+        """Position forward and to the left in the road frame in m, and heading in rad."""
         return self._state[0], -self._state[1], -self._state[4]
 
     def sample(self, acting: PlantInput) -> PlantSample:

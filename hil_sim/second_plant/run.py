@@ -1,4 +1,4 @@
-"""The loop of the third party's car and a generated controller, and the cells that it is judged by."""
+"""Closed loop of the third party's car and a generated controller, and its test cells."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SHARES = (0.3, 0.6, 0.9)
 """Fractions of the largest feasible front angle of the car's map at a speed."""
 
 STEER_TIME, DURATION = 0.5, 4.0
-"""s, of a cell."""
+"""Start of steering and duration of a cell, in s."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Cell:
 
     @property
     def scenario(self) -> Scenario:
-        """The step, as every scenario is given."""
+        """Return the step as a scenario."""
         angle = math.degrees(self.front_angle)
         return Scenario(
             name=f"cell-{self.speed_km_h:g}-{100.0 * self.share:g}",
@@ -98,7 +98,7 @@ def run(
     Args:
         software: a compiled build; None is the passive car, its rear wheels straight.
         config: of the car (see `car_of`), its actuators and time steps; may differ from the build's.
-        scenario: what is driven; its faults play no part, there is no bus.
+        scenario: scenario; its faults are ignored, because there is no bus.
         delay_samples: control samples between computing a command and its acting.
         parameters: of the car; None takes the default of `package.published`.
         controller_parameters: a C parameter struct; None takes the build's.
@@ -118,15 +118,15 @@ def run(
 
 
 class SteppedPlant(Protocol):
-    """A car that Python steps."""
+    """A car that is simulated step by step from Python."""
 
     @property
     def speed(self) -> float:
-        """m/s, at the last sample."""
+        """Speed in m/s at the last sample."""
 
     @property
     def position(self) -> tuple[float, float, float]:
-        """m forward and m to the left in the road frame, heading in rad."""
+        """Position forward and to the left in the road frame in m, and heading in rad."""
 
     def sample(self, acting: PlantInput) -> PlantSample:
         """Return the current outputs."""
@@ -148,8 +148,8 @@ def drive(
     """Return a recording (samples, 12) of a scenario on any car; see `run`.
 
     Args:
-        plant: at its start.
-        measured: fields of a measurement, SI units, of the car at a sample; called once a sample.
+        plant: car at its start.
+        measured: function that returns the fields of a measurement at a sample, in SI units; called once a sample.
     """
     inputs, driver = scenario.inputs(config), scenario.driver(config)
     controller = None if software is None else software.controller(parameters=controller_parameters)

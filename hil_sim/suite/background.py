@@ -1,4 +1,4 @@
-"""Calls that run in processes of their own while others go on: Python code that would hold the interpreter for long."""
+"""Calls in separate processes, for Python code that would hold the interpreter for a long time."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class Background:
 
     @property
     def processes(self) -> tuple[BaseProcess, ...]:
-        """Those that run the calls."""
+        """Processes of the pool."""
         return tuple(self._processes)
 
     def call(self, function: Callable[..., Result], *arguments: Any) -> AsyncResult[Result]:
-        """Call a function soon; `get` of what is returned waits for its result."""
+        """Submit a call; `get` of the returned object waits for the result."""
         if self._pool is None:
             # Not forked: threads of this process may hold locks.
             before = set(multiprocessing.active_children())
@@ -43,7 +43,7 @@ class Background:
         return self._pool.apply_async(function, arguments)
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Stop everything."""
+        """Stop all calls."""
         if self._pool is not None:
             self._pool.terminate()
             self._pool.join()

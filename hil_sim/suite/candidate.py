@@ -28,7 +28,7 @@ from hil_sim.suite.subjects import (
 RECOMMENDED_CASE = "4ws-2"
 
 Steps = Callable[[int, int], None]
-"""Called with (done, in all)."""
+"""Progress callback, called with (done, total)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Candidate:
             return solve_stack(self.config, self.case, self.frictions)
         return solve_case(self.config, self.case)
 
-    def line_up(self, steps: Steps | None = None, reference_map: ReferenceMap | None = None) -> LineUp:
+    def comparison(self, steps: Steps | None = None, reference_map: ReferenceMap | None = None) -> Comparison:
         """Tune and prepare all controllers. Baselines that cannot be tuned for the car are omitted.
 
         Args:
@@ -97,11 +97,11 @@ class Candidate:
         left_out = {name for name, config in configs.items() if is_untuned(config)}
         subjects = [of_config(name, reference_map, configs[name], self.precision) for name in configs if name not in left_out]
         tested = subjects[0] if self.folder is None else replace(subjects[0], around=around_folder(self.folder))
-        return LineUp(tested, tuple(subjects[1:]), self.config.case(self.case), tuple(notes))
+        return Comparison(tested, tuple(subjects[1:]), self.config.case(self.case), tuple(notes))
 
 
 @dataclass(frozen=True, eq=False)
-class LineUp:
+class Comparison:
     """Controllers in the comparison: the tested one and its baselines, with the case of the map and notes for the user."""
 
     tested: Subject

@@ -1,7 +1,7 @@
-"""`codegen sil --suite cars`: random cars, each with a map, a controller and a build of its own, driven over step steers.
+"""`codegen sil --suite cars`: random cars, each with its own map, controller and build, in step steers.
 
 Each car is solved, tuned and built by the functions behind `codegen solve`, `tune` and `build`, in a process of its own, and
-all its cells are driven at once in C. The limits hold for every car.
+all its cells are simulated at once in C. The limits apply to every car.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class CarResult:
 
     @property
     def title(self) -> str:
-        """Its number and what it is."""
+        """Number and main properties as text."""
         return (
             f"car {self.number}: {self.mass_kg:,.0f} kg, {self.wheelbase_m:.2f} m, {self.understeer_deg_per_g:.2f} deg/g, "
             f"{self.rear_angle_max_deg:.1f} deg, {1e3 * self.actuator_lag_s:.0f} ms"
@@ -123,7 +123,7 @@ def run_cars(seed: int, count: int, steps: Steps | None = None, limits: Limits |
 
 
 def examine(number: int, config: Config, limits: Limits) -> CarResult:
-    """Solve, tune, build and drive one car."""
+    """Solve, tune, build and simulate one car."""
     car = SingleTrack.from_config(config)
     gradient = math.degrees(car.understeer_coefficient) * config.road.gravity_m_s2
     actuator = config.rear_actuator

@@ -31,7 +31,7 @@ class Limits(Section):
     sideslip_excess_deg: Degrees = Field(
         default=0.2, description="beyond the map's bound, which a lighter car exceeds at the map's yaw rate"
     )
-    map_error_percent: Percent = Field(default=1.0, description="of the steady yaw rate; a goal: linear maps ask for too much")
+    map_error_percent: Percent = Field(default=1.0, description="of the steady yaw rate; a goal: linear maps demand too much")
     slip_percent: Percent = Field(default=101.0, description="of the slip bound in steady state; 1 % for the table")
     other_lag_overshoot_percent: Percent = Field(default=5.0, description="with an actuator of 0.4 and 2 times the lag")
     feedforward_factor: Annotated[float, Range(0.0, 10.0)] = Field(

@@ -13,7 +13,7 @@ from codegen.emit.laws import law_of
 from codegen.units import KM_H
 
 SPEEDS_KM_H = (20.0, 25.0, 30.0, 36.0, 42.5, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0)
-"""Also between the breakpoints of a schedule."""
+"""Speeds at and between the breakpoints of a schedule."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class MarginPoint:
 
 @dataclass(frozen=True)
 class FamilyMargins:
-    """Over speed, and the worst of all.
+    """Margins over speed, and the worst of all speeds.
 
     Attributes:
         points: the worst of the family at each speed.
@@ -41,17 +41,17 @@ class FamilyMargins:
 
     @property
     def gain_margin_db(self) -> float:
-        """The smallest."""
+        """Smallest gain margin, in dB."""
         return min(point.gain_margin_db for point in self.points)
 
     @property
     def phase_margin_deg(self) -> float:
-        """The smallest."""
+        """Smallest phase margin, in deg."""
         return min(point.phase_margin_deg for point in self.points)
 
     @property
     def sensitivity(self) -> float | None:
-        """The largest; None where a loop is unstable."""
+        """Largest peak sensitivity; None if a loop is unstable."""
         peaks = [point.sensitivity for point in self.points]
         return None if None in peaks else max(peak for peak in peaks if peak is not None)
 
@@ -69,7 +69,7 @@ class FamilyMargins:
 
 
 def finite_or_none(value: float | None) -> float | None:
-    """Return JSON values."""
+    """Return a value; None for infinity, which JSON cannot represent."""
     return value if value is not None and np.isfinite(value) else None
 
 

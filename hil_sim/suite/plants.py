@@ -1,9 +1,9 @@
 """Changes of the simulated car: functions from a configuration to another.
 
-Only the plant is made from the result; controller and map stay those of the original. What a change does not name stays as it
-is: the slope of the tyres at zero slip (their cornering stiffness) is kept under changes of mass and peak, for otherwise the
-factor B would keep its value, the slope would go with load or peak, and with the mass the car's linear motion would not
-change at all. On a road of another friction it is B that stays, as it should: that comes with the scenario.
+Only the plant is made from the result; controller and map are those of the original. Properties that a change does not name are
+kept. Changes of mass and peak keep the slope of the tyres at zero slip, their cornering stiffness. Otherwise the factor B would
+be kept, the slope would follow load or peak, and a change of the mass would not affect the car's linear motion at all. On a
+road of another friction it is B that is kept, as intended; the scenario sets that friction.
 """
 
 from __future__ import annotations

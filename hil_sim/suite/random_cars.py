@@ -14,7 +14,7 @@ from codegen.configuration import Config
 from hil_sim.suite.plants import changed
 
 DEVELOPMENT_SEED, TEST_SEED = 1, 4
-"""Design may use the cars of the first seed, never those of the second. Seeds 2 and 3 were used by earlier designs."""
+"""Seeds for design and for testing. No design may use the cars of the test seed. Earlier designs used seeds 2 and 3."""
 
 MASS_KG = (1_300.0, 3_500.0)
 UNDERSTEER_DEG_PER_G = (-0.1, 3.0)

@@ -17,9 +17,9 @@ from hil_sim.suite.summary import Extreme, Summary
 Sense = Literal["at most", "at least"]
 
 LAG_FACTOR = 2.0
-"""A limit of a time is that of an actuator without lag, and so many times the lag of the configured one: 0.1 s for 50 ms."""
+"""Multiple of the configured actuator's lag that is added to time limits of an ideal actuator: 0.1 s for 50 ms."""
 TIMING_RESOLUTION_RAD_S = 2e-4
-"""One code of the yaw rate on the bus: in step the error is below that."""
+"""Resolution of the yaw rate on the bus; with frames in step, the error is smaller."""
 
 SLIP = "slip of its bound, steady"
 NOT_MEASURED = "not measured in this run"

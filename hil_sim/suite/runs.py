@@ -1,4 +1,4 @@
-"""Run a step steer and evaluate its figures."""
+"""Run a step steer and compute its figures."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class CellResult:
     Attributes:
         cell, condition: what was driven, and the name of the condition.
         spun_at_s: s after the driver begins; None for a car that stays on the road.
-        settled: whether the yaw rate stands still at the end, within 1 %.
+        settled: whether the yaw rate is steady at the end, within 1 %.
         overshoot_percent: of the steady yaw rate, zero or more.
         rise_time_s: t90, s from the beginning of the steering to 90 % of the steady yaw rate.
         settling_time_s: s to where the yaw rate stays within 2 % of it; None where it does not settle.

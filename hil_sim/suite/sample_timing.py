@@ -1,4 +1,4 @@
-"""Samples that come unevenly though none is lost: a car held straight against a yaw moment, on three timings of its frames."""
+"""Unevenly timed samples without a loss: a car held straight against a yaw moment, with three timings of its frames."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hil_sim.scenarios import Scenario, find
 from hil_sim.suite.subjects import Subject
 
 SETTLING_TIME_S = 3.0
-"""s after the moment sets in. Before, the age of the samples delays the correction, whatever the law."""
+"""Time in s after the onset of the moment. Before, the age of the samples delays the correction under any law."""
 
 DISTURBANCE = find("yaw-moment")
 TIMINGS: Mapping[str, Scenario] = {

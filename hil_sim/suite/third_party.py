@@ -64,10 +64,10 @@ class Job:
     controlled: bool = True
 
     def __call__(self) -> tuple[CellResult, ...]:
-        """Solve, tune and build for the third party's car, and drive it.
+        """Solve, tune and build for the third party's car, and simulate it.
 
         Raises:
-            CodegenError: the package is missing, the map does not reach the cells, or what solving, tuning or building refuses.
+            CodegenError: the package is missing, the map does not reach the cells, or solving, tuning or building fails.
         """
         from hil_sim import second_plant
 

@@ -12,9 +12,9 @@ from codegen.configuration import Case, Config
 from codegen.design.family import members
 from hil_sim.suite.cells import Cell, c1, cells
 from hil_sim.suite.conditions import LAGS, NOMINAL, Condition, conditions
+from hil_sim.suite.cost import RiseTime, SineTracking, rise_times, sine_tracking
 from hil_sim.suite.limits import Limits
 from hil_sim.suite.loop_margins import FamilyMargins, margins_of
-from hil_sim.suite.price import RiseTime, SineTracking, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
 from hil_sim.suite.runs import FEEDFORWARD, CellResult, drive, map_yaw_rate, path_errors, run_table
 from hil_sim.suite.sample_timing import TimingError, timing_errors
@@ -40,7 +40,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class Outside:
+class ExternalFigures:
     """Figures measured elsewhere; missing ones leave their rows unmeasured.
 
     Attributes:
@@ -53,7 +53,7 @@ class Outside:
 
 
 @dataclass(frozen=True)
-class Shown:
+class CellRuns:
     """Recordings for a plot.
 
     Attributes:
@@ -94,7 +94,7 @@ class SuiteResult:
     design_set: str
     results: Results
     c1: Mapping[str, Mapping[str, CellResult]]
-    shown: tuple[Shown, ...]
+    shown: tuple[CellRuns, ...]
     margins: Mapping[str, FamilyMargins]
     rise_times: Mapping[str, tuple[RiseTime, ...]]
     sine: Mapping[str, tuple[SineTracking, ...]]
@@ -119,7 +119,7 @@ class SuiteResult:
         """Return the figures over the third party's cells. Raises KeyError if they were not run."""
         return summarise(subject, CONDITION, self.third_party[subject])
 
-    def with_outside(self, outside: Outside, limits: Limits | None = None) -> SuiteResult:
+    def with_outside(self, outside: ExternalFigures, limits: Limits | None = None) -> SuiteResult:
         """Return the result with external figures and the requirements evaluated on all; `limits` None keeps its own."""
         limits = limits or self.limits
         third_party = {name: tuple(rows) for name, rows in outside.third_party.items()}
@@ -194,7 +194,7 @@ def run_suite(
     case: Case,
     *,
     chosen: Sequence[Condition] | None = None,
-    outside: Outside | None = None,
+    outside: ExternalFigures | None = None,
     progress: Progress | None = None,
 ) -> SuiteResult:
     """Run every subject and the passive car in every cell under every condition.
@@ -207,7 +207,7 @@ def run_suite(
         progress: called for a progress bar.
 
     Raises:
-        CodegenError: C that does not compile, a configuration that has no such cells.
+        CodegenError: the C does not compile, or the configuration has no such cells.
     """
     subjects = [tested, *baselines]
     if all(subject.controlled for subject in subjects):
@@ -228,7 +228,7 @@ def run_suite(
         results=results,
         c1={subject.name: {name: row[0] for name, row in run_table(subject, LAGS, [step]).items()} for subject in subjects},
         shown=tuple(
-            Shown(cell, map_yaw_rate(tested, NOMINAL, cell), {each.name: drive(each, NOMINAL, cell) for each in subjects})
+            CellRuns(cell, map_yaw_rate(tested, NOMINAL, cell), {each.name: drive(each, NOMINAL, cell) for each in subjects})
             for cell in (step, *_some(points))
         ),
         margins={subject.name: found for subject in subjects if subject.controlled and (found := margins_of(subject.config))},
@@ -238,7 +238,7 @@ def run_suite(
         timing={subject.name: timing_errors(subject) for subject in subjects if subject.controlled},
         actuator_lag_s=config.rear_actuator.lag_s,
     )
-    return measured.with_outside(Outside() if outside is None else outside)
+    return measured.with_outside(ExternalFigures() if outside is None else outside)
 
 
 def _some(points: Sequence[Cell]) -> tuple[Cell, ...]:
@@ -259,4 +259,4 @@ def _all_tables(
     return results
 
 
-__all__ = ["PASSIVE", "Outside", "Progress", "Results", "SuiteResult", "design_set", "run_suite"]
+__all__ = ["PASSIVE", "ExternalFigures", "Progress", "Results", "SuiteResult", "design_set", "run_suite"]

@@ -80,7 +80,7 @@ def roll_car(config: Config, differences: Differences = DEFAULT) -> Model:
     follow the motor beyond the play.
 
     Raises:
-        ConfigError: the changed tyres are refused.
+        ConfigError: the changed tyres are rejected.
     """
     d = differences
     config = together(stiffness(*d.stiffness_percent), load_sensitivity(d.peak_load_sensitivity))(config)

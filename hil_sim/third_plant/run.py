@@ -25,7 +25,7 @@ BIASES: Mapping[str, float] = {
 }
 """Bias of each sensor in rad and rad/s."""
 SPEED_FACTOR = 1.005
-"""Measured over true speed, for a tyre worn by 2 mm."""
+"""Ratio of measured to true speed, for a tyre worn by 2 mm."""
 JITTER_STEPS = 2
 """Largest age of a sample in plant steps; all ages are equally frequent."""
 

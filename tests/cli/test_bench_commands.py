@@ -51,7 +51,8 @@ def test_sil_with_the_third_plant(run: Run, here: Path) -> None:
     one, other = (json.loads(run(*options, "--seed", seed).out)["metrics"] for seed in (3, 4))
     assert one["controlled"] != other["controlled"] and one["passive"] == other["passive"]
     answer = run(*options, "--can")
-    assert (answer.code, answer.err) == (2, "error: --plant: the bench on a bus drives the two-track car; leave --can out\n")
+    message = "error: --plant: runs through CAN frames support only the two-track car; leave --can out"
+    assert (answer.code, answer.err) == (2, f"{message}\n")
 
 
 def test_faults_prints_a_table_of_defined_outcomes(run: Run) -> None:
@@ -70,7 +71,7 @@ def test_an_ecu_in_its_own_process(run: Run, short: Path) -> None:
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n", process.communicate()
     answer = run("plant", "--bus", address, "--lock-step", "--scenario", short)
-    assert (answer.code, answer.err) == (0, "note: no --config: the paper's preset is taken\n"), answer
+    assert (answer.code, answer.err) == (0, "note: no --config: using the paper's preset\n"), answer
     assert "commands: 1100, 0 gaps" in answer.out
     process.send_signal(signal.SIGTERM)
     _, said = process.communicate()
@@ -87,7 +88,7 @@ def test_notes_of_a_run(run: Run, short: Path) -> None:
     Path("brief.csv").write_text("time_s,speed_m_s,front_angle_rad\n0,10,0\n0.3,10,0\n", encoding="utf-8")
     answer = run("plant", "--bus", "virtual:nobody", "--scenario", "brief.csv")
     assert answer.code == 0, answer
-    assert "no command came from any ECU" in answer.err
+    assert "no ECU sent a command" in answer.err
     assert "FAIL_SAFE" in answer.out
     shutil.copytree(BUILD, "edited")
     with Path("edited/CMakeLists.txt").open("a", encoding="utf-8") as file:  # not C, so nothing is recompiled

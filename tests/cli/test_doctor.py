@@ -37,8 +37,8 @@ def versions(monkeypatch: pytest.MonkeyPatch, **changed: str | None) -> None:
 @pytest.mark.parametrize(
     ("version", "module", "state", "words"),
     [
-        (None, "numpy", State.MISSING, "not installed; needed is >=2.4,<3"),
-        ("1.26.4", "numpy", State.BAD, "1.26.4; needed is >=2.4,<3"),
+        (None, "numpy", State.MISSING, "not installed; >=2.4,<3 is required"),
+        ("1.26.4", "numpy", State.BAD, "1.26.4; >=2.4,<3 is required"),
         ("2.4.1", "numpy.no_such_part", State.BAD, "2.4.1 cannot be imported: "),
     ],
 )
@@ -77,7 +77,7 @@ def test_the_requirements_of_codegen_sil_determine_the_exit_code(
 @pytest.mark.parametrize(
     ("names", "state", "what"),
     [
-        (["can0"], State.MISSING, "there is no virtual interface; there is can0, on which nothing was tried"),
+        (["can0"], State.MISSING, "there is no virtual interface; there is can0, which was not tested"),
         (["can0", "vcan0"], State.GOOD, "a frame went through vcan0"),
     ],
 )

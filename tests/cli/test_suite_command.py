@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 from codegen import configuration
-from hil_sim.suite import cars, whole
+from hil_sim.suite import cars, full_suite
 from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.cars import CarResult, CarsResult
+from hil_sim.suite.full_suite import FullSuite
 from hil_sim.suite.limits import Limits, load
 from hil_sim.suite.requirements import car_requirements
 from hil_sim.suite.summary import summarise
-from hil_sim.suite.tracking import Outside, SuiteResult
-from hil_sim.suite.whole import Whole
+from hil_sim.suite.tracking import ExternalFigures, SuiteResult
 from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, margins, with_table
 
 from .conftest import Refused, Run, everything_in
@@ -36,8 +36,8 @@ def suite(monkeypatch: pytest.MonkeyPatch, here: Path) -> Callable[..., list[Can
 
     def give(result: SuiteResult, **more: Any) -> list[Candidate]:
         seen: list[Candidate] = []
-        found = Whole(**{"result": result, "edited": (), "notes": (), **more})
-        monkeypatch.setattr(whole, "run_whole", lambda tested, count, stage, limits: (seen.append(tested), found)[1])
+        found = FullSuite(**{"result": result, "edited": (), "notes": (), **more})
+        monkeypatch.setattr(full_suite, "run_full_suite", lambda tested, count, stage, limits: (seen.append(tested), found)[1])
         return seen
 
     return give
@@ -49,7 +49,7 @@ def test_suite_of_the_recommended_preset(run: Run, suite: Callable[..., list[Can
     assert answer.code == 0, answer
     first, *lines = answer.out.splitlines()
     assert first == "suite tracking: the recommended preset, case 4ws-2, solved, tuned and built in memory"
-    assert "What is asked, and what tracking shows" in lines
+    assert "Requirements, and results of tracking" in lines
     assert seen[0].config == configuration.preset("recommended")
     assert everything_in(Path()) == {}
     answer = run("sil", "--suite", "tracking", "--json", "--plot", "overview.png")
@@ -65,7 +65,7 @@ def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[C
     assert answer.code == 1
     assert "NOT MET" in answer.out
     figure = "all cells, as configured: |sideslip| beyond its bound 1.25 deg (at most 0.2 deg)"
-    assert answer.err == f"error: 1 figure is not as asked: {figure}; see the first table\n"
+    assert answer.err == f"error: 1 figure misses its requirement: {figure}; see the first table\n"
 
 
 def test_limits_from_a_file_and_their_purpose(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:
@@ -76,7 +76,7 @@ def test_limits_from_a_file_and_their_purpose(run: Run, suite: Callable[..., lis
     assert why in run("sil", "--suite", "tracking").out
     Path("mine.toml").write_text("sideslip_excess_deg = 1.5\n", encoding="utf-8")
     assert load(Path("mine.toml")).sideslip_excess_deg == 1.5
-    suite(missed.with_outside(Outside(missed.third_party, missed.instructions), load(Path("mine.toml"))))
+    suite(missed.with_outside(ExternalFigures(missed.third_party, missed.instructions), load(Path("mine.toml"))))
     answer = run("sil", "--suite", "tracking", "--limits", "mine.toml", "--json")
     assert answer.code == 0 and json.loads(answer.out)["limits"]["sideslip_excess_deg"] == 1.5
 

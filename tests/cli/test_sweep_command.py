@@ -45,7 +45,7 @@ def test_a_folder_with_another_campaign_is_rejected(driven: tuple[Path, Answer],
     for more in ((), ("--replay", 1)):
         answer = run("sweep", "--spec", spec, "-o", folder, "--isa", other, *more)
         assert (answer.code, answer.err.count("\n")) == (2, 1)
-        assert f"out: it was driven with the instruction set {isa}, not {other}" in answer.err
+        assert f"out: it was simulated with the instruction set {isa}, not {other}" in answer.err
     assert everything_in(folder) == before
 
 
@@ -66,8 +66,8 @@ def test_replay_of_a_worst_run(driven: tuple[Path, Answer], run: Run, spec: Path
     [
         ((), "-o: no folder is named"),
         (("--replay", 24), "there is no run 24; 0 to 23"),
-        (("-o", "OUT", "--plot", "run.png"), "--plot: it does not go with a campaign"),
-        (("-o", "OUT", "--scheduler", "nonsense"), "'nonsense' is no address"),
+        (("-o", "OUT", "--plot", "run.png"), "--plot: it cannot be combined with a campaign"),
+        (("-o", "OUT", "--scheduler", "nonsense"), "'nonsense' is not a valid address"),
     ],
 )
 def test_bad_options(refused: Refused, spec: Path, arguments: tuple[object, ...], words: str) -> None:

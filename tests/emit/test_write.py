@@ -19,8 +19,8 @@ import pytest
 from codegen.emit import write
 from codegen.emit.folder import MANIFEST_BYTES_MAX
 from codegen.emit.write import (
-    BESIDE,
     MANIFEST,
+    VERIFICATION_FILES,
     Folder,
     differences,
     read_manifest,
@@ -94,7 +94,21 @@ def swap(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str
 
 
 def test_a_path_or_fact_that_is_reserved_or_leaves_the_folder_is_a_fault_of_the_program() -> None:
-    for path in ("", ".", "/etc/passwd", "../x", "a/../b", "./a", "a//b", "a/", "a\\b", "a\nb", "ä", MANIFEST, *BESIDE):
+    for path in (
+        "",
+        ".",
+        "/etc/passwd",
+        "../x",
+        "a/../b",
+        "./a",
+        "a//b",
+        "a/",
+        "a\\b",
+        "a\nb",
+        "ä",
+        MANIFEST,
+        *VERIFICATION_FILES,
+    ):
         with pytest.raises(ValueError, match="cannot be the path"):
             Folder({path: b""}, {})
     with pytest.raises(ValueError, match="'a/b'"):
@@ -119,7 +133,7 @@ def test_new_folder_with_missing_parents(tmp_path: Path, swap: str) -> None:
 
 
 def test_unchanged_build_touches_nothing_and_a_changed_one_replaces_all(target: Path, swap: str) -> None:
-    for name in BESIDE:
+    for name in VERIFICATION_FILES:
         (target / name).write_bytes(b"{}")
     before = stamps(target.parent)
     assert write_folder(OLD, target) is False
@@ -169,7 +183,7 @@ def test_foreign_content_is_named_and_kept(target: Path, name: str, thing: str) 
     for folder in (NEW, OLD):  # even if the build would change nothing
         with pytest.raises(BuildError) as caught:
             write_folder(folder, target)
-        assert f"holds '{name}'," in caught.value.what
+        assert f"contains '{name}'," in caught.value.what
         assert caught.value.where == str(target) and "-o" in caught.value.remedy and caught.value.exit_code == 2
     assert stamps(target.parent) == before
 
@@ -184,7 +198,7 @@ def test_a_name_of_ours_does_not_make_other_content_ours(target: Path, tmp_path:
         (target / "src").mkdir()
         FOREIGN_CONTENT[thing](target / "src" / "ars_map.c")
     before = stamps(tmp_path)
-    with pytest.raises(BuildError, match="holds 'src"):
+    with pytest.raises(BuildError, match="contains 'src"):
         write_folder(NEW, target)
     assert stamps(tmp_path) == before
 
@@ -216,17 +230,17 @@ def test_a_manifest_that_is_not_ours_owns_nothing(target: Path, kind: str) -> No
         with pytest.raises(BuildError, match="codegen build") as caught:
             call()
         assert caught.value.where == str(target / MANIFEST)
-    with pytest.raises(BuildError, match="holds"):
+    with pytest.raises(BuildError, match="contains"):
         write_folder(NEW, target)
     assert stamps(target.parent) == before
 
 
 def test_a_manifest_that_is_missing_or_no_file_is_refused_without_waiting(target: Path) -> None:
     (target / MANIFEST).unlink()
-    with pytest.raises(BuildError, match=r"holds 'README\.md'"):  # even with our names, the folder is not ours
+    with pytest.raises(BuildError, match=r"contains 'README\.md'"):  # even with our names, the folder is not ours
         write_folder(OLD, target)
     for place in (target, target / "nowhere", target / "README.md"):
-        with pytest.raises(BuildError, match=r"no generated folder.*codegen build"):
+        with pytest.raises(BuildError, match=r"not a generated folder.*codegen build"):
             read_manifest(place)
     os.mkfifo(target / MANIFEST)
     with pytest.raises(BuildError, match="not a regular file"):
@@ -259,7 +273,7 @@ def test_content_that_appears_at_the_last_moment_is_restored(target: Path, monke
         exchange(one, other)
 
     monkeypatch.setattr(write, "_exchange", late)
-    with pytest.raises(BuildError, match=r"holds 'src/late\.c'"):
+    with pytest.raises(BuildError, match=r"contains 'src/late\.c'"):
         write_folder(NEW, target)
     assert tree(target) == expected(OLD, {"src/late.c": b"dear to its owner\n"})
     assert siblings(target) == []
@@ -324,7 +338,7 @@ def fail_at(step: int, error: BaseException, target: Path) -> tuple[bool, BaseEx
 
 
 NO_SPACE = OSError(errno.ENOSPC, "No space left on device")
-FULL = "cannot be written (No space left on device); what stood before is unchanged; free some space and try again"
+FULL = "cannot be written (No space left on device); the previous content is unchanged; free some space and try again"
 
 
 @pytest.mark.parametrize("error", [NO_SPACE, KeyboardInterrupt()], ids=["ENOSPC", "interrupt"])

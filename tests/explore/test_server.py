@@ -92,7 +92,7 @@ def test_no_path_leads_to_a_file(client: Client, tmp_path: Path) -> None:
         answer = client.ask("GET", path)
         assert (answer.status, answer.body) == (404, b"there is no such page\n"), path
     answer = client.ask("GET", "http://[::1")
-    assert (answer.status, answer.body) == (400, b"this is no address\n")
+    assert (answer.status, answer.body) == (400, b"not a valid address\n")
 
 
 def test_a_body_that_is_not_a_json_object_is_rejected(client: Client) -> None:
@@ -109,7 +109,7 @@ def test_a_body_that_is_not_a_json_object_is_rejected(client: Client) -> None:
 @pytest.mark.parametrize(
     ("values", "text"),
     [
-        ("null", "no table"),
+        ("null", "must be a table"),
         *((f'{{"limits.sideslip_max_deg": {value}}}', "0.2 to 20 deg") for value in ('"3"', "null", "true", 21.0, -1.0)),
         ('{"<script>": 1}', "there is no setting"),
         (f'{{"limits.sideslip_max_deg": {10**400}}}', "a number is needed"),
@@ -135,7 +135,7 @@ def test_a_picture_is_strict_json_and_only_for_the_newest_request(client: Client
 
 
 def test_a_port_in_use_gives_one_line(pi: Explorer, client: Client, tmp_path: Path) -> None:
-    with pytest.raises(ExploreError, match=r"--port: port \d+ is in use; name another one"):
+    with pytest.raises(ExploreError, match=r"--port: port \d+ is in use; choose another one"):
         ExploreServer(pi, Target(tmp_path / "ars.toml"), client.server.server_port)
 
 

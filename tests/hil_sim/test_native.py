@@ -95,7 +95,7 @@ def test_its_cache_name_depends_on_sources_and_compiler(folder: Path, monkeypatc
     ("change", "words"),
     [
         (lambda folder, _: (folder / "src/ars_can.c").unlink(), r"src/ars_can\.c: cannot be read .*build again"),
-        (lambda folder, _: (folder / "manifest.json").unlink(), r"there is no manifest\.json"),
+        (lambda folder, _: (folder / "manifest.json").unlink(), r"manifest\.json is missing"),
         (
             lambda folder, _: edit(folder / "linux/ars_ecu.c", ("static ecu_t ecu;", "static ecu_t ecu")),
             r"^linux/ars_ecu\.c:\d+: the C does not compile: expected",

@@ -133,7 +133,7 @@ def test_faults_of_a_scenario_file() -> None:
         (fault("drop") + '[[faults]]\nkind = "drop"\nstart_s = 1.0\n', "faults 2: duration_s: this key is missing"),
         (fault("drop").replace("11.0", "15.0"), "faults 1: start_s: begins at 15 s, and the run ends at 15 s"),
         ("", "line 1: no column time_s"),
-        ("time_s,speed_kmh,steering_wheel_angle_rad\n0,0,0\n", "is it 'speed_kmh'? units stand in the names"),
+        ("time_s,speed_kmh,steering_wheel_angle_rad\n0,0,0\n", "is it 'speed_kmh'? units are in the names"),
         ("time_s,speed_m_s\n0,10\n", "line 1: no column steering_wheel_angle_rad or front_angle_rad"),
         ("time_s;speed_m_s;front_angle_rad\n0;10;0\n", "separate them by commas"),
         (f"{HEADER}\n0,10,0\n0.2,10,0\n0.2,10,0\n", "line 4, column time_s: time does not increase: 0.2 after 0.2"),

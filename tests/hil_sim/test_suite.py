@@ -26,8 +26,8 @@ from hil_sim.second_plant.run import STEER_TIME as SECOND_STEER_TIME
 from hil_sim.suite import plants, tracking
 from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells
 from hil_sim.suite.conditions import COMBINED, CONDITIONS, LAGS, NOMINAL
+from hil_sim.suite.cost import compare_rise, rise_times, sine_tracking
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
-from hil_sim.suite.price import compare_rise, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, all_passed, requirements
 from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_table, software_of
 from hil_sim.suite.sample_timing import SETTLING_TIME_S, TIMINGS, TimingError, timing_errors

@@ -21,13 +21,13 @@ from codegen.errors import BuildError, CodegenError, ConfigError
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.stack import solve_stack
 from hil_sim import second_plant
-from hil_sim.suite import candidate, third_party, whole
+from hil_sim.suite import candidate, full_suite, third_party
 from hil_sim.suite.background import Background
-from hil_sim.suite.candidate import Candidate, LineUp, of_folder, recommended
+from hil_sim.suite.candidate import Candidate, Comparison, of_folder, recommended
+from hil_sim.suite.full_suite import run_full_suite
 from hil_sim.suite.plants import changed
 from hil_sim.suite.subjects import PASSIVE, baseline_configs, of_config, recommended_config
 from hil_sim.suite.tracking import SuiteResult
-from hil_sim.suite.whole import run_whole
 from tests import builds
 
 PAPER, BEST = builds.CONFIG, configuration.preset("recommended")
@@ -82,7 +82,7 @@ def test_baselines_keep_the_users_sampling_time() -> None:
 
 @pytest.mark.usefixtures("tuned")
 def test_line_up_tunes_each_contender_with_a_schedule() -> None:
-    found = Candidate("x", changed(BEST, {"grid": {"speed_points": 5}}), "4ws-2", (0.9,)).line_up()
+    found = Candidate("x", changed(BEST, {"grid": {"speed_points": 5}}), "4ws-2", (0.9,)).comparison()
     assert [each.name for each in found.baselines] == ["pi", "feedforward", "proportional"]
     assert found.tested.config.controller.tracking.schedule is not None
     assert (found.notes, found.build) == ((), found.tested.around)
@@ -95,12 +95,12 @@ def test_a_build_is_tested_with_its_own_files_and_gains(tmp_path: Path, monkeypa
     source = folder / "src" / "ars_controller.c"
     source.write_text(source.read_text(encoding="ascii") + "/* by hand */\n", encoding="ascii")
     monkeypatch.setattr(candidate, "tuned", lambda *given: pytest.fail("tuned again"))
-    line_up = of_folder(folder).line_up()
-    generated = line_up.build.generated
+    comparison = of_folder(folder).comparison()
+    generated = comparison.build.generated
     assert generated.files["src/ars_controller.c"].endswith(b"/* by hand */\n")
     assert generated.edited == ("src/ars_controller.c",)
-    assert line_up.tested.config == ready
-    assert [each.name for each in line_up.baselines] == ["pi", "feedforward", "proportional"]
+    assert comparison.tested.config == ready
+    assert [each.name for each in comparison.baselines] == ["pi", "feedforward", "proportional"]
 
 
 def test_a_stack_stays_a_stack_and_a_build_that_cannot_be_solved_again_is_refused(tmp_path: Path) -> None:
@@ -169,9 +169,9 @@ def test_the_whole_collects_its_parts(monkeypatch: pytest.MonkeyPatch, installed
 
     tested = of_config("pi", builds.paper_map(), PAPER)
     bare = SuiteResult("pi", ("pi",), (), (), "", {"pi": {}}, {"pi": {}}, (), {}, {}, {})
-    monkeypatch.setattr(Candidate, "line_up", lambda self, steps: LineUp(tested, (), PAPER.case("4ws-2"), ("a note",)))
-    monkeypatch.setattr(whole, "Background", SynchronousBackground)
-    monkeypatch.setattr(whole, "run_suite", lambda *given, progress: (progress("x", 0, 1), bare)[1])
+    monkeypatch.setattr(Candidate, "comparison", lambda self, steps: Comparison(tested, (), PAPER.case("4ws-2"), ("a note",)))
+    monkeypatch.setattr(full_suite, "Background", SynchronousBackground)
+    monkeypatch.setattr(full_suite, "run_suite", lambda *given, progress: (progress("x", 0, 1), bare)[1])
     monkeypatch.setattr(third_party, "available", lambda: installed)
     monkeypatch.setattr(third_party, "jobs", lambda contenders, case: {"pi": refuse})
     stages: dict[str, list[tuple[int, int]]] = {}
@@ -181,16 +181,16 @@ def test_the_whole_collects_its_parts(monkeypatch: pytest.MonkeyPatch, installed
         yield lambda done, total: stages.setdefault(title, []).append((done, total))
 
     count = refuse if installed else (lambda files, manifest: len(files))
-    found = run_whole(Candidate("x", PAPER, "4ws-2", (0.9,)), count, stage)
+    found = run_full_suite(Candidate("x", PAPER, "4ws-2", (0.9,)), count, stage)
     assert found.edited == ()
     assert stages["driving"] == [(1, 1)]
     last = stages["third party's plant and instructions"]
     if installed:
         missing = "ziglang: not installed; install it"
-        driven = f"pi was not driven on the third party's plant: {missing}"
+        driven = f"pi was not simulated on the third party's plant: {missing}"
         assert found.notes == ("a note", driven, f"the instructions of a step were not counted: {missing}")
         assert (found.result.third_party, found.result.instructions, last) == ({}, None, [(1, 2), (2, 2)])
     else:
-        assert found.notes == ("a note", whole.THIRD_PARTY_MISSING)
+        assert found.notes == ("a note", full_suite.THIRD_PARTY_MISSING)
         assert found.result.requirements[-1].measured == found.result.instructions > 10
         assert last == [(1, 1)]

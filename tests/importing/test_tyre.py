@@ -183,10 +183,10 @@ def test_messages_for_bad_files_and_cars(car: Path, tmp_path: Path) -> None:
     [
         ("bad.csv -o stood.npz", "line 5: 'fast' where a number is needed"),
         ("x.csv -o x.csv", "only .npz is written"),
-        ("x.xlsx -o x.npz", ".xlsx is not read; read are .mat, .csv"),
+        ("x.xlsx -o x.npz", ".xlsx is not supported; supported are .mat, .csv"),
         ("x.csv --config ars.toml -o x.npz", "--config: this option is for tyres"),
-        ("mf61.tir -o new.toml", "a tyre needs the car that it is for; name its ars.toml with --config"),
-        ("mf61.tir --config ars.toml -o ars.toml", "it is what this command reads"),
+        ("mf61.tir -o new.toml", "tyres need the configuration of a car; name its ars.toml with --config"),
+        ("mf61.tir --config ars.toml -o ars.toml", "it is an input of this command"),
     ],
 )
 def test_a_wrong_command_prints_one_line_and_writes_nothing(

@@ -171,7 +171,7 @@ REFUSED: list[tuple[Change, str, str, str]] = [
     (meta_with(schema_version=...), "meta.schema_version", "None is not a version", "leave the key"),
     (meta_with(configuration={"vehicle": {"mass_kg": -1}}), "meta.configuration: vehicle.mass_kg", "-1 is outside", "check"),
     (meta_with(case="4ws-3"), "meta.case", "no case '4ws-3'", "did you mean '4ws-"),
-    (meta_with(case="a*/b", configuration=...), "meta.case", "cannot stand in C", "ASCII letters"),
+    (meta_with(case="a*/b", configuration=...), "meta.case", "not allowed in C", "ASCII letters"),
 ]
 
 

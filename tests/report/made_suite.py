@@ -8,11 +8,11 @@ import numpy as np
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell
 from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
+from hil_sim.suite.cost import SINE_FREQUENCIES_HZ, SineTracking, rise_times
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint
-from hil_sim.suite.price import SINE_FREQUENCIES_HZ, SineTracking, rise_times
 from hil_sim.suite.runs import CellResult
 from hil_sim.suite.sample_timing import TIMINGS, TimingError
-from hil_sim.suite.tracking import Outside, Shown, SuiteResult
+from hil_sim.suite.tracking import CellRuns, ExternalFigures, SuiteResult
 from tests.hil_sim import made as recordings
 
 SUBJECTS = ("tracking", "pi", "feedforward", "proportional", "passive")
@@ -118,17 +118,17 @@ def made(**changes: Any) -> SuiteResult:
         "results": results,
         "c1": {name: {lag.name: cell_result(name, step, lag.name) for lag in LAGS} for name in SUBJECTS},
         "shown": tuple(
-            Shown(cell, 0.3, {name: record(name) for name in SUBJECTS}) for cell in (step, CELLS[10], CELLS[18], CELLS[-1])
+            CellRuns(cell, 0.3, {name: record(name) for name in SUBJECTS}) for cell in (step, CELLS[10], CELLS[18], CELLS[-1])
         ),
         "margins": {"tracking": margins(stable=True), "pi": margins(stable=False)},
         "rise_times": {name: rise_times(name, results[name][NOMINAL.name]) for name in SUBJECTS},
         "sine": {name: sines(name) for name in SUBJECTS},
     }
-    return SuiteResult(**{**values, **changes}).with_outside(Outside(third_party(), 1040))
+    return SuiteResult(**{**values, **changes}).with_outside(ExternalFigures(third_party(), 1040))
 
 
 def with_table(result: SuiteResult, subject: str, condition: str, rows: tuple[CellResult, ...]) -> SuiteResult:
     """Replace a table and evaluate the requirements again."""
     tables = {**result.results[subject], condition: rows}
     changed = replace(result, results={**result.results, subject: tables})
-    return changed.with_outside(Outside(result.third_party, result.instructions))
+    return changed.with_outside(ExternalFigures(result.third_party, result.instructions))

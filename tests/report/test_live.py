@@ -17,12 +17,12 @@ from rich.console import Console
 
 from codegen.emit.can_view import DIAGNOSTICS as IN_THE_C
 from codegen.report.live import LiveSample, LiveView
-from codegen.report.live_rows import BINS, TRACES, History, Line, Look, Trace, Window, chart, draw
+from codegen.report.live_rows import BINS, TRACES, History, Line, LiveStyle, Trace, Window, chart, draw
 from codegen.sil.software import Status
 from hil_sim.diagnostics import DIAGNOSTICS, causes
 
 QUIET_SAMPLE = LiveSample(0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0, Status.TRACKING, 0, 0.01, 0, 0)
-LOOK = Look(76, 21)
+LOOK = LiveStyle(76, 21)
 
 
 def history_of(cycles: int, **changes: Any) -> History:
@@ -154,7 +154,7 @@ def test_any_run_fits_any_size(run: list[LiveSample], columns: int, rows: int, a
     history = History()
     for sample in sorted(run, key=lambda one: one.time):
         history.add(sample)
-    drawn = draw(history, Look(columns, rows, ascii_only))
+    drawn = draw(history, LiveStyle(columns, rows, ascii_only))
     assert all(row.cell_len <= columns for row in drawn)
     assert not run or len(drawn) <= max(rows, 13)
     assert not ascii_only or all(row.plain.isascii() for row in drawn)

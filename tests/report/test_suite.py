@@ -14,7 +14,7 @@ from codegen.report import suite_plots
 from codegen.report.style import CONTROLLER_COLOURS as COLOURS
 from codegen.report.suite_tables import WIDTH, failures, sections
 from hil_sim.suite.conditions import CONDITIONS, LAGS
-from hil_sim.suite.tracking import Outside, SuiteResult
+from hil_sim.suite.tracking import ExternalFigures, SuiteResult
 from tests.report.figures import check_layout, names
 from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, spun, third_party, with_table
 
@@ -39,7 +39,7 @@ def test_there_is_a_legible_figure_for_each_table(figures: dict[str, Figure]) ->
     assert tuple(figures) == FIGURES
     for name, figure in figures.items():
         check_layout(figure, shared_labels=True)
-        wanted = {"cells": ["the car spins"], "margins": ["tracking: worst of the family", "asked for", "a build warns below"]}
+        wanted = {"cells": ["the car spins"], "margins": ["tracking: worst of the family", "required", "a build warns below"]}
         assert set(wanted.get(name, SUBJECTS)) <= set(names(figure))
     assert [axes.get_title(loc="left") for axes in figures["cells"].axes[:5]] == list(SUBJECTS)
 
@@ -98,7 +98,7 @@ def test_every_table_fits_the_page_and_names_the_subjects(good: SuiteResult) -> 
 
 
 def test_requirements_are_met_missed_or_not_measured(good: SuiteResult) -> None:
-    lines = section(good, "What is asked")
+    lines = section(good, "Requirements")
     assert lines[1:3] == [["C1, actuator lag 20 ms"], ["overshoot", "at most 12 %", "2.00 %", "met"]]
     assert [cell for line in lines for cell in line].count("met") == len(good.requirements)
     assert ["instructions of the worst step", "at most 1320", "1040", "met"] in lines
@@ -109,9 +109,9 @@ def test_requirements_are_met_missed_or_not_measured(good: SuiteResult) -> None:
     failed = with_table(good, "tracking", "nominal", wide)
     figure = "|sideslip| beyond its bound"
     assert failures(failed.requirements) == [f"all cells, as configured: {figure} 1.25 deg (at most 0.2 deg)"]
-    assert [figure, "at most 0.2 deg", "1.25 deg", "NOT MET", CELLS[0].title] in section(failed, "What is asked")
-    alone = good.with_outside(Outside())
-    assert ["instructions of the worst step", "at most 1320", "-", "not measured"] in section(alone, "What is asked")
+    assert [figure, "at most 0.2 deg", "1.25 deg", "NOT MET", CELLS[0].title] in section(failed, "Requirements")
+    alone = good.with_outside(ExternalFigures())
+    assert ["instructions of the worst step", "at most 1320", "-", "not measured"] in section(alone, "Requirements")
 
 
 def test_overshoot_settling_and_spins_of_each_condition(good: SuiteResult) -> None:

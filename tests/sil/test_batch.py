@@ -314,7 +314,7 @@ if AVAILABLE_ISAS[0] != "none":  # without vectors there is no fallback from the
         kept = tuple(flag for flag in vector.FLAGS[AVAILABLE_ISAS[0]] if flag not in lost)
         monkeypatch.setitem(vector.FLAGS, AVAILABLE_ISAS[0], kept)
         folder = builds.paper().folder
-        with pytest.raises(BuildError, match="made no vectors"):
+        with pytest.raises(BuildError, match="did not vectorise"):
             compile_batch(folder.files, folder.manifest, isa=AVAILABLE_ISAS[0])
         assert compile_batch(folder.files, folder.manifest).isa != AVAILABLE_ISAS[0], "without a request, the next one is used"
 
@@ -329,7 +329,7 @@ def test_a_machine_without_vectors_runs_scalar_code(monkeypatch: pytest.MonkeyPa
     folder = builds.paper().folder
     assert compile_batch(folder.files, folder.manifest).isa == "none"
     for isa in VECTORS:
-        with pytest.raises(BuildError, match="no instructions of"):
+        with pytest.raises(BuildError, match="does not support"):
             compile_batch(folder.files, folder.manifest, isa=isa)
 
 

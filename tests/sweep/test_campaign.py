@@ -71,7 +71,7 @@ def test_an_interrupted_campaign_resumes_and_a_damaged_part_is_run_again(
             raise KeyboardInterrupt
 
     folder, again, idle, progress = tmp_path / "out", Recording(), Recording(), []
-    with pytest.raises(KeyboardInterrupt, match="2 of 3 chunks are kept; the same command goes on"):
+    with pytest.raises(KeyboardInterrupt, match="2 of 3 chunks are kept; run the same command to resume"):
         run_campaign(plan, folder, Recording(interrupt))
     damage(folder, plan)
     (folder / "parts" / ".00000002.parquet.x.tmp").write_bytes(b"left by a kill")
@@ -94,7 +94,7 @@ def test_a_folder_with_other_contents_stays_unchanged(plan: Plan, whole: Path, t
     ):
         with pytest.raises(CodegenError, match=message):
             run_campaign(wanted, folder, Threads(1))
-    with store.locked(whole.parent), pytest.raises(CodegenError, match="another codegen sweep is at work"):
+    with store.locked(whole.parent), pytest.raises(CodegenError, match="another codegen sweep is using it"):
         run_campaign(plan, whole.parent, Threads(1))
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
@@ -156,7 +156,7 @@ def test_a_chunk_depends_only_on_seed_and_number_and_its_memory_is_bounded(
     assert all(np.array_equal(chunk[key], of_longer[key], equal_nan=True) for key in chunk)
     assert not np.array_equal(chunk["friction"], run_chunk(with_seed(plan, 6), 0)["friction"])
     for limit, wanted in ((10 * of_one, 10), (1, 1)):
-        monkeypatch.setattr(planning, "CHUNK_BYTES", limit)
+        monkeypatch.setattr(planning, "CHUNK_BYTES_MAX", limit)
         assert (plan.samples_per_chunk, plan.chunk_count) == (wanted, SAMPLES // wanted)
 
 
@@ -164,7 +164,7 @@ def test_a_processor_without_the_instructions_of_the_campaign(plan: Plan, monkey
     monkeypatch.setattr(chunks, "machine_runs", lambda isa: isa == "none")
     monkeypatch.setattr(chunks, "best_isa", lambda: "none")
     other = replace(plan, isa="x86-64-v3", config=plants.actuator_lag(0.2)(plan.config))
-    with pytest.raises(BuildError, match="no instructions of x86-64-v3; drive the whole campaign with --isa none"):
+    with pytest.raises(BuildError, match="no instructions of x86-64-v3; run the whole campaign with --isa none"):
         software(other, plan.controllers[0])
 
 

@@ -72,7 +72,7 @@ def test_profiles_must_be_long_enough(tmp_path: Path) -> None:
 
 def test_an_estimate_of_a_scenario_needs_its_own_friction(tmp_path: Path) -> None:
     own = (TWO, '["low-friction-estimated"]')
-    with pytest.raises(ConfigError, match=r"factors\.friction: low-friction-estimated .*0\.5, .*give friction_estimate_e"):
+    with pytest.raises(ConfigError, match=r"factors\.friction: low-friction-estimated .*0\.5 .*set friction_estimate_e"):
         planning.read(edited(tmp_path, own))
     planning.read(edited(tmp_path, own, ("[factors]", "[factors]\nfriction_estimate_error = 0.0")))
     planning.read(edited(tmp_path, own, ("friction = {", "tyre_peak_percent = {"), ("0.4, 1.0", "-20, 10")))

@@ -58,7 +58,7 @@ MISSPELT = "there is no factor 'mass_percnt'; did you mean 'mass_percent'?"
         (friction([90]), "friction is 90, outside 0.05 to 1.5; check the unit"),
         (friction([0.5, 90]), "friction reaches from 0.5 to 90, outside 0.05 to 1.5; check the unit"),
         (friction([math.nan]), "nan and inf are no values"),
-        (friction({"uniform": [0.4, 0.5, 0.6]}), "at most 2 entries possible, not 3; take some out"),
+        (friction({"uniform": [0.4, 0.5, 0.6]}), "at most 2 entries possible, not 3; remove some"),
         (friction(True), "a number is needed, not True"),
         (friction({"uniform": [0.9, 0.4]}), "uniform needs the lower end first"),
         (friction({"uniform": [0.4, 0.9], "values": [0.4]}), "exactly one of uniform, normal and values"),

@@ -144,7 +144,7 @@ def test_without_an_analysing_gcc_or_a_readable_table_it_is_not_run(monkeypatch:
     monkeypatch.setattr(host_gcc, "gcc", lambda: None)
     outcome = checked(files)
     assert (outcome.verdict, outcome.findings) == (Verdict.NOT_RUN, (host_gcc.MISSING,))
-    with pytest.raises(CodegenError, match=r"deviations\.md: line \d+ is no row .* build it again"):
+    with pytest.raises(CodegenError, match=r"deviations\.md: line \d+ is not a row .* build it again"):
         checked(with_rows(PI.files, "| src/ars_map.c | 12 | 15.5 | advisory | no reason |"))
 
 

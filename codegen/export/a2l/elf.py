@@ -54,7 +54,7 @@ class Place:
 
 @dataclass(frozen=True)
 class _Variable:
-    """unit: name of the file that it is in."""
+    """A variable of the program. unit: name of its source file."""
 
     address: int
     type: Any
@@ -89,14 +89,14 @@ class Elf:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Raises BuildError: no ELF, not linked, or without symbols and debug information."""
+        """Read a program. Raises BuildError: not an ELF, not linked, or without symbols or debug information."""
         return cls(str(path), read_file(path, ELF_BYTES_MAX, "give the linked program", BuildError))
 
     def place(self, path: str) -> Place | None:
         """Return the place of `name.field[2]`, or of `file.c:name` if several files have the name; None if the program has
         none.
 
-        Raises BuildError: the name is ambiguous, has no such part, or the part is no number.
+        Raises BuildError: the name is ambiguous, has no such part, or the part is not a number.
         """
         with _whole(self.name):
             return self._place(path)
@@ -204,7 +204,7 @@ class Elf:
             return Place(address, ctype.attributes["DW_AT_byte_size"].value, "unsigned", count)
         encoding = ctype.attributes["DW_AT_encoding"].value if ctype.tag == "DW_TAG_base_type" else None
         if encoding not in _KINDS:
-            raise BuildError(f"{path} is no number", where=self.name, remedy="link the program with this build")
+            raise BuildError(f"{path} is not a number", where=self.name, remedy="link the program with this build")
         return Place(address, ctype.attributes["DW_AT_byte_size"].value, _KINDS[encoding], count)
 
 
@@ -248,7 +248,7 @@ def children(entry: Any) -> Iterator[Any]:
     """Yield the direct children of an entry.
 
     Raises:
-        ValueError: in a damaged file, one leads back to one before it (DW_AT_sibling), and so on for ever.
+        ValueError: the file is damaged: a reference to a sibling (DW_AT_sibling) leads back, so the entries never end.
     """
     last = entry.offset
     for child in entry.iter_children():
@@ -259,7 +259,7 @@ def children(entry: Any) -> Iterator[Any]:
 
 
 def _variables_below(entry: Any) -> Iterator[Any]:
-    """Those with a place, inside functions and namespaces too."""
+    """Yield the variables with an address, including those inside functions and namespaces."""
     for child in children(entry):
         if child.tag == "DW_TAG_variable" and "DW_AT_location" in child.attributes:
             yield child
@@ -300,7 +300,7 @@ def aliases(ctype: Any) -> Iterator[Any]:
     """Yield a type and the types that it is an alias of, down to the underlying type.
 
     Raises:
-        ValueError: in a damaged file, the names go round in a circle.
+        ValueError: the file is damaged: the types form a circle.
     """
     for _ in range(ALIASES_MAX):
         yield ctype
@@ -343,7 +343,7 @@ def _instances(ctype: Any, path: str, type_name: str, depth: int) -> Iterator[st
             if member.tag == "DW_TAG_member":
                 yield from _instances(_referenced(member, "DW_AT_type"), f"{path}.{_name(member)}", type_name, depth - 1)
     elif ctype.tag == "DW_TAG_array_type" and len(lengths := _lengths(ctype)) == 1:
-        # Asked once: an array of a million other things is no reason to wait.
+        # Test one element: an array of other objects may have a million elements.
         holds = any(True for _ in _instances(_referenced(ctype, "DW_AT_type"), path, type_name, depth - 1))
         if holds and lengths[0] > LENGTH_MAX:
             raise ValueError(f"an array of {lengths[0]} tasks")

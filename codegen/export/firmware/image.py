@@ -149,7 +149,7 @@ def image_sizes(image: bytes) -> Sizes:
 
 def _make(folder: Path, toolchain: Toolchain, *arguments: str) -> subprocess.CompletedProcess[str]:
     zig = [f"ZIG={shlex.quote(sys.executable)} -m ziglang"] if toolchain == "zig" else []
-    # Kept nowhere: the folder is new each time, so zig's own cache would only grow.
+    # No cache: the folder is new each time, so zig's own cache would only grow.
     cache = str(folder.parent / "cache")
     environment = {name: value for name, value in os.environ.items() if name not in VARIABLES_OF_MAKE}
     environment |= {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
@@ -169,7 +169,7 @@ def _run(folder: Path, toolchain: Toolchain) -> subprocess.CompletedProcess[str]
     try:
         return run_program(shlex.split(told.stdout), folder, timeout=RUN_LIMIT)
     except subprocess.TimeoutExpired:
-        remedy = "look at it with `make run` and a debugger"
+        remedy = "examine it with `make run` and a debugger"
         raise CodegenError(f"the image did not end within {RUN_LIMIT:g} s", where=QEMU, remedy=remedy) from None
 
 
@@ -180,9 +180,9 @@ def _judged(ended: subprocess.CompletedProcess[str], expected: Sequence[str], to
     different = [(cycle, ours, theirs) for cycle, (ours, theirs) in pairs if ours != theirs]
     message = next((line for line in reversed(lines) if line.startswith(LAST_WORDS)), "")
     if not message:
-        message = one_line(ended.stderr) or "it ended without a word"
+        message = one_line(ended.stderr) or "it ended without a message"
         if ended.returncode >= 0 and not sent:
-            raise CodegenError(message, where=QEMU, remedy="see that it has the machine mps2-an386 (QEMU 4.1 or newer)")
+            raise CodegenError(message, where=QEMU, remedy="check that it supports the machine mps2-an386 (QEMU 4.1 or newer)")
     counts = [int(count) for count in end.groups()] if (end := _END.fullmatch(message)) else [0, 0, 0, 0, 0]
     cycles, ticks, lost_samples, fpu, stack = counts
     return ImageRun(

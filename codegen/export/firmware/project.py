@@ -23,7 +23,7 @@ from hil_sim.scenarios import Scenario, find
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive without faults on the bus.
+    """A recorded run without faults on the bus.
 
     Attributes:
         received: for each cycle the frames that came before its task ran.
@@ -152,8 +152,8 @@ def refuse_target(target: Path) -> None:
     """Check that writing a project to a folder destroys nothing.
 
     Raises:
-        BuildError: another kind of folder of ours stands there, or a firmware project in which a file was changed; or it
-            would lie inside of such a folder.
+        BuildError: the folder holds generated output of another kind, or a firmware project in which a file was changed; or
+        it lies inside such a folder.
     """
     place = target.resolve()
     for parent in place.parents:

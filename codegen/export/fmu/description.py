@@ -85,7 +85,7 @@ def _co_simulation(root: ET.Element, given: Description) -> None:
     common = {"modelIdentifier": given.identifier, "canHandleVariableCommunicationStepSize": "false"}
     if given.version == "3":
         states = {"canGetAndSetFMUState": "true", "canSerializeFMUState": "true"}
-        # Tells a simulator which communication steps are whole multiples.
+        # Lets a simulator determine which communication steps are whole multiples.
         ET.SubElement(root, "CoSimulation", {**common, **states, "fixedInternalStepSize": repr(given.internal_step)})
         return
     element = ET.SubElement(root, "CoSimulation", {**common, "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true"})

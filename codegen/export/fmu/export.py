@@ -61,7 +61,7 @@ def compile_binary(sources: Mapping[str, bytes], name: str) -> bytes:
     """
     if sys.platform == "darwin":
         kind = ["-dynamiclib", f"-Wl,-install_name,@rpath/{name}"]
-    else:  # without symbols of its own and build id, which change with nothing that counts
+    else:  # without local symbols and build id, which vary although the code does not
         kind = ["-shared", "-s", "-Wl,--build-id=none"]
     units = sorted(path for path in sources if path.endswith(".c"))
     with tempfile.TemporaryDirectory(prefix="ars-fmu-") as scratch:
@@ -195,7 +195,7 @@ class _Maker:
         self._build = build_sources(files, self._prefix) if what != "plant" else {}
         self.variables = variables_of(what, self._config)
         if what != "plant":
-            # Compiled as for a run: the struct and its values are the compiler's own word.
+            # Compiled as for a run, so that the struct and its values come from the compiler.
             software = compile_build(files, manifest)
             self.variables += parameter_variables(software, files)
         self._statuses = status_values(files, self._prefix)
@@ -203,17 +203,17 @@ class _Maker:
         self.identifier = re.sub(r"\W", "_", f"{self._prefix}_{manifest['name']}_{what}", flags=re.ASCII)
 
     def sources(self, token: str) -> dict[str, bytes]:
-        """Every file of C but the headers of the standard."""
+        """Return every C file except the headers of the standard."""
         made = model_sources(self._what, self._version, self._config, self._prefix, self._precision, self.variables, token)
         return {**self._build, **made}
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Names of the C files that are compiled."""
+        """Return the names of the C files to compile."""
         return tuple(sorted(name for name in self.sources("") if name.endswith(".c")))
 
     def description(self, token: str) -> bytes:
-        """modelDescription.xml."""
+        """Return modelDescription.xml."""
         manifest = self._manifest
         name = comment_text(str(manifest["name"]))
         return model_description(

@@ -85,12 +85,12 @@ class Row:
 
 
 def step_size(what: What, config: Config) -> float:
-    """s, of the model: a sample of the controller, or a step of the plant."""
+    """Return the step of the model in s: a sample of the controller, or a step of the plant."""
     return config.controller.sampling_time_s if what == "controller" else config.plant.sampling_time_s
 
 
 def model_view(what: What, config: Config, prefix: str, variables: Sequence[Variable]) -> ModelView:
-    """The view of one kind of model; `variables` as `variables_of` gives them."""
+    """Return the view of one kind of model; `variables` as returned by `variables_of`."""
     plant = what != "controller"
     headers = (("plant.h",) if plant else ()) + ((f"{prefix}_controller.h",) if what != "plant" else ())
     steps = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
@@ -131,14 +131,14 @@ def _states(what: What, prefix: str) -> tuple[Member, ...]:
 
 
 def rows(variables: Sequence[Variable], version: Version) -> tuple[Row, ...]:
-    """The table of variables, by value reference."""
+    """Return the table of variables, by value reference."""
     return tuple(_row(each, version) for each in variables)
 
 
 def _row(variable: Variable, version: Version) -> Row:
     largest = _LARGEST.get(variable.storage, "DBL_MAX")
     smallest = "0.0" if variable.storage == "bool" else f"-{largest}"
-    # A parameter may pass what its range forbids, to be refused with all others before the next step.
+    # A parameter may exceed its range here; it is rejected together with all others before the next step.
     bounded = variable.role != "tunable" or variable.kind == "integer"
     low = literal(variable.low, "double") if bounded and variable.low is not None else smallest
     high = literal(variable.high, "double") if bounded and variable.high is not None else largest

@@ -1,6 +1,6 @@
-"""The controller's parameters as variables, read from the build itself: its struct, and the comments and checks in its C.
+"""The controller's parameters as variables, read from the build: its struct, and the comments and checks in its C.
 
-Nothing here knows a parameter by name, so a build with others, or with an edited comment, gives its own.
+No parameter is named here, so builds with other parameters or edited comments work as well.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ _RANGE = re.compile(r"is_between\(parameters->(?P<name>\w+)(?:\[\w+\])*, (?P<low
 _COUNTS = 65535.0
 
 Key = tuple[str, str]
-"""Names of a struct and of a field of it."""
+"""Names of a struct and of one of its fields."""
 
 
 @dataclass(frozen=True)
 class Status:
-    """One value of the enumeration of what a sample did."""
+    """One value of the status enumeration."""
 
     name: str
     value: int
@@ -38,16 +38,16 @@ class Status:
 
 
 def status_values(files: Mapping[str, bytes], prefix: str) -> tuple[Status, ...]:
-    """The values of `<prefix>_status_t`, from the header."""
+    """Return the values of `<prefix>_status_t` from the header."""
     header = files[f"include/{prefix}_controller.h"].decode("ascii", "replace")
     pattern = rf"\b{prefix.upper()}_STATUS_(\w+) = (\d+),? */\* (.*?) \*/"
     return tuple(Status(name, int(value), comment) for name, value, comment in re.findall(pattern, header))
 
 
 def parameter_variables(software: Software, files: Mapping[str, bytes]) -> tuple[Variable, ...]:
-    """Every number of `<prefix>_parameters_t`, elements of arrays one by one (from 1), with the build's value as start.
+    """Return every number of `<prefix>_parameters_t`, array elements one by one (from 1), with the build's value as start.
 
-    A field of a type that no variable can have, such as a pointer, stays as it was built.
+    A field whose type no variable can have, such as a pointer, keeps the value of the build.
     """
     texts = {path: content.decode("ascii", "replace") for path, content in files.items()}
     walk = _Walk(_comments(texts), _ranges(texts))
@@ -77,7 +77,7 @@ def _ranges(texts: Mapping[str, str]) -> dict[Key, tuple[float, float]]:
 
 @dataclass(frozen=True)
 class _Walk:
-    """Over the struct's fields, as cffi knows them."""
+    """Traversal of the struct's fields, as cffi describes them."""
 
     comments: Mapping[Key, str]
     ranges: Mapping[Key, tuple[float, float]]
@@ -108,7 +108,7 @@ class _Walk:
         low, high = self.ranges.get(key, (None, None))
         if kind.cname in ("float", "double"):
             real = np.float32 if kind.cname == "float" else np.float64
-            start = float(str(real(value)))  # the shortest number that is this one in the build's precision
+            start = float(str(real(value)))  # the shortest decimal that is equal in the build's precision
             unit = unit_of_comment(comment).symbol.replace("^", "")  # as FMI writes exponents
             yield Variable(name, member, "real", "tunable", comment, kind.cname, unit, start, low, high)
         elif kind.cname == "uint16_t":
@@ -117,7 +117,7 @@ class _Walk:
 
 
 def _indices(kind: Any) -> Iterator[tuple[tuple[int, ...], Any]]:
-    """Every index of an array of any dimension, in order, and the type of its elements."""
+    """Yield every index of an array of any dimension, in order, with the type of its elements."""
     shape = []
     while kind.kind == "array":
         shape.append(kind.length)

@@ -26,6 +26,7 @@ UNITS: Mapping[str, Unit] = {
     "m": Unit({"m": 1}),
     "m/s": Unit({"m": 1, "s": -1}, ("km/h", 3.6)),
     "m/s2": Unit({"m": 1, "s": -2}),
+    "m/s3": Unit({"m": 1, "s": -3}),
     "rad": Unit({"rad": 1}, ("deg", DEGREES)),
     "rad/s": Unit({"rad": 1, "s": -1}, ("deg/s", DEGREES)),
     "s": Unit({"s": 1}),

@@ -28,7 +28,7 @@ class Table:
     Attributes:
         caption: what it shows. header: a text for each column.
         words: columns that hold words, counted from zero; the others are numbers, flush right.
-        verdicts: text of a cell -> "good" or "bad", where that is to be seen.
+        verdicts: text of a cell -> "good" or "bad", to highlight the cell.
         hashes: whether cells are hashes or paths, in small type.
     """
 
@@ -62,8 +62,8 @@ class Chart:
     """A figure with its caption.
 
     Attributes:
-        name: unique; its id in the page is "chart-" and this. figure: what Plotly draws. caption: the text below.
-        spoken: the description for a screen reader. height: px.
+        name: unique name; the id in the page is "chart-" and this name. figure: data for Plotly. caption: text below it.
+        spoken: description for a screen reader. height: in px.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class Gallery:
-    """Charts side by side where there is room, below each other where not; `width` is the least of each, in CSS."""
+    """Charts side by side if there is room, else below each other; `width` is the minimum width of each, in CSS."""
 
     charts: Sequence[Chart]
     width: str = "26rem"
@@ -94,7 +94,7 @@ Block = Text | Table | Tiles | Chart | Gallery | Cuts
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what is below it; `name` is its id in the page. The reader unfolds it, unless it is open."""
+    """A heading and its content; `name` is the id in the page. The section is folded unless `is_open`."""
 
     name: str
     title: str

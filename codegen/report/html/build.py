@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from codegen.emit.folder import BESIDE, read_manifest, verify_hashes
+from codegen.emit.folder import VERIFICATION_FILES, read_manifest, verify_hashes
 from codegen.emit.limiter_cut import cut_text
 from codegen.emit.manifest import read_build
 from codegen.plausibility.build import is_current, read_record
@@ -22,7 +22,7 @@ BUDGET_KEYS = {
     "controller_step": "step_instructions_max",
     "cycle": "task_instructions_max",
 }
-"""Function as in verify.json -> its budget."""
+"""Function name in verify.json -> its budget."""
 FUNCTION_TITLES = {
     "controller_step": "controller_step, its limiter apart",
     "cycle": "cycle: both frames received, and the task",
@@ -36,23 +36,23 @@ def verification_blocks(folder: Path) -> Iterator[Block]:
         BuildError: not a build folder.
     """
     read_manifest(folder)
-    if not (folder / BESIDE[0]).exists():
+    if not (folder / VERIFICATION_FILES[0]).exists():
         yield Text(
-            f"Nothing is recorded of this build. `codegen verify {folder}` checks it; make the report again then.", "notice"
+            f"This build has no verification record. Run `codegen verify {folder}`, then write the report again.", "notice"
         )
         return
     record = read_record(folder)
     if record is None:
         yield Text(
-            f"{BESIDE[0]} beside this build is damaged, or of another version, and nothing of it is shown. "
-            f"`codegen verify {folder}` makes it anew; make the report again then.",
+            f"{VERIFICATION_FILES[0]} beside this build is damaged or of another version and is not shown. "
+            f"Run `codegen verify {folder}`, then write the report again.",
             "notice",
         )
         return
     if not is_current(record, folder):
-        yield Text(f"What follows is of an older build. `codegen verify {folder}` checks this one.", "notice")
+        yield Text(f"This record belongs to an older build. Run `codegen verify {folder}` to verify this one.", "notice")
     if record.get("effort") == "quick":
-        yield Text(f"These checks were quick. `codegen verify {folder}` runs them whole.", "notice")
+        yield Text(f"Only the quick checks were run. `codegen verify {folder}` runs them in full.", "notice")
     rows = [(name, check["shows"], check["figure"] or "-", check["verdict"]) for name, check in record["checks"].items()]
     yield Table(
         "What codegen verify checked",
@@ -72,7 +72,7 @@ def verification_blocks(folder: Path) -> Iterator[Block]:
 
 
 def current_record(folder: Path) -> Mapping[str, Any] | None:
-    """Return the record of the verification of a build as it is; None where there is none, or one of other files."""
+    """Return the verification record of a build; None if there is none, or if it belongs to other files."""
     record = read_record(folder)
     return record if record is not None and is_current(record, folder) else None
 
@@ -135,7 +135,7 @@ def manifest_blocks(folder: Path) -> Iterator[Block]:
 def _origin(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "build", f"{manifest['name']}, id {manifest['build_id']}"
     yield "generator", f"{manifest['generator']} {manifest['version']}"
-    if "limiter_cut" in manifest:  # builds from before know nothing of it
+    if "limiter_cut" in manifest:  # missing in older builds
         yield "share of the map cut off by the limiter", cut_text(manifest["limiter_cut"])
     for what, entry in manifest["inputs"].items():
         told = ", ".join(f"{key} {value}" for key, value in entry.items() if key != "sha256" and value is not None)
@@ -144,5 +144,5 @@ def _origin(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield f"option: {key}", str(value)
     for key, value in manifest["tools"].items():
         yield f"tool: {key}", str(value)
-    if "calibration" in manifest:  # builds from before have one of the map alone
+    if "calibration" in manifest:  # older builds have a checksum of the map only
         yield "checksum of the calibration (CRC-32)", str(manifest["calibration"]["checksum_crc32"])

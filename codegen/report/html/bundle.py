@@ -1,4 +1,4 @@
-"""Plotly's JavaScript, from the installed package: pages carry it along, and fetch nothing."""
+"""Plotly's JavaScript from the installed package. Pages embed it, so that they work offline."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from codegen.errors import CodegenError
 
 
 def require_plotly(command: str) -> None:
-    """Refuse before anything is worked out.
+    """Check that Plotly is installed, before long computations.
 
     Args:
-        command: that needs it, for the message.
+        command: name of the command, for the message.
 
     Raises:
         CodegenError: Plotly is not installed.
@@ -22,7 +22,7 @@ def require_plotly(command: str) -> None:
 
 
 def plotly_javascript() -> str:
-    """The whole bundle of Plotly.js, fit for a `<script>` element (about 5 MB).
+    """Return the whole bundle of Plotly.js for a `<script>` element (about 5 MB).
 
     Raises:
         CodegenError: Plotly is not installed.
@@ -31,5 +31,5 @@ def plotly_javascript() -> str:
     from plotly.offline import get_plotlyjs
 
     text: str = get_plotlyjs()
-    # Where the text of a script holds its own end, a browser stops reading there.
+    # A browser ends a script at the first closing tag in its text.
     return text.replace("</script", r"<\/script").replace("<!--", r"<\!--")

@@ -1,4 +1,4 @@
-"""A log of the bus: how punctual its frames were."""
+"""Timing of the frames in a log of the bus."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from codegen.report.style import BLUE, GREEN, ORANGE, VERMILION
 COLOURS = (BLUE, ORANGE, VERMILION)
 BINS = 120
 TOOLS = 'pip install "ars-codegen[tools]"'
-LEAST_SPAN = 0.1
-"""ms that a histogram spans at least."""
+HISTOGRAM_SPAN_MIN_MS = 0.1
+"""Minimum span of a histogram, in ms."""
 TIME_MAX_S = 1e11
 """Largest time stamp of a frame; Unix time stays below for 3,000 years."""
 ANSWER = "Command after the motion frame"
@@ -27,13 +27,13 @@ ANSWER = "Command after the motion frame"
 
 @dataclass(frozen=True)
 class BusTimes:
-    """Times in a log, ms.
+    """Times in a log, in ms.
 
     Attributes:
-        name: of the log.
+        name: name of the log.
         periods: name of a message -> time from each of its frames to the next.
-        answers: time from each motion frame to the command that comes next.
-        cycle: what the period should be.
+        answers: time from each motion frame to the next command.
+        cycle: nominal period.
     """
 
     name: str
@@ -48,15 +48,15 @@ class BusTimes:
 
 
 def read_log(path: Path, can: Can, name: str) -> BusTimes:
-    """Read a log that python-can reads.
+    """Read a log with python-can.
 
     Args:
         path: `.blf`, `.asc`, `.log` or `.mf4`.
-        can: the messages of the build, by their ids.
-        name: what the report calls it.
+        can: messages of the build, found by their ids.
+        name: name in the report.
 
     Raises:
-        CodegenError: it cannot be read, or holds no frame of the build.
+        CodegenError: it cannot be read, or contains no frame of the build.
     """
     messages = (can.vehicle_motion, can.vehicle_conditions, can.rear_steer_command)
     sent: dict[int, list[float]] = {message.id: [] for message in messages}
@@ -65,26 +65,26 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
         from can import LogReader
 
         with LogReader(path) as reader:
-            whole = getattr(reader, "file_size", 0)  # as the head of a BLF has it
+            whole = getattr(reader, "file_size", 0)  # from the header of a BLF
             for frame in reader:
                 if frame.arbitration_id in sent and not frame.is_extended_id and not frame.is_error_frame:
                     (received if frame.is_rx else sent)[frame.arbitration_id].append(frame.timestamp)
     except ImportError as error:
-        raise CodegenError(f"what reads it is missing ({one_line(error)})", where=path, remedy=TOOLS) from None
-    except Exception as error:  # the readers raise whatever comes up in a damaged file
+        raise CodegenError(f"the package that reads it is missing ({one_line(error)})", where=path, remedy=TOOLS) from None
+    except Exception as error:  # readers may raise anything for a damaged file
         remedy = "give a log that `codegen hil --log` or another tool wrote"
-        raise CodegenError(f"no log of a CAN bus that can be read ({one_line(error)})", where=path, remedy=remedy) from None
+        raise CodegenError(f"not a readable log of a CAN bus ({one_line(error)})", where=path, remedy=remedy) from None
     if path.stat().st_size < whole:
         what = f"it ends early: {path.stat().st_size} of {whole} bytes"
         raise CodegenError(what, where=path, remedy="copy it again, or let the tool that writes it close it")
-    # On some buses, such as udp_multicast, who sends a frame hears it too: the time of sending counts.
+    # On some buses, such as udp_multicast, a node also receives its own frames; the time of sending counts.
     times = {key: sent[key] or received[key] for key in sent}
     if not any(times.values()):
         known = ", ".join(f"0x{message.id:x}" for message in messages)
         raise CodegenError(f"no frame with an id of the build ({known})", where=path, remedy="name its build with --build")
     if not all(abs(stamp) <= TIME_MAX_S for of_message in times.values() for stamp in of_message):  # NaN neither
         remedy = "give a log that `codegen hil --log` or another tool wrote"
-        raise CodegenError("a frame has a time that is none", where=path, remedy=remedy)
+        raise CodegenError("a frame has an invalid time", where=path, remedy=remedy)
     stamps = {message.name: np.sort(np.array(times[message.id])) for message in messages}
     motion, command = stamps[can.vehicle_motion.name], stamps[can.rear_steer_command.name]
     cycle = float(can.vehicle_motion.cycle_time_ms or 10.0)
@@ -100,11 +100,11 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
 
 
 def bus_blocks(logs: Sequence[BusTimes]) -> Iterator[Block]:
-    """Histograms and a table for each log."""
+    """Yield histograms and a table for each log."""
     for number, log in enumerate(logs, start=1):
-        yield Text(f"{log.name}: how long from frame to frame (asked: {log.cycle:g} ms), and from the sample to its command.")
+        yield Text(f"{log.name}: period of the frames (nominal {log.cycle:g} ms), and time from a sample to its command.")
         if log.is_simulated:
-            yield Text("The times are those of a simulation: they say nothing of how punctual the ECU is.", "notice")
+            yield Text("The times are simulated and do not show how punctual the ECU is.", "notice")
         yield Gallery(list(_histograms(log, number)))
         rows = [_row(f"{name}, period", values) for name, values in log.periods.items()]
         if log.answers.size:
@@ -128,8 +128,8 @@ def _histograms(log: BusTimes, number: int) -> Iterator[Chart]:
 
 def _edges(values: FloatArray) -> FloatArray:
     low, high = float(values.min()), float(values.max())
-    if high - low < LEAST_SPAN:  # times that are all alike stand in the middle
-        low, high = (low + high - LEAST_SPAN) / 2.0, (low + high + LEAST_SPAN) / 2.0
+    if high - low < HISTOGRAM_SPAN_MIN_MS:  # centre times that are all equal
+        low, high = (low + high - HISTOGRAM_SPAN_MIN_MS) / 2.0, (low + high + HISTOGRAM_SPAN_MIN_MS) / 2.0
     return np.linspace(low, high, BINS + 1)
 
 

@@ -1,4 +1,4 @@
-"""Parts of Plotly figures that the report's charts share. All is plain data: no Plotly is imported."""
+"""Parts of Plotly figures that the report's charts share. They are plain data; Plotly is not imported."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STOPS = 11
 
 
 def scale_of(name: str) -> list[list[Any]]:
-    """A colour map of matplotlib, by its name, as Plotly takes it: the pictures and the report have the same colours."""
+    """Return a Matplotlib colour map in Plotly's format, so that pictures and report have the same colours."""
     import matplotlib
 
     shares = np.linspace(0.0, 1.0, STOPS)
@@ -24,9 +24,9 @@ def scale_of(name: str) -> list[list[Any]]:
 
 
 def cell_edges(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Edges (n + 1,) of the cells around n points: halfway between them, the first and the last point being edges themselves.
+    """Return the edges (n + 1,) of the cells around n points: halfway between points, and at the first and the last point.
 
-    A point beside a much wider gap, as at the ends of an ECU's axes, keeps the cell that its other neighbour leaves it.
+    Next to a much wider gap, as at the ends of an ECU's axes, a cell extends only as far as on its other side.
     """
     at = np.asarray(points, dtype=np.float64)
     gap = np.diff(at)
@@ -43,12 +43,12 @@ WIDE = 3.0
 
 
 def numbers(values: npt.ArrayLike) -> dict[str, Any]:
-    """An array as Plotly reads it from JSON: single precision, little endian, base64. NaN are gaps."""
+    """Return an array in Plotly's JSON encoding: single precision, little endian, base64. NaN are gaps."""
     return _packed(np.ascontiguousarray(values, dtype="<f4"), "f4")
 
 
 def small(values: npt.ArrayLike) -> dict[str, Any]:
-    """The same for whole numbers from 0 to 255."""
+    """Return an array of whole numbers from 0 to 255 in the same encoding."""
     return _packed(np.ascontiguousarray(values, dtype=np.uint8), "u1")
 
 
@@ -60,7 +60,7 @@ def _packed(array: npt.NDArray[Any], kind: str) -> dict[str, Any]:
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:
-    """A cartesian axis in the page's colours."""
+    """Return a Cartesian axis in the page's colours."""
     return {
         "title": {"text": title, "standoff": 8},
         "gridcolor": GRID,
@@ -76,7 +76,7 @@ def axis(title: str, **more: Any) -> dict[str, Any]:
 
 
 def layout(**more: Any) -> dict[str, Any]:
-    """A layout in the page's colours, with its legend below the title."""
+    """Return a layout in the page's colours, with the legend below the title."""
     return {
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
@@ -90,7 +90,7 @@ def layout(**more: Any) -> dict[str, Any]:
 
 
 def line(x: Any, y: Any, name: str, colour: str, **more: Any) -> dict[str, Any]:
-    """A line; `x` and `y` are arrays."""
+    """Return a line; `x` and `y` are arrays."""
     look = {"color": colour, "width": more.pop("width", 2), "dash": more.pop("dash", "solid")}
     return {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(y), "name": name, "line": look, **more}
 
@@ -111,7 +111,7 @@ def categories(
 
 
 def patches(names: Sequence[str], colours: Sequence[str], **more: Any) -> list[dict[str, Any]]:
-    """Legend entries for `categories`."""
+    """Return legend entries for `categories`."""
     marker = {"symbol": "square", "size": 12, "line": {"color": MUTED, "width": 1}}
     return [
         {

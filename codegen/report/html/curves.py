@@ -27,10 +27,10 @@ OTHER_LOOKS = tuple((colour, "dashdot") for colour in (GREEN, PURPLE, ORANGE, SK
 
 
 def tyre_charts(config: Config) -> Gallery:
-    """Lateral force over slip angle of a front and of a rear tyre, for several wheel loads, with the linear range.
+    """Plot the lateral force of a front and a rear tyre over slip angle, for several wheel loads, with the linear range.
 
     Raises:
-        ConfigError: the tyre has no end to its linear range.
+        ConfigError: the linear range of the tyre has no end.
     """
     tyres = AxleTyres.from_config(config)
     axles = (("front", tyres.front, tyres.front_slip_bound), ("rear", tyres.rear, tyres.rear_slip_bound))
@@ -72,13 +72,13 @@ def _tyre_lines(tyre: MagicFormulaTyre, slip: FloatArray) -> Iterator[dict[str, 
 
 
 def front_angle_chart(config: Config, front_angle_deg: float, paper: bool, own: str | None = None) -> Chart:
-    """Yaw rate and sideslip of the optimum over speed at one front angle, a line for each case of the configuration.
+    """Plot yaw rate and sideslip of the optimum over speed at one front angle, one line for each case of the configuration.
 
     Args:
-        config: of the car, its limits and its cases.
-        front_angle_deg: at the road wheels.
-        paper: whether the paper's table is about this car and this angle, and is marked.
-        own: the case of the map. Of cases that are alike in all, the first is drawn, and this one in any case.
+        config: configuration with the car, its limits and its cases.
+        front_angle_deg: angle at the road wheels.
+        paper: whether to mark the paper's table, which is for this car and angle.
+        own: case of the map. Of equal cases only the first is drawn, but this one always.
     """
     speed = np.linspace(config.grid.speed_min_km_h, config.grid.speed_max_km_h, 401)
     angle = np.array([math.radians(front_angle_deg)])
@@ -101,7 +101,7 @@ def front_angle_chart(config: Config, front_angle_deg: float, paper: bool, own: 
                     {
                         **{"type": "scatter", "mode": "markers", "x": [TABLE_SPEED_KM_H], "marker": ring},
                         **{**where, "showlegend": row == 0 and name == "fws", "legendgroup": "paper"},
-                        # The table gives |beta|: it is marked on the side where the map has it.
+                        # The table gives |beta|; the mark is on the side of the map's value.
                         "y": [math.copysign(PAPER_TABLE[name][row], here)],
                         "legendrank": 2000,
                         "name": f"paper's table, {TABLE_SPEED_KM_H:g} km/h",
@@ -122,7 +122,7 @@ def front_angle_chart(config: Config, front_angle_deg: float, paper: bool, own: 
 
 
 def _unlike(config: Config, own: str | None) -> list[str]:
-    """Names of the cases, without those that are another one by another name."""
+    """Return the names of the cases without duplicates under another name."""
     chosen: list[str] = []
     for name, case in config.cases.items():
         twin = next((other for other in chosen if config.case(other) == case), None)

@@ -44,10 +44,10 @@ class Request:
     """Arguments of the command.
 
     Attributes:
-        map_path: the map. compare: maps to compare it with; none takes that of the car without rear steering.
-        build: folder of its C. runs: arguments of `--run`. scenario: what was, or is to be, driven; None takes the default,
-            or for recordings what they hold.
-        simulate: whether a build is driven here where there are no recordings, and its faults tried.
+        map_path: the map. compare: maps to compare with; none selects that of the car without rear steering.
+        build: folder of its C. runs: arguments of `--run`. scenario: recorded or to be simulated; None selects the default, or
+        that of the recordings.
+        simulate: whether to simulate a build without recordings, and to test its faults.
     """
 
     map_path: Path
@@ -64,8 +64,8 @@ class Read:
 
     Attributes:
         request: arguments of the command.
-        material: of the files alone.
-        scenario: to be driven, or driven in the recordings; None where there is neither a build nor a recording.
+        material: content of the files.
+        scenario: recorded or to be simulated; None without a build and a recording.
     """
 
     request: Request
@@ -74,15 +74,15 @@ class Read:
 
 
 def read(request: Request) -> Read:
-    """Read everything; nothing is solved or driven yet.
+    """Read all files; nothing is solved or simulated yet.
 
     Raises:
-        CodegenError: a file that is missing or broken, or a scenario that does not exist.
+        CodegenError: a file is missing or invalid, or the scenario does not exist.
     """
     one = npz.load(request.map_path)
     chosen = choose_config(one, None)
     config, notes = chosen.config, list(chosen.notes)
-    if request.build is not None:  # it brings the car, also where the map is a bare one
+    if request.build is not None:  # it defines the car, even for a bare map
         config = _config_of(request.build)
         notes = _differences(request, config, one.config)
     others: list[NamedMap] = []
@@ -115,11 +115,11 @@ def gather(found: Read, steps: Steps) -> Material:
     """Solve and run what the files do not contain.
 
     Args:
-        found: the files.
-        steps: called with the number of parts done, and of all parts.
+        found: content of the files.
+        steps: called with the number of finished parts, and of all parts.
 
     Raises:
-        CodegenError: a build that does not compile.
+        CodegenError: the build does not compile.
     """
     material, config = found.material, found.material.config
     steps(1, PARTS)
@@ -139,7 +139,7 @@ PARTS = 6
 
 
 def _compared(material: Material) -> Material:
-    """Add the map to compare with, where the user names none."""
+    """Add the default map for comparison if the user names none."""
     other = None if material.others else to_compare(material.map.map)
     return material if other is None else replace(material, others=[other])
 
@@ -157,7 +157,7 @@ def _config_of(build: Path) -> Config:
 
 
 def _is_built_from(request: Request) -> bool:
-    """Whether the build was made from the very map of the report."""
+    """Return whether the build was made from the map of the report."""
     given = hashlib.sha256(request.map_path.read_bytes()).hexdigest()
     return request.build is not None and read_build(request.build)["inputs"]["map"]["sha256"] == given
 
@@ -178,20 +178,20 @@ def _scenario_of(files: Files, request: Request, config: Config) -> Scenario:
     name, path = next(iter(files.paths.items()))
     if path.suffix.lower() == ".csv":
         return replace(find(str(path), config), subject=f"Recording {name}")
-    raise CodegenError("it does not say what was driven", where=path, remedy="add --scenario, such as --scenario step-steer")
+    raise CodegenError("it does not name its scenario", where=path, remedy="add --scenario, such as --scenario step-steer")
 
 
 def _require_step(files: Files, scenario: Scenario) -> None:
-    """A run that ends before the step has none of its figures."""
+    """Reject a run that ends before the figures of the scenario can be computed."""
     for name, record in files.runs.items():
         end, needed = float(record[-1, 0]), scenario.steer_time + STEADY_WINDOW
         if scenario.kind == "step" and end < needed:
             what = f"it ends at {end:g} s, and {scenario.name} is judged up to {needed:g} s"
-            raise CodegenError(what, where=files.paths[name], remedy="say with --scenario what was driven")
+            raise CodegenError(what, where=files.paths[name], remedy="name the recorded scenario with --scenario")
 
 
 def _driven(found: Read, material: Material, steps: Steps) -> Material:
-    """The build's own runs, the faults, and the loops to compare."""
+    """Add the build's own runs, the faults, and the loops to compare."""
     build, scenario, config = found.request.build, found.scenario, material.config
     assert build is not None
     kind: str = config.controller.kind
@@ -199,7 +199,7 @@ def _driven(found: Read, material: Material, steps: Steps) -> Material:
     if not found.request.simulate or scenario is None:
         return replace(material, loops=loops)
     regions = _linear_regions(loops)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C of a region runs without the interpreter's lock
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C of a region releases the interpreter lock
         confirmed = {name: pool.submit(_confirm, linear, around_folder(build)) for name, linear in regions.items()}
         material = _compared(material)
         steps(2, PARTS)
@@ -240,15 +240,15 @@ def _confirm(linear: Region, build: Build) -> Region:
 
 
 def _baselines(build: Path, kind: str, reference_map: ReferenceMap | None) -> tuple[list[Subject], list[str]]:
-    """Other controllers on the map of a build; none for a map of the user's own, which cannot be solved again.
+    """Return other controllers on the map of a build; none for a map of the user's own, which cannot be solved again.
 
     Args:
         reference_map: the map of the build; None solves it again.
     """
     try:
-        line_up = of_folder(build).line_up(reference_map=reference_map)
+        comparison = of_folder(build).comparison(reference_map=reference_map)
     except CodegenError as error:
-        return [], [f"No other controller is shown beside: {error}"]
-    return [subject for subject in line_up.baselines if subject.name in COMPARED_KINDS and subject.name != kind], list(
-        line_up.notes
+        return [], [f"No other controller is shown: {error}"]
+    return [subject for subject in comparison.baselines if subject.name in COMPARED_KINDS and subject.name != kind], list(
+        comparison.notes
     )

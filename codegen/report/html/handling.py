@@ -30,12 +30,12 @@ def handling_blocks(driven: Mapping[str, Runs], runs: Runs | None, config: Confi
     """Yield both diagrams, and the table of the actuator.
 
     Args:
-        driven: runs by name of their scenario, HANDLING and RESPONSE; empty where there is no build to drive.
+        driven: runs by name of their scenario, HANDLING and RESPONSE; empty without a build.
         runs: runs of the report's own scenario.
         config: configuration of the car.
     """
     if not driven:
-        yield Text("Not driven: name a build with `--build`.", "notice")
+        yield Text("Not simulated: name a build with `--build`.", "notice")
         return
     ramp, sweep = driven[HANDLING.name], driven[RESPONSE.name]
     yield Gallery([_handling(ramp, config), *_response(sweep, config)])

@@ -1,4 +1,4 @@
-"""Files that a report is made of: recordings of runs, logs of the bus, results of `codegen faults`."""
+"""Input files of a report: recordings of runs, logs of the bus, results of `codegen faults`."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Files:
     """Content of the user's files.
 
     Attributes:
-        runs: name to recording (samples, 12), columns RECORD_COLUMNS. paths: of those, by name.
-        logs: times of frames.
-        faults: as `codegen faults --json` writes them; None where no file has any.
+        runs: name -> recording (samples, 12), columns RECORD_COLUMNS. paths: their files, by name.
+        logs: timing of the logs.
+        faults: entries of `codegen faults --json`; None if no file contains any.
     """
 
     runs: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -43,7 +43,7 @@ class Files:
 
 
 def named(argument: str) -> tuple[str, Path]:
-    """`NAME=FILE`, or a file alone, which is called by its name without extension."""
+    """Split `NAME=FILE`; a file alone is named after itself, without the extension."""
     name, sign, path = argument.partition("=")
     if sign and name.strip() and path and not Path(argument).exists():
         return name.strip(), Path(path)
@@ -51,14 +51,14 @@ def named(argument: str) -> tuple[str, Path]:
 
 
 def read_files(arguments: Sequence[str], can: Can) -> Files:
-    """Read everything, each by what it is.
+    """Read all files, each by its format.
 
     Args:
-        arguments: of `--run`.
-        can: the messages of the build, for logs.
+        arguments: values of `--run`.
+        can: messages of the build, for logs.
 
     Raises:
-        CodegenError: a file that cannot be read or is none of these, or a name that is there twice.
+        CodegenError: a file cannot be read or has another content, or a name is used twice.
     """
     runs: dict[str, FloatArray] = {}
     paths: dict[str, Path] = {}
@@ -82,12 +82,12 @@ def read_files(arguments: Sequence[str], can: Can) -> Files:
             else:
                 runs[name], paths[name] = record, path
         else:
-            raise CodegenError("nothing that a report is made of", where=path, remedy=f"give {KINDS}")
+            raise CodegenError("not an input of a report", where=path, remedy=f"give {KINDS}")
     return Files(runs, paths, logs, faults)
 
 
 def read_faults(path: Path) -> list[FaultEntry]:
-    """The entries of `codegen faults --json`. Raises CodegenError: it is something else."""
+    """Return the entries of `codegen faults --json`. Raises CodegenError for any other content."""
     content = read_file(path, FAULTS_BYTES_MAX, f"give {KINDS}")
     try:
         return TypeAdapter(FaultFile).validate_json(content)["faults"]
@@ -103,7 +103,7 @@ def _read_parquet(path: Path) -> FloatArray:
     try:
         table = parquet.read_table(path, columns=list(RECORD_COLUMNS))
         columns = [np.asarray(table.column(name), dtype=np.float64) for name in RECORD_COLUMNS]
-    except (OSError, ValueError, KeyError, TypeError, ArrowException) as error:  # TypeError: structs are no numbers
+    except (OSError, ValueError, KeyError, TypeError, ArrowException) as error:  # TypeError: structs instead of numbers
         raise _no_run(path, error) from None
     return _checked(np.column_stack(columns), path)
 
@@ -115,7 +115,7 @@ def _close_quietly(file: Any) -> None:
 
 
 def _read_mf4(path: Path) -> FloatArray | None:
-    """None where the file is a log of the bus."""
+    """Return the recording in an MF4 file; None for a log of the bus."""
     try:
         from asammdf import MDF
         from asammdf.blocks.mdf_v4 import MDF4
@@ -127,7 +127,7 @@ def _read_mf4(path: Path) -> FloatArray | None:
             if RECORD_COLUMNS[1] not in mdf.channels_db:
                 return None
             columns = [mdf.get(name, raw=True).samples.astype(np.float64) for name in RECORD_COLUMNS]
-    except Exception as error:  # asammdf raises whatever comes up in a damaged file
+    except Exception as error:  # asammdf may raise anything for a damaged file
         raise _no_run(path, error) from None
     return _checked(np.column_stack(columns), path)
 
@@ -155,7 +155,7 @@ def _checked(record: FloatArray, path: Path) -> FloatArray:
 
 def _no_run(path: Path, error: Exception) -> CodegenError:
     columns, reason = ", ".join(RECORD_COLUMNS), re.sub("'<.*>'", "it", one_line(error))  # asammdf names an object in memory
-    return CodegenError(f"no run that can be read ({reason})", where=path, remedy=f"its columns are {columns}")
+    return CodegenError(f"not a readable run ({reason})", where=path, remedy=f"its columns are {columns}")
 
 
 def _missing(package: str, path: Path) -> CodegenError:

@@ -23,10 +23,10 @@ CELLS = ("feasible with straight rear wheels too", "feasible only with rear stee
 
 
 def loss_blocks(one: NamedMap, config: Config) -> Iterator[Block]:
-    """A chart of the cells and of the operating points whose loss was simulated."""
+    """Yield a chart of the cells and of the operating points whose loss was simulated."""
     loss = loss_of_function(one.map, config)
     if loss.only_with_rear_steer is None:
-        yield Text("A bare map does not tell which of its cells need the rear wheels; the points below were simulated.")
+        yield Text("It is not known which cells of a bare map need rear steering; the points below were simulated.")
     yield _chart(one, loss)
     yield Text(
         "Each mark is a steady turn in which the function is lost: the nonlinear car is simulated with the rear angle held, "

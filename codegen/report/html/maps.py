@@ -1,4 +1,4 @@
-"""Charts of a map: heat maps, what binds, and cuts."""
+"""Charts of a map: heat maps, binding constraints, and cuts."""
 
 from __future__ import annotations
 
@@ -34,24 +34,24 @@ PHASE = "δr = 0: the rear wheels pass from the opposite to the same direction a
 
 @dataclass(frozen=True)
 class NamedMap:
-    """A map and what the report calls it."""
+    """A map and its name in the report."""
 
     name: str
     map: ReferenceMap
 
     @property
     def title(self) -> str:
-        """The name, and the tyre of the optimisation where it is not linear: for captions and legends."""
+        """Name, with the tyre of the optimisation if it is not linear, for captions and legends."""
         return f"{self.name}{tyre_note(self.map.tyre_model)}"
 
     @property
     def speed_km_h(self) -> FloatArray:
-        """(n,) km/h."""
+        """Speeds (n,) in km/h."""
         return np.asarray(self.map.speed / KM_H)
 
     @property
     def front_angle_deg(self) -> FloatArray:
-        """(m,) deg."""
+        """Front angles (m,) in deg."""
         return np.degrees(self.map.front_angle)
 
 
@@ -66,12 +66,12 @@ class Quantity:
     diverging: bool
 
     def degrees(self, one: ReferenceMap) -> FloatArray | None:
-        """(n, m) in `unit`, NaN where infeasible; None where the map has no such table."""
+        """Return the values (n, m) in `unit`, NaN where infeasible; None if the map lacks the table."""
         values = getattr(one, self.attribute)
         return None if values is None else np.degrees(np.where(one.feasible, values, np.nan))
 
     def limits(self, tables: Sequence[FloatArray]) -> tuple[float, float]:
-        """Ends of a colour scale that several tables share."""
+        """Return the ends of a colour scale that several tables share."""
         finite = [float(np.nanmax(np.abs(table))) for table in tables if np.isfinite(table).any()]
         largest = max([*finite, 1e-6])
         return (-largest if self.diverging else 0.0), largest
@@ -84,7 +84,7 @@ QUANTITIES = (YAW_RATE, SIDESLIP, REAR_ANGLE)
 
 
 def heat_maps(one: NamedMap) -> Gallery:
-    """Yaw rate, sideslip, rear angle and what binds, as far as the map has them, with the line of phase conversion."""
+    """Plot yaw rate, sideslip, rear angle and binding constraints as far as available, with the line of phase conversion."""
     tables = ((quantity, quantity.degrees(one.map)) for quantity in QUANTITIES)
     charts = [_heat_map(one, quantity, table) for quantity, table in tables if table is not None]
     if one.map.active is not None:
@@ -133,7 +133,7 @@ def map_layout(one: NamedMap, legend: bool = True) -> dict[str, Any]:
 
 
 def _phase_traces(one: ReferenceMap) -> list[dict[str, Any]]:
-    """The line delta_r = 0, dark with a light rim, so that it is seen on any colour."""
+    """Return the line delta_r = 0, dark with a light rim, visible on any colour."""
     pieces = phase_lines(one)
     if not pieces:
         return []
@@ -170,13 +170,13 @@ def category_trace(
     names: Sequence[str],
     colours: Sequence[str],
 ) -> dict[str, Any]:
-    """A heat map of names: codes (speeds, front angles) into `names` and `colours`; gaps where `hidden`."""
+    """Return a heat map of names: codes (speeds, front angles) into `names` and `colours`; gaps where `hidden`."""
     return {
         "type": "heatmap",
         "x": numbers(speed),
         "y": numbers(angle),
         **categories(codes.T, names, colours, hidden.T),
-        "codes": {**small(codes.T), "names": list(names)},  # the page makes texts to hover of them
+        "codes": {**small(codes.T), "names": list(names)},  # the page derives hover texts from them
         "hoverongaps": False,
         "hovertemplate": "%{text}<br>vx %{x:.1f} km/h, δf %{y:.2f} deg<extra></extra>",
     }

@@ -21,7 +21,7 @@ _CODE = re.compile(r"`([^`]+)`")
 
 
 def render(title: str, sections: Sequence[Section]) -> bytes:
-    """The bytes of a report. The same sections give the same bytes, with the same version of Plotly.
+    """Return the bytes of a report. Equal sections give equal bytes, with the same version of Plotly.
 
     Raises:
         CodegenError: Plotly is not installed.
@@ -53,12 +53,12 @@ def render(title: str, sections: Sequence[Section]) -> bytes:
 
 
 def prose(text: str) -> Markup:
-    """Text as HTML; words between backticks are code."""
+    """Return text as HTML; words between backticks are code."""
     return Markup(_CODE.sub(r"<code>\1</code>", html.escape(text, quote=False)))
 
 
 def charts_of(sections: Sequence[Section]) -> list[Chart]:
-    """All charts, in the order of the page."""
+    """Return all charts, in the order of the page."""
     found: list[Chart] = []
     for section in sections:
         for block in section.blocks:

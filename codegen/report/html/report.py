@@ -53,8 +53,8 @@ from hil_sim.metrics import StepMetrics, step_metrics
 from hil_sim.metrics.run import LookUp
 from hil_sim.scenarios import Scenario
 
-LEAST = 0.01
-"""deg/s that the scale of a difference spans to both sides at least."""
+COLOUR_RANGE_MIN_DEG_S = 0.01
+"""Minimum span of the scale of a difference to either side, in deg/s."""
 
 
 def comparison(one: NamedMap, other: NamedMap, number: int = 1) -> Gallery:
@@ -67,7 +67,7 @@ def comparison(one: NamedMap, other: NamedMap, number: int = 1) -> Gallery:
     assert mine is not None
     low, high = YAW_RATE.limits([mine, theirs])
     gain = mine - theirs
-    reach = max(float(np.nanmax(np.abs(gain))) if np.isfinite(gain).any() else 0.0, LEAST)
+    reach = max(float(np.nanmax(np.abs(gain))) if np.isfinite(gain).any() else 0.0, COLOUR_RANGE_MIN_DEG_S)
     shown = (
         (f"compare-first-{number}", one.title, mine, "viridis", low, high),
         (f"compare-second-{number}", other.title, theirs, "viridis", low, high),
@@ -154,7 +154,7 @@ def _cells(one: NamedMap, config: Config, build: Path | None) -> _Cells:
 
 
 def extended(one: NamedMap, config: Config, build: Path | None = None) -> tuple[Chart, Table]:
-    """The table of the ECU: which cells were solved, and by which rule the others were made (`codegen.ecu_map.total`)."""
+    """Return a chart and a table of the ECU's cells: solved, or extended by which rule (`codegen.ecu_map.total`)."""
     total = _cells(one, config, build)
     rules = [rule for rule in Rule if (total.rule == rule.value).any()]
     codes = np.zeros(total.rule.shape, dtype=np.uint8)
@@ -180,7 +180,7 @@ def extended(one: NamedMap, config: Config, build: Path | None = None) -> tuple[
 
 
 WITHOUT_REAR_STEER = "fws"
-"""The case that a map is compared with where the user names none."""
+"""Case of the map that is compared by default."""
 
 
 @dataclass(frozen=True)
@@ -188,15 +188,15 @@ class Material:
     """Data of a report.
 
     Attributes:
-        map: with its name. others: maps to compare it with.
-        config: of the car. configured: whether it came with the map; a bare map has none of its own.
-        build: folder of the generated C; None where none is named.
-        runs: name to recording (samples, 12). scenario: what was driven in them; None where there is no run.
-        driven: name of a scenario to its runs, for the handling diagram and the frequency response.
-        loops: name to configuration of controllers whose margins are shown. regions: where they are stable.
-        logs: of the bus. faults: as `codegen faults --json` has them; None where they were not tried.
-        notes: for the reader, such as what was left out.
-        look_up: the map of the build's C; None where no build is driven.
+        map: map with its name. others: maps to compare it with.
+        config: configuration of the car. configured: whether it came with the map; a bare map has none.
+        build: folder of the generated C; None without a build.
+        runs: name -> recording (samples, 12). scenario: their scenario; None without runs.
+        driven: scenario name -> runs, for the handling diagram and the frequency response.
+        loops: name -> configuration of the controllers whose margins are shown. regions: their stability regions.
+        logs: timing of the bus logs. faults: entries of `codegen faults --json`; None if not tested.
+        notes: notes for the reader, such as omissions.
+        look_up: map lookup of the build's C; None if no build is simulated.
         of_paper: whether the runs are the paper's C1 and C2.
     """
 
@@ -218,14 +218,14 @@ class Material:
 
     @cached_property
     def margins(self) -> Weakest | None:
-        """The least margins of the configured controller; None without feedback."""
+        """Smallest margins of the configured controller; None without feedback."""
         return margins_of(self.config)
 
 
 def to_compare(one: ReferenceMap) -> NamedMap | None:
-    """The map of the same car without rear steering, where the configuration has that case and this map is not it.
+    """Return the map of the same car without rear steering, if the configuration has that case and this map is not it.
 
-    Solved with the tyre of this map, so that the rear steering is all that differs.
+    It is solved with the tyre of this map, so that only the rear steering differs.
     """
     if one.config is None or one.case == WITHOUT_REAR_STEER or WITHOUT_REAR_STEER not in one.config.cases:
         return None
@@ -233,7 +233,7 @@ def to_compare(one: ReferenceMap) -> NamedMap | None:
 
 
 def sections(material: Material) -> Iterator[Section]:
-    """Yield all sections. Sections without content contain a notice how to add it."""
+    """Yield all sections. A section without content contains a notice that explains how to add it."""
     yield Section("verdict", "Verdict", list(verdict_blocks(material)), is_open=True)
     yield Section("map", "The map", list(_map(material)))
     if material.others:
@@ -311,12 +311,12 @@ def _same_car(one: ReferenceMap, other: ReferenceMap) -> str:
     """Return a text on whether two maps are of the same car."""
     same = same_car(one, other)
     if same is None:
-        return "; of what car, a bare map does not tell"
+        return "; the car of a bare map is not known"
     return ", the same car on the same road" if same else ": another car, or another road"
 
 
 def _tyres(one: NamedMap, other: NamedMap) -> str:
-    """The tyres of two optimisations, where one of them is not linear."""
+    """Return a text about the tyres of two optimisations if one of them is not linear."""
     models = (one.map.tyre_model, other.map.tyre_model)
     if not any(tyre_note(model) for model in models):
         return ""
@@ -333,7 +333,7 @@ def _beyond(material: Material) -> Iterator[Block]:
 def _optimum(material: Material) -> Iterator[Block]:
     if not material.configured:
         yield Text(
-            "A bare map brings no car, so there is nothing to optimise: `codegen solve` makes a map that does.", "notice"
+            "A bare map contains no car, so there is nothing to optimise. `codegen solve` writes a map with its car.", "notice"
         )
         return
     paper = is_paper(material.map.map) and PAPER_TABLE.keys() <= material.config.cases.keys()
@@ -342,13 +342,11 @@ def _optimum(material: Material) -> Iterator[Block]:
     )
     if paper:
         header, rows = optimum_table(optimum_rows(material.config))
-        yield Table(
-            "The optimum beside the paper's table, at the speed that it names and at the one where its rows fit", header, rows
-        )
+        yield Table("The optimum and the paper's table, at the printed speed and at the speed that fits its rows", header, rows)
         found = _paper_runs(material)
         if found:
             header, rows = run_table(found)
-            yield Table("Closed loop beside the paper's figures", header, rows)
+            yield Table("Closed loop and the paper's figures", header, rows)
     yield tyre_charts(material.config)
 
 
@@ -381,7 +379,7 @@ def _margins(material: Material) -> Iterator[Block]:
 def _faults(material: Material) -> Iterator[Block]:
     if material.faults is None:
         yield Text(
-            "Not tried: name a build with `--build`, or give what `codegen faults --json` printed with `--run`.", "notice"
+            "Not tested: name a build with `--build`, or pass the output of `codegen faults --json` with `--run`.", "notice"
         )
         return
     rows = [fault_cells(entry) for entry in material.faults]

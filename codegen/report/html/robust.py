@@ -21,10 +21,10 @@ POINTS, FAMILY_POINTS = 80, 12
 
 
 def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
-    """Gain and phase margins over speed, of the configured car and the worst of its family; None where nothing has feedback.
+    """Plot gain and phase margins over speed, of the configured car and the worst of its family; None without any feedback.
 
     Args:
-        configs: name to configuration; those whose law has no feedback are left out.
+        configs: name -> configuration; those without feedback are omitted.
     """
     data: list[dict[str, Any]] = []
     colours = iter(RUN_COLOURS * len(configs))
@@ -75,28 +75,28 @@ def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
 
 
 GAIN_MARGIN_SHOWN = 30.0
-"""dB: more is enough for anything, and would hide what is little."""
-WANTED = 6.0
-"""dB: the usual least gain margin."""
-WITHOUT = "without feedback"
+"""Largest gain margin shown, in dB; larger values would hide small ones."""
+GAIN_MARGIN_LINE_DB = 6.0
+"""Usual minimum gain margin, in dB."""
+NO_FEEDBACK_LABEL = "without feedback"
 
 
 def region_blocks(regions: Mapping[str, Region]) -> Iterator[Block]:
-    """Yield charts and tables for each controller, and the outcome of the drives."""
+    """Yield charts and tables for each controller, and the outcome of the simulations."""
     yield Text(
-        "The two-track plant is linearised by CasADi at each speed, friction and mass, and the loop around it judged by its "
-        "poles and margins: straight ahead, and in a turn at "
-        f"{100.0 * TURN_SHARE:.0f} % of what the road gives, with straight rear wheels and no estimate of the friction. "
-        "Straight ahead the generated C then drives the nonlinear plant through a small steering pulse in every cell: the loop "
-        "must answer as the linearisation says. In every third cell that has a gain margin it does so twice more, the command "
-        "to the plant's rear actuator multiplied, which multiplies the gain of the loop exactly: by "
-        f"{MARGIN_SHARES[0]:g} times the margin it must be stable, by {MARGIN_SHARES[1]:g} times unstable. "
-        "The map sets what the loop follows and is no part of it: the region is that of the controller with each of its maps."
+        "CasADi linearises the two-track plant at each speed, friction and mass. The poles and margins of the loop around it "
+        "are computed straight ahead, and in a turn at "
+        f"{100.0 * TURN_SHARE:.0f} % of the road's grip, with straight rear wheels and without a friction estimate. "
+        "Straight ahead, the generated C is then simulated with the nonlinear plant and a small steering pulse in every cell: "
+        "it must be stable where the linearised loop is. Every third cell with a gain margin is simulated twice more, with a "
+        "factor on the command to the plant's rear actuator, which scales the gain of the loop exactly: at "
+        f"{MARGIN_SHARES[0]:g} times the margin it must be stable, at {MARGIN_SHARES[1]:g} times unstable. "
+        "The map sets the reference and is not part of the loop, so the region applies to the controller with any map."
     )
     yield Text(
         f"Kinds without feedback ({', '.join(_open_loop())}) have neither loop nor margins: they steer the rear wheels by "
-        "speed and front angle alone, whatever the car does, and it is as stable as with its rear wheels held. So they have no "
-        f'chart; the rows "{WITHOUT}" of the first table are those of all of them.'
+        "speed and front angle alone, so the car is as stable as with its rear wheels held. They therefore have no "
+        f'chart; the rows "{NO_FEEDBACK_LABEL}" of the first table apply to all of them.'
     )
     for name, region in regions.items():
         if region.disagreement:
@@ -106,20 +106,22 @@ def region_blocks(regions: Mapping[str, Region]) -> Iterator[Block]:
     yield Table(
         "First speed of the grid at which it is unstable straight ahead, km/h", header, list(_rows(regions)), words=(0,)
     )
-    yield Table("Computed, and driven straight ahead by the generated C", DRIVEN_HEADER, list(_driven(regions)), words=(0, 1))
-    yield Table("Least margins of the stable cells", LEAST_HEADER, list(_least(regions)), words=(0, 1))
+    yield Table(
+        "Computed, and simulated straight ahead with the generated C", DRIVEN_HEADER, list(_driven(regions)), words=(0, 1)
+    )
+    yield Table("Least margins of the stable cells", SMALLEST_MARGINS_HEADER, list(_smallest_margins(regions)), words=(0, 1))
 
 
-LEAST_HEADER = ("controller", "where", "cells", "stable", "gain margin (dB)", "phase margin (deg)")
+SMALLEST_MARGINS_HEADER = ("controller", "where", "cells", "stable", "gain margin (dB)", "phase margin (deg)")
 
 
-DRIVEN_HEADER = ("controller", "what", "cells", "too near to tell", "as computed", "otherwise")
+DRIVEN_HEADER = ("controller", "what", "cells", "undecided", "as computed", "contradicted")
 
 
 def _driven(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
     for name, region in regions.items():
         if region.driven is None:
-            yield name, "not driven", "0", "-", "-", "-"
+            yield name, "not simulated", "0", "-", "-", "-"
             continue
         every = np.ones_like(region.stable)
         shares = " and ".join(f"{share:g}" for share in MARGIN_SHARES)
@@ -136,7 +138,7 @@ def _shown(region: Region) -> tuple[float, ...]:
 
 
 def _open_loop() -> Iterator[str]:
-    """Kinds of controller that do not feed back what the car does."""
+    """Yield the kinds of controller without feedback."""
     paper = preset()
     yield from (kind for kind, law in LAWS.items() if not law.scheduled and law.gains(paper) is None)
 
@@ -144,7 +146,7 @@ def _open_loop() -> Iterator[str]:
 def _rows(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
     first = next(iter(regions.values()))
     shown = [(name, region, True) for name, region in regions.items()]
-    for name, region, feedback in (*shown, (WITHOUT, first, False)):
+    for name, region, feedback in (*shown, (NO_FEEDBACK_LABEL, first, False)):
         for place, mass in enumerate(region.masses_percent):
             found = [region.unstable_from(place, at, feedback) for at in range(0, len(region.frictions), 2)]
             last = f"not up to {region.speeds_km_h[-1]:g}"
@@ -155,7 +157,7 @@ def _rows(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
             )
 
 
-def _least(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
+def _smallest_margins(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
     for name, region in regions.items():
         every = np.ones_like(region.stable)
         for where, chosen, stable, gain, phase in (
@@ -189,7 +191,13 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
             "type": "contour",
             **look,
             "z": numbers(margin),
-            "contours": {"coloring": "lines", "start": WANTED, "end": WANTED, "size": 1, "showlabels": False},
+            "contours": {
+                "coloring": "lines",
+                "start": GAIN_MARGIN_LINE_DB,
+                "end": GAIN_MARGIN_LINE_DB,
+                "size": 1,
+                "showlabels": False,
+            },
             "line": {"width": 2},
             "colorscale": [[0, "white"], [1, "white"]],
             "showscale": False,
@@ -197,7 +205,11 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
             "hoverinfo": "skip",
         },
     ]
-    told = [f"line: {WANTED:g} dB"] if (margin < WANTED).any() and (margin > WANTED).any() else []
+    told = (
+        [f"line: {GAIN_MARGIN_LINE_DB:g} dB"]
+        if (margin < GAIN_MARGIN_LINE_DB).any() and (margin > GAIN_MARGIN_LINE_DB).any()
+        else []
+    )
     for title, symbol, sign, cells in _marks(region, mass):
         at = np.argwhere(cells)
         if at.size:
@@ -224,11 +236,11 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
             margin={"l": 60, "r": 20, "t": 20, "b": 120},
         ),
     }
-    share = f"stable in {100.0 * region.stable[mass].mean():.0f} % of the cells"
+    share = f"{100.0 * region.stable[mass].mean():.0f} % of the cells are stable"
     if region.driven is not None:
-        share += f" as computed, in {100.0 * region.driven[mass].mean():.0f} % when driven"
+        share += f" as computed, and of {100.0 * region.driven[mass].mean():.0f} % as simulated"
     otherwise = int((region.contradicted | region.margin_contradicted)[mass].sum())
-    share += f"; otherwise than computed in {otherwise}" if otherwise else ""
+    share += f"; contradicted by simulation in {otherwise}" if otherwise else ""
     signs = f"In white: {', '.join(told)}. " if told else ""
     caption = (
         f"{name}, {weight}: gain margin straight ahead; {share}. {signs}More than {GAIN_MARGIN_SHOWN:g} dB is drawn as that."
@@ -237,10 +249,10 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
 
 
 def _marks(region: Region, mass: int) -> Iterator[tuple[str, str, str, Any]]:
-    """Name, symbol, its sign in a text, and the cells."""
+    """Yield name, symbol, its sign in a text, and the cells of each mark."""
     yield "unstable", "x-thin", "×", ~region.stable[mass]
     if region.driven is not None:
-        yield "driven: otherwise than computed", "diamond", "◆", region.contradicted[mass]
-        yield "gain margin driven: otherwise", "diamond-open", "◇", region.margin_contradicted[mass]
-        yield "too near to the border to tell", "square-open", "□", (region.undecided | region.margin_undecided)[mass]
+        yield "simulation contradicts", "diamond", "◆", region.contradicted[mass]
+        yield "simulation contradicts the gain margin", "diamond-open", "◇", region.margin_contradicted[mass]
+        yield "undecided, near the border", "square-open", "□", (region.undecided | region.margin_undecided)[mass]
     yield "unstable in the turn", "circle-open", "○", region.stable[mass] & region.turn_found[mass] & ~region.turn_stable[mass]

@@ -27,19 +27,19 @@ from hil_sim.scenarios import Scenario
 
 @dataclass(frozen=True)
 class Panel:
-    """A row of the chart: its title with the unit, columns of a run and how each is drawn."""
+    """A row of the chart: its title with the unit, and the columns of a run with their line styles."""
 
     title: str
     columns: tuple[tuple[str, str], ...]
 
     @property
     def unit(self) -> str:
-        """Unit in the title."""
+        """Unit from the title."""
         return self.title.partition("(")[2].rstrip(")")
 
 
 SPEED_PANEL = Panel("Speed<br>(km/h)", (("speed_m_s", "solid"),))
-"""Shown where the speed is not held."""
+"""CellRuns if the speed is not constant."""
 
 PANELS = (
     Panel("Yaw rate<br>(deg/s)", (("yaw_rate_rad_s", "solid"), ("yaw_rate_reference_rad_s", "dash"))),
@@ -53,7 +53,7 @@ PANELS = (
 )
 GAP = 0.022
 MARKS = 14
-"""Symbols along a line, at most."""
+"""Largest number of symbols along a line."""
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x", "star")
 PASSIVE = ("passive", "passive car")
 WORDS = {
@@ -69,23 +69,23 @@ def colours_of(runs: Mapping[str, FloatArray]) -> dict[str, str]:
 
 
 def is_passive(name: str) -> bool:
-    """Whether a run of this name has no control: no reference, no command, no status."""
+    """Return whether a run of this name has no controller: no reference, no command, no status."""
     return name.lower() in PASSIVE
 
 
 def run_blocks(
     runs: Mapping[str, FloatArray], config: Config, scenario: Scenario, look_up: LookUp | None = None
 ) -> Iterator[Block]:
-    """The chart of all runs, and a table of their figures.
+    """Yield the chart of all runs, and a table of their figures.
 
     Args:
         runs: name to recording (samples, 12), columns RECORD_COLUMNS.
-        config: of the car, for its limits.
-        scenario: what was driven.
-        look_up: the map, for the errors to it.
+        config: configuration of the car, for its limits.
+        scenario: scenario of the runs.
+        look_up: map lookup, for the errors to the map.
     """
     if scenario.kind == "recording":
-        yield Text("Judged as a recording: `--scenario` names what was driven, and brings its figures.", "notice")
+        yield Text("Evaluated as a recording. Name the scenario with `--scenario` to get its figures.", "notice")
     yield run_chart(runs, config, scenario.title)
     evaluation = evaluate(scenario, config, runs, look_up)
     rows = [tuple(cell.replace("m/s^2", "m/s²") for cell in row) for row in metric_rows(evaluation)]
@@ -93,7 +93,7 @@ def run_blocks(
 
 
 def run_chart(runs: Mapping[str, FloatArray], config: Config, title: str, panels: Sequence[Panel] = PANELS) -> Chart:
-    """Return the chart of the signals below each other. Reference and command are dashed, limits dotted.
+    """Return the chart of the signals, one row each. Reference and command are dashed, limits dotted.
 
     Raises:
         PlotError: no run, or an array of another shape.
@@ -118,7 +118,7 @@ def run_chart(runs: Mapping[str, FloatArray], config: Config, title: str, panels
             place = {"xref": "paper", "x0": 0, "x1": 1, "yref": name, "y0": value, "y1": value}
             if _is_near(value, runs, panel):
                 shapes.append({"type": "line", "line": drawn, **place})
-    data.append(_entry("asked for", INK, "dash"))
+    data.append(_entry("reference or command", INK, "dash"))
     data.append(_entry("limit", MUTED, "dot"))
     first, last = run_window(runs)
     bottom = f"y{len(panels)}"
@@ -148,7 +148,7 @@ def _lines(run: str, record: FloatArray, panel: Panel, look: tuple[str, str], y:
             continue
         what = f"{run}{', ' + WORDS[name] if name in WORDS else ''}"
         drawn = line(time, column(record, name), what, colour, dash=dash, width=1.5 if name in WORDS else 2)
-        if name not in WORDS:  # told apart without colour, too
+        if name not in WORDS:  # distinguishable without colour, too
             drawn |= {"mode": "lines+markers", "marker": {"symbol": symbol, "size": 7, "maxdisplayed": MARKS, "color": colour}}
         yield {
             **drawn,
@@ -158,7 +158,7 @@ def _lines(run: str, record: FloatArray, panel: Panel, look: tuple[str, str], y:
 
 
 def _entry(name: str, colour: str, dash: str) -> dict[str, Any]:
-    """A legend entry for a kind of line."""
+    """Return a legend entry for a kind of line."""
     return {**line([np.nan], [np.nan], name, colour, dash=dash, width=1.5), "hoverinfo": "skip"}
 
 
@@ -173,7 +173,7 @@ def _limits(config: Config) -> dict[str, float]:
 
 
 def _is_near(value: float, runs: Mapping[str, FloatArray], panel: Panel) -> bool:
-    """Whether a limit would not squeeze the signals: they reach a third of it, on its side."""
+    """Return whether a limit can be drawn without squeezing the signals: they reach a third of it, on its side."""
     seen = np.concatenate([column(record, panel.columns[0][0]) for record in runs.values()])
     reached = float(np.nanmax(np.sign(value) * seen)) if np.isfinite(seen).any() else 0.0
     return reached > abs(value) / 3.0

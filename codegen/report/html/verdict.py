@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from hil_sim.scenarios import Scenario
 
 PICTURE_HEIGHT = 280
-"""px"""
+"""Height in px."""
 
 
 def verdict_blocks(material: Material) -> Iterator[Block]:
@@ -68,7 +68,7 @@ def _gain(one: ReferenceMap, other: ReferenceMap) -> Tile:
     """Return the share of the grid with a safe turn, and the yaw rate there relative to the front-steered car's."""
     title = "Safe turns, against the front-steered car"
     if one.feasible.shape != other.feasible.shape:
-        return Tile(title, "-", "the maps have other grids")
+        return Tile(title, "-", "the maps have different grids")
     own, theirs = one.feasible.mean(), other.feasible.mean()
     both = one.feasible & other.feasible & (other.yaw_rate > 0.0)
     ratio = 100.0 * (float(np.median(one.yaw_rate[both] / other.yaw_rate[both])) - 1.0) if both.any() else 0.0

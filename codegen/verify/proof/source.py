@@ -239,7 +239,7 @@ class Program:
 
     @property
     def objects(self) -> Iterator[Object]:
-        """Outside the functions, of all units."""
+        """ExternalFigures the functions, of all units."""
         return (each for unit in self.units.values() for each in unit.objects.values())
 
     def public(self, name: str) -> Function | None:

@@ -46,8 +46,8 @@ typedef enum {
     ARS_STATUS_TRACKING = 0, /* following the reference */
     ARS_STATUS_LIMITED = 1,  /* following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's */
     ARS_STATUS_STANDBY = 2,  /* too slow (with hysteresis), or reversing: the rear angle returns to zero */
-    ARS_STATUS_DEGRADED = 3, /* following, with a signal replaced by the others, or predicting for a short time without a sample */
-    ARS_STATUS_FAIL_SAFE = 4 /* neither front angle nor yaw rate is believed: the rear angle goes to zero */
+    ARS_STATUS_DEGRADED = 3, /* following, with one signal estimated from the others, or predicted for a short time without a sample */
+    ARS_STATUS_FAIL_SAFE = 4 /* neither front angle nor yaw rate is valid: the rear angle returns to zero */
 } ars_status_t;
 
 /* Result of a step. */
@@ -62,10 +62,10 @@ typedef struct {
     ars_law_t law;                      /* the control law */
     float rear_angle;                   /* rad, last command */
     float yaw_rate_reference;           /* rad/s, last reference */
-    float yaw_rate_error;               /* rad/s, last reference less measured yaw rate; 0 where control is off */
-    bool enabled;                       /* above the enabling speed, with hysteresis: the law runs */
-    uint32_t initialised;               /* a mark, of which memory without an initialisation has none */
-    ars_measurement_t sample;           /* what is believed of the last one */
+    float yaw_rate_error;               /* rad/s, last reference minus measured yaw rate; 0 while control is off */
+    bool enabled;                       /* speed above the enabling speed, with hysteresis: the law runs */
+    uint32_t initialised;               /* mark of an initialised state */
+    ars_measurement_t sample;           /* last sample after monitoring */
     ars_inputs_t inputs;                /* first in the chain */
     ars_limiter_t limiter;              /* last in the chain */
     ars_quality_t quality;              /* of the last sample */

@@ -46,24 +46,24 @@ typedef struct {
     float yaw_rate_max;                 /* rad/s, range */
     float rear_angle_max;               /* rad, range */
     float friction_max;                 /* range */
-    float speed_step;                   /* m/s at most in a sample */
-    float front_angle_step;             /* rad at most in a sample */
-    float yaw_rate_step;                /* rad/s at most in a sample */
-    float wheelbase;                    /* m, of the linear car */
-    float understeer_coefficient;       /* s^2/m: of the linear car */
-    float expected_share;               /* share of its way to the steady turn that the yaw rate goes in a sample */
-    float yaw_rate_tolerance;           /* rad/s beyond what the road explains */
-    float lateral_acceleration_max;     /* m/s^2 that no road allows */
-    float yaw_rate_frozen;              /* rad/s that yaw rate and front angle may move apart while one of them stays to the bit */
-    float speed_agreement;              /* m/s, beyond a quarter of what stands for it, within which a speed that was wrong counts again */
-    float yaw_rate_agreement;           /* rad/s, within which an angle or a yaw rate that was wrong does, in a turn of twice as much */
-    float straight_yaw_rate;            /* rad/s that the front wheels make at most on a straight */
-    float yaw_rate_offset_max;          /* rad/s that is learned at most */
-    float yaw_rate_correction_share;    /* share of what is left of a correction of the yaw rate, in a sample */
-    float speed_fall;                   /* m/s that a lost speed falls in a sample */
-    float friction_recovery;            /* that a lost estimate rises in a sample */
-    uint16_t missing_samples_max;       /* missing samples less others of a signal, before it is replaced */
-    uint16_t recovery_samples;          /* in a row that end it */
+    float speed_step;                   /* m/s, largest change in a sample */
+    float front_angle_step;             /* rad, largest change in a sample */
+    float yaw_rate_step;                /* rad/s, largest change in a sample */
+    float wheelbase;                    /* m, linear car */
+    float understeer_coefficient;       /* s^2/m, linear car */
+    float expected_share;               /* weight of the steady yaw rate in the low-pass filter of the expected one */
+    float yaw_rate_tolerance;           /* rad/s, largest difference from the expected yaw rate */
+    float lateral_acceleration_max;     /* m/s^2, range, and bound for any road */
+    float yaw_rate_frozen;              /* rad/s, difference of yaw rate and front angle at which one that is constant to the bit counts as frozen */
+    float speed_agreement;              /* m/s, added to a quarter of the replacement: a rejected speed within this distance is accepted again */
+    float yaw_rate_agreement;           /* rad/s, the same for a front angle or yaw rate, in a turn of at least twice as much */
+    float straight_yaw_rate;            /* rad/s, largest yaw rate by the front wheels that counts as straight */
+    float yaw_rate_offset_max;          /* rad/s, largest offset that is learned */
+    float yaw_rate_correction_share;    /* share of a correction of the yaw rate that is removed in a sample */
+    float speed_fall;                   /* m/s, decrease of a lost speed in a sample */
+    float friction_recovery;            /* increase of a lost estimate in a sample */
+    uint16_t missing_samples_max;       /* missing samples, less good ones, before a signal is replaced */
+    uint16_t recovery_samples;          /* good samples in a row until it is used again */
 } ars_inputs_parameters_t;
 
 /* Source of the value of a signal. */
@@ -117,13 +117,13 @@ void ars_inputs_init(ars_inputs_t *self, bool is_trusted);
  *
  * measured:   may contain any number, NaN and infinity too.
  * rear_angle: rad, the last command, finite. It replaces a rear angle that is not measured.
- * believed:   receives the checked sample. Every field is finite; speed, angles and yaw rate are within their ranges, and an
+ * checked:    receives the checked sample. Every field is finite; speed, angles and yaw rate are within their ranges, and an
  *             unknown friction is above that of every map.
  * Returns the quality of the sample.
  */
 ars_quality_t ars_inputs_step(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle,
-    ars_measurement_t *believed);
+    ars_measurement_t *checked);
 
 #ifdef __cplusplus
 }

@@ -39,7 +39,7 @@ typedef enum {
 
 /* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {
-    float integral;                     /* rad, of rear angle */
+    float integral;                     /* rad, part of the rear angle */
     bool is_limited;                    /* a limit acted in the last sample */
 } ars_law_t;
 

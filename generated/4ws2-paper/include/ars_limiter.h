@@ -28,13 +28,13 @@ enum { ARS_LIMITER_POINTS = 6 };
 
 /* Calibration parameters. Call ars_limiter_parameters_valid() after each change. */
 typedef struct {
-    float rear_angle_max;                                   /* rad, of the demand in any case */
+    float rear_angle_max;                                   /* rad, bound of the command */
     float rear_rate_max;                                    /* rad/s (off) */
     float opposite_phase_speed[ARS_LIMITER_POINTS];         /* m/s, breakpoints, increasing */
-    float opposite_phase_max[ARS_LIMITER_POINTS];           /* rad against the front wheels, at those speeds (off) */
-    float in_phase_from_front_angle;                        /* rad of front angle from which on all of rear_angle_max is free in phase */
-    float speed_max;                                        /* m/s, beyond it a speed is none */
-    float front_angle_max;                                  /* rad, beyond it a front angle is none */
+    float opposite_phase_max[ARS_LIMITER_POINTS];           /* rad, bound of the opposite-phase angle at those speeds (off) */
+    float in_phase_from_front_angle;                        /* rad, front angle from which the whole rear_angle_max is allowed in phase */
+    float speed_max;                                        /* m/s, range; a speed beyond it is ignored */
+    float front_angle_max;                                  /* rad, range; a front angle beyond it is ignored */
 } ars_limiter_parameters_t;
 
 /* Inputs of one sample. NaN, and a value out of range, count as not available. */

@@ -32,8 +32,8 @@ extern "C" {
 typedef struct {
     float proportional_gain;            /* s: rad of rear angle for each rad/s of error */
     float integral_gain;                /* rad of rear angle for each rad of integrated error */
-    float rear_angle_error_max;         /* rad, how far the demand may run ahead of the measured rear angle */
-    float rear_angle_max;               /* rad, bound on the command; at most what the actuator can */
+    float rear_angle_error_max;         /* rad, largest distance of the demand from the measured rear angle */
+    float rear_angle_max;               /* rad, bound of the command, at most the actuator's largest angle */
     float rear_rate_max;                /* rad/s, bound on the command's rate (off) */
     float friction_min;                 /* a lower estimate counts as this */
     float enable_speed;                 /* m/s, control starts from here */
@@ -41,7 +41,7 @@ typedef struct {
     float standby_rate;                 /* rad/s, return to zero in standby */
     float fail_safe_rate;               /* rad/s, return to zero in fail-safe */
     float actuator_share;               /* of the way to the command that the actuator goes in a sample */
-    float actuator_error_max;           /* rad off, beside twice the way to go, that is tolerated */
+    float actuator_error_max;           /* rad, tolerated error, in addition to twice the remaining way */
     uint16_t actuator_samples_max;      /* samples off, less others, then it is stuck */
     ars_inputs_parameters_t inputs;     /* of the plausibility checks */
     ars_limiter_parameters_t limiter;   /* of the safety limiter */

@@ -44,12 +44,12 @@ typedef enum {
 /* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {
     ars_reference_model_t model;        /* of the car */
-    float trim;                         /* rad/s, towards the map's yaw rate */
-    float integral;                     /* rad, of rear angle */
+    float trim;                         /* rad/s, correction towards the map's yaw rate */
+    float integral;                     /* rad, part of the rear angle */
     float front_angle;                  /* rad, of the last sample */
     float front_rate;                   /* rad/s, smoothed */
     float previous_model_yaw_rate;      /* rad/s, one sample ago */
-    uint16_t missed_samples;            /* that were predicted since the last good one */
+    uint16_t missed_samples;            /* predicted since the last good sample */
     float yaw_rate;                     /* rad/s, of the last sample */
     bool is_limited;                    /* a limit acted in the last sample */
 } ars_law_t;

@@ -35,21 +35,21 @@ typedef struct {
     float schedule_speed[ARS_SCHEDULE_POINTS];/* m/s, breakpoints of the gains, increasing */
     float proportional_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s of error */
     float integral_gain[ARS_SCHEDULE_POINTS];/* rad of rear angle for each rad of integrated error */
-    float lead_time[ARS_SCHEDULE_POINTS];/* s, how far the front angle that enters the map is looked ahead */
-    float response_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s that the model lacks of the map's yaw rate */
-    float lead_smoothing;               /* share of a new rate of the front angle that counts at once */
-    float lead_angle_max;               /* rad, bound of that */
-    float response_samples;             /* samples that the model's yaw rate is looked ahead for the response gain */
-    float yaw_increasing_max;           /* rad that feedback may add where it makes the car turn more */
-    float trim_share;                   /* of the map's yaw rate: bound of the trim */
-    float trim_rate;                    /* 1/s, how fast the trim follows */
-    float grip_shortfall;               /* m/s^2 of missing lateral acceleration that is no loss of grip */
-    float grip_loss_rate;               /* 1/s, how fast the grip follows a larger one */
-    float grip_forgetting;              /* 1/s, how fast what was reached is forgotten */
-    float grip_recovery;                /* m/s^2 that the grip recovers in a second of a turn */
-    float grip_recovery_idle;           /* m/s^2 where less than half of it is asked for */
-    float rear_angle_error_max;         /* rad, how far the demand may run ahead of the measured rear angle */
-    float rear_angle_max;               /* rad, bound on the command; at most what the actuator can */
+    float lead_time[ARS_SCHEDULE_POINTS];/* s, prediction time of the front angle that enters the map */
+    float response_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s that the model's yaw rate is below the map's */
+    float lead_smoothing;               /* weight of a new rate of the front angle in its low-pass filter */
+    float lead_angle_max;               /* rad, bound of the predicted change */
+    float response_samples;             /* samples, prediction time of the model's yaw rate for the response gain */
+    float yaw_increasing_max;           /* rad, bound of the feedback in the direction that increases the yaw rate */
+    float trim_share;                   /* bound of the trim, as a share of the map's yaw rate */
+    float trim_rate;                    /* 1/s, inverse time constant of the trim */
+    float grip_shortfall;               /* m/s^2, shortfall of lateral acceleration that does not count as a loss of grip */
+    float grip_loss_rate;               /* 1/s, inverse time constant of a loss of grip */
+    float grip_forgetting;              /* 1/s, inverse time constant of the reached lateral acceleration */
+    float grip_recovery;                /* m/s^3, recovery of the grip in a turn */
+    float grip_recovery_idle;           /* m/s^3, recovery while less than half of the grip is needed */
+    float rear_angle_error_max;         /* rad, largest distance of the demand from the measured rear angle */
+    float rear_angle_max;               /* rad, bound of the command, at most the actuator's largest angle */
     float rear_rate_max;                /* rad/s, bound on the command's rate */
     float friction_min;                 /* a lower estimate counts as this */
     float enable_speed;                 /* m/s, control starts from here */
@@ -57,7 +57,7 @@ typedef struct {
     float standby_rate;                 /* rad/s, return to zero in standby */
     float fail_safe_rate;               /* rad/s, return to zero in fail-safe */
     float actuator_share;               /* of the way to the command that the actuator goes in a sample */
-    float actuator_error_max;           /* rad off, beside twice the way to go, that is tolerated */
+    float actuator_error_max;           /* rad, tolerated error, in addition to twice the remaining way */
     uint16_t actuator_samples_max;      /* samples off, less others, then it is stuck */
     ars_inputs_parameters_t inputs;     /* of the plausibility checks */
     ars_limiter_parameters_t limiter;   /* of the safety limiter */

@@ -44,16 +44,16 @@ extern "C" {
 enum {
     ARS_DIAGNOSTICS_MOTION_MISSING = 0x0001u, /* VehicleMotion: no frame in this cycle */
     ARS_DIAGNOSTICS_MOTION_WRONG_CRC = 0x0002u, /* VehicleMotion: a frame with a wrong CRC, or without eight bytes */
-    ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER = 0x0004u, /* VehicleMotion: a wrong counter, or the message has to prove itself */
+    ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER = 0x0004u, /* VehicleMotion: a wrong counter, or too few valid frames since the start or a fault */
     ARS_DIAGNOSTICS_CONDITIONS_MISSING = 0x0008u, /* VehicleConditions: no frame in this cycle */
     ARS_DIAGNOSTICS_CONDITIONS_WRONG_CRC = 0x0010u, /* VehicleConditions: a frame with a wrong CRC, or without eight bytes */
-    ARS_DIAGNOSTICS_CONDITIONS_WRONG_COUNTER = 0x0020u, /* VehicleConditions: a wrong counter, or the message has to prove itself */
-    ARS_DIAGNOSTICS_UNAVAILABLE = 0x0040u, /* a signal is not available, out of range or impossible, for a short time so far */
-    ARS_DIAGNOSTICS_SPEED_REPLACED = 0x0080u, /* the speed is not believed: held, then falling */
-    ARS_DIAGNOSTICS_FRONT_ANGLE_REPLACED = 0x0100u, /* the front angle is not believed: taken from the yaw rate */
-    ARS_DIAGNOSTICS_YAW_RATE_REPLACED = 0x0200u, /* the yaw rate is not believed: taken from the front angle */
-    ARS_DIAGNOSTICS_TASK_LATE = 0x0400u, /* the calls of the task stay behind the frames */
-    ARS_DIAGNOSTICS_INTERMITTENT = 0x0800u, /* the bus is disturbed and comes back, again and again */
+    ARS_DIAGNOSTICS_CONDITIONS_WRONG_COUNTER = 0x0020u, /* VehicleConditions: a wrong counter, or too few valid frames since the start or a fault */
+    ARS_DIAGNOSTICS_UNAVAILABLE = 0x0040u, /* a signal is not available, out of range or implausible, for a short time so far */
+    ARS_DIAGNOSTICS_SPEED_REPLACED = 0x0080u, /* the speed is rejected: last value, then decreasing */
+    ARS_DIAGNOSTICS_FRONT_ANGLE_REPLACED = 0x0100u, /* the front angle is rejected: computed from the yaw rate */
+    ARS_DIAGNOSTICS_YAW_RATE_REPLACED = 0x0200u, /* the yaw rate is rejected: computed from the front angle */
+    ARS_DIAGNOSTICS_TASK_LATE = 0x0400u, /* the task is called less often than frames arrive */
+    ARS_DIAGNOSTICS_INTERMITTENT = 0x0800u, /* repeated disturbances of the bus */
     ARS_DIAGNOSTICS_ACTUATOR_STUCK = 0x1000u  /* the measured rear angle does not follow the command */
 };
 

@@ -450,19 +450,19 @@ ARS_SECTION_CODE static void stand_in(ars_inputs_t *self, const ars_inputs_param
 
 ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle,
-    ars_measurement_t *believed)
+    ars_measurement_t *checked)
 {
-    const float believed_rear_angle
+    const float checked_rear_angle
         = is_within(measured->rear_angle, parameters->rear_angle_max) ? measured->rear_angle : rear_angle;
     bool has_missing = take_speed(self, parameters, measured->speed);
     const float gain = yaw_gain(parameters, self->speed.value);
     const lateral_t lateral = turn_of_lateral(self, parameters, measured->lateral_acceleration);
-    float linear_yaw_rate = gain * (measured->front_angle - believed_rear_angle);
+    float linear_yaw_rate = gain * (measured->front_angle - checked_rear_angle);
     float net_steering_angle;
 
     self->lateral_is_known = self->lateral_is_known || lateral.is_there;
     has_missing = take_front_angle(self, parameters, measured->front_angle, linear_yaw_rate, &lateral) || has_missing;
-    net_steering_angle = self->front_angle.value - believed_rear_angle;
+    net_steering_angle = self->front_angle.value - checked_rear_angle;
     linear_yaw_rate = self->expected_yaw_rate + (parameters->expected_share * ((gain * net_steering_angle) - self->expected_yaw_rate));
     self->expected_yaw_rate = bounded(linear_yaw_rate, parameters->yaw_rate_max);
     has_missing = take_yaw_rate(self, parameters, measured->yaw_rate, net_steering_angle, &lateral) || has_missing;
@@ -473,7 +473,7 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     if (self->yaw_rate.source != ARS_SIGNAL_MEASURED) {
         stand_in(self, parameters, &lateral);
     } else if ((self->front_angle.source != ARS_SIGNAL_MEASURED) && (self->speed.value >= speed_least)) {
-        self->front_angle.value = bounded(believed_rear_angle + (self->yaw_rate.value / gain), parameters->front_angle_max);
+        self->front_angle.value = bounded(checked_rear_angle + (self->yaw_rate.value / gain), parameters->front_angle_max);
     } else {
         /* both are measured, or the car is too slow */
     }
@@ -483,16 +483,16 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
         forget(&self->yaw_rate);
     }
     take_friction(self, parameters, measured->friction);
-    believed->speed = self->speed.value;
-    believed->front_angle = self->front_angle.value;
-    believed->yaw_rate = self->yaw_rate.value;
+    checked->speed = self->speed.value;
+    checked->front_angle = self->front_angle.value;
+    checked->yaw_rate = self->yaw_rate.value;
     if (self->yaw_rate.source == ARS_SIGNAL_MEASURED) {
         self->beyond_linear = 0.0f;
-        believed->yaw_rate = without_offset(self, parameters, gain * self->front_angle.value, &lateral);
+        checked->yaw_rate = without_offset(self, parameters, gain * self->front_angle.value, &lateral);
     }
-    believed->rear_angle = believed_rear_angle;
-    believed->friction = self->friction;
-    believed->lateral_acceleration = believed->speed * (lateral.is_there ? lateral.yaw_rate : believed->yaw_rate);
-    believed->inhibit = measured->inhibit;
+    checked->rear_angle = checked_rear_angle;
+    checked->friction = self->friction;
+    checked->lateral_acceleration = checked->speed * (lateral.is_there ? lateral.yaw_rate : checked->yaw_rate);
+    checked->inhibit = measured->inhibit;
     return quality_of(self, has_missing);
 }

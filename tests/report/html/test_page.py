@@ -64,14 +64,14 @@ def test_an_incomplete_or_outdated_verification_record_is_named(tmp_path: Path) 
     with (folder / "manifest.json").open("ab") as file:
         file.write(b"\n")
     for content, words in (
-        (None, "of an older build"),
+        (None, "belongs to an older build"),
         ("{}", "is damaged"),
     ):
         if content is not None:
             (folder / "verify.json").write_text(content, encoding="utf-8")
         assert words in next(iter(build.verification_blocks(folder))).text
     (folder / "verify.json").unlink()
-    assert "Nothing is recorded" in next(iter(build.verification_blocks(folder))).text
+    assert "has no verification record" in next(iter(build.verification_blocks(folder))).text
 
 
 def test_a_bare_map_makes_a_report(tmp_path: Path) -> None:
@@ -155,11 +155,11 @@ def test_messages_for_files_of_another_kind(tmp_path: Path) -> None:
         ("endless.csv", None, "time_s is not finite"),
         ("foreign.blf", None, "no frame with an id of the build (0x101"),
         ("header.csv", "a,b\n1,2\n", "not the header of a run"),
-        ("x.blf", "not a log", "no log of a CAN bus"),
-        ("x.mf4", "not MF4", "no run that can be read"),
+        ("x.blf", "not a log", "not a readable log of a CAN bus"),
+        ("x.mf4", "not MF4", "not a readable run"),
         ("entry.json", '{"faults": [{"injected": 1}]}', "not what `codegen faults --json` prints"),
         ("deep.json", "[" * 100_000, "not what `codegen faults --json` prints"),
-        ("structs.parquet", None, "no run that can be read"),
+        ("structs.parquet", None, "not a readable run"),
     ):
         if content is not None:
             (tmp_path / name).write_text(content, encoding="utf-8")

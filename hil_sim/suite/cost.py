@@ -27,7 +27,7 @@ SINE_SHARE = 0.1
 
 @dataclass(frozen=True)
 class RiseTime:
-    """t90 of a subject at one speed, over its cells that stay on the road; None where there is none."""
+    """Rise time t90 of a subject at one speed, over its cells that stay on the road; None without such a cell."""
 
     subject: str
     speed_km_h: float
@@ -82,7 +82,7 @@ class Slower:
 
     @property
     def difference_s(self) -> float:
-        """Above zero where the first is slower."""
+        """Difference in s; positive if the first is slower."""
         return self.mean_s - self.other_mean_s
 
 

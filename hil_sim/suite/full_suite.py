@@ -15,7 +15,7 @@ from hil_sim.suite.background import Background
 from hil_sim.suite.candidate import Candidate, Steps
 from hil_sim.suite.limits import Limits
 from hil_sim.suite.runs import CellResult
-from hil_sim.suite.tracking import Outside, SuiteResult, run_suite
+from hil_sim.suite.tracking import ExternalFigures, SuiteResult, run_suite
 
 Stage = Callable[[str], AbstractContextManager[Steps]]
 """Function from the title of a stage to a context with its progress callback."""
@@ -40,7 +40,7 @@ def unseen(title: str) -> Iterator[Steps]:
 
 
 @dataclass(frozen=True)
-class Whole:
+class FullSuite:
     """Result of the suite, files of the tested build that were edited, and notes for the user."""
 
     result: SuiteResult
@@ -48,7 +48,9 @@ class Whole:
     notes: tuple[str, ...]
 
 
-def run_whole(candidate: Candidate, count: Count | None = None, stage: Stage = unseen, limits: Limits | None = None) -> Whole:
+def run_full_suite(
+    candidate: Candidate, count: Count | None = None, stage: Stage = unseen, limits: Limits | None = None
+) -> FullSuite:
     """Run the whole suite. Missing external tools leave a note, and their rows unmeasured.
 
     Args:
@@ -63,27 +65,27 @@ def run_whole(candidate: Candidate, count: Count | None = None, stage: Stage = u
         jobs = third_party.jobs(candidate.contenders(), candidate.case) if third_party.available() else {}
         driven = {name: background.call(job) for name, job in jobs.items()}
         with stage("tuning") as steps:
-            line_up = candidate.line_up(steps)
-        generated = line_up.build.generated
+            comparison = candidate.comparison(steps)
+        generated = comparison.build.generated
         counted = background.call(count, generated.files, generated.manifest) if count is not None else None
         with stage("driving") as steps:
             result = run_suite(
-                line_up.tested, line_up.baselines, line_up.case, progress=lambda _, done, total: steps(done + 1, total)
+                comparison.tested, comparison.baselines, comparison.case, progress=lambda _, done, total: steps(done + 1, total)
             )
         outside, notes = _collect(driven, counted, stage)
-    return Whole(result.with_outside(outside, limits), generated.edited, (*line_up.notes, *notes))
+    return FullSuite(result.with_outside(outside, limits), generated.edited, (*comparison.notes, *notes))
 
 
 def _collect(
     driven: Mapping[str, AsyncResult[tuple[CellResult, ...]]], counted: AsyncResult[int] | None, stage: Stage
-) -> tuple[Outside, list[str]]:
+) -> tuple[ExternalFigures, list[str]]:
     cells, instructions, notes = {}, None, [] if driven else [THIRD_PARTY_MISSING]
     with stage("third party's plant and instructions") as steps:
         for done, (name, found) in enumerate(driven.items(), start=1):
             try:
                 cells[name] = found.get()
             except CodegenError as error:
-                notes.append(f"{name} was not driven on the third party's plant: {error}")
+                notes.append(f"{name} was not simulated on the third party's plant: {error}")
             steps(done, len(driven) + 1)
         if counted is not None:
             try:
@@ -91,4 +93,4 @@ def _collect(
             except CodegenError as error:
                 notes.append(f"the instructions of a step were not counted: {error}")
         steps(len(driven) + 1, len(driven) + 1)
-    return Outside(cells, instructions), notes
+    return ExternalFigures(cells, instructions), notes

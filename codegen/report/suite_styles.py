@@ -25,7 +25,7 @@ REFERENCE: dict[str, Any] = {"color": GREY, "linewidth": 1.2, "linestyle": (0, (
 
 
 def lines_of(result: SuiteResult) -> dict[str, dict[str, Any]]:
-    """Colour and line of each subject; the one under test is the widest."""
+    """Return colour and line style of each subject; the one under test has the widest line."""
     spare = iter(MORE_COLOURS * len(result.subjects))
     looks: dict[str, dict[str, Any]] = {}
     for name in result.subjects:
@@ -37,7 +37,7 @@ def lines_of(result: SuiteResult) -> dict[str, dict[str, Any]]:
 
 
 def markers_of(result: SuiteResult) -> dict[str, dict[str, Any]]:
-    """Colour and mark of each subject, where there is no line."""
+    """Return colour and marker of each subject, for pictures without lines."""
     return {
         name: {"color": look["color"], "marker": marker, "linestyle": "", "markersize": 5.5, "markeredgecolor": WHITE}
         for (name, look), marker in zip(lines_of(result).items(), MARKERS, strict=False)
@@ -45,7 +45,7 @@ def markers_of(result: SuiteResult) -> dict[str, dict[str, Any]]:
 
 
 def name_handles(result: SuiteResult, looks: Mapping[str, Mapping[str, Any]]) -> list[Any]:
-    """Legend entries: the subjects by name, as lines or as marks."""
+    """Return legend entries: names of the subjects, with lines or markers."""
     from matplotlib.lines import Line2D
 
     return [Line2D([], [], label=plain(name), **{**looks[name], "zorder": 2}) for name in result.subjects]
