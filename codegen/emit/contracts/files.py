@@ -1,0 +1,55 @@
+"""The folder `verify/` of a build: contracts, a harness for each function, and stand-ins for functions that others call."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from codegen.emit.contracts.contract import Unit
+from codegen.emit.contracts.units import contracts_of
+from codegen.emit.render import render
+
+FOLDER = "verify"
+CHECKS = (
+    "--bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check --undefined-shift-check"
+)
+CONVERSIONS = "--conversion-check"
+SOLVER = "--no-standard-checks --unwinding-assertions --slice-formula --bitwuzla"
+"""Without slicing, CBMC copies structs of floats whole, which its SMT encoding does not support."""
+
+
+def command_of(unit: Unit) -> list[str]:
+    """Return the command that proves a unit in the folder of the build, as arguments."""
+    files = [f"{FOLDER}/prove_{unit.name}.c", *(f"src/{each}.c" for each in (unit.unit, *unit.linked))]
+    files += [f"{FOLDER}/assume_{each}.c" for each in unit.callees]
+    checks = [*CHECKS.split(), *([CONVERSIONS] if unit.conversions else [])]
+    return ["cbmc", *files, "-Iinclude", f"-I{FOLDER}", "--function", "prove", "--unwind", str(unit.unwind), *checks, *SOLVER.split()]
+
+
+def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
+    """Return content by path.
+
+    Args:
+        context: of the templates of a build.
+    """
+    contracts = contracts_of(context)
+    known = {**context, "contracts": contracts}
+    files = {f"{FOLDER}/{context['build'].prefix}_contracts.h": render("contracts/contract.h.j2", known)}
+    for unit in contracts.units:
+        files[f"{FOLDER}/prove_{unit.name}.c"] = render(
+            "contracts/prove.c.j2", {**known, "unit": unit, "command": " ".join(command_of(unit)), "ensured": _ensured(unit, True)}
+        )
+    for function in sorted({callee for unit in contracts.units for callee in unit.callees}):
+        unit = contracts.of(function)
+        files[f"{FOLDER}/assume_{function}.c"] = render(
+            "contracts/assume.c.j2", {**known, "unit": unit, "ensured": _ensured(unit, False)}
+        )
+    return files
+
+
+def _ensured(unit: Unit, in_harness: bool) -> list[str]:
+    """Arguments of the postcondition, in a harness or in a stand-in."""
+    given = [each.passed if in_harness else each.name for each in unit.arguments]
+    result = [f"{'&' if unit.result_is_struct else ''}result"] if unit.result else []
+    return [*given, *result, *(f"&{each.name}_before" for each in unit.states)]
+
