@@ -20,8 +20,8 @@ Verdict = Literal["proved", "failed", "open", "not run"]
 TIME_LIMIT_S = 120.0
 """Time limit of one harness."""
 HARNESSES = "verify/prove_*.c"
-END = "prove.assertion.1"
-"""The assertion at the end of each harness, which must fail: properties that are never reached would count as proved."""
+END = "{}.assertion.1"
+"""By the name of the entry: the assertion at the end of each harness, which must fail: properties that are never reached would count as proved."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class _Run:
         properties = _results(messages)
         verdict, detail = _verdict(messages, properties)
         if verdict == "proved":
-            messages = self._messages([*command, "-DCHECK_END", "--property", END, "--json-ui"])
+            messages = self._messages([*command, "-DCHECK_END", "--property", END.format(path.stem), "--json-ui"])
             if [each["status"] for each in _results(messages)] != ["FAILURE"]:
                 verdict, detail = "open", "the end of the harness is not known to be reached"
         return Result(name, verdict, time.monotonic() - start, len(properties), detail)

@@ -23,7 +23,7 @@ def command_of(unit: Unit) -> list[str]:
     files = [f"{FOLDER}/prove_{unit.name}.c", *(f"src/{each}.c" for each in (unit.unit, *unit.linked))]
     files += [f"{FOLDER}/assume_{each}.c" for each in unit.callees]
     checks = [*CHECKS.split(), *([CONVERSIONS] if unit.conversions else [])]
-    return ["cbmc", *files, "-Iinclude", f"-I{FOLDER}", "--function", "prove", "--unwind", str(unit.unwind), *checks, *SOLVER.split()]
+    return ["cbmc", *files, "-Iinclude", f"-I{FOLDER}", "--function", f"prove_{unit.name}", "--unwind", str(unit.unwind), *checks, *SOLVER.split()]
 
 
 def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:

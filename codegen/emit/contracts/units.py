@@ -100,12 +100,12 @@ class _Table:
             ),
         )
         yield self._inputs()
-        yield Invariant(own("law_t"), tuple(self._law()))
         if self.has_model:
             model = context["model"]
             bounds = {"sideslip_angle": model.sideslip_max, "yaw_rate": model.yaw_rate_max, "rear_angle": model.rear_angle_max}
             yield Invariant(own("reference_model_t"), tuple(self.within(f"value->{name}", each) for name, each in bounds.items()))
             yield Invariant(own("grip_t"), self._grip())
+        yield Invariant(own("law_t"), tuple(self._law()))
         yield Invariant(own("controller_t"), tuple(self._controller()))
         counters = ("last_counter", "max_delta_counter", "no_new_or_repeated_data_counter")
         receiver = (*(f"(value->{name} <= {E2E_COUNTER_MAX}u)" for name in counters), "(value->sync_counter <= 1u)")
