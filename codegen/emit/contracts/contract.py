@@ -81,17 +81,40 @@ class Invariant:
 
 
 @dataclass(frozen=True)
+class Lemma:
+    """A fact that is proved alone and assumed in the proofs of functions.
+
+    Attributes:
+        name: of the lemma. arguments: for every value of which it holds.
+        claims: what holds; each condition states its own premises.
+        statements: declarations that the conditions use.
+        unit: the unit of the build whose static functions it uses; "" for none.
+    """
+
+    name: str
+    arguments: tuple[Argument, ...]
+    claims: tuple[Claim, ...]
+    statements: tuple[str, ...] = ()
+    unit: str = ""
+
+    @property
+    def listed(self) -> str:
+        """Arguments of the C function."""
+        return ", ".join(each.read_only for each in self.arguments)
+
+
+@dataclass(frozen=True)
 class Unit:
     """A function with its contract, and how it is proved.
 
     Attributes:
         function: its name. result: type of its result; "" for none. result_is_struct: the result has members.
-        setup: statements of the harness before the call, such as pointers inside of structs.
+        facts: statements of the harness between the call and the postcondition, which apply lemmas.
+        includes: the harness includes the C of the unit, so that the facts can use its static functions.
         callees: functions that are replaced by their contracts.
         linked: further units of the build whose C is part of the proof.
         unwind: loop rounds, one more than the longest loop has.
         conversions: conversions from float to integer are checked; signed numbers that become unsigned would count as faults.
-        lemma: suffix of the harness where a function has several.
     """
 
     function: str
@@ -101,17 +124,12 @@ class Unit:
     result_is_struct: bool = False
     requires: tuple[Claim, ...] = ()
     ensures: tuple[Claim, ...] = ()
-    setup: tuple[str, ...] = ()
+    facts: tuple[str, ...] = ()
+    includes: bool = False
     callees: tuple[str, ...] = ()
     linked: tuple[str, ...] = ()
     unwind: int = 16
     conversions: bool = True
-    lemma: str = ""
-
-    @property
-    def name(self) -> str:
-        """Name of the harness."""
-        return f"{self.function}{self.lemma}"
 
     @property
     def prototype(self) -> str:

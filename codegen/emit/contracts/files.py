@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from codegen.emit.contracts.contract import Unit
@@ -18,12 +18,19 @@ SOLVER = "--no-standard-checks --unwinding-assertions --slice-formula --bitwuzla
 """Without slicing, CBMC copies structs of floats whole, which its SMT encoding does not support."""
 
 
-def command_of(unit: Unit) -> list[str]:
-    """Return the command that proves a unit in the folder of the build, as arguments."""
-    files = [f"{FOLDER}/prove_{unit.name}.c", *(f"src/{each}.c" for each in (unit.unit, *unit.linked))]
-    files += [f"{FOLDER}/assume_{each}.c" for each in unit.callees]
-    checks = [*CHECKS.split(), *([CONVERSIONS] if unit.conversions else [])]
-    return ["cbmc", *files, "-Iinclude", f"-I{FOLDER}", "--function", f"prove_{unit.name}", "--unwind", str(unit.unwind), *checks, *SOLVER.split()]
+def command_of(name: str, files: Iterable[str], unwind: int, conversions: bool) -> str:
+    """Return the command that proves a harness in the folder of the build."""
+    entry = f"prove_{name}"
+    given = f"cbmc {' '.join((f'{FOLDER}/{entry}.c', *files))} -Iinclude -I{FOLDER} --function {entry} --unwind {unwind}"
+    return f"{given} {CHECKS} {CONVERSIONS if conversions else ''} {SOLVER}".replace("  ", " ")
+
+
+def _files_of(unit: Unit) -> Iterator[str]:
+    """Yield the files of a proof beside its harness."""
+    yield from (f"src/{each}.c" for each in unit.linked)
+    if not unit.includes:
+        yield f"src/{unit.unit}.c"
+    yield from (f"{FOLDER}/assume_{each}.c" for each in unit.callees)
 
 
 def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
@@ -35,10 +42,13 @@ def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
     contracts = contracts_of(context)
     known = {**context, "contracts": contracts}
     files = {f"{FOLDER}/{context['build'].prefix}_contracts.h": render("contracts/contract.h.j2", known)}
+    for lemma in contracts.lemmas:
+        command = command_of(lemma.name, (), 16, True)
+        files[f"{FOLDER}/prove_{lemma.name}.c"] = render("contracts/lemma.c.j2", {**known, "lemma": lemma, "command": command})
     for unit in contracts.units:
-        files[f"{FOLDER}/prove_{unit.name}.c"] = render(
-            "contracts/prove.c.j2", {**known, "unit": unit, "command": " ".join(command_of(unit)), "ensured": _ensured(unit, True)}
-        )
+        command = command_of(unit.function, _files_of(unit), unit.unwind, unit.conversions)
+        more = {"unit": unit, "command": command, "ensured": _ensured(unit, True)}
+        files[f"{FOLDER}/prove_{unit.function}.c"] = render("contracts/prove.c.j2", {**known, **more})
     for function in sorted({callee for unit in contracts.units for callee in unit.callees}):
         unit = contracts.of(function)
         files[f"{FOLDER}/assume_{function}.c"] = render(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from codegen.configuration.signals import STATUSES
-from codegen.emit.contracts.contract import Argument, Claim, Invariant, Unit
+from codegen.emit.contracts.contract import Argument, Claim, Invariant, Lemma, Unit
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S
 from codegen.emit.map_view import TABLE_RANGES
@@ -44,17 +44,18 @@ class Contracts:
     """All contracts of a build."""
 
     invariants: dict[str, Invariant]
+    lemmas: tuple[Lemma, ...]
     units: tuple[Unit, ...]
 
     def of(self, function: str) -> Unit:
-        """Return the contract of a function; its lemmas are part of other units."""
-        return next(unit for unit in self.units if unit.function == function and not unit.lemma)
+        """Return the contract of a function."""
+        return next(unit for unit in self.units if unit.function == function)
 
 
 def contracts_of(context: Mapping[str, Any]) -> Contracts:
     """Return the contracts of the build whose templates have this context."""
     table = _Table(context)
-    return Contracts({each.ctype: each for each in table.invariants()}, tuple(table.units()))
+    return Contracts({each.ctype: each for each in table.invariants()}, tuple(table.lemmas()), tuple(table.units()))
 
 
 class _Table:
@@ -203,6 +204,43 @@ class _Table:
         yield Claim("friction is within its range", self.between(f"{sample}friction", 0.0, FRICTION_UNKNOWN))
         yield Claim("inhibit is true or false", f"is_flag({sample}inhibit)")
 
+    # Lemmas
+
+    def lemmas(self) -> Iterator[Lemma]:
+        """Facts on roundings that a solver finds alone but not inside of a function."""
+        real, between = self.real, self.between
+        number = {name: self.scalar(name) for name in ("value", "first", "second", "share", "speed", "limit")}
+        increasing = f"{between('first', 0.0, 200.0)} && {between('second', 0.0, 200.0)} && (first < second)"
+        inside = "(first <= value) && (value <= second)"
+        yield Lemma(
+            "lemma_share",
+            (number["value"], number["first"], number["second"]),
+            (Claim("a share is from 0 to 1", f"!({increasing} && {inside}) || {between('share', 0.0, 1.0)}"),),
+            (f"const {real} share = (value - first) / (second - first);",),
+        )
+        shared, claims = between("share", 0.0, 1.0), []
+        for low, high, room in ((0.0, 16.0, 1.0), (-1.0, 1.0, 0.25)):
+            premises = f"{shared} && {between('first', low, high)} && {between('second', low, high)}"
+            least = self.number(low) if low == 0.0 else f"least - {self.number(room)}"
+            bounds = f"(({least} <= value) && (value <= (most + {self.number(room)})))"
+            claims.append(Claim("a number between two others is close to their range", f"!({premises}) || {bounds}"))
+        yield Lemma(
+            "lemma_interpolation",
+            (number["first"], number["second"], number["share"]),
+            tuple(claims),
+            (
+                f"const {real} value = first + (share * (second - first));",
+                f"const {real} least = (first < second) ? first : second;",
+                f"const {real} most = (first < second) ? second : first;",
+            ),
+        )
+        premises = f"{between('value', 0.0, 16.0)} && {between('limit', 0.0, 100.0)} && ((value * speed) > limit)"
+        yield Lemma(
+            "lemma_cap",
+            (number["value"], number["speed"], number["limit"]),
+            (Claim("a capped number is in range", f"!({premises}) || {between('(limit / speed)', 0.0, 16.0)}"),),
+        )
+
     # Units
 
     def units(self) -> Iterator[Unit]:
@@ -246,7 +284,19 @@ class _Table:
             self.argument("parameters", "limiter_parameters_t", "parameter"),
             self.argument("input", "limiter_input_t", "in"),
         )
-        yield Unit(own("limiter_step"), unit, arguments, self.real, ensures=tuple(self._limited()))
+        points, angles = "parameters.opposite_phase_speed", "parameters.opposite_phase_max"
+        speed, largest, front = "self.speed", "parameters.rear_angle_max", "parameters.in_phase_from_front_angle"
+        ratio = f"(magnitude(self.front_angle) / {front})"
+        facts = (
+            f"for (uint32_t k = 1u; k < (uint32_t){self.upper}_LIMITER_POINTS; k++) {{",
+            f"    lemma_share({speed}, {points}[k - 1u], {points}[k]);",
+            f"    lemma_interpolation({angles}[k - 1u], {angles}[k],",
+            f"        ({speed} - {points}[k - 1u]) / ({points}[k] - {points}[k - 1u]));",
+            "}",
+            f"lemma_interpolation(opposite_phase_bound(&parameters, {speed}), {largest}, ({ratio} < {one}) ? {ratio} : {one});",
+        )
+        ensures = tuple(self._limited())
+        yield Unit(own("limiter_step"), unit, arguments, self.real, ensures=ensures, facts=facts, includes=True)
 
     def _limited(self) -> Iterator[Claim]:
         before, zero = "self_before->rear_angle", self.number(0.0)
