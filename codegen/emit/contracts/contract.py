@@ -89,6 +89,8 @@ class Lemma:
         claims: what holds; each condition states its own premises.
         statements: declarations that the conditions use.
         unit: the unit of the build whose static functions it uses; "" for none.
+        linked: units of the build whose C is part of the proof.
+        before: statements of the harness that apply other lemmas.
     """
 
     name: str
@@ -96,11 +98,14 @@ class Lemma:
     claims: tuple[Claim, ...]
     statements: tuple[str, ...] = ()
     unit: str = ""
+    linked: tuple[str, ...] = ()
+    before: tuple[str, ...] = ()
+    unwind: int = 16
 
     @property
     def listed(self) -> str:
         """Arguments of the C function."""
-        return ", ".join(each.read_only for each in self.arguments)
+        return ", ".join(each.read_only for each in self.arguments) or "void"
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,7 @@ class Unit:
 
     Attributes:
         function: its name. result: type of its result; "" for none. result_is_struct: the result has members.
-        facts: statements of the harness between the call and the postcondition, which apply lemmas.
+        before, facts: statements of the harness before and after the call, which apply lemmas.
         includes: the harness includes the C of the unit, so that the facts can use its static functions.
         callees: functions that are replaced by their contracts.
         linked: further units of the build whose C is part of the proof.
@@ -124,6 +129,7 @@ class Unit:
     result_is_struct: bool = False
     requires: tuple[Claim, ...] = ()
     ensures: tuple[Claim, ...] = ()
+    before: tuple[str, ...] = ()
     facts: tuple[str, ...] = ()
     includes: bool = False
     callees: tuple[str, ...] = ()

@@ -43,7 +43,7 @@ def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
     known = {**context, "contracts": contracts}
     files = {f"{FOLDER}/{context['build'].prefix}_contracts.h": render("contracts/contract.h.j2", known)}
     for lemma in contracts.lemmas:
-        command = command_of(lemma.name, (), 16, True)
+        command = command_of(lemma.name, [f"src/{each}.c" for each in lemma.linked], lemma.unwind, True)
         files[f"{FOLDER}/prove_{lemma.name}.c"] = render("contracts/lemma.c.j2", {**known, "lemma": lemma, "command": command})
     for unit in contracts.units:
         command = command_of(unit.function, _files_of(unit), unit.unwind, unit.conversions)

@@ -10,18 +10,18 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from codegen.configuration.signals import STATUSES
 from codegen.emit.contracts.contract import Argument, Claim, Invariant, Lemma, Unit
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S
-from codegen.emit.map_view import TABLE_RANGES
 from codegen.emit.parameters import ParameterView
 from codegen.emit.text import literal
 
-MAP_YAW_RATE_MAX_RAD_S = TABLE_RANGES["yaw_rate"][1] + 2.0
-"""Bound of the looked-up yaw rate: the table's, and 1 rad/s for the rounding of each of two interpolations."""
+MAP_YAW_RATE_MAX_RAD_S = 16.0
+"""Bound of the looked-up yaw rate: above the table's, by more than the rounding of two interpolations; a power of two."""
 REFERENCE_MAX_RAD_S = 20.0
 """Bound of the yaw rate that a law follows."""
 LAW_BOUNDS = {
@@ -216,7 +216,7 @@ class _Table:
             "lemma_share",
             (number["value"], number["first"], number["second"]),
             (Claim("a share is from 0 to 1", f"!({increasing} && {inside}) || {between('share', 0.0, 1.0)}"),),
-            (f"const {real} share = (value - first) / (second - first);",),
+            (f"const {real} share = (first < second) ? ((value - first) / (second - first)) : {self.number(0.0)};",),
         )
         shared, claims = between("share", 0.0, 1.0), []
         for low, high, room in ((0.0, 16.0, 1.0), (-1.0, 1.0, 0.25)):
@@ -240,6 +240,54 @@ class _Table:
             (number["value"], number["speed"], number["limit"]),
             (Claim("a capped number is in range", f"!({premises}) || {between('(limit / speed)', 0.0, 16.0)}"),),
         )
+        own, constants = self.own("constants"), []
+        for each in self.context["constants"]:
+            places = (f"[{k}]" for k in range(len(each.values))) if isinstance(each.value, tuple) else ("",)
+            pairs = (f"({own}.{each.name}{at} == {self.number(value)})" for at, value in zip(places, each.values, strict=True))
+            constants.append(Claim(f"{each.name} is that of the build", " && ".join(pairs)))
+        yield Lemma("lemma_constants", (), tuple(constants), linked=(self.own("calibration"),))
+        if self.has_plain_map:
+            yield self._axes()
+            yield self._place()
+
+    def _place(self) -> Lemma:
+        view, claims = self.context["map"], []
+        for name, axis in (("row", view.speed), ("column", view.front_angle)):
+            found = f"(place.{name}.lower <= {axis.size - 2}u) && {self.between(f'place.{name}.fraction', 0.0, 1.0)}"
+            claims.append(Claim(f"the {name} is inside of the table", found))
+        return Lemma(
+            "lemma_place",
+            (self.scalar("speed"), self.scalar("front_angle")),
+            tuple(claims),
+            ("const place_t place = place_of(speed, magnitude(front_angle));",),
+            unit=self.own("map"),
+            before=("lemma_axes();",),
+        )
+
+    def _axes(self) -> Lemma:
+        """The breakpoints that a search reads, from those that are next to each other."""
+        claims, before = [], []
+        for axis in (self.context["map"].speed, self.context["map"].front_angle):
+            ends = sorted({0, axis.core_first, axis.core_first + axis.core_cells, axis.size - 1})
+            increasing = [f"({axis.breakpoints}[{low}] < {axis.breakpoints}[{high}])" for low, high in pairwise(ends)]
+            ranges = [f"{axis.breakpoints}_hold({each}u)" for each in ends]
+            claims.append(Claim("the breakpoints of a valid map are in range and increasing", " && ".join((*ranges, *increasing))))
+            before += [
+                f"for (uint32_t k = 0u; k < (uint32_t){axis.points}; k++) {{",
+                f"    CONTRACT_ASSUME({axis.breakpoints}_hold(k));",
+                "}",
+            ]
+        return Lemma("lemma_axes", (), tuple(claims), before=tuple(before), unwind=self._rounds())
+
+    def _rounds(self) -> int:
+        """Loop rounds over the longer axis."""
+        return max(self.context["map"].speed.size, self.context["map"].front_angle.size) + 1
+
+    @property
+    def has_plain_map(self) -> bool:
+        """Whether the map has one table a quantity, of real numbers: lemmas on other storage are still missing."""
+        view = self.context["map"]
+        return not (view.is_raw or view.stacked or view.grip)
 
     # Units
 
@@ -354,32 +402,51 @@ class _Table:
         yield Unit(self.own("inputs_step"), unit, arguments, self.own("quality_t"), requires=requires, ensures=ensures)
 
     def _map_units(self) -> Iterator[Unit]:
-        unit, view = self.own("map"), self.context["map"]
+        own, unit, view = self.own, self.own("map"), self.context["map"]
         arguments = tuple(self.scalar(name) for name in ("speed", "front_angle", "friction"))
-        yield Unit(self.own("map_valid"), unit, (), "bool", unwind=view.speed.size + view.front_angle.size)
-        yield Unit(
-            self.own("map_yaw_rate_on_road"),
-            unit,
-            arguments,
-            self.real,
-            ensures=(Claim("the yaw rate is finite and in range", self.within("result", MAP_YAW_RATE_MAX_RAD_S)),),
-        )
+        valid = []
+        if self.has_plain_map:
+            holds = [f"{axis.breakpoints}_hold({at})" for axis, at in ((view.speed, "any_row"), (view.front_angle, "any_column"))]
+            cell = f"{own('map_cell_holds')}(any_row, any_column)"
+            valid = [
+                Claim("the axes of a valid map are in range and increasing", f"!result || ({' && '.join(holds)})"),
+                Claim("the numbers of a valid map are in range", f"!result || {cell}"),
+            ]
+        yield Unit(own("map_valid"), unit, (), "bool", ensures=tuple(valid), unwind=self._rounds())
+        more: dict[str, Any] = {"includes": self.has_plain_map, "before": tuple(self._look_up())}
+        bound = Claim("the yaw rate is in range", self.within("result", MAP_YAW_RATE_MAX_RAD_S))
+        yield Unit(own("map_yaw_rate_on_road"), unit, arguments, self.real, ensures=(bound,), **more)
         if view.with_rear_angle:
-            yield Unit(
-                self.own("map_reference"),
-                unit,
-                arguments,
-                self.own("map_reference_t"),
-                result_is_struct=True,
-                ensures=(
-                    Claim("the yaw rate is finite and in range", self.within("result->yaw_rate", MAP_YAW_RATE_MAX_RAD_S)),
-                    Claim("the rear angle is finite and in range", self.within("result->rear_angle", REAR_ANGLE_MAX_RAD)),
-                    Claim(
-                        "the lateral acceleration is finite and in range",
-                        self.between("result->lateral_acceleration_max", 0.0, 100.0),
-                    ),
-                ),
-                )
+            bounds = (
+                Claim("the yaw rate is in range", self.within("result->yaw_rate", MAP_YAW_RATE_MAX_RAD_S)),
+                Claim("the rear angle is in range", self.within("result->rear_angle", REAR_ANGLE_MAX_RAD)),
+                Claim("the acceleration is in range", self.between("result->lateral_acceleration_max", 0.0, 100.0)),
+            )
+            yield Unit(own("map_reference"), unit, arguments, own("map_reference_t"), True, ensures=bounds, **more)
+
+    def _look_up(self) -> Iterator[str]:
+        """Statements that apply the lemmas to the cell of a look-up in any valid map."""
+        if not self.has_plain_map:
+            return
+        own, view = self.own, self.context["map"]
+        yield "lemma_axes();"
+        yield "lemma_constants();"
+        yield "lemma_place(speed, front_angle);"
+        yield "const place_t place = place_of(speed, magnitude(front_angle));"
+        yield "const uint32_t row = place.row.lower, column = place.column.lower;"
+        for at in ("row, column", "row + 1u, column", "row, column + 1u", "row + 1u, column + 1u"):
+            yield f"CONTRACT_ASSUME({own('map_cell_holds')}({at}));"
+        yield f"const {self.real} along_row = place.row.fraction, along_column = place.column.fraction;"
+        for table in view.tables:
+            slower, faster = f"{table.name}[row][column{{}}]", f"{table.name}[row + 1u][column{{}}]"
+            sides = []
+            for at in ("", " + 1u"):
+                low, high = slower.format(at), faster.format(at)
+                yield f"lemma_interpolation({low}, {high}, along_row);"
+                sides.append(f"({low} + (along_row * ({high} - {low})))")
+            yield f"lemma_interpolation({sides[0]}, {sides[1]}, along_column);"
+        yield "const road_t road = road_of(friction);"
+        yield "lemma_cap(uncapped_yaw_rate(&place), speed, road.lateral_acceleration_max);"
 
     def _model_units(self) -> Iterator[Unit]:
         unit = self.own("reference_model")
