@@ -1,8 +1,8 @@
 """The model checker CBMC with the solver Bitwuzla: where they are, and their installation beside the system.
 
-CBMC comes from the system or, where the distribution has none, from the next Debian release. `python -m codegen.verify.cbmc [DIR]`
-downloads it with apt into a folder, the cache by default. It uses a source list, package lists and a loader of that folder;
-nothing of the system changes. Bitwuzla comes from its PyPI wheel.
+CBMC comes from the system or, where the distribution has none, from the next Debian release. Then
+`python -m codegen.verify.cbmc [DIR]` downloads it with apt into a folder, the cache by default. It uses a source list, package
+lists and a loader of that folder; nothing of the system changes. Bitwuzla comes from its PyPI wheel.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ NEXT_RELEASE = {"bookworm": "trixie"}
 """Debian release that has a CBMC, by the release that has none."""
 PACKAGES = ("cbmc", "libc6", "libstdc++6", "libgcc-s1", "zlib1g", "minisat")
 """The packages that CBMC needs, its C library included."""
+PROGRAMS = ("cbmc", "goto-cc", "goto-instrument")
+"""The programs of CBMC that proofs use."""
 KEYRING = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
 _SHIM = '''#!{python}
 """Bitwuzla as a command that solves one SMT-LIB file."""
@@ -59,7 +61,7 @@ def programs() -> Path:
     """
     folder = cache_folder() / "cbmc" / "bin"
     path = os.pathsep.join((str(folder), os.environ.get("PATH", "")))
-    for name in ("cbmc", "bitwuzla"):
+    for name in (*PROGRAMS, "bitwuzla"):
         if shutil.which(name, path=path) is None:
             raise MissingTool("it is not installed", where=name, remedy=INSTALL)
     return folder
@@ -77,12 +79,10 @@ def install(folder: Path) -> None:
     _unpack(folder, root)
     libraries = next(root.glob("usr/lib/*/libc.so.6")).parent
     loader = next(libraries.glob("ld-linux*.so.*"))
-    text = _LAUNCHER.format(
-        loader=shlex.quote(str(loader)),
-        libraries=shlex.quote(f"{libraries}:{root / 'usr/lib'}"),
-        program=shlex.quote(str(root / "usr/bin/cbmc")),
-    )
-    _write_command(commands / "cbmc", text)
+    paths = {"loader": str(loader), "libraries": f"{libraries}:{root / 'usr/lib'}"}
+    for name in PROGRAMS:
+        words = {**paths, "program": str(root / "usr/bin" / name)}
+        _write_command(commands / name, _LAUNCHER.format(**{key: shlex.quote(word) for key, word in words.items()}))
     _run(sys.executable, "-m", "pip", "install", "--quiet", "--upgrade", "--target", str(wheels), "bitwuzla")
     _write_command(commands / "bitwuzla", _SHIM.format(python=sys.executable, packages=str(wheels)))
 
@@ -138,7 +138,8 @@ def _run(*command: str, cwd: Path | None = None) -> str:
         return subprocess.run(command, cwd=cwd, check=True, capture_output=True, text=True).stdout
     except (OSError, subprocess.CalledProcessError) as error:
         reason = getattr(error, "stderr", "") or str(error)
-        raise CodegenError(reason.strip().splitlines()[-1], where=command[0], remedy="check the network and try again") from error
+        what = reason.strip().splitlines()[-1]
+        raise CodegenError(what, where=command[0], remedy="check the network and try again") from error
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import subprocess
+import tempfile
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -64,10 +65,10 @@ def prove(build: Path, limit_s: float = TIME_LIMIT_S, wanted: Callable[[str], bo
         return list(workers.map(run, harnesses))
 
 
-def command_of(harness: Path) -> list[str]:
-    """Return the command that the head of a harness states."""
+def command_of(harness: Path) -> str:
+    """Return the command line that the head of a harness states."""
     lines = harness.read_text(encoding="ascii").splitlines()
-    return next(line for line in lines if line.startswith(" * cbmc ")).removeprefix(" * ").split()
+    return next(line for line in lines if line.startswith((" * cbmc ", " * goto-cc "))).removeprefix(" * ")
 
 
 @dataclass(frozen=True)
@@ -79,22 +80,30 @@ class _Run:
     def prove(self, path: Path, name: str) -> Result:
         """Prove one harness, then check that its end is reached."""
         start, command = time.monotonic(), command_of(path)
-        messages = self._messages([*command, "--json-ui"])
+        messages = self._messages(f"{command} --json-ui")
         properties = _results(messages)
         verdict, detail = _verdict(messages, properties)
         if verdict == "proved":
-            messages = self._messages([*command, "-DCHECK_END", "--property", END.format(path.stem), "--json-ui"])
+            with_end = command.replace(" -Iinclude ", " -DCHECK_END -Iinclude ")
+            messages = self._messages(f"{with_end} --property {END.format(path.stem)} --json-ui")
             if [each["status"] for each in _results(messages)] != ["FAILURE"]:
                 verdict, detail = "open", "the end of the harness is not known to be reached"
         return Result(name, verdict, time.monotonic() - start, len(properties), detail)
 
-    def _messages(self, command: list[str]) -> list[dict[str, Any]]:
+    def _messages(self, command: str) -> list[dict[str, Any]]:
         """Return the messages of CBMC; none if the time limit ended it. Its solver ends with it."""
-        pipe = subprocess.PIPE
-        # A session of its own: the solver is a child that would go on.
-        with subprocess.Popen(
-            command, cwd=self.build, env=self.environment, stdout=pipe, stderr=subprocess.DEVNULL, start_new_session=True
-        ) as process:
+        streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            # A session of its own: the solver is a child that would go on.
+            subprocess.Popen(
+                ["sh", "-c", command],
+                cwd=self.build,
+                env={**self.environment, "TMPDIR": folder},
+                start_new_session=True,
+                **streams,
+            ) as process,
+        ):
             try:
                 output, _ = process.communicate(timeout=self.limit_s)
             except subprocess.TimeoutExpired:
@@ -103,7 +112,7 @@ class _Run:
                 if process.poll() is None:
                     os.killpg(process.pid, signal.SIGKILL)
         try:
-            messages: list[dict[str, Any]] = json.loads(output)
+            messages: list[dict[str, Any]] = json.loads(output[output.find(b"[") :])
         except ValueError:
             return [{"messageType": "ERROR", "messageText": output.decode(errors="replace")[-200:]}]
         return messages

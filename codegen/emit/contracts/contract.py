@@ -116,6 +116,7 @@ class Unit:
         function: its name. result: type of its result; "" for none. result_is_struct: the result has members.
         before, facts: statements of the harness before and after the call, which apply lemmas.
         includes: the harness includes the C of the unit, so that the facts can use its static functions.
+        stand_in: C of a function that replaces a static one of the unit. replaced: the names of both.
         callees: functions that are replaced by their contracts.
         linked: further units of the build whose C is part of the proof.
         unwind: loop rounds, one more than the longest loop has.
@@ -132,6 +133,8 @@ class Unit:
     before: tuple[str, ...] = ()
     facts: tuple[str, ...] = ()
     includes: bool = False
+    stand_in: tuple[str, ...] = ()
+    replaced: tuple[str, str] | None = None
     callees: tuple[str, ...] = ()
     linked: tuple[str, ...] = ()
     unwind: int = 16

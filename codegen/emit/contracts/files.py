@@ -18,11 +18,19 @@ SOLVER = "--no-standard-checks --unwinding-assertions --slice-formula --bitwuzla
 """Without slicing, CBMC copies structs of floats whole, which its SMT encoding does not support."""
 
 
-def command_of(name: str, files: Iterable[str], unwind: int, conversions: bool) -> str:
+def command_of(
+    name: str, files: Iterable[str], unwind: int, conversions: bool = True, replaced: tuple[str, str] | None = None
+) -> str:
     """Return the command that proves a harness in the folder of the build."""
     entry = f"prove_{name}"
-    given = f"cbmc {' '.join((f'{FOLDER}/{entry}.c', *files))} -Iinclude -I{FOLDER} --function {entry} --unwind {unwind}"
-    return f"{given} {CHECKS} {CONVERSIONS if conversions else ''} {SOLVER}".replace("  ", " ")
+    given = f"{' '.join((f'{FOLDER}/{entry}.c', *files))} -Iinclude -I{FOLDER}"
+    before = ""
+    if replaced:
+        program = f'"${{TMPDIR:-/tmp}}/{entry}.goto"'
+        before = f"goto-cc -o {program} {given} && goto-instrument --replace-calls {':'.join(replaced)} {program} {program} >/dev/null && "
+        given = program
+    checks = f"{CHECKS} {CONVERSIONS}" if conversions else CHECKS
+    return f"{before}cbmc {given} --function {entry} --unwind {unwind} {checks} {SOLVER}"
 
 
 def _files_of(unit: Unit) -> Iterator[str]:
@@ -43,10 +51,10 @@ def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
     known = {**context, "contracts": contracts}
     files = {f"{FOLDER}/{context['build'].prefix}_contracts.h": render("contracts/contract.h.j2", known)}
     for lemma in contracts.lemmas:
-        command = command_of(lemma.name, [f"src/{each}.c" for each in lemma.linked], lemma.unwind, True)
+        command = command_of(lemma.name, [f"src/{each}.c" for each in lemma.linked], lemma.unwind)
         files[f"{FOLDER}/prove_{lemma.name}.c"] = render("contracts/lemma.c.j2", {**known, "lemma": lemma, "command": command})
     for unit in contracts.units:
-        command = command_of(unit.function, _files_of(unit), unit.unwind, unit.conversions)
+        command = command_of(unit.function, _files_of(unit), unit.unwind, unit.conversions, unit.replaced)
         more = {"unit": unit, "command": command, "ensured": _ensured(unit, True)}
         files[f"{FOLDER}/prove_{unit.function}.c"] = render("contracts/prove.c.j2", {**known, **more})
     for function in sorted({callee for unit in contracts.units for callee in unit.callees}):

@@ -22,6 +22,8 @@ from codegen.emit.text import literal
 
 MAP_YAW_RATE_MAX_RAD_S = 16.0
 """Bound of the looked-up yaw rate: above the table's, by more than the rounding of two interpolations; a power of two."""
+CELL_BOUNDS = ((0.0, MAP_YAW_RATE_MAX_RAD_S), (-1.0, 1.0))
+"""Bounds of an interpolated yaw rate (rad/s) and rear angle (rad): those of the tables with room for rounding."""
 REFERENCE_MAX_RAD_S = 20.0
 """Bound of the yaw rate that a law follows."""
 LAW_BOUNDS = {
@@ -249,20 +251,48 @@ class _Table:
         if self.has_plain_map:
             yield self._axes()
             yield self._place()
+            yield self._cell()
 
     def _place(self) -> Lemma:
-        view, claims = self.context["map"], []
-        for name, axis in (("row", view.speed), ("column", view.front_angle)):
-            found = f"(place.{name}.lower <= {axis.size - 2}u) && {self.between(f'place.{name}.fraction', 0.0, 1.0)}"
-            claims.append(Claim(f"the {name} is inside of the table", found))
         return Lemma(
             "lemma_place",
             (self.scalar("speed"), self.scalar("front_angle")),
-            tuple(claims),
+            (Claim("the cell is inside of the table", self._is_place("place.")),),
             ("const place_t place = place_of(speed, magnitude(front_angle));",),
             unit=self.own("map"),
             before=("lemma_axes();",),
         )
+
+    def _cell(self) -> Lemma:
+        """The interpolation reads inside of the tables, and its result is close to the range of the four numbers that it reads.
+
+        The numbers are those of a table with one cell: the position of a cell only decides where they are.
+        """
+        view, real, corners = self.context["map"], self.real, ("[0][0]", "[1][0]", "[0][1]", "[1][1]")
+        first, second, third, fourth = (f"numbers{corner}" for corner in corners)
+        row, column = "cell.row.fraction", "cell.column.fraction"
+        statements = [
+            "place_t place;",
+            f"{real} numbers[2][{view.front_angle.points}];",
+            f"const {real} (*const table)[{view.front_angle.points}] = (const {real} (*)[{view.front_angle.points}])numbers;",
+            "place_t cell;",
+            f"{real} value;",
+            "",
+            f"CONTRACT_ASSUME({self._is_place('place.')});",
+            *(f"(void)interpolate({table.name}, &place);" for table in view.tables),
+            "cell = place;",
+            "cell.row.lower = 0u;",
+            "cell.column.lower = 0u;",
+            f"lemma_interpolation({first}, {second}, {row});",
+            f"lemma_interpolation({third}, {fourth}, {row});",
+            f"lemma_interpolation({first} + ({row} * ({second} - {first})), {third} + ({row} * ({fourth} - {third})), {column});",
+            "value = interpolate(table, &cell);",
+        ]
+        claims = []
+        for table, bounds in zip(view.tables, CELL_BOUNDS, strict=False):
+            inside = " && ".join(f"lies_between(numbers{corner}, {table.low}, {table.high})" for corner in corners)
+            claims.append(Claim("a number of a cell is in range", f"!({inside}) || {self.between('value', *bounds)}"))
+        return Lemma("lemma_cell", (), tuple(claims), tuple(statements), unit=self.own("map"))
 
     def _axes(self) -> Lemma:
         """The breakpoints that a search reads, from those that are next to each other."""
@@ -413,7 +443,7 @@ class _Table:
                 Claim("the numbers of a valid map are in range", f"!result || {cell}"),
             ]
         yield Unit(own("map_valid"), unit, (), "bool", ensures=tuple(valid), unwind=self._rounds())
-        more: dict[str, Any] = {"includes": self.has_plain_map, "before": tuple(self._look_up())}
+        more: dict[str, Any] = self._look_up() if self.has_plain_map else {}
         bound = Claim("the yaw rate is in range", self.within("result", MAP_YAW_RATE_MAX_RAD_S))
         yield Unit(own("map_yaw_rate_on_road"), unit, arguments, self.real, ensures=(bound,), **more)
         if view.with_rear_angle:
@@ -424,29 +454,39 @@ class _Table:
             )
             yield Unit(own("map_reference"), unit, arguments, own("map_reference_t"), True, ensures=bounds, **more)
 
-    def _look_up(self) -> Iterator[str]:
-        """Statements that apply the lemmas to the cell of a look-up in any valid map."""
-        if not self.has_plain_map:
-            return
-        own, view = self.own, self.context["map"]
-        yield "lemma_axes();"
-        yield "lemma_constants();"
-        yield "lemma_place(speed, front_angle);"
-        yield "const place_t place = place_of(speed, magnitude(front_angle));"
-        yield "const uint32_t row = place.row.lower, column = place.column.lower;"
-        for at in ("row, column", "row + 1u, column", "row, column + 1u", "row + 1u, column + 1u"):
-            yield f"CONTRACT_ASSUME({own('map_cell_holds')}({at}));"
-        yield f"const {self.real} along_row = place.row.fraction, along_column = place.column.fraction;"
-        for table in view.tables:
-            slower, faster = f"{table.name}[row][column{{}}]", f"{table.name}[row + 1u][column{{}}]"
-            sides = []
-            for at in ("", " + 1u"):
-                low, high = slower.format(at), faster.format(at)
-                yield f"lemma_interpolation({low}, {high}, along_row);"
-                sides.append(f"({low} + (along_row * ({high} - {low})))")
-            yield f"lemma_interpolation({sides[0]}, {sides[1]}, along_column);"
-        yield "const road_t road = road_of(friction);"
-        yield "lemma_cap(uncapped_yaw_rate(&place), speed, road.lateral_acceleration_max);"
+    def _look_up(self) -> dict[str, Any]:
+        """Proof of a look-up in any valid map: the interpolation in a cell is replaced by what `lemma_cell` shows of it."""
+        view, real = self.context["map"], self.real
+        name, standing = "interpolate", "number_of_any_cell"
+        lines = [
+            f"static {real} yaw_rate_of_cell;",
+            "",
+            f"{real} {standing}({self._table('table')}, const place_t *place)",
+            "{",
+            f"    {real} result;",
+            "",
+            f'    __CPROVER_assert({self._is_place("place->")}, "the cell is inside of the table");',
+        ]
+        for table, bounds in zip(view.tables, CELL_BOUNDS, strict=False):
+            lines.append(f"    CONTRACT_ASSUME((table != {table.name}) || {self.between('result', *bounds)});")
+        lines += [f"    yaw_rate_of_cell = (table == {view.tables[0].name}) ? result : yaw_rate_of_cell;", "    return result;", "}"]
+        cap = "lemma_cap(yaw_rate_of_cell, speed, road_of(friction).lateral_acceleration_max);"
+        return {
+            "includes": True,
+            "before": ("lemma_axes();", "lemma_constants();", "lemma_place(speed, front_angle);"),
+            "facts": (cap,),
+            "stand_in": tuple(lines),
+            "replaced": (name, standing),
+        }
+
+    def _table(self, name: str) -> str:
+        return f"const {self.real} {name}[][{self.context['map'].front_angle.points}]"
+
+    def _is_place(self, place: str) -> str:
+        view, found = self.context["map"], []
+        for name, axis in (("row", view.speed), ("column", view.front_angle)):
+            found.append(f"({place}{name}.lower <= {axis.size - 2}u) && {self.between(f'{place}{name}.fraction', 0.0, 1.0)}")
+        return " && ".join(found)
 
     def _model_units(self) -> Iterator[Unit]:
         unit = self.own("reference_model")
