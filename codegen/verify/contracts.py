@@ -84,9 +84,9 @@ class _Run:
         properties = _results(messages)
         verdict, detail = _verdict(messages, properties)
         if verdict == "proved":
-            with_end = command.replace(" -Iinclude ", " -DCHECK_END -Iinclude ")
-            messages = self._messages(f"{with_end} --property {END.format(path.stem)} --json-ui")
-            if [each["status"] for each in _results(messages)] != ["FAILURE"]:
+            with_end, end = command.replace(" -Iinclude ", " -DCHECK_END -Iinclude "), END.format(path.stem)
+            messages = self._messages(f"{with_end} --property {end} --json-ui")
+            if not any((each["property"], each["status"]) == (end, "FAILURE") for each in _results(messages)):
                 verdict, detail = "open", "the end of the harness is not known to be reached"
         return Result(name, verdict, time.monotonic() - start, len(properties), detail)
 

@@ -116,7 +116,7 @@ class Unit:
         function: its name. result: type of its result; "" for none. result_is_struct: the result has members.
         before, facts: statements of the harness before and after the call, which apply lemmas.
         includes: the harness includes the C of the unit, so that the facts can use its static functions.
-        stand_in: C of a function that replaces a static one of the unit. replaced: the names of both.
+        stand_in: C of functions that replace static ones of the unit. replaced: the names of both, in pairs.
         callees: functions that are replaced by their contracts.
         linked: further units of the build whose C is part of the proof.
         unwind: loop rounds, one more than the longest loop has.
@@ -134,7 +134,7 @@ class Unit:
     facts: tuple[str, ...] = ()
     includes: bool = False
     stand_in: tuple[str, ...] = ()
-    replaced: tuple[str, str] | None = None
+    replaced: tuple[tuple[str, str], ...] = ()
     callees: tuple[str, ...] = ()
     linked: tuple[str, ...] = ()
     unwind: int = 16

@@ -19,7 +19,7 @@ SOLVER = "--no-standard-checks --unwinding-assertions --slice-formula --bitwuzla
 
 
 def command_of(
-    name: str, files: Iterable[str], unwind: int, conversions: bool = True, replaced: tuple[str, str] | None = None
+    name: str, files: Iterable[str], unwind: int, conversions: bool = True, replaced: Iterable[tuple[str, str]] = ()
 ) -> str:
     """Return the command that proves a harness in the folder of the build."""
     entry = f"prove_{name}"
@@ -27,7 +27,8 @@ def command_of(
     before = ""
     if replaced:
         program = f'"${{TMPDIR:-/tmp}}/{entry}.goto"'
-        before = f"goto-cc -o {program} {given} && goto-instrument --replace-calls {':'.join(replaced)} {program} {program} >/dev/null && "
+        calls = " ".join(f"--replace-calls {old}:{new}" for old, new in replaced)
+        before = f"goto-cc -o {program} {given} && goto-instrument {calls} {program} {program} >/dev/null && "
         given = program
     checks = f"{CHECKS} {CONVERSIONS}" if conversions else CHECKS
     return f"{before}cbmc {given} --function {entry} --unwind {unwind} {checks} {SOLVER}"

@@ -252,6 +252,7 @@ class _Table:
             yield self._axes()
             yield self._place()
             yield self._cell()
+            yield self._numbers()
 
     def _place(self) -> Lemma:
         return Lemma(
@@ -262,6 +263,28 @@ class _Table:
             unit=self.own("map"),
             before=("lemma_axes();",),
         )
+
+    def _numbers(self) -> Lemma:
+        """The functions that check the numbers of a row, or the breakpoints of an axis, check each of them."""
+        real, most = self.real, self._rounds() - 1
+        statements = (
+            f"{real} numbers[{most}];",
+            f"{real} low;",
+            f"{real} high;",
+            "uint32_t count;",
+            "uint32_t k;",
+            "bool between;",
+            "bool increasing;",
+            "",
+            f"CONTRACT_ASSUME((count >= 1u) && (count <= {most}u) && (k < count));",
+            "between = are_between(numbers, count, low, high);",
+            "increasing = are_increasing(numbers, count);",
+        )
+        claims = (
+            Claim("any number is in range", "!between || lies_between(numbers[k], low, high)"),
+            Claim("any number is above the one before", "!increasing || (k == 0u) || (numbers[k - 1u] < numbers[k])"),
+        )
+        return Lemma("lemma_numbers", (), claims, statements, unit=self.own("map"), unwind=self._rounds())
 
     def _cell(self) -> Lemma:
         """The interpolation reads inside of the tables, and its result is close to the range of the four numbers that it reads.
@@ -434,15 +457,7 @@ class _Table:
     def _map_units(self) -> Iterator[Unit]:
         own, unit, view = self.own, self.own("map"), self.context["map"]
         arguments = tuple(self.scalar(name) for name in ("speed", "front_angle", "friction"))
-        valid = []
-        if self.has_plain_map:
-            holds = [f"{axis.breakpoints}_hold({at})" for axis, at in ((view.speed, "any_row"), (view.front_angle, "any_column"))]
-            cell = f"{own('map_cell_holds')}(any_row, any_column)"
-            valid = [
-                Claim("the axes of a valid map are in range and increasing", f"!result || ({' && '.join(holds)})"),
-                Claim("the numbers of a valid map are in range", f"!result || {cell}"),
-            ]
-        yield Unit(own("map_valid"), unit, (), "bool", ensures=tuple(valid), unwind=self._rounds())
+        yield self._map_valid() if self.has_plain_map else Unit(own("map_valid"), unit, (), "bool")
         more: dict[str, Any] = self._look_up() if self.has_plain_map else {}
         bound = Claim("the yaw rate is in range", self.within("result", MAP_YAW_RATE_MAX_RAD_S))
         yield Unit(own("map_yaw_rate_on_road"), unit, arguments, self.real, ensures=(bound,), **more)
@@ -453,6 +468,43 @@ class _Table:
                 Claim("the acceleration is in range", self.between("result->lateral_acceleration_max", 0.0, 100.0)),
             )
             yield Unit(own("map_reference"), unit, arguments, own("map_reference_t"), True, ensures=bounds, **more)
+
+    def _map_valid(self) -> Unit:
+        """Validity of the map: what holds for the breakpoint and the cell that the proof looks at holds for any.
+
+        The functions over a row are replaced by what `lemma_numbers` shows of them.
+        """
+        own, view, real = self.own, self.context["map"], self.real
+        rows = [(f"{table.name}[any_row]", f"{table.name}[any_row][any_column]") for table in view.tables]
+        axes = [(axis.breakpoints, at) for axis, at in ((view.speed, "any_row"), (view.front_angle, "any_column"))]
+        lines = [f"bool between_by_lemma(const {real} *numbers, uint32_t count, {real} low, {real} high)", "{", "    bool result;", ""]
+        for row, number in (*rows, *((name, f"{name}[{at}]") for name, at in axes)):
+            lines.append(f"    CONTRACT_ASSUME(!result || (numbers != {row}) || lies_between({number}, low, high));")
+        lines += ["    (void)count;", "    return result;", "}", ""]
+        lines += [f"bool increasing_by_lemma(const {real} *numbers, uint32_t count)", "{", "    bool result;", ""]
+        for name, at in axes:
+            rises = f"(({at} == 0u) || ({name}[{at} - 1u] < {name}[{at}]))"
+            lines.append(f"    CONTRACT_ASSUME(!result || (numbers != {name}) || {rises});")
+        lines += ["    (void)count;", "    return result;", "}"]
+        holds = " && ".join(f"{name}_hold({at})" for name, at in axes)
+        cell = f"{own('map_cell_holds')}(any_row, any_column)"
+        ensures = (
+            Claim("the axes of a valid map are in range and increasing", f"!result || ({holds})"),
+            Claim("the numbers of a valid map are in range", f"!result || {cell}"),
+        )
+        inside = f"(any_row < (uint32_t){view.speed.points}) && (any_column < (uint32_t){view.front_angle.points})"
+        return Unit(
+            own("map_valid"),
+            own("map"),
+            (),
+            "bool",
+            ensures=ensures,
+            includes=True,
+            before=(f"CONTRACT_ASSUME({inside});",),
+            stand_in=tuple(lines),
+            replaced=(("are_between", "between_by_lemma"), ("are_increasing", "increasing_by_lemma")),
+            unwind=self._rounds(),
+        )
 
     def _look_up(self) -> dict[str, Any]:
         """Proof of a look-up in any valid map: the interpolation in a cell is replaced by what `lemma_cell` shows of it."""
@@ -476,7 +528,7 @@ class _Table:
             "before": ("lemma_axes();", "lemma_constants();", "lemma_place(speed, front_angle);"),
             "facts": (cap,),
             "stand_in": tuple(lines),
-            "replaced": (name, standing),
+            "replaced": ((name, standing),),
         }
 
     def _table(self, name: str) -> str:
