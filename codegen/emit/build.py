@@ -22,6 +22,7 @@ from codegen.emit.a2l_view import a2l_view
 from codegen.emit.can_view import can_view, task_view
 from codegen.emit.checksum_view import ChecksumView, checksum_view
 from codegen.emit.constants import constants_of
+from codegen.emit.contracts.files import contract_files
 from codegen.emit.controller_view import controller_view
 from codegen.emit.deviations import FILE as DEVIATIONS
 from codegen.emit.deviations import deviations
@@ -183,6 +184,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         **{f"linux/{name}": verbatim(f"linux/{name}") for name in LINUX},
         f"{prefix}.a2l": render("a2l.j2", context),
         **take_over_files(context),
+        **contract_files(context),
         "README.md": render("README.md.j2", context),
     }
     files[DEVIATIONS] = render("deviations.md.j2", {**context, "deviations": deviations(files)})

@@ -1,0 +1,179 @@
+"""A contract: the arguments of a function, what it requires of them, and what it ensures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+Role = Literal["value", "in", "out", "new", "state", "parameter", "bytes in", "bytes out"]
+"""Use of an argument.
+
+value: a number. in, out: a struct that is read, or written. new, state: a struct whose invariant holds after the call, or before
+and after it. parameter: a struct of calibration parameters whose invariant holds. bytes in, bytes out: a frame of eight bytes.
+"""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A condition in C and its meaning in words."""
+
+    text: str
+    condition: str
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument; `ctype` is the type of the number or of the struct."""
+
+    name: str
+    ctype: str
+    role: Role = "value"
+
+    @property
+    def is_pointer(self) -> bool:
+        """Whether the function receives an address."""
+        return self.role != "value"
+
+    @property
+    def is_written(self) -> bool:
+        """Whether the function may write what the argument points to."""
+        return self.role in ("out", "new", "state", "bytes out")
+
+    @property
+    def declaration(self) -> str:
+        """Declaration in the prototype of the function."""
+        return self._declared("" if self.is_written or not self.is_pointer else "const ")
+
+    @property
+    def read_only(self) -> str:
+        """Declaration in a predicate, which writes nothing."""
+        return self._declared("const " if self.is_pointer else "")
+
+    @property
+    def local(self) -> str:
+        """Declaration of an object for the argument."""
+        return f"{self.ctype} {self.name}{'[8]' if self.role.startswith('bytes') else ''};"
+
+    @property
+    def passed(self) -> str:
+        """The object as it is passed."""
+        return f"&{self.name}" if self.is_pointer and not self.role.startswith("bytes") else self.name
+
+    def _declared(self, const: str) -> str:
+        if self.role.startswith("bytes"):
+            return f"{const}{self.ctype} {self.name}[8]"
+        return f"{const}{self.ctype} {'*' if self.is_pointer else ''}{self.name}"
+
+
+@dataclass(frozen=True)
+class Invariant:
+    """Conditions on the members of the struct `value`; those of an array are checked for each of its `points` indices `k`."""
+
+    ctype: str
+    claims: tuple[str, ...]
+    arrays: tuple[tuple[str, tuple[str, ...]], ...] = ()
+
+    @property
+    def predicate(self) -> str:
+        """Name of the C function."""
+        return f"{self.ctype.removesuffix('_t')}_holds"
+
+
+@dataclass(frozen=True)
+class Lemma:
+    """A fact that is proved alone and assumed in the proofs of functions.
+
+    Attributes:
+        name: of the lemma. arguments: for every value of which it holds.
+        claims: what holds; each condition states its own premises.
+        statements: declarations that the conditions use.
+        unit: the unit of the build whose static functions it uses; "" for none.
+        linked: units of the build whose C is part of the proof.
+        before: statements of the harness that apply other lemmas.
+    """
+
+    name: str
+    arguments: tuple[Argument, ...]
+    claims: tuple[Claim, ...]
+    statements: tuple[str, ...] = ()
+    unit: str = ""
+    linked: tuple[str, ...] = ()
+    before: tuple[str, ...] = ()
+    unwind: int = 16
+
+    @property
+    def listed(self) -> str:
+        """Arguments of the C function."""
+        return ", ".join(each.read_only for each in self.arguments) or "void"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A function with its contract, and how it is proved.
+
+    Attributes:
+        function: its name. result: type of its result; "" for none. result_is_struct: the result has members.
+        before, facts: statements of the harness before and after the call, which apply lemmas.
+        includes: the harness includes the C of the unit, so that the facts can use its static functions.
+        stand_in: C of functions that replace static ones of the unit. replaced: the names of both, in pairs.
+        callees: functions that are replaced by their contracts.
+        linked: further units of the build whose C is part of the proof.
+        unwind: loop rounds, one more than the longest loop has.
+        conversions: conversions from float to integer are checked; signed numbers that become unsigned would count as faults.
+    """
+
+    function: str
+    unit: str
+    arguments: tuple[Argument, ...] = ()
+    result: str = ""
+    result_is_struct: bool = False
+    requires: tuple[Claim, ...] = ()
+    ensures: tuple[Claim, ...] = ()
+    before: tuple[str, ...] = ()
+    facts: tuple[str, ...] = ()
+    includes: bool = False
+    stand_in: tuple[str, ...] = ()
+    replaced: tuple[tuple[str, str], ...] = ()
+    callees: tuple[str, ...] = ()
+    linked: tuple[str, ...] = ()
+    unwind: int = 16
+    conversions: bool = True
+
+    @property
+    def prototype(self) -> str:
+        """Result and arguments of the function."""
+        return f"{self.result or 'void'} {self.function}({self._listed('declaration')})"
+
+    @property
+    def requires_arguments(self) -> str:
+        """Arguments of the precondition."""
+        return self._listed("read_only")
+
+    @property
+    def ensures_arguments(self) -> str:
+        """Arguments of the postcondition: those of the call, its result, and each state before the call."""
+        result = f"const {self.result} *result" if self.result_is_struct else f"{self.result} result"
+        more = [result] if self.result else []
+        more += [f"const {each.ctype} *{each.name}_before" for each in self.states]
+        return ", ".join([*(each.read_only for each in self.arguments), *more]) or "void"
+
+    @property
+    def states(self) -> tuple[Argument, ...]:
+        """Arguments whose earlier value the postcondition may name."""
+        return tuple(each for each in self.arguments if each.role == "state")
+
+    @property
+    def written(self) -> tuple[Argument, ...]:
+        """Arguments that the call may change."""
+        return tuple(each for each in self.arguments if each.is_written)
+
+    def invariants(self, known: dict[str, Invariant], before: bool) -> Iterator[Claim]:
+        """Yield the invariants that hold before, or after, the call."""
+        roles = ("state", "parameter") if before else ("new", "state")
+        for each in self.arguments:
+            if each.role in roles and each.ctype in known:
+                yield Claim(f"{each.name} is within its invariant", f"{known[each.ctype].predicate}({each.name})")
+
+    def _listed(self, attribute: str) -> str:
+        return ", ".join(getattr(each, attribute) for each in self.arguments) or "void"

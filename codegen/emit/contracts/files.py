@@ -1,0 +1,74 @@
+"""The folder `verify/` of a build: contracts, a harness for each function, and stand-ins for functions that others call."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from codegen.emit.contracts.contract import Unit
+from codegen.emit.contracts.units import contracts_of
+from codegen.emit.render import render
+
+FOLDER = "verify"
+CHECKS = (
+    "--bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check --undefined-shift-check"
+)
+CONVERSIONS = "--conversion-check"
+SOLVER = "--no-standard-checks --unwinding-assertions --slice-formula --bitwuzla"
+"""Without slicing, CBMC copies structs of floats whole, which its SMT encoding does not support."""
+
+
+def command_of(
+    name: str, files: Iterable[str], unwind: int, conversions: bool = True, replaced: Iterable[tuple[str, str]] = ()
+) -> str:
+    """Return the command that proves a harness in the folder of the build."""
+    entry = f"prove_{name}"
+    given = f"{' '.join((f'{FOLDER}/{entry}.c', *files))} -Iinclude -I{FOLDER}"
+    before = ""
+    if replaced:
+        program = f'"${{TMPDIR:-/tmp}}/{entry}.goto"'
+        calls = " ".join(f"--replace-calls {old}:{new}" for old, new in replaced)
+        before = f"goto-cc -o {program} {given} && goto-instrument {calls} {program} {program} >/dev/null && "
+        given = program
+    checks = f"{CHECKS} {CONVERSIONS}" if conversions else CHECKS
+    return f"{before}cbmc {given} --function {entry} --unwind {unwind} {checks} {SOLVER}"
+
+
+def _files_of(unit: Unit) -> Iterator[str]:
+    """Yield the files of a proof beside its harness."""
+    yield from (f"src/{each}.c" for each in unit.linked)
+    if not unit.includes:
+        yield f"src/{unit.unit}.c"
+    yield from (f"{FOLDER}/assume_{each}.c" for each in unit.callees)
+
+
+def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
+    """Return content by path.
+
+    Args:
+        context: of the templates of a build.
+    """
+    contracts = contracts_of(context)
+    known = {**context, "contracts": contracts}
+    files = {f"{FOLDER}/{context['build'].prefix}_contracts.h": render("contracts/contract.h.j2", known)}
+    for lemma in contracts.lemmas:
+        command = command_of(lemma.name, [f"src/{each}.c" for each in lemma.linked], lemma.unwind)
+        files[f"{FOLDER}/prove_{lemma.name}.c"] = render("contracts/lemma.c.j2", {**known, "lemma": lemma, "command": command})
+    for unit in contracts.units:
+        command = command_of(unit.function, _files_of(unit), unit.unwind, unit.conversions, unit.replaced)
+        more = {"unit": unit, "command": command, "ensured": _ensured(unit, True)}
+        files[f"{FOLDER}/prove_{unit.function}.c"] = render("contracts/prove.c.j2", {**known, **more})
+    for function in sorted({callee for unit in contracts.units for callee in unit.callees}):
+        unit = contracts.of(function)
+        files[f"{FOLDER}/assume_{function}.c"] = render(
+            "contracts/assume.c.j2", {**known, "unit": unit, "ensured": _ensured(unit, False)}
+        )
+    return files
+
+
+def _ensured(unit: Unit, in_harness: bool) -> list[str]:
+    """Arguments of the postcondition, in a harness or in a stand-in."""
+    given = [each.passed if in_harness else each.name for each in unit.arguments]
+    result = [f"{'&' if unit.result_is_struct else ''}result"] if unit.result else []
+    return [*given, *result, *(f"&{each.name}_before" for each in unit.states)]
+

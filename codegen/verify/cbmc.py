@@ -1,0 +1,146 @@
+"""The model checker CBMC with the solver Bitwuzla: where they are, and their installation beside the system.
+
+CBMC comes from the system or, where the distribution has none, from the next Debian release. Then
+`python -m codegen.verify.cbmc [DIR]` downloads it with apt into a folder, the cache by default. It uses a source list, package
+lists and a loader of that folder; nothing of the system changes. Bitwuzla comes from its PyPI wheel.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from codegen.cache import cache_folder
+from codegen.errors import CodegenError
+from codegen.verify.packages import MissingTool
+
+INSTALL = f"{Path(sys.executable).name} -m codegen.verify.cbmc"
+"""The line that installs both."""
+NEXT_RELEASE = {"bookworm": "trixie"}
+"""Debian release that has a CBMC, by the release that has none."""
+PACKAGES = ("cbmc", "libc6", "libstdc++6", "libgcc-s1", "zlib1g", "minisat")
+"""The packages that CBMC needs, its C library included."""
+PROGRAMS = ("cbmc", "goto-cc", "goto-instrument")
+"""The programs of CBMC that proofs use."""
+KEYRING = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
+_SHIM = '''#!{python}
+"""Bitwuzla as a command that solves one SMT-LIB file."""
+import sys
+
+sys.path.insert(0, {packages!r})
+import bitwuzla
+
+with open(sys.argv[-1], encoding="ascii") as file:
+    commands = file.read().replace("(exit)", "")
+# The answer goes out before the model is requested: without a model that request is an error.
+head, check, values = commands.partition("(check-sat)")
+terms, options = bitwuzla.TermManager(), bitwuzla.Options()
+options.set(bitwuzla.Option.PRODUCE_MODELS, True)
+parser = bitwuzla.Parser(terms, options, "smt2")
+parser.parse(head + check, False, False)
+sys.stdout.flush()
+try:
+    parser.parse(values, False, False)
+except bitwuzla.BitwuzlaException as error:
+    print(error, file=sys.stderr)
+'''
+_LAUNCHER = """#!/bin/sh
+exec {loader} --library-path {libraries} {program} "$@"
+"""
+
+
+def programs() -> Path:
+    """Return the folder of the installed commands, to stand first on the path.
+
+    Raises:
+        MissingTool: CBMC or Bitwuzla is not installed.
+    """
+    folder = cache_folder() / "cbmc" / "bin"
+    path = os.pathsep.join((str(folder), os.environ.get("PATH", "")))
+    for name in (*PROGRAMS, "bitwuzla"):
+        if shutil.which(name, path=path) is None:
+            raise MissingTool("it is not installed", where=name, remedy=INSTALL)
+    return folder
+
+
+def install(folder: Path) -> None:
+    """Install CBMC and Bitwuzla into a folder; their commands are in its folder `bin`.
+
+    Raises:
+        CodegenError: this system is no Debian with such a next release, or a download failed.
+    """
+    root, commands, wheels = folder / "root", folder / "bin", folder / "python"
+    for each in (root, commands, wheels):
+        each.mkdir(parents=True, exist_ok=True)
+    _unpack(folder, root)
+    libraries = next(root.glob("usr/lib/*/libc.so.6")).parent
+    loader = next(libraries.glob("ld-linux*.so.*"))
+    paths = {"loader": str(loader), "libraries": f"{libraries}:{root / 'usr/lib'}"}
+    for name in PROGRAMS:
+        words = {**paths, "program": str(root / "usr/bin" / name)}
+        _write_command(commands / name, _LAUNCHER.format(**{key: shlex.quote(word) for key, word in words.items()}))
+    _run(sys.executable, "-m", "pip", "install", "--quiet", "--upgrade", "--target", str(wheels), "bitwuzla")
+    _write_command(commands / "bitwuzla", _SHIM.format(python=sys.executable, packages=str(wheels)))
+
+
+def _unpack(folder: Path, root: Path) -> None:
+    """Download the packages with apt and unpack them."""
+    lists, archives, downloads = folder / "lists", folder / "archives", folder / "packages"
+    for each in (lists / "partial", archives / "partial", downloads):
+        each.mkdir(parents=True, exist_ok=True)
+    sources, status = folder / "sources.list", folder / "status"
+    sources.write_text(f"deb [signed-by={KEYRING}] {_mirror()} main\n", encoding="ascii")
+    status.write_bytes(b"")  # nothing counts as installed, so that every package is downloaded
+    places = {
+        "Dir::Etc::SourceList": sources,
+        "Dir::Etc::SourceParts": "/dev/null",
+        "Dir::State::Lists": lists,
+        "Dir::State::Status": status,
+        "Dir::Cache::Archives": archives,
+        "Dir::Cache::PkgCache": "",
+        "Dir::Cache::SrcPkgCache": "",
+    }
+    apt = ["apt-get", "--quiet=2", *(f"--option={key}={value}" for key, value in places.items())]
+    _run(*apt, "update")
+    _run(*apt, "--option=APT::Sandbox::User=root", "download", *PACKAGES, cwd=downloads)
+    for package in sorted(downloads.glob("*.deb")):
+        _run("dpkg", "-x", str(package), str(root))
+
+
+def _mirror() -> str:
+    """Return the configured mirror of this release and the name of the next one, as a line of a source list has them."""
+    own = _own_release()
+    if own not in NEXT_RELEASE:
+        raise CodegenError("no later release is known", where=own or "this system", remedy="install the package `cbmc` of it")
+    found = _run("apt-get", "indextargets", "--format", "$(REPO_URI)", "Created-By: Packages", f"Codename: {own}").split()
+    mirrors = [each for each in found if "security" not in each]
+    if not mirrors:
+        raise CodegenError("no mirror of Debian is configured", where="apt", remedy="run `apt-get update` and try again")
+    return f"{mirrors[0]} {NEXT_RELEASE[own]}"
+
+
+def _own_release() -> str:
+    lines = Path("/etc/os-release").read_text(encoding="utf-8").splitlines()
+    return next((line.partition("=")[2].strip('"') for line in lines if line.startswith("VERSION_CODENAME=")), "")
+
+
+def _write_command(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+    path.chmod(0o755)
+
+
+def _run(*command: str, cwd: Path | None = None) -> str:
+    try:
+        return subprocess.run(command, cwd=cwd, check=True, capture_output=True, text=True).stdout
+    except (OSError, subprocess.CalledProcessError) as error:
+        reason = getattr(error, "stderr", "") or str(error)
+        what = reason.strip().splitlines()[-1]
+        raise CodegenError(what, where=command[0], remedy="check the network and try again") from error
+
+
+if __name__ == "__main__":
+    install(Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else cache_folder() / "cbmc")

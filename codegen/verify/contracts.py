@@ -1,0 +1,140 @@
+"""Prove the contracts of a build with CBMC: run every harness in its folder `verify/` and read the results."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from codegen.verify.cbmc import programs
+from codegen.verify.packages import MissingTool
+
+Verdict = Literal["proved", "failed", "open", "not run"]
+TIME_LIMIT_S = 120.0
+"""Time limit of one harness."""
+HARNESSES = "verify/prove_*.c"
+END = "{}.assertion.1"
+"""By the name of the entry: the assertion at the end of each harness, which must fail: properties that are never reached would count as proved."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """Result for one harness.
+
+    Attributes:
+        seconds: run time.
+        properties: number of properties that were checked.
+        detail: what failed and where, why it is open, or the line that installs what is missing.
+    """
+
+    harness: str
+    verdict: Verdict
+    seconds: float = 0.0
+    properties: int = 0
+    detail: str = ""
+
+
+def prove(build: Path, limit_s: float = TIME_LIMIT_S, wanted: Callable[[str], bool] = lambda _: True) -> list[Result]:
+    """Run the harnesses of a build in parallel, on all processors.
+
+    Args:
+        build: folder of the build.
+        limit_s: time limit of each harness.
+        wanted: choice of harnesses by name, such as "ars_limiter_step".
+    """
+    names = {path: path.stem.removeprefix("prove_") for path in sorted(build.glob(HARNESSES))}
+    harnesses = {path: name for path, name in names.items() if wanted(name)}
+    try:
+        first = programs()
+    except MissingTool as error:
+        return [Result(name, "not run", detail=str(error)) for name in harnesses.values()]
+    environment = {**os.environ, "PATH": f"{first}{os.pathsep}{os.environ.get('PATH', '')}"}
+
+    def run(path: Path) -> Result:
+        return _Run(build, environment, limit_s).prove(path, harnesses[path])
+
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
+        return list(workers.map(run, harnesses))
+
+
+def command_of(harness: Path) -> str:
+    """Return the command line that the head of a harness states."""
+    lines = harness.read_text(encoding="ascii").splitlines()
+    return next(line for line in lines if line.startswith((" * cbmc ", " * goto-cc "))).removeprefix(" * ")
+
+
+@dataclass(frozen=True)
+class _Run:
+    build: Path
+    environment: dict[str, str]
+    limit_s: float
+
+    def prove(self, path: Path, name: str) -> Result:
+        """Prove one harness, then check that its end is reached."""
+        start, command = time.monotonic(), command_of(path)
+        messages = self._messages(f"{command} --json-ui")
+        properties = _results(messages)
+        verdict, detail = _verdict(messages, properties)
+        if verdict == "proved":
+            with_end, end = command.replace(" -Iinclude ", " -DCHECK_END -Iinclude "), END.format(path.stem)
+            messages = self._messages(f"{with_end} --property {end} --json-ui")
+            if not any((each["property"], each["status"]) == (end, "FAILURE") for each in _results(messages)):
+                verdict, detail = "open", "the end of the harness is not known to be reached"
+        return Result(name, verdict, time.monotonic() - start, len(properties), detail)
+
+    def _messages(self, command: str) -> list[dict[str, Any]]:
+        """Return the messages of CBMC; none if the time limit ended it. Its solver ends with it."""
+        streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            # A session of its own: the solver is a child that would go on.
+            subprocess.Popen(
+                ["sh", "-c", command],
+                cwd=self.build,
+                env={**self.environment, "TMPDIR": folder},
+                start_new_session=True,
+                **streams,
+            ) as process,
+        ):
+            try:
+                output, _ = process.communicate(timeout=self.limit_s)
+            except subprocess.TimeoutExpired:
+                return []
+            finally:
+                if process.poll() is None:
+                    os.killpg(process.pid, signal.SIGKILL)
+        try:
+            messages: list[dict[str, Any]] = json.loads(output[output.find(b"[") :])
+        except ValueError:
+            return [{"messageType": "ERROR", "messageText": output.decode(errors="replace")[-200:]}]
+        return messages
+
+
+def _results(messages: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [result for message in messages for result in message.get("result", [])]
+
+
+def _verdict(messages: list[dict[str, Any]], properties: list[dict[str, Any]]) -> tuple[Verdict, str]:
+    """Accept only CBMC's own success: a run that ends in an error can list all properties as not failed."""
+    if not messages:
+        return "open", "time limit"
+    failed = [each for each in properties if each["status"] == "FAILURE"]
+    if failed:
+        return "failed", "; ".join(f"{each['description']} ({_place(each)})" for each in failed)
+    if properties and [each["cProverStatus"] for each in messages if "cProverStatus" in each] == ["success"]:
+        return "proved", ""
+    errors = [str(each.get("messageText", "")) for each in messages if each.get("messageType") == "ERROR"]
+    return "open", (errors or ["CBMC ended without a result"])[-1]
+
+
+def _place(result: dict[str, Any]) -> str:
+    place = result.get("sourceLocation", {})
+    return f"{place.get('file', '?')}:{place.get('line', '?')}, {place.get('function', '?')}"
