@@ -1,15 +1,17 @@
 """Abstract interpretation of a build with Frama-C's EVA: invalid memory accesses and other undefined behaviour.
 
-EVA analyses `verify/every_function.c` with all sources. It covers what CBMC does not: indices inside structs, pointers to objects
-whose block has ended, overlapping copies, and objects that several units define differently. Its claims about numbers are weak,
-because it keeps NaN as a possible value after a comparison, so the numbers are left to the contracts.
+EVA analyses `verify/every_function.c` with all sources. It covers what CBMC does not: indices inside structs, pointers to
+objects whose block has ended, overlapping copies, and objects that several units define differently. It keeps NaN as a possible
+value after a comparison, so claims about numbers are left to the contracts.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import os
 import re
+import shlex
 import shutil
 import tempfile
 from collections import Counter
@@ -17,22 +19,25 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from codegen.emit.contracts.files import EVERY_FUNCTION, frama_c_command
+from codegen.emit.contracts.files import FOLDER, frama_c_command
 from codegen.programs import run_program
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 
-SHOWS = "No public function reads or writes outside an object, uses an uninitialised or dangling pointer, or is otherwise undefined"
+SHOWS = (
+    "No public function reads or writes outside an object, uses an uninitialised or dangling pointer, or is otherwise undefined"
+)
 LIMITS = (
-    "EVA does not know that a number is not NaN after a comparison. Its alarms about the conversion of a float to an integer are "
-    "therefore left to the proof, which proves each of them.",
-    "Memory has the layout of a 32-bit target with little-endian byte order. The tables of the map have the values of this build.",
+    "EVA keeps NaN as a possible value after a comparison. Its alarms about the conversion of a float to an integer are left to "
+    "the proof, which covers each conversion.",
+    "Types have the sizes of a 32-bit little-endian target. The tables of the map have the values of this build.",
 )
 EXPLAINED = {"is_nan_or_infinite": "a float converted to an integer may be NaN for EVA; the proof shows that it is not"}
 """Kinds of alarms that another check decides, with the reason."""
 INSTALL = "apt install frama-c-base"
 REPORT = "alarms.csv"
 TIME_LIMIT_S = 600.0
+_FAULT = re.compile(r"^\[kernel\] (\S+:\d+):\s+((?:User Error|syntax error).*)", re.MULTILINE)
 _VERSION = re.compile(r"\d+\.\d+\S*(?: \(\w+\))?")
 
 
@@ -59,8 +64,8 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         raise MissingTool("it is not installed", where="frama-c", remedy=INSTALL)
     version = _VERSION.search(run_program([program, "-version"]).stdout)
     tools = {"Frama-C": version[0] if version else "?"}
-    files = {path: text for path, text in subject.files.items() if path.startswith(("include/", "src/", "verify/"))}
-    report, log = _analyse(program, files, subject.prefix)
+    files = {path: text for path, text in subject.files.items() if path.startswith(("include/", "src/", f"{FOLDER}/"))}
+    report, log = _analyse(files, subject.prefix)
     if report is None:
         return Outcome(SHOWS, "not analysed", Verdict.FAILED, (log,), limits=LIMITS, tools=tools)
     alarms = list(_alarms(report))
@@ -76,7 +81,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     )
 
 
-def _analyse(program: str, files: Mapping[str, bytes], prefix: str) -> tuple[str | None, str]:
+def _analyse(files: Mapping[str, bytes], prefix: str) -> tuple[str | None, str]:
     """Return EVA's report as CSV, or None and the first line of its log that explains why there is none."""
     with tempfile.TemporaryDirectory(prefix="ars-eva-") as scratch:
         folder = Path(scratch)
@@ -84,13 +89,14 @@ def _analyse(program: str, files: Mapping[str, bytes], prefix: str) -> tuple[str
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_bytes(content)
         sources = sorted(path for path in files if path.startswith("src/") and path.endswith(".c"))
-        command = [program, *frama_c_command(prefix, sources, REPORT)[1:]]
-        result = run_program(command, folder, timeout=TIME_LIMIT_S)
+        command = shlex.split(frama_c_command(prefix, sources, REPORT))
+        # Frama-C takes the current folder from PWD.
+        result = run_program(command, folder, timeout=TIME_LIMIT_S, environment={**os.environ, "PWD": str(folder)})
         report = folder / REPORT
         if result.returncode == 0 and report.is_file():
             return report.read_text(encoding="utf-8"), ""
-    lines = [line for line in result.stdout.splitlines() if "rror" in line]
-    return None, lines[0] if lines else f"Frama-C ended with exit code {result.returncode}"
+    fault = _FAULT.search(result.stdout)
+    return None, f"{fault[1]}: {fault[2]}" if fault else f"Frama-C ended with exit code {result.returncode}"
 
 
 def _alarms(report: str) -> Iterator[Alarm]:

@@ -96,9 +96,25 @@ CHECKS = (
         "codegen.verify.sanitizers.check",
         "Drives and bus faults have the specified outcome, without undefined behaviour",
     ),
+    Registered(
+        "memory",
+        "abstract interpretation",
+        "codegen.verify.memory",
+        "No public function accesses memory outside an object or through a dangling pointer, and nothing else is undefined",
+    ),
     Registered("fuzzing", "fuzzing", "codegen.verify.fuzzing.check", "No byte stream makes it crash or exceed a bound"),
 )
-SLOWEST_FIRST = ("proof", "sanitizers", "law", "compiles", "processor-in-the-loop", "static-analysis", "fuzzing", "budgets")
+SLOWEST_FIRST = (
+    "proof",
+    "sanitizers",
+    "law",
+    "compiles",
+    "processor-in-the-loop",
+    "static-analysis",
+    "memory",
+    "fuzzing",
+    "budgets",
+)
 
 
 @dataclass(frozen=True)
