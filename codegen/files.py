@@ -26,16 +26,34 @@ def read_file(path: Path, limit: int, remedy: str, kind: type[CodegenError] = Co
         CodegenError: of class `kind`, if the file is unreadable, too large or not regular. Reading a pipe would block, and
             reading a device might never end.
     """
+    size = require_regular(path, limit, remedy, kind)
+    try:
+        with path.open("rb") as file:
+            return file.read(size)  # not `limit`, which would allocate that much memory
+    except OSError as error:
+        raise kind(f"cannot be read ({reason_of(error)})", where=path, remedy=remedy) from None
+
+
+def require_regular(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError) -> int:
+    """Return the size in bytes of a regular file that another library reads. Arguments and errors are those of `read_file`."""
     try:
         status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise kind("not a file", where=path, remedy=remedy)
-        if status.st_size > limit:
-            raise kind(f"over {limit >> 20} MiB", where=path, remedy=remedy)
-        with path.open("rb") as file:
-            return file.read(status.st_size)  # not `limit`, which would allocate that much memory
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise kind(f"cannot be read ({reason_of(error)})", where=path, remedy=remedy) from None
+    if not stat.S_ISREG(status.st_mode):
+        raise kind("not a file", where=path, remedy=remedy)
+    if status.st_size > limit:
+        largest = f"{limit >> 20} MiB" if limit >> 20 else f"{limit >> 10} KiB"
+        raise kind(f"over {largest}", where=path, remedy=remedy)
+    return status.st_size
+
+
+def resolved(path: Path, kind: type[CodegenError] = CodegenError) -> Path:
+    """Return an absolute path with all links followed. Raises CodegenError, of class `kind`, for a link to itself."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError):
+        raise kind("it is a link to itself", where=path, remedy="remove the link, or name another path") from None
 
 
 def read_text(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError) -> str:

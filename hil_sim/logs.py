@@ -94,7 +94,7 @@ class BusLog:
             except BaseException:
                 self._temporary.unlink(missing_ok=True)
                 raise
-        except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        except (OSError, ValueError, RuntimeError) as error:  # a NUL in the name; a link to itself
             raise _log_error(self._path, error) from None
         self._thread.start()
         return self

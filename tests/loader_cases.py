@@ -25,7 +25,8 @@ from codegen.export.a2l.elf import Elf
 from codegen.importing.maps import Choices, import_map
 from codegen.importing.tyre import import_tyres
 from codegen.map_file import map as npz
-from codegen.plausibility.build import folder_warnings
+from codegen.plausibility.build import build_warnings, folder_warnings, margins_line
+from codegen.report.html.build import manifest_blocks
 from codegen.report.html.inputs import read_files
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.sil.toolchain import compiler_command
@@ -123,7 +124,7 @@ def loaders() -> Mapping[str, Loader]:
     found = {
         "configuration": Loader("ars.toml", preset_text("recommended").encode(), configuration.load),
         "map": Loader("map.npz", (ROOT / "generated/4ws2-paper.npz").read_bytes(), npz.load, 0.3),
-        "manifest": Loader("manifest.json", manifest, lambda path: read_build(path.parent), 0.5),
+        "manifest": Loader("manifest.json", manifest, _manifest, 0.5),
         "verification": Loader("verify.json", verification, _verification, 0.3),
         "campaign": Loader("sweep.toml", sweep.encode(), spec.load),
         "scenario": Loader("mine.toml", scenario.encode(), _scenario),
@@ -154,6 +155,12 @@ def _program(path: Path) -> None:
     source = path.with_suffix(".c")
     source.write_text("int counter = 1;\nint main(void) { return counter; }\n", encoding="ascii")
     subprocess.run([*compiler_command(), "-g", "-no-pie", str(source), "-o", str(path)], check=True)
+
+
+def _manifest(path: Path) -> object:
+    """Read a manifest and format it as `codegen check` and `codegen report` do."""
+    manifest = read_build(path.parent)
+    return [margins_line(manifest["margins"]), *build_warnings(manifest), *manifest_blocks(path.parent)]
 
 
 def _verification(path: Path) -> object:
@@ -217,6 +224,11 @@ def fault_of(loader: Loader, data: bytes, folder: Path) -> str:
     """Return the fault in a loader's response to a file, or "": an exception of another kind, or not exactly one line."""
     path = folder / loader.name
     path.write_bytes(data)
+    return fault_of_file(loader, path)
+
+
+def fault_of_file(loader: Loader, path: Path) -> str:
+    """Return the fault in a loader's response to the file at `path`; see `fault_of`."""
     before = signal.signal(signal.SIGALRM, _hung)
     signal.alarm(HANG_S)
     try:

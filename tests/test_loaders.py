@@ -1,15 +1,22 @@
 """Damaged files: every loader reads them or rejects them in one line. `make evidence PART=loaders` tests 100,000 cases."""
 
+import functools
+import json
+import operator
+import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.loader_cases import damaged, fault_of, loaders
+from tests.loader_cases import damaged, fault_of, fault_of_file, loaders
 
 CASES = 60
 """Cases for each loader of full weight."""
 LOADERS = loaders()
+DELETED = object()
 
 
 @pytest.mark.parametrize("name", LOADERS)
@@ -21,3 +28,44 @@ def test_damaged_files_are_read_or_rejected_in_one_line(name: str, tmp_path: Pat
     for case in range(max(2, round(CASES * loader.weight))):
         assert fault_of(loader, damaged(loader.seed, generator), tmp_path) == "", case
     assert capfd.readouterr().err == "", "output of a reader in addition to its error"
+
+
+def test_a_manifest_with_a_missing_or_mistyped_entry_is_read_or_rejected_in_one_line(tmp_path: Path) -> None:
+    loader = LOADERS["manifest"]
+    for path in entries(json.loads(loader.seed)):
+        for value in (DELETED, [], "x", None, 1e308, -1):
+            manifest = json.loads(loader.seed)
+            *above, last = path
+            inside = functools.reduce(operator.getitem, above, manifest)
+            if value is DELETED:
+                del inside[last]
+            else:
+                inside[last] = value
+            assert fault_of(loader, json.dumps(manifest).encode(), tmp_path) == "", (path, value)
+
+
+def entries(found: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the path of every entry down to the third level, but of the configuration, whose keys have tests of their own."""
+    items = found.items() if isinstance(found, dict) else enumerate(found[:1]) if isinstance(found, list) else ()
+    for key, inside in items:
+        yield (*path, key)
+        if len(path) < 2 and key not in ("configuration", "symbols", "files"):
+            yield from entries(inside, (*path, key))
+
+
+def test_pipes_devices_endless_lines_and_links_to_themselves_are_rejected_in_one_line(tmp_path: Path) -> None:
+    for name in ("run.parquet", "run.mf4", "bus.asc", "bus.log", "bus.blf", "faults.json"):
+        loader = next(each for each in LOADERS.values() if each.name == name)
+        path = tmp_path / name
+        os.mkfifo(path)
+        assert fault_of_file(loader, path) == ""
+        path.unlink()
+        path.symlink_to("/dev/zero")
+        assert fault_of_file(loader, path) == ""
+        path.unlink()
+        path.symlink_to(path.name)
+        assert fault_of_file(loader, path) == ""
+        path.unlink()
+        with path.open("wb") as file:
+            file.truncate(2**23 if name.endswith(("asc", "log")) else 2**33)
+        assert fault_of_file(loader, path) == ""

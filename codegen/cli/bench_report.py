@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from codegen import console
 from codegen.errors import CodegenError
+from codegen.files import resolved
 
 if TYPE_CHECKING:
     import numpy as np
@@ -57,9 +58,10 @@ class Outputs:
         for path in (self.plot, self.csv, self.log, *self.files):
             if path is None:
                 continue
-            if path.resolve() in seen:
+            target = resolved(path)
+            if target in seen:
                 raise CodegenError("it would be written twice", where=path, remedy="name each file once")
-            seen.add(path.resolve())
+            seen.add(target)
 
     @property
     def written(self) -> dict[str, list[str]]:

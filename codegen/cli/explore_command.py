@@ -60,19 +60,19 @@ def explore(map_path: Path, config_path: Path | None, folder: Path | None, port:
 
 
 def _target(folder: Path | None, config_path: Path | None) -> Target:
+    from codegen.configuration import CONFIG_BYTES_MAX
     from codegen.explore.page import FILE
     from codegen.explore.toml_file import Target, preset_bases
+    from codegen.files import read_text, resolved
 
     place = folder or Path()
     if not place.is_dir():
         raise CodegenError("there is no such folder", where=place, remedy="create it first, or name another --folder")
     own: tuple[str, ...] = ()
     if config_path is not None and config_path.is_file():
-        try:
-            own = (config_path.read_text(encoding="utf-8-sig"),)
-        except (OSError, UnicodeDecodeError):
-            own = ()  # loading the configuration later reports the error
-    return Target(place.resolve() / FILE, (*own, *preset_bases()))
+        with contextlib.suppress(CodegenError):  # loading the configuration later reports the error
+            own = (read_text(config_path, CONFIG_BYTES_MAX, ""),)
+    return Target(resolved(place) / FILE, (*own, *preset_bases()))
 
 
 def _serve(server: ExploreServer, *, browser: bool) -> None:

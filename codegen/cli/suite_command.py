@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from codegen import console
 from codegen.errors import CheckFailed, CodegenError, suggestion
+from codegen.files import resolved
 
 if TYPE_CHECKING:
     from hil_sim.suite.cars import CarsResult
@@ -38,7 +39,7 @@ class SuiteOutputs:
         if self.folder.exists() and not self.folder.is_dir():
             raise CodegenError("not a folder", where=self.folder, remedy="name a folder for the pictures")
         # The folder is created when there is something to write.
-        place = self.folder if self.folder.is_dir() else self.folder.resolve().parent
+        place = self.folder if self.folder.is_dir() else resolved(self.folder).parent
         check_output(place / "overview.png", ".png")
 
     def draw(self, result: SuiteResult) -> list[Path]:

@@ -130,9 +130,14 @@ def _cases(config_path: Any) -> tuple[str, ...]:
         return OF_EVERY_CASE
     import tomllib
 
+    from codegen.configuration import CONFIG_BYTES_MAX
+    from codegen.errors import CodegenError
+    from codegen.files import read_text
+
     try:
-        cases = tomllib.loads(Path(config_path).read_text(encoding="utf-8")).get("cases", {})
-    except (OSError, ValueError):
+        text = read_text(Path(config_path), CONFIG_BYTES_MAX, "")
+        cases = tomllib.loads(text).get("cases", {})
+    except (CodegenError, ValueError):
         return OF_EVERY_CASE
     return tuple(cases) if isinstance(cases, dict) and cases else OF_EVERY_CASE
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from codegen import configuration
 from codegen.configuration import Kind
@@ -45,6 +45,13 @@ class _Map(_Read):
     rule_by_speed_and_front_angle: list[str]
     grip: _Grip | None = None
 
+    @model_validator(mode="after")
+    def _check_rules(self) -> Self:
+        rows = self.rule_by_speed_and_front_angle
+        if [len(row) for row in rows] != [len(self.front_angle_rad)] * len(self.speed_m_s):
+            raise ValueError("rule_by_speed_and_front_angle must have a row for each speed and a letter for each front angle")
+        return self
+
 
 class _Margins(_Read):
     gain_margin_db: float | None
@@ -53,13 +60,38 @@ class _Margins(_Read):
     warns_from_km_h: float | None
     unstable_from_km_h: float | None
 
+    @model_validator(mode="after")
+    def _check_warning(self) -> Self:
+        if self.warns_from_km_h is None and not (self.enough and self.unstable_from_km_h is None):
+            raise ValueError("warns_from_km_h must be a number where the margins are not enough")
+        return self
+
 
 class _LimiterCut(_Read):
-    cells: int
+    cells: Annotated[int, Field(ge=0)]
     of: int
     largest_deg_s: float
     at_km_h: float | None
     at_front_angle_deg: float | None
+
+    @model_validator(mode="after")
+    def _check_location(self) -> Self:
+        if self.cells and None in (self.at_km_h, self.at_front_angle_deg):
+            raise ValueError("at_km_h and at_front_angle_deg must be numbers where cells are cut off")
+        return self
+
+
+class _Excess(_Read):
+    percent: float
+    at_km_h: float
+    at_front_angle_deg: float
+    at_friction: float
+    trim_max_percent: float
+    enough: bool
+
+
+class _Calibration(_Read):
+    checksum_crc32: Annotated[str, Field(pattern=r"^[0-9a-f]{8}$")]
 
 
 class _ConfigurationSource(_Read):
@@ -86,6 +118,7 @@ class _Symbol(_Read):
 
 
 class _Manifest(_Read):
+    schema_version: Literal[1]
     name: str
     version: str
     build_id: Annotated[str, Field(pattern=r"^[0-9A-F]{8}$")]
@@ -93,6 +126,8 @@ class _Manifest(_Read):
     map: _Map
     margins: _Margins | None
     limiter_cut: _LimiterCut
+    reference_model_excess: _Excess | None = None
+    calibration: _Calibration | None = None
     tools: dict[str, str]
     inputs: _Inputs
     dynamics_library_functions: list[str]

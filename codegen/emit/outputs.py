@@ -7,6 +7,7 @@ from pathlib import Path
 
 from codegen.emit.folder import owned_paths
 from codegen.errors import CodegenError
+from codegen.files import resolved
 
 
 def check_output(path: Path | None, suffix: str, inputs: Iterable[Path | None] = ()) -> None:
@@ -18,13 +19,13 @@ def check_output(path: Path | None, suffix: str, inputs: Iterable[Path | None] =
         inputs: files that the command reads.
 
     Raises:
-        CodegenError: the output is rejected; the remedy suggests another name.
+        CodegenError: the output is rejected, or is a link to itself; the remedy suggests another name.
     """
     if path is None:
         return
     if path.suffix.lower() != suffix:
         raise CodegenError(f"only {suffix} is written", where=path, remedy=f"name it {path.stem or 'result'}{suffix}")
-    target = path.resolve()
+    target = resolved(path)
     if not target.parent.is_dir():
         raise CodegenError("its folder does not exist", where=path, remedy=f"create {path.parent} first")
     if target.exists() and not target.is_file():

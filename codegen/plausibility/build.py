@@ -35,10 +35,15 @@ def margins_line(margins: Mapping[str, Any] | None) -> str:
     if margins is None:
         return "no feedback, so no margins"
     if margins["unstable_from_km_h"] is None:
-        least = f"at least {margins['gain_margin_db']:g} dB and {margins['phase_margin_deg']:g} deg"
+        least = f"at least {_margin(margins['gain_margin_db'])} dB and {_margin(margins['phase_margin_deg'])} deg"
     else:
         least = f"little from {margins['warns_from_km_h']:.0f} km/h, unstable from {margins['unstable_from_km_h']:.0f} km/h"
     return f"margins of the configured car: {least}"
+
+
+def _margin(value: float | None) -> str:
+    """Format a margin; None is unlimited."""
+    return "unlimited" if value is None else f"{value:g}"
 
 
 def build_warnings(manifest: Mapping[str, Any]) -> Iterator[str]:
@@ -51,7 +56,7 @@ def margin_warning(manifest: Mapping[str, Any]) -> str:
     margins = manifest["margins"]
     if margins is None or margins["enough"]:
         return ""
-    least = f"{margins['gain_margin_db']:g} dB, {margins['phase_margin_deg']:g} deg"
+    least = f"{_margin(margins['gain_margin_db'])} dB, {_margin(margins['phase_margin_deg'])} deg"
     unstable = margins["unstable_from_km_h"]
     found = f"{least} at least" if unstable is None else f"unstable from {unstable:.0f} km/h"
     # A build refuses a largest speed below the map's last one.

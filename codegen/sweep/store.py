@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.errors import CodegenError
-from codegen.files import read_file, replace_durably, write_atomically
+from codegen.files import read_file, replace_durably, require_regular, write_atomically
 from codegen.interrupts import deferred
 from codegen.sil.vector import ISAS
 from codegen.sweep.chunk import Table
@@ -44,6 +44,7 @@ READING: Mapping[str, Any] = {"page_checksum_verification": True, "pre_buffer": 
 """Detect pages that a failing disk has changed. Buffered pages would stay in memory until the file is closed."""
 
 FACTS_BYTES_MAX = 2**24
+PART_BYTES_MAX = 2**30
 FACTS, PARTS, RUNS = "campaign.json", "parts", "runs.parquet"
 
 
@@ -204,7 +205,10 @@ def save_part(folder: Path, chunk: int, table: Table, plan: Plan) -> None:
 
     content = io.BytesIO()
     pq.write_table(to_arrow(table, plan), content, **WRITING)
-    write_atomically(part_path(folder, chunk), content.getvalue())
+    path = part_path(folder, chunk)
+    if path.is_symlink() or path.is_fifo():  # nothing that a campaign wrote
+        path.unlink()
+    write_atomically(path, content.getvalue())
 
 
 def to_arrow(table: Table, plan: Plan) -> Any:
@@ -276,6 +280,7 @@ def _part(folder: Path, chunk: int, plan: Plan) -> Any:
     import pyarrow.parquet as pq
 
     path, remedy = part_path(folder, chunk), "remove it, and run the same command again"
+    require_regular(path, PART_BYTES_MAX, remedy)
     try:
         with pq.ParquetFile(path, **READING) as file:
             table = file.read(use_threads=False)

@@ -12,6 +12,7 @@ from codegen import __version__
 from codegen.emit.folder import VERIFICATION_FILES
 from codegen.errors import CodegenError
 from codegen.files import write_atomically
+from codegen.plausibility.build import read_record
 from codegen.verify.check import Outcome, Verdict
 from codegen.verify.manual import manual
 from codegen.verify.runner import Report
@@ -86,9 +87,8 @@ def require_place(folder: Path) -> None:
 
 def _has_full_record(folder: Path, manifest_sha256: str, edited: tuple[str, ...]) -> bool:
     """Return whether a full run of exactly these files is recorded."""
-    try:
-        found = json.loads((folder / JSON).read_bytes())
-        same = found["build"]["manifest_sha256"] == manifest_sha256 and not (edited or found["edited"])
-        return bool(found["effort"] == "whole" and same)
-    except (OSError, ValueError, KeyError, TypeError):
+    found = read_record(folder)
+    if found is None or edited:
         return False
+    same = found["build"]["manifest_sha256"] == manifest_sha256
+    return same and found.get("effort") == "whole" and found.get("edited") == []

@@ -34,6 +34,8 @@ def files(here: Path) -> None:
     for name, target in (("link.csv", "file.csv"), ("link.png", "pipe.png"), ("link.npz", MAP)):
         Path(name).symlink_to(target)
     os.mkfifo("pipe.png")
+    for name in ("itself.npz", "itself.png", "itself.csv", "itself"):
+        Path(name).symlink_to(name)
     np.savez("bare.npz", vx=[5.0, 10.0], delta_f=[0.1, 0.2], yaw_rate=[[0.1, 0.2], [0.2, 0.4]])
 
 
@@ -58,6 +60,13 @@ def files(here: Path) -> None:
         (f"{SIL} --scenario file.csv -o link.csv", "link.csv: it is an input of this command"),
         (f"{SIL} --can --jitter nan", "is not a number"),
         (f"{SIL} --limits mine.toml", "--limits: limits belong to a suite; add --suite tracking or --suite cars"),
+        ("solve --case 4ws-2 -o itself.npz", "itself.npz: it is a link to itself"),
+        (f"tune --map {MAP} -o itself.npz", "itself.npz: it is a link to itself"),
+        (f"show {MAP} --plot itself.png", "itself.png: it is a link to itself"),
+        (f"{SIL} --plot itself.png", "itself.png: it is a link to itself"),
+        (f"{SIL} --csv itself.csv", "itself.csv: it is a link to itself"),
+        (f"build --map {MAP} -o itself", "itself: "),
+        (f"firmware --build {BUILD} -o itself", "itself: it is a link to itself"),
         ("sil --suite trakking", "did you mean 'tracking'"),
         ("sil --suite cars --plot x.png", "--plot: this suite draws no pictures; leave it out"),
         (f"sil --suite cars --build {BUILD}", "--build: the cars of this suite have builds of their own; leave it out"),

@@ -62,7 +62,17 @@ def without_a_column(folder: Path, plan: Plan) -> None:
     pq.write_table(pq.read_table(part_path(folder, 0)).drop_columns(["settled"]), part_path(folder, 0))
 
 
-@pytest.mark.parametrize("damage", [cut, copied, shortened, without_a_column])
+def a_pipe(folder: Path, plan: Plan) -> None:
+    part_path(folder, 0).unlink()
+    os.mkfifo(part_path(folder, 0))
+
+
+def a_link_to_itself(folder: Path, plan: Plan) -> None:
+    part_path(folder, 0).unlink()
+    part_path(folder, 0).symlink_to(part_path(folder, 0).name)
+
+
+@pytest.mark.parametrize("damage", [cut, copied, shortened, without_a_column, a_pipe, a_link_to_itself])
 def test_an_interrupted_campaign_resumes_and_a_damaged_part_is_run_again(
     plan: Plan, whole: Path, tmp_path: Path, damage: Callable[[Path, Plan], None]
 ) -> None:

@@ -15,6 +15,7 @@ from codegen.emit.manifest import read_build
 from codegen.emit.render import render, verbatim
 from codegen.emit.text import comment_text
 from codegen.errors import BuildError
+from codegen.files import resolved
 from codegen.sil.software import Software, load
 from hil_sim.frames import Frame
 from hil_sim.plant_node import PlantNode
@@ -155,7 +156,7 @@ def refuse_target(target: Path) -> None:
         BuildError: the folder holds generated output of another kind, or a firmware project in which a file was changed; or
         it lies inside such a folder.
     """
-    place = target.resolve()
+    place = resolved(target, BuildError)
     for parent in place.parents:
         if owned_paths(parent):
             raise BuildError("it lies inside a generated folder", where=target, remedy=f"name a folder outside of {parent}")

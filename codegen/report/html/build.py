@@ -144,5 +144,5 @@ def _origin(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield f"option: {key}", str(value)
     for key, value in manifest["tools"].items():
         yield f"tool: {key}", str(value)
-    if "calibration" in manifest:  # older builds have a checksum of the map only
-        yield "checksum of the calibration (CRC-32)", str(manifest["calibration"]["checksum_crc32"])
+    if calibration := manifest.get("calibration"):  # older builds have a checksum of the map only
+        yield "checksum of the calibration (CRC-32)", calibration["checksum_crc32"]

@@ -11,6 +11,7 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
+from codegen.files import reason_of, require_regular
 from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import axis, layout, numbers
 from codegen.report.style import BLUE, GREEN, ORANGE, VERMILION
@@ -20,6 +21,9 @@ BINS = 120
 TOOLS = 'pip install "ars-codegen[tools]"'
 HISTOGRAM_SPAN_MIN_MS = 0.1
 """Minimum span of a histogram, in ms."""
+TEXT_LOGS = (".asc", ".log")
+LOG_BYTES_MAX = 2**30
+LINE_BYTES_MAX = 2**20
 TIME_MAX_S = 1e11
 """Largest time stamp of a frame; Unix time stays below for 3,000 years."""
 ANSWER = "Command after the motion frame"
@@ -61,6 +65,9 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
     messages = (can.vehicle_motion, can.vehicle_conditions, can.rear_steer_command)
     sent: dict[int, list[float]] = {message.id: [] for message in messages}
     received: dict[int, list[float]] = {message.id: [] for message in messages}
+    require_regular(path, LOG_BYTES_MAX, "give a shorter log")
+    if path.suffix.lower() in TEXT_LOGS:
+        _check_lines(path)
     try:
         from can import LogReader
 
@@ -97,6 +104,19 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
     own = command[following[answered]] < ends[answered]
     periods = {key: 1e3 * np.diff(values) for key, values in stamps.items() if values.size > 1}
     return BusTimes(name, periods, 1e3 * delay[own], cycle)
+
+
+def _check_lines(path: Path) -> None:
+    """Reject a text log with a line of megabytes, which the reader would hold in memory. Raises CodegenError."""
+    try:
+        with path.open("rb") as file:
+            size = file.readinto(block := bytearray(LINE_BYTES_MAX))
+            while size == LINE_BYTES_MAX:
+                if b"\n" not in block:
+                    raise CodegenError("not a log of a CAN bus: a line is over 1 MiB", where=path, remedy="give another log")
+                size = file.readinto(block)
+    except OSError as error:
+        raise CodegenError(f"cannot be read ({reason_of(error)})", where=path, remedy="check its permissions") from None
 
 
 def bus_blocks(logs: Sequence[BusTimes]) -> Iterator[Block]:

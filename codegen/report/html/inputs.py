@@ -15,7 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 from codegen.arrays import FloatArray
 from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
-from codegen.files import read_file
+from codegen.files import read_file, require_regular
 from codegen.report.fault_table import FaultEntry, FaultFile
 from codegen.report.html.bus import BusTimes, read_log
 from codegen.sil.software import RECORD_COLUMNS
@@ -23,6 +23,7 @@ from hil_sim.recording import load_csv
 
 LOGS = (".blf", ".asc", ".log")
 FAULTS_BYTES_MAX = 2**24
+RUN_BYTES_MAX = 2**31
 KINDS = "a run (.csv, .parquet, .mf4), a log of the bus (.blf, .asc, .log, .mf4) or the JSON of codegen faults"
 
 
@@ -66,8 +67,7 @@ def read_files(arguments: Sequence[str], can: Can) -> Files:
     faults: Sequence[FaultEntry] | None = None
     for argument in arguments:
         name, path = named(argument)
-        if not path.is_file():
-            raise CodegenError("there is no such file", where=path, remedy=f"give {KINDS}")
+        require_regular(path, RUN_BYTES_MAX, f"give {KINDS}")
         if name in runs or name in {log.name for log in logs}:
             raise CodegenError(f"a second run called {name!r}", where=path, remedy=f"name it, as in --run other={path}")
         kind = path.suffix.lower()
