@@ -16,6 +16,7 @@ from pathlib import Path
 
 from codegen.cache import cache_folder
 from codegen.errors import CodegenError
+from codegen.programs import run_program
 from codegen.verify.packages import MissingTool
 
 INSTALL = f"{Path(sys.executable).name} -m codegen.verify.cbmc"
@@ -65,6 +66,12 @@ def programs() -> Path:
         if shutil.which(name, path=path) is None:
             raise MissingTool("it is not installed", where=name, remedy=INSTALL)
     return folder
+
+
+def version() -> str:
+    """Return the version of the installed CBMC. Raises MissingTool."""
+    path = os.pathsep.join((str(programs()), os.environ.get("PATH", "")))
+    return run_program([shutil.which("cbmc", path=path) or "cbmc", "--version"]).stdout.split(" ")[0].strip()
 
 
 def install(folder: Path) -> None:

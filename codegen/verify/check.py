@@ -6,8 +6,10 @@ if it cannot run; see `codegen.verify.runner`.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
@@ -18,6 +20,7 @@ from codegen import __version__, configuration
 from codegen.configuration import Config
 from codegen.emit.folder import MANIFEST, read_files, verify_hashes
 from codegen.emit.manifest import read_build
+from codegen.errors import BuildError
 
 
 class Verdict(StrEnum):
@@ -125,6 +128,22 @@ class Subject:
     def sha256(self, path: str) -> str:
         """Return the SHA-256 of a file."""
         return hashlib.sha256(self.files[path]).hexdigest()
+
+
+@contextlib.contextmanager
+def stored(files: Mapping[str, bytes]) -> Iterator[Path]:
+    """Store files, content by path, in a temporary folder. Raises BuildError if the disk is full."""
+    try:
+        with tempfile.TemporaryDirectory(prefix="ars-verify-") as scratch:
+            folder = Path(scratch)
+            for path, content in files.items():
+                (folder / path).parent.mkdir(parents=True, exist_ok=True)
+                (folder / path).write_bytes(content)
+            yield folder
+    except OSError as error:
+        raise BuildError(
+            f"the files cannot be stored: {error.strerror or error}", remedy="free space for temporary files"
+        ) from error
 
 
 Check = Callable[[Subject, Effort], Outcome]

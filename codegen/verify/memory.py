@@ -13,23 +13,21 @@ import os
 import re
 import shlex
 import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from codegen.emit.contracts.files import FOLDER, frama_c_command
 from codegen.programs import run_program
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.check import Effort, Outcome, Subject, Verdict, stored
 from codegen.verify.packages import MissingTool
 
 SHOWS = (
     "No public function reads or writes outside an object, uses an uninitialised or dangling pointer, or is otherwise undefined"
 )
 LIMITS = (
-    "EVA keeps NaN as a possible value after a comparison. Its alarms about the conversion of a float to an integer are left to "
-    "the proof, which covers each conversion.",
+    "EVA keeps NaN as a possible value after a comparison. Its alarms about the conversion of a float to an integer are left "
+    "to the proof, which covers each conversion.",
     "Types have the sizes of a 32-bit little-endian target. The tables of the map have the values of this build.",
 )
 EXPLAINED = {"is_nan_or_infinite": "a float converted to an integer may be NaN for EVA; the proof shows that it is not"}
@@ -64,7 +62,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         raise MissingTool("it is not installed", where="frama-c", remedy=INSTALL)
     version = _VERSION.search(run_program([program, "-version"]).stdout)
     tools = {"Frama-C": version[0] if version else "?"}
-    files = {path: text for path, text in subject.files.items() if path.startswith(("include/", "src/", f"{FOLDER}/"))}
+    files = subject.sources("include", "src", FOLDER)
     report, log = _analyse(files, subject.prefix)
     if report is None:
         return Outcome(SHOWS, "not analysed", Verdict.FAILED, (log,), limits=LIMITS, tools=tools)
@@ -83,11 +81,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
 
 def _analyse(files: Mapping[str, bytes], prefix: str) -> tuple[str | None, str]:
     """Return EVA's report as CSV, or None and the first line of its log that explains why there is none."""
-    with tempfile.TemporaryDirectory(prefix="ars-eva-") as scratch:
-        folder = Path(scratch)
-        for path, content in files.items():
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            (folder / path).write_bytes(content)
+    with stored(files) as folder:
         sources = sorted(path for path in files if path.startswith("src/") and path.endswith(".c"))
         command = shlex.split(frama_c_command(prefix, sources, REPORT))
         # Frama-C takes the current folder from PWD.

@@ -97,6 +97,12 @@ CHECKS = (
         "Drives and bus faults have the specified outcome, without undefined behaviour",
     ),
     Registered(
+        "contracts",
+        "contracts",
+        "codegen.verify.contracts",
+        "For every input, state and valid parameter set each function keeps its contract, and nothing is undefined",
+    ),
+    Registered(
         "memory",
         "abstract interpretation",
         "codegen.verify.memory",
@@ -105,6 +111,7 @@ CHECKS = (
     Registered("fuzzing", "fuzzing", "codegen.verify.fuzzing.check", "No byte stream makes it crash or exceed a bound"),
 )
 SLOWEST_FIRST = (
+    "contracts",
     "proof",
     "sanitizers",
     "law",
