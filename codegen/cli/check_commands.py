@@ -63,7 +63,14 @@ def check(subject: Path, config_path: Path | None, as_json: bool) -> None:
 @click.option(
     "--json", "json_file", type=FileType((".json",), to_write=True), metavar="FILE", help="Write the result as JSON too."
 )
-def verify(build: Path, quick: bool, json_file: Path | None) -> None:
+@click.option(
+    "--requirements",
+    "requirements_file",
+    type=FileType((".csv",), to_write=True),
+    metavar="FILE",
+    help="Write the requirements with their evidence and results as CSV.",
+)
+def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: Path | None) -> None:
     """Verify the C of a build.
 
     Compiles it for ECU cores, analyses it, runs it on emulated processors, counts its instructions, proves its bounds, and
@@ -73,10 +80,11 @@ def verify(build: Path, quick: bool, json_file: Path | None) -> None:
     from codegen.emit.outputs import check_output
     from codegen.files import write_atomically
     from codegen.sil.software import require_can_side
-    from codegen.verify import record, runner, table
+    from codegen.verify import record, requirements, runner, table
     from codegen.verify.check import Effort, Subject, Verdict
 
     check_output(json_file, ".json", (build,))
+    check_output(requirements_file, ".csv", (build,))
     subject = Subject.read(build)
     require_can_side(subject.manifest, build)
     record.require_place(build)
@@ -86,6 +94,8 @@ def verify(build: Path, quick: bool, json_file: Path | None) -> None:
         report = runner.run(subject, Effort(quick), progress)
     if json_file is not None:
         write_atomically(json_file, record.render(report))
+    if requirements_file is not None:
+        write_atomically(requirements_file, requirements.table(report.outcomes, subject.prefix))
     console.say(table.table(report))
     for line in table.findings(report):
         console.say(line)

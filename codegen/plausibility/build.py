@@ -137,8 +137,11 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     try:
         record = json.loads(read_file(folder / VERIFICATION_FILES[0], RECORD_BYTES_MAX, "verify the build again"))
         counts, checks = record["counts"], record["checks"].values()
+        requirements = record.get("requirements", [])
         complete = (
             isinstance(record["build"]["manifest_sha256"], str)
+            and isinstance(requirements, list)
+            and all(row.keys() == requirements[0].keys() and set(map(type, row.values())) == {str} for row in requirements)
             and all(isinstance(counts[key], int) for key in ("passed", "failed"))
             and all({"shows", "figure", "verdict", "findings", "limits"} <= check.keys() for check in checks)
         )

@@ -149,10 +149,10 @@ SHOWS = (
     "contract: bounds, rates, transitions and invariants; nothing is undefined"
 )
 LIMITS = (
-    "CBMC uses the semantics of the C standard with rounding to nearest, and the type sizes of a 64-bit host. The compiled code "
-    "is the subject of the processor in the loop.",
-    "It assumes that pointers are valid and do not overlap, that one call at a time uses a state, and that calibration does not "
-    "change during a call.",
+    "CBMC uses the semantics of the C standard with rounding to nearest, and the type sizes of a 64-bit host. The compiled "
+    "code is the subject of the processor in the loop.",
+    "It assumes that pointers are valid and do not overlap, that one call at a time uses a state, and that calibration does "
+    "not change during a call.",
     "An index inside a struct is checked against the whole object only. The abstract interpretation checks the array.",
     "A function that calls others is proved with their contracts in place of their code. Each of these is proved too.",
 )

@@ -19,6 +19,7 @@ from codegen.emit.laws import LAWS
 from codegen.emit.render import render
 from codegen.errors import one_line
 from codegen.units import KM_H
+from codegen.verify import requirements
 from codegen.verify.check import Outcome, Verdict
 from codegen.verify.runner import CHECKS, Report
 
@@ -112,6 +113,7 @@ def manual(report: Report) -> str:
         "manifest": subject.manifest,
         "quick": report.effort.quick,
         "checks": [_check(name, outcome) for name, outcome in report.outcomes.items()],
+        "requirements": Table(requirements.HEADER, tuple(requirements.rows(report.outcomes, subject.prefix))),
         "counts": {str(verdict).replace(" ", "_"): report.count(verdict) for verdict in Verdict},
         "map": _map(subject.manifest),
         "law": LAWS[config.controller.kind],
@@ -307,6 +309,8 @@ TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {
     "budgets": (_instructions, _stack, _memory),
     "law": (_ran(("compared", "number"), LAW_FIGURES), _pairs(("samples that ended in", "samples"), "statuses")),
     "proof": (_obligations, _invariants),
+    "contracts": (_pairs(("contract of, or lemma", "result"), "harnesses"),),
+    "memory": (_pairs(("alarms of the kind", "number"), "alarms"),),
     "sanitizers": (_ran(("what ran", "result"), SUITES),),
     "fuzzing": (_fuzzed,),
 }

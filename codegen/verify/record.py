@@ -13,6 +13,7 @@ from codegen.emit.folder import VERIFICATION_FILES
 from codegen.errors import CodegenError
 from codegen.files import write_atomically
 from codegen.plausibility.build import read_record
+from codegen.verify import requirements
 from codegen.verify.check import Outcome, Verdict
 from codegen.verify.manual import manual
 from codegen.verify.runner import Report
@@ -38,6 +39,7 @@ def to_dict(report: Report) -> dict[str, Any]:
         "edited": list(subject.edited),
         "files": {path: hashlib.sha256(content).hexdigest() for path, content in sorted(subject.files.items())},
         "counts": {str(verdict): report.count(verdict) for verdict in Verdict},
+        "requirements": requirements.entries(report.outcomes, subject.prefix),
         "checks": {name: _outcome(outcome) for name, outcome in report.outcomes.items()},
     }
 

@@ -12,7 +12,7 @@ from codegen.emit.manifest import read_build
 from codegen.plausibility.build import is_current, read_record
 from codegen.report.html.blocks import Block, Table, Text
 
-VERDICTS = {"passed": "good", "failed": "bad"}
+VERDICTS = {"passed": "good", "shown": "good", "failed": "bad"}
 SECTIONS = ("text", "rodata", "data", "bss")
 BUDGET_KEYS = {
     "map_yaw_rate": "lookup_instructions_max",
@@ -61,6 +61,11 @@ def verification_blocks(folder: Path) -> Iterator[Block]:
         words=(0, 1, 2, 3),
         verdicts=VERDICTS,
     )
+    if requirements := record.get("requirements"):
+        header = tuple(requirements[0])
+        yield Table(
+            "Requirements", header, [tuple(row.values()) for row in requirements], words=(0, 1, 2, 3, 4), verdicts=VERDICTS
+        )
     found = [(name, finding) for name, check in record["checks"].items() for finding in check["findings"]]
     if found:
         yield Table("Findings", ("check", "finding"), found, words=(0, 1))

@@ -1,0 +1,209 @@
+"""Requirements on the generated C with ids, and for each the contracts, checks and tests that show it.
+
+The requirements are what the headers promise. `verify.md` and the report show the table with the results of a build;
+`codegen verify --requirements FILE.csv` writes it for requirements tools.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from codegen.verify.check import Outcome, Verdict
+
+HEADER = ("id", "requirement", "shown by", "tests", "result")
+OPEN = "open"
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A promise of the generated C.
+
+    Attributes:
+        id: identifier, which stays the same when the text changes.
+        text: one sentence, in the words of the header.
+        contracts: functions, without the prefix, whose contracts prove it.
+        checks: checks of `codegen verify` that test or prove it.
+        tests: files below tests/.
+    """
+
+    id: str
+    text: str
+    contracts: tuple[str, ...] = ()
+    checks: tuple[str, ...] = ()
+    tests: tuple[str, ...] = ()
+
+
+REQUIREMENTS = (
+    Requirement(
+        "ARS-CTL-1",
+        "The command is finite and within +-rear_angle_max, for every measurement, valid parameter set and state.",
+        ("controller_init", "controller_step"),
+        ("law", "sanitizers"),
+        ("sil/checks_edges.py",),
+    ),
+    Requirement(
+        "ARS-CTL-2",
+        "While tracking, the command moves by at most the lower of both rear_rate_max in a sample.",
+        ("controller_step", "law_step"),
+        ("law",),
+        ("sil/checks_tracking.py",),
+    ),
+    Requirement(
+        "ARS-CTL-3",
+        "In the fail-safe the magnitude of the command does not grow.",
+        ("controller_step",),
+        ("law",),
+        ("sil/checks_supervision.py",),
+    ),
+    Requirement(
+        "ARS-CTL-4",
+        "The status is one of its enumerators, and the command and status that are returned are those of the state.",
+        ("controller_step",),
+        ("law",),
+    ),
+    Requirement(
+        "ARS-CTL-5",
+        "Each command, reference and status is that of the control law, bit for bit, on every supported core.",
+        (),
+        ("law", "processor-in-the-loop"),
+        ("sil/test_units.py",),
+    ),
+    Requirement(
+        "ARS-CTL-6",
+        "The fail-safe starts and ends after the configured numbers of lost and good samples.",
+        (),
+        ("law", "sanitizers"),
+        ("sil/checks_supervision.py",),
+    ),
+    Requirement(
+        "ARS-INP-1",
+        "The checked sample is finite and within its ranges, whatever was measured.",
+        ("inputs_init", "inputs_step"),
+        ("law",),
+        ("sil/checks_inputs.py",),
+    ),
+    Requirement(
+        "ARS-MAP-1",
+        "The reference of any valid map is finite and bounded, for every speed, front angle and friction.",
+        ("map_valid", "map_yaw_rate_on_road"),
+        ("sanitizers",),
+        ("sil/checks_lookup.py", "sil/checks_map_reference.py"),
+    ),
+    Requirement(
+        "ARS-LIM-1",
+        "The limiter's command is within +-rear_angle_max and moves by at most rear_rate_max in a sample.",
+        ("limiter_init", "limiter_step"),
+        ("law",),
+        ("sil/checks_limiter.py",),
+    ),
+    Requirement(
+        "ARS-LIM-2",
+        "The limiter's command lies between its last value, the demand and zero.",
+        ("limiter_step",),
+        ("law",),
+        ("sil/checks_limiter.py",),
+    ),
+    Requirement(
+        "ARS-PAR-1",
+        "Parameters that the validity functions accept are within the ranges and relations that all functions require.",
+        ("parameters_valid", "inputs_parameters_valid", "limiter_parameters_valid"),
+        ("law",),
+        ("sil/checks_parameters.py",),
+    ),
+    Requirement(
+        "ARS-E2E-1",
+        "A frame with a wrong CRC or an invalid counter is rejected.",
+        ("e2e_check",),
+        ("sanitizers",),
+        ("hil_sim/test_e2e.py",),
+    ),
+    Requirement(
+        "ARS-E2E-2",
+        "A sent frame carries the next counter and the right CRC.",
+        ("e2e_protect",),
+        ("sanitizers", "law"),
+        ("hil_sim/test_e2e.py",),
+    ),
+    Requirement(
+        "ARS-CAN-1",
+        "A received signal is within the range of its frame, or NaN for not available.",
+        ("can_unpack_vehicle_motion", "can_unpack_vehicle_conditions"),
+        ("processor-in-the-loop",),
+        ("hil_sim/test_codec.py",),
+    ),
+    Requirement(
+        "ARS-CAL-1",
+        "The self-test detects a changed map, parameter or tyre curve.",
+        (),
+        ("law",),
+        ("sil/checks_selftest.py", "sil/checks_calibration.py"),
+    ),
+    Requirement(
+        "ARS-SYS-1",
+        "No function reads or writes outside an object, reads a number before it is written, or is otherwise undefined.",
+        (),
+        ("contracts", "memory", "sanitizers"),
+        ("sil/suite_memory.py",),
+    ),
+    Requirement(
+        "ARS-SYS-2",
+        "Every call ends: each loop has a fixed number of rounds, and instructions and stack are within their budgets.",
+        (),
+        ("budgets",),
+    ),
+    Requirement(
+        "ARS-SYS-3",
+        "The sources compile without a warning for every supported core and need no library but for the vehicle dynamics.",
+        (),
+        ("compiles",),
+        ("emit/test_take_over.py",),
+    ),
+    Requirement(
+        "ARS-SYS-4",
+        "The sources keep MISRA C:2012 but for the listed deviations.",
+        (),
+        ("static-analysis",),
+        ("emit/test_deviations.py",),
+    ),
+)
+
+
+def rows(outcomes: Mapping[str, Outcome], prefix: str) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each requirement, in the order of `HEADER`; contracts that a kind does not have are left out."""
+    harnesses = outcomes["contracts"].figures.get("harnesses", {}) if "contracts" in outcomes else {}
+    for each in REQUIREMENTS:
+        proofs = {name: harnesses[f"{prefix}_{name}"] for name in each.contracts if f"{prefix}_{name}" in harnesses}
+        checks = {name: str(outcomes[name].verdict) for name in each.checks if name in outcomes}
+        evidence = [*(f"contract of {name}" for name in each.contracts), *(f"check {name}" for name in each.checks)]
+        result = _result(
+            [*proofs.values(), *checks.values()], complete=len(proofs) == len(each.contracts) or not each.contracts
+        )
+        yield each.id, each.text, ", ".join(evidence), ", ".join(each.tests), result
+
+
+def _result(results: list[str], *, complete: bool) -> str:
+    """Return the worst result: failed, then open, then not run, then shown."""
+    if "failed" in results:
+        return "failed"
+    if OPEN in results:
+        return OPEN
+    if not complete or str(Verdict.NOT_RUN) in results or not results:
+        return str(Verdict.NOT_RUN)
+    return "shown"
+
+
+def entries(outcomes: Mapping[str, Outcome], prefix: str) -> list[dict[str, str]]:
+    """Return the table as JSON values."""
+    return [dict(zip(HEADER, row, strict=True)) for row in rows(outcomes, prefix)]
+
+
+def table(outcomes: Mapping[str, Outcome], prefix: str) -> bytes:
+    """Return the table as CSV with a header."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(HEADER)
+    writer.writerows(rows(outcomes, prefix))
+    return text.getvalue().encode("ascii")

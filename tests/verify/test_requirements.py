@@ -1,0 +1,58 @@
+"""The table of requirements: the evidence that it names exists, and each result is the worst of its evidence."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from codegen.verify import requirements
+from codegen.verify.check import Outcome, Verdict
+from codegen.verify.requirements import REQUIREMENTS
+from codegen.verify.runner import CHECKS
+from tests.verify import builds
+
+TESTS = Path(__file__).parents[1]
+
+
+def outcomes(**changed: Verdict) -> dict[str, Outcome]:
+    found = {check.name: Outcome("", "", changed.get(check.name.replace("-", "_"), Verdict.PASSED)) for check in CHECKS}
+    proofs = {f"ars_{name}": "proved" for each in REQUIREMENTS for name in each.contracts}
+    return {**found, "contracts": Outcome("", "", Verdict.PASSED, figures={"harnesses": proofs})}
+
+
+def results(found: dict[str, Outcome]) -> dict[str, str]:
+    return {row[0]: row[-1] for row in requirements.rows(found, "ars")}
+
+
+def test_every_piece_of_evidence_exists() -> None:
+    harnesses = {path.removeprefix("verify/prove_ars_").removesuffix(".c") for path in builds.made("tracking", "uneven").files}
+    for each in REQUIREMENTS:
+        assert each.contracts or each.checks, each.id
+        assert set(each.contracts) <= harnesses, each.id
+        assert set(each.checks) <= {check.name for check in CHECKS}, each.id
+        assert all((TESTS / path).is_file() for path in each.tests), each.id
+    assert len({each.id for each in REQUIREMENTS}) == len(REQUIREMENTS)
+
+
+def test_a_requirement_has_the_worst_result_of_its_evidence() -> None:
+    assert set(results(outcomes()).values()) == {"shown"}
+    assert results(outcomes(budgets=Verdict.FAILED))["ARS-SYS-2"] == "failed"
+    assert results(outcomes(budgets=Verdict.NOT_RUN))["ARS-SYS-2"] == "not run"
+
+
+@pytest.mark.parametrize("state", ["open", "failed"])
+def test_an_open_or_failed_contract_shows_in_its_requirements(state: str) -> None:
+    found = outcomes()
+    found["contracts"].figures["harnesses"]["ars_limiter_step"] = state  # type: ignore[index]
+    assert {key for key, result in results(found).items() if result == state} == {"ARS-LIM-1", "ARS-LIM-2"}
+
+
+def test_without_proofs_their_requirements_are_not_run() -> None:
+    found = {**outcomes(), "contracts": Outcome("", "", Verdict.NOT_RUN)}
+    assert results(found)["ARS-CTL-1"] == "not run"
+
+
+def test_the_table_reads_back_as_csv() -> None:
+    header, *rows = csv.reader(requirements.table(outcomes(), "ars").decode().splitlines())
+    assert tuple(header) == requirements.HEADER
+    assert [row[0] for row in rows] == [each.id for each in REQUIREMENTS]
