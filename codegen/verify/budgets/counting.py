@@ -7,8 +7,7 @@ sizes are reported: each unit is compiled by itself, without inlining across uni
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,13 +17,13 @@ from codegen.arrays import IntArray
 from codegen.emit.can_view import TaskView
 from codegen.emit.render import render
 from codegen.verify.budgets.program import STACK_FLAG, Program, Routine
-from codegen.verify.budgets.sizes import compile_objects, defines
+from codegen.verify.budgets.sizes import compile_objects
 from codegen.verify.target.cross import compile_image
 from codegen.verify.target.emulator import DATA, DATA_BYTES, STACK_BYTES, STACK_TOP, Blocks, CortexM4
 
 FLAGS = ("-O2", STACK_FLAG)
 FRAME, FRAME_PREFIX = "frame/budget.c", "verify_"
-FRAME_FUNCTIONS = ("parameters", "map_yaw_rate", "map_yaw_rate_on_road", "step", "limiter", "send", "task", "sizes")
+FRAME_FUNCTIONS = ("parameters", "step", "limiter", "send", "task", "sizes")
 
 PARTS = {"limiter": "limiter_step", "packing": "can_pack_rear_steer_command"}
 """Parts of a call that are counted separately."""
@@ -36,7 +35,7 @@ ROWS_MAX = 10_000
 """Calls that are traced at once: each block of them is a number in a list."""
 
 EVENT = np.dtype([("kind", "<u4"), ("id", "<u4"), ("length", "<u4"), ("data", "S8")])
-START, TASK, FRAME_RECEIVED = range(3)
+START, TASK, RECEIVED = range(3)
 """Kinds of events, as in the frame."""
 
 STRUCTS = ("controller", "limiter", "task", "parameters")
@@ -45,25 +44,9 @@ OTHER_UNITS = ("dynamics", "selftest")
 """Units that need a C library, or more time than a step, and that nothing here calls."""
 
 
-@dataclass(frozen=True)
-class Calls:
-    """Successive calls, arrays of one length.
-
-    Attributes:
-        function: address of the called function.
-        instructions: of each call.
-        limiter: share of the limiter in them.
-        packing: share of packing the command frame in them.
-    """
-
-    function: IntArray
-    instructions: IntArray
-    limiter: IntArray
-    packing: IntArray
-
-    def where(self, chosen: npt.NDArray[np.bool_]) -> Calls:
-        """Return the selected calls."""
-        return Calls(*(getattr(self, each.name)[chosen] for each in fields(self)))
+CALL = np.dtype([("function", "i8"), ("instructions", "i8"), *((part, "i8") for part in PARTS)])
+"""A call: address of the function, its instructions, and the parts of them."""
+Calls = npt.NDArray[np.void]
 
 
 class Counter:
@@ -85,30 +68,30 @@ class Counter:
     def __init__(self, sources: Mapping[str, bytes], prefix: str, task: TaskView) -> None:
         self.prefix, self.task_name = prefix, task.function
         self.objects = compile_objects(sources, FLAGS)
-        has_reference = defines(self.objects[f"src/{prefix}_map.c"], f"{prefix}_map_reference")
+        has_reference = f"{prefix}_map_reference(".encode() in sources[f"include/{prefix}_map.h"]
+        self.lookups = ("map_yaw_rate", "map_yaw_rate_on_road", *(["map_reference"] if has_reference else []))
         names = {"prefix": prefix, "PREFIX": prefix.upper()}
         frame = render("verify/budget.c.j2", {"build": names, "task": task, "has_reference": has_reference})
         others = {f"src/{prefix}_{unit}.c" for unit in OTHER_UNITS}
         linked = {f"{path}.o": content for path, content in self.objects.items() if path not in others}
         headers = {path: content for path, content in sources.items() if path.endswith(".h")}
-        entries = [FRAME_PREFIX + name for name in (*FRAME_FUNCTIONS, *(["map_reference"] if has_reference else []))]
+        entries = [FRAME_PREFIX + name for name in (*FRAME_FUNCTIONS, *self.lookups)]
         image = compile_image({**headers, **linked, FRAME: frame}, entries, FLAGS)
-        self.lookups = ("map_yaw_rate", "map_yaw_rate_on_road", *(["map_reference"] if has_reference else []))
         self.program, self._core = Program(image), CortexM4(image)
         self.stack: dict[str, int] = {}
-        self._frame = [each for each in self.program.routines.values() if each.name.startswith(FRAME_PREFIX)]
-        self._parts = {part: self._own(name) for part, name in PARTS.items()}
+        routines = self.program.routines.values()
+        self._frame = [each for each in routines if each.name.startswith(FRAME_PREFIX)]
+        self._parts = {part: self._own(self.routine(name)) for part, name in PARTS.items()}
         self._core.call("verify_parameters", 0)
         self._core.call("verify_sizes", DATA)
         sizes = np.frombuffer(self._core.read(DATA, 4 * len(STRUCTS)), dtype="<u4")
         self.structs = dict(zip(STRUCTS, sizes.tolist(), strict=True))
 
-    def _own(self, name: str) -> list[Routine]:
+    def _own(self, part: Routine) -> list[Routine]:
         """Return a function and those functions that only it calls."""
-        part = self.routine(name)
         inside = self.program.reached(part.name)
-        everything = self.program.reached(*(self.routine(each).name for each in ("limiter_step", "controller_step", self.task_name)))
-        shared = {called for each in everything - inside for called in each.calls}
+        callers = [each for each in self.program.routines.values() if each not in inside and each not in self._frame]
+        shared = {called for each in callers for called in each.calls}
         return [each for each in inside if each is part or each.start not in shared]
 
     def routine(self, name: str) -> Routine:
@@ -116,12 +99,12 @@ class Counter:
         return self.program.named(f"{self.prefix}_{name}")
 
     def count(self, frame: str, rows: npt.NDArray[Any]) -> Calls:
-        """Make one call for each row, and count. `frame` is a function of the frame, without "verify_"."""
+        """Make one call for each row and return an array of CALL. `frame` is a function of the frame, without "verify_"."""
         size, found = min(DATA_BYTES // rows[:1].nbytes, ROWS_MAX), []
         for start in range(0, len(rows), size):
             part = rows[start : start + size]
             found.append(self._calls(self._core.traced(lambda part=part: self._run(frame, part))))  # type: ignore[misc]
-        return Calls(*(np.concatenate([getattr(part, each.name) for part in found]) for each in fields(Calls)))
+        return np.concatenate(found)
 
     @contextlib.contextmanager
     def tight(self) -> Iterator[None]:
@@ -144,17 +127,16 @@ class Counter:
     def _calls(self, blocks: Blocks) -> Calls:
         outside = _inside(blocks.address, self._frame)
         began = ~outside & np.append(True, outside[:-1])
-        address, call = blocks.address[~outside], np.cumsum(began)[~outside] - 1
+        address, instructions, call = blocks.address[~outside], blocks.instructions[~outside], np.cumsum(began)[~outside] - 1
+        found = np.zeros(int(began.sum()), dtype=CALL)
+        found["function"] = blocks.address[began]
+        found["instructions"] = np.bincount(call, weights=instructions, minlength=len(found))
+        for part, routines in self._parts.items():
+            found[part] = np.bincount(call, weights=instructions * _inside(address, routines), minlength=len(found))
+        return found
 
-        def summed(counted: IntArray) -> IntArray:
-            return np.bincount(call, weights=counted, minlength=int(began.sum())).astype(np.int64)
 
-        instructions = blocks.instructions[~outside]
-        shares = {part: summed(instructions * _inside(address, routines)) for part, routines in self._parts.items()}
-        return Calls(blocks.address[began], summed(instructions), **shares)
-
-
-def _inside(address: IntArray, routines: list[Routine]) -> npt.NDArray[np.bool_]:
+def _inside(address: IntArray, routines: Iterable[Routine]) -> npt.NDArray[np.bool_]:
     found = np.zeros(address.shape, dtype=bool)
     for each in routines:
         found |= (address >= each.start) & (address < each.end)

@@ -18,7 +18,7 @@ from codegen.verify.budgets.program import Depth, NoBound
 from codegen.verify.budgets.sizes import Sizes, sizes_of
 from codegen.verify.check import Effort, Subject
 from codegen.verify.drives import Samples, Thresholds, recorded
-from codegen.verify.traffic import Cycle, disturbed, restarts_of
+from codegen.verify.traffic import disturbed, restarts_of
 
 CYCLE = "cycle"
 """Name of a whole control period: both frames received, and the task's function."""
@@ -26,7 +26,7 @@ CYCLE = "cycle"
 USUAL_SAMPLES = 300
 """Samples of each built-in scenario over which the mean is taken."""
 
-SAMPLES, QUICK_SAMPLES = 2_000, 500
+SAMPLES, QUICK_SAMPLES = 2_000, 400
 """Samples of each drawn drive."""
 
 FLOOD = 2**8 + 2
@@ -66,31 +66,11 @@ class Count:
     @property
     def compared(self) -> int:
         """Instructions that are compared with the budget."""
-        return self.instructions.max if self.instructions_bound is None else self.instructions_bound
+        return self.instructions_bound or self.instructions.max
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON values."""
         return {name: value for name, value in asdict(self).items() if value is not None}
-
-
-@dataclass(frozen=True)
-class Stack:
-    """Stack of a function and of the function that initialises its state.
-
-    Attributes:
-        watermark: deepest observed, in bytes.
-        bound: largest possible depth; None if there is no bound.
-        why: reason for a missing bound.
-    """
-
-    watermark: int
-    bound: Depth | None
-    why: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return JSON values."""
-        bound = self.bound or Depth(-1, ())
-        return {"watermark": self.watermark, "bound": bound.bytes, "deepest": list(bound.chain)}
 
 
 @dataclass(frozen=True)
@@ -99,14 +79,15 @@ class ResourceUsage:
 
     Attributes:
         counts: by function without prefix, and CYCLE.
-        stacks: likewise.
+        stacks: deepest stack seen in bytes and bound, likewise; with the initialisation of the state. The reason if there is no
+            bound.
         sizes: by source file.
         structs: bytes, by name without prefix and suffix.
         in_closed_loop: whether means are over scenarios. They are over drawn inputs if this machine cannot compile the C.
     """
 
     counts: Mapping[str, Count]
-    stacks: Mapping[str, Stack]
+    stacks: Mapping[str, tuple[int, Depth | NoBound]]
     sizes: Mapping[str, Sizes]
     structs: Mapping[str, int]
     in_closed_loop: bool
@@ -123,7 +104,7 @@ def measure(subject: Subject, effort: Effort) -> ResourceUsage:
 
 
 def measure_step(subject: Subject, effort: Effort) -> Count:
-    """Measure only the controller's step, as `measure` does. Raises as `measure`."""
+    """Measure only the controller's step. Raises as `measure`."""
     return _Measuring(subject, effort).step()
 
 
@@ -145,14 +126,14 @@ class _Measuring:
         self._counter = Counter(subject.sources(), subject.prefix, task_view(self._config))
         self._generator = np.random.default_rng(0)
         scenarios, samples = _scenarios(subject), QUICK_SAMPLES if effort.quick else SAMPLES
-        self._in_closed_loop = bool(scenarios)
-        self._steps = workloads.steps_of(scenarios, Thresholds.of(subject.manifest), samples, self._generator)
+        self._in_closed_loop, thresholds = bool(scenarios), Thresholds.of(subject.manifest)
+        self._steps, self._usual = workloads.steps_of(scenarios, thresholds, samples)
 
     def usage(self) -> ResourceUsage:
-        counter = self._counter
-        places = workloads.places_of(self._steps, self._generator)
+        counter, given = self._counter, (self._steps, self._usual)
+        places = workloads.places_of(*given, self._generator)
         counts = {name: self._count(name, name, places, workloads.PLACE_COLUMNS) for name in counter.lookups}
-        demands = workloads.demands_of(self._steps, self._config, self._generator)
+        demands = workloads.demands_of(*given, self._config, self._generator)
         counts["limiter_step"] = self._count("limiter", "limiter_step", demands, workloads.DEMAND_COLUMNS)
         counts["controller_step"] = self.step()
         counts |= self._task()
@@ -160,77 +141,63 @@ class _Measuring:
         return ResourceUsage(counts, self._stacks(), sizes, counter.structs, self._in_closed_loop)
 
     def step(self) -> Count:
-        return self._count("step", "controller_step", self._steps.rows, workloads.STEP_COLUMNS)
+        return self._count("step", "controller_step", self._steps, workloads.STEP_COLUMNS)
 
     def _count(self, frame: str, name: str, rows: workloads.Rows, columns: Sequence[str]) -> Count:
-        """Count the calls for all rows, and those for the rows that are not usual ones again with tight limits."""
-        counter, usual, start = self._counter, self._steps.usual, self._counter.routine(name).start
-        found = [counter.count(frame, rows)]
-        if frame in ("limiter", "step"):
-            with counter.tight():
-                found.append(counter.count(frame, rows[usual:]))
-        parts = [calls.where(calls.function == start) for calls in found]  # without the initialisation
-        whole = np.concatenate([calls.instructions for calls in parts])
-        own = whole - np.concatenate([calls.limiter for calls in parts]) if frame == "step" else whole
+        """Count the calls for all rows, and those for the rows that are not usual again with tight limits."""
+        counter, usual = self._counter, self._usual
+        found = counter.count(frame, rows)
+        with counter.tight():
+            found = np.concatenate([found, counter.count(frame, rows[usual:])])
+        found = found[found["function"] == counter.routine(name).start]  # without the initialisation
+        is_step, whole = frame == "step", found["instructions"]
+        own = whole - found["limiter"] if is_step else whole
         row = np.concatenate([rows, rows[usual:]])[own.argmax()]
         text = ", ".join(f"{column} {float(value):.6g}" for column, value in zip(columns, row, strict=True))
-        return Count(_spread(own, usual), len(own), text, _spread(whole, usual) if frame == "step" else None)
+        return Count(_spread(own, usual), len(own), text, _spread(whole, usual) if is_step else None)
 
     def _task(self) -> dict[str, Count]:
-        config, counter, steps = self._config, self._counter, self._steps
-        packing = counter.count("send", workloads.results_of(config, SAMPLES, self._generator)).instructions.max()
-        cycles = workloads.cycles_of(config, steps.rows)
-        faulty = disturbed(config, cycles, len(cycles) // 2)
-        restarts = [*np.flatnonzero(steps.rows[:, -1]), *(len(cycles) + each for each in restarts_of(len(faulty)))]
+        config, counter = self._config, self._counter
+        packing = counter.count("send", workloads.results_of(config, SAMPLES, self._generator))["instructions"].max()
+        cycles = workloads.cycles_of(config, self._steps)
+        faulty = disturbed(config, cycles, len(cycles) // 4)
+        restarts = [*np.flatnonzero(self._steps[:, -1]), *(len(cycles) + each for each in restarts_of(len(faulty)))]
         cycles += [*faulty, FLOOD * cycles[0]]
-        given = workloads.events_of(config, cycles, restarts)
-        kind, identifier = given.events["kind"], given.events["id"]
-        calls = counter.count("task", given.events)
-        with counter.tight():
-            tight = counter.count("task", given.events)
-        instructions, packed = (np.stack([getattr(each, name) for each in (calls, tight)]) for name in ("instructions", "packing"))
-        usual = given.cycle < steps.usual
+        events, place = workloads.events_of(cycles, restarts)
+        calls, is_usual, found = counter.count("task", events), place < self._usual, {}
         received = {"motion": config.can.vehicle_motion.id, "conditions": config.can.vehicle_conditions.id}
-        chosen = {f"on_can_frame, {name}": identifier == each for name, each in received.items()}
-        chosen[counter.task_name] = kind == TASK
-        found = {}
-        for name, which in chosen.items():
-            each = instructions[:, which]
-            found[name] = Count(_spread(each.ravel(), int(usual[which].sum())), each.size)
+        kinds = {f"on_can_frame, {name}": events["id"] == identifier for name, identifier in received.items()}
+        for name, chosen in {**kinds, counter.task_name: events["kind"] == TASK}.items():
+            found[name] = Count(_spread(calls["instructions"][chosen], int(is_usual[chosen].sum())), int(chosen.sum()))
+        regular = [len(frames) == len({frame.id for frame in frames} & {*received.values()}) for frames in cycles]
 
         def summed(values: IntArray) -> IntArray:
-            totals = [np.bincount(given.cycle, weights=np.where(kind == START, 0, row)) for row in values]
-            return np.stack(totals).astype(np.int64)[:, given.regular]
+            """Return the sum of each regular cycle, to which each message brings one frame at most."""
+            return np.bincount(place, weights=np.where(events["kind"] == START, 0, values)).astype(np.int64)[regular]
 
-        whole, bare = summed(instructions), summed(instructions - packed)
-        worst = np.flatnonzero(given.regular)[whole.max(axis=0).argmax()]
-        bound = int(bare.max() + packing)
-        spread = _spread(whole.ravel(), steps.usual)
-        found[CYCLE] = Count(spread, whole.size, _frames(cycles[worst]), instructions_bound=bound)
+        whole, bound = summed(calls["instructions"]), summed(calls["instructions"] - calls["packing"]).max() + packing
+        longest = cycles[np.flatnonzero(regular)[whole.argmax()]]
+        text = " ".join(f"{frame.id:03X}#{frame.data.hex().upper()}" for frame in longest)  # as candump writes it
+        found[CYCLE] = Count(_spread(whole, self._usual), len(whole), f"frames {text}", instructions_bound=int(bound))
         return found
 
-    def _stacks(self) -> dict[str, Stack]:
-        counter, found = self._counter, {}
+    def _stacks(self) -> dict[str, tuple[int, Depth | NoBound]]:
+        counter = self._counter
+        found: dict[str, tuple[int, Depth | NoBound]] = {}
         called = {name: (name, name) for name in counter.lookups} | {
             "limiter_step": ("limiter", "limiter_step", "limiter_init"),
             "controller_step": ("step", "controller_step", "controller_init"),
             CYCLE: ("task", "task_on_can_frame", counter.task_name, "task_init"),
         }
         for name, (frame, *functions) in called.items():
-            watermark = counter.stack[frame]
             try:
                 depths = [counter.program.depth(counter.routine(function).name) for function in functions]
-                found[name] = Stack(watermark, max(depths, key=lambda depth: depth.bytes))
+                found[name] = counter.stack[frame], max(depths, key=lambda depth: depth.bytes)
             except NoBound as error:
-                found[name] = Stack(watermark, None, str(error))
+                found[name] = counter.stack[frame], error
         return found
 
 
 def _spread(values: IntArray, usual: int) -> Spread:
     """Return the spread of all values, with the mean of the usual ones at the start."""
     return Spread(int(values.min()), round(float(values[:usual].mean()), 1), int(values.max()))
-
-
-def _frames(cycle: Cycle) -> str:
-    """Return the frames of a cycle as candump writes them."""
-    return " ".join(f"{frame.id:03X}#{frame.data.hex().upper()}" for frame in cycle)

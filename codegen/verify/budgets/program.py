@@ -18,8 +18,6 @@ from codegen.verify.packages import module
 STACK_FLAG = "-fstack-size-section"
 """Flag that makes clang write the stack use of each function (as of -fstack-usage) into the object."""
 
-STACK_SECTION = ".stack_sizes"
-
 
 class NoBound(BuildError):
     """The stack of a function has no known bound."""
@@ -30,7 +28,6 @@ class Routine:
     """A function of the image.
 
     Attributes:
-        name: name in C.
         start, end: addresses, including constants between its code.
         stack: own bytes of stack; None if unknown.
         calls: addresses of the functions that it calls, or jumps to as its last act.
@@ -47,22 +44,14 @@ class Routine:
 
 @dataclass(frozen=True)
 class Depth:
-    """Largest stack depth of a call.
-
-    Attributes:
-        bytes: stack of the function and of the deepest chain of calls below it.
-        chain: names along that chain.
-    """
+    """Largest stack of a call in bytes, and the names along the deepest chain of calls."""
 
     bytes: int
     chain: tuple[str, ...]
 
 
 class Program:
-    """Functions of an image for a Cortex-M.
-
-    Attributes:
-        routines: by start address.
+    """Functions of an image for a Cortex-M, by start address in `routines`.
 
     Raises:
         CodegenError: `pyelftools` or `capstone` is not installed.
@@ -72,22 +61,23 @@ class Program:
         elf = module("elftools.elf.elffile", "pyelftools").ELFFile(io.BytesIO(image))
         text = elf.get_section_by_name(".text")
         self._base, self._code = int(text["sh_addr"]), bytes(text.data())
-        symbols = [(each, int(each["st_value"])) for each in elf.get_section_by_name(".symtab").iter_symbols()]
-        marks = {address: each.name[1] == "t" for each, address in symbols if each.name[:2] in ("$t", "$d")}
+        symbols = sorted(elf.get_section_by_name(".symtab").iter_symbols(), key=lambda symbol: int(symbol["st_value"]))
+        marks = {int(each["st_value"]): each.name[1] == "t" for each in symbols if each.name[:2] in ("$t", "$d")}
         stacks = dict(_stack_sizes(elf))
         self.routines: dict[int, Routine] = {}
-        for symbol, address in sorted(symbols, key=lambda each: each[1]):
+        for symbol in symbols:
             if symbol["st_info"]["type"] == "STT_FUNC" and symbol["st_size"]:
-                start, end = address & ~1, (address & ~1) + int(symbol["st_size"])
-                calls, uses_pointer = self._flow(symbol.name, start, end, marks)
-                self.routines[start] = Routine(symbol.name, start, end, stacks.get(start), calls, uses_pointer)
+                start = int(symbol["st_value"]) & ~1
+                end = start + int(symbol["st_size"])
+                flow = self._flow(symbol.name, start, end, marks)
+                self.routines[start] = Routine(symbol.name, start, end, stacks.get(start), *flow)
 
     def _flow(self, name: str, start: int, end: int, marks: Mapping[int, bool]) -> tuple[frozenset[int], bool]:
-        """Return where a function calls or jumps to outside itself, and whether it does so through a register."""
+        """Return `calls` and `uses_pointer` of a function."""
         capstone = module("capstone", "capstone")
         decoder = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB | capstone.CS_MODE_MCLASS)
         decoder.detail = True
-        targets, uses_pointer = set(), False
+        calls, uses_pointer = set(), False
         for first, last in pairwise((start, *sorted(mark for mark in marks if start < mark < end), end)):
             place = first if marks.get(first, True) else last
             for each in decoder.disasm(self._code[place - self._base : last - self._base], place):
@@ -95,13 +85,12 @@ class Program:
                 written = {each.reg_name(register) for register in each.regs_access()[1]}
                 if each.group(capstone.CS_GRP_BRANCH_RELATIVE):
                     target = each.operands[-1].imm
-                    if each.group(capstone.CS_GRP_CALL) or not start <= target < end:
-                        targets.add(target)
+                    calls |= {target} if each.group(capstone.CS_GRP_CALL) or not start <= target < end else set()
                 elif "pc" in written:  # a return takes the address from the stack or from lr
                     uses_pointer |= not ("sp" in written or (each.op_str == "lr" and "lr" not in written))
             if place != last:
                 raise BuildError(f"the instruction at {place:#x} is unknown", where=name)
-        return frozenset(targets), uses_pointer
+        return frozenset(calls), uses_pointer
 
     def named(self, name: str) -> Routine:
         """Return the function of a name. Raises BuildError if the image has none."""
@@ -116,15 +105,12 @@ class Program:
         waiting = [self.named(entry) for entry in entries]
         while waiting:
             routine = waiting.pop()
-            if routine not in found:
-                found.add(routine)
-                waiting += [self.routines[called] for called in routine.calls]
+            waiting += [self.routines[called] for called in routine.calls if routine not in found]
+            found.add(routine)
         return frozenset(found)
 
     def depth(self, entry: str) -> Depth:
-        """Return the largest stack depth of a call.
-
-        A tail call counts as a call, which overestimates the depth.
+        """Return the largest stack depth of a call. A tail call counts as a call, which overestimates the depth.
 
         Raises:
             NoBound: recursion, a call through a pointer, or a function of unknown stack use.
@@ -145,12 +131,8 @@ class Program:
 
 def _stack_sizes(elf: Any) -> Iterator[tuple[int, int]]:
     """Yield address and stack bytes of each function; the section holds a word and a LEB128 number for each."""
+    number = module("elftools.common.construct_utils", "pyelftools").ULEB128("bytes")
     for section in elf.iter_sections():
-        data, place = (section.data() if section.name == STACK_SECTION else b""), 0
-        while place < len(data):
-            address, size, shift = int.from_bytes(data[place : place + 4], "little"), 0, 0
-            place += 4
-            while data[place] & 0x80:
-                size, shift, place = size | (data[place] & 0x7F) << shift, shift + 7, place + 1
-            yield address & ~1, size | data[place] << shift
-            place += 1
+        stream = io.BytesIO(section.data() if section.name == ".stack_sizes" else b"")
+        while word := stream.read(4):
+            yield int.from_bytes(word, "little") & ~1, int(number.parse_stream(stream))
