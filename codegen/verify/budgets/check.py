@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.configuration.budgets import MapShape
+from codegen.configuration.budgets import KEY_OF_FUNCTION, MapShape
 from codegen.ecu_map.axis import Axis
 from codegen.errors import BuildError
 from codegen.verify.budgets.bounded_loops import complaints
@@ -34,16 +34,6 @@ LIMITS = (
 NOT_IN_CLOSED_LOOP = "Without a compiler for this machine, calls of the closed loop are not among those that were counted."
 
 TOOLS = ("ziglang", "unicorn", "capstone", "pyelftools")
-
-BUDGETS = {
-    "map_yaw_rate": "lookup_instructions_max",
-    "map_yaw_rate_on_road": "lookup_instructions_max",
-    "map_reference": "reference_instructions_max",
-    "controller_step": "step_instructions_max",
-    "limiter_step": "limiter_instructions_max",
-    CYCLE: "task_instructions_max",
-}
-"""Budget key of each function's instructions."""
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
@@ -102,7 +92,7 @@ def _unbounded(subject: Subject) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def _exceeded(usage: ResourceUsage, budgets: Mapping[str, int]) -> Iterator[str]:
     """Yield the functions that exceed their budget of instructions."""
-    for name, key in BUDGETS.items():
+    for name, key in KEY_OF_FUNCTION.items():
         count = usage.counts.get(name)
         if count is not None and count.compared > budgets[key]:
             remark = " without the limiter" if count.instructions_with_limiter else ""

@@ -75,7 +75,7 @@ def histories(config: Config) -> Iterator[Rows]:
     yield from (_rows({"speed": speed}, parts) for parts in drives)
     acceleration = config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2
     angle_max = config.rear_actuator.angle_max
-    for share, side in product((0.29, 0.6), (1.0, -1.0)):
+    for share, side in product((0.17, 0.29, 0.6), (1.0, -1.0)):
         speed = share * inputs.speed_max_km_h * KM_H
         yaw_rate = 0.5 * side * acceleration / speed
         turn = {"speed": speed, "front_angle": 0.0, "yaw_rate": yaw_rate, "friction": 0.0}
