@@ -34,7 +34,6 @@ TOOL_NAMES = {
     "capstone": "Capstone",
     "ziglang": "ziglang (zig's clang)",
 }
-
 CALLED = {"controller_step": "controller_step, without the limiter", "cycle": "cycle: reception of both frames, and the task"}
 """Description of a function where its name is not enough."""
 SUITES = {

@@ -99,9 +99,8 @@ def test_instructions_memory_stack_and_flash_beyond_their_budgets_are_found() ->
     instructions, memory = found.findings[:4], found.findings[4:]
     for (name, key), finding in zip(keys.items(), instructions, strict=True):
         assert finding.startswith(f"{name}: ")
-        assert (
-            f"budgets.{key}_instructions_max is {largest(name):,}; at {'frames 101#' if name == CYCLE else 'speed '}" in finding
-        )
+        place = "frames 101#" if name == CYCLE else "speed "
+        assert f"budgets.{key}_instructions_max is {largest(name):,}; at {place}" in finding
         assert int(finding.split(" ")[1].replace(",", "")) > largest(name) + 100
     line = files["src/ars_limiter.c"].decode().splitlines().index(BUFFER) + 1
     for pattern, finding in zip(MEMORY, memory, strict=True):
