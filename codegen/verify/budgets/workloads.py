@@ -83,13 +83,9 @@ def histories(config: Config) -> Iterator[Rows]:
         for rear_angle in (angle_max, math.nan):
             against = {"lateral_acceleration": -yaw_rate * speed, "rear_angle": rear_angle, "friction": math.nan}
             proof: Parts = ((1, start), (3, {}), (3, against))
-            lapses: Parts = (
-                (1, against | {"speed": math.nan}),
-                (3, against),
-                (1, against | {"yaw_rate": math.nan}),
-                (3, against),
-            )
-            yield _rows(turn, (*proof, *lapses))
+            for name in COLUMNS[:3]:
+                proof = (*proof, (1, against | {name: math.nan}), (3, against))
+            yield _rows(turn, (*proof, (patience, against | lost), (recovery + 2, against)))
         steered = {"front_angle": 0.6 * side * config.steering.front_angle_stop, "rear_angle": 0.9 * side * angle_max}
         yield _rows(turn, ((1, start), (1, steered | lost), (2, steered | {"yaw_rate": 2.0 * yaw_rate})))
 
