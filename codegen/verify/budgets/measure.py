@@ -29,9 +29,6 @@ USUAL_SAMPLES = 300
 SAMPLES, QUICK_SAMPLES = 2_000, 400
 """Samples of each drawn drive."""
 
-FLOOD = 2**8 + 2
-"""Frames of each message in a cycle, more than the task's counter holds."""
-
 NOT_SINGLE = "a build in double precision is not for a Cortex-M4F, whose FPU has single precision"
 
 
@@ -162,7 +159,7 @@ class _Measuring:
         cycles = workloads.cycles_of(config, self._steps)
         faulty = disturbed(config, cycles, len(cycles) // 4)
         restarts = [*np.flatnonzero(self._steps[:, -1]), *(len(cycles) + each for each in restarts_of(len(faulty)))]
-        cycles += [*faulty, FLOOD * cycles[0]]
+        cycles += faulty
         events, place = workloads.events_of(cycles, restarts)
         calls, is_usual, found = counter.count("task", events), place < self._usual, {}
         received = {"motion": config.can.vehicle_motion.id, "conditions": config.can.vehicle_conditions.id}
