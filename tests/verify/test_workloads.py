@@ -38,16 +38,16 @@ def test_directed_drives_reach_their_states() -> None:
 
 
 def test_directed_drives_have_longer_steps_than_drawn_ones() -> None:
-    """A longer step than in 40 times as many drawn samples, because the monitoring of a contradiction takes longest."""
+    """Contradicting signals that are lost and return take 9 % longer than any of 2,500 drawn samples."""
     start = counter().routine("controller_step").start
 
     def longest(rows: np.ndarray) -> int:
         calls = counter().count("step", rows)
-        return int(calls["instructions"][calls["function"] == start].max())
+        return int((calls["instructions"] - calls["limiter"])[calls["function"] == start].max())
 
     drives = drawn(Thresholds.of(PI.manifest), 500)
     wild = max(longest(np.column_stack([drive, np.arange(500) == 0]).astype(np.float32)) for drive in drives)
-    assert max(map(longest, HISTORIES)) > wild + 20
+    assert max(map(longest, HISTORIES)) > 1.09 * wild
 
 
 def test_steps_start_with_the_usual_ones() -> None:
