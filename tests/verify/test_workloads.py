@@ -61,7 +61,7 @@ def test_steps_start_with_the_usual_ones() -> None:
 
 
 def test_frames_are_valid_and_one_is_lost_after_a_lost_sample() -> None:
-    rows = HISTORIES[-1]  # a lost sample between good ones
+    rows = HISTORIES[-2]  # a lost sample between good ones
     cycles, receivers = cycles_of(CONFIG, rows), {}
     for message in (CONFIG.can.vehicle_motion, CONFIG.can.vehicle_conditions):
         receivers[message.id] = Receiver(CONFIG.can.e2e)

@@ -75,7 +75,7 @@ def histories(config: Config) -> Iterator[Rows]:
     yield from (_rows({"speed": speed}, parts) for parts in drives)
     acceleration = config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2
     angle_max = config.rear_actuator.angle_max
-    for share, side in product((0.17, 0.29, 0.6), (1.0, -1.0)):
+    for share, side in product((0.6, 0.29, 0.17), (1.0, -1.0)):
         speed = share * inputs.speed_max_km_h * KM_H
         yaw_rate = 0.5 * side * acceleration / speed
         turn = {"speed": speed, "front_angle": 0.0, "yaw_rate": yaw_rate, "friction": 0.0}
@@ -85,9 +85,10 @@ def histories(config: Config) -> Iterator[Rows]:
             proof: Parts = ((1, start), (3, {}), (3, against))
             for name in COLUMNS[:3]:
                 proof = (*proof, (1, against | {name: math.nan}), (3, against))
-            yield _rows(turn, (*proof, (patience, against | lost), (recovery + 2, against)))
+            yield _rows(turn, proof)
         steered = {"front_angle": 0.6 * side * config.steering.front_angle_stop, "rear_angle": 0.9 * side * angle_max}
         yield _rows(turn, ((1, start), (1, steered | lost), (2, steered | {"yaw_rate": 2.0 * yaw_rate})))
+    yield _rows(turn, (*proof, (patience, against | lost), (recovery + 2, against)))  # the law starts again in such a turn
 
 
 def _rows(usual: Mapping[str, float], parts: Parts) -> Rows:
