@@ -32,7 +32,7 @@ CARRIED_BYTES = 4 * len(CARRIED)
 COMMON = {"limiter_instructions_max": 126, "task_stack_bytes_max": 250, "state_bytes_max": 144 + CARRIED_BYTES}
 OF_KIND: Mapping[Kind, Mapping[str, int]] = {
     "pi": {"step_instructions_max": 720, "task_instructions_max": 1_690},
-    "proportional": {"step_instructions_max": 690, "task_instructions_max": 1_680},
+    "proportional": {"step_instructions_max": 720, "task_instructions_max": 1_690},
     "feedforward": {"step_instructions_max": 640 + SECOND_TABLE, "task_instructions_max": 1_620 + SECOND_TABLE},
     "tracking": {
         "step_instructions_max": 1_260,
