@@ -1,6 +1,6 @@
-"""Whether the code keeps its budgets on a Cortex-M4F: instructions, stack, memory of an instance, flash.
+"""Check the budgets of the code on a Cortex-M4F: instructions, stack, memory of an instance, flash.
 
-A largest number of instructions exists at all because every loop ends after a fixed number of rounds.
+A largest number of instructions exists because every loop ends after a fixed number of rounds.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     """Check 4. Raises MissingTool: a package of the extra is not installed."""
     if not subject.is_single:
         return Outcome(SHOWS, "not for a Cortex-M4F", Verdict.NOT_RUN, (NOT_SINGLE,))
-    tools = {tool: _version(tool) for tool in TOOLS}
-    unbounded, unread = _unbounded(subject)
-    if unbounded:  # it might not terminate
-        return Outcome(SHOWS, "instructions without a bound", Verdict.FAILED, unbounded, tools=tools)
     try:
+        unbounded = complaints(subject.files, subject.manifest)
+        if unbounded:  # it might not terminate
+            findings = tuple(f"{each}: instructions without a bound" for each in unbounded)
+            return Outcome(SHOWS, "instructions without a bound", Verdict.FAILED, findings)
         usage = measure(subject, effort)
     except BuildError as error:
-        return Outcome(SHOWS, "it cannot be run", Verdict.FAILED, (str(error), *unread), tools=tools)
+        return Outcome(SHOWS, "it cannot be run", Verdict.FAILED, (str(error),))
     budgets = _budgets(subject)
-    findings = (*unread, *_exceeded(usage, budgets), *_stacks(usage, budgets), *_memory(subject, usage, budgets))
+    findings = (*_exceeded(usage, budgets), *_stacks(usage, budgets), *_memory(subject, usage, budgets))
     return Outcome(
         shows=SHOWS,
         figure=_figure(usage),
@@ -57,15 +57,8 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         findings=findings,
         figures={"budgets": budgets, **_figures(usage)},
         limits=(*LIMITS, *(() if usage.in_closed_loop else (NOT_IN_CLOSED_LOOP,))),
-        tools=tools,
+        tools={tool: importlib.metadata.version(tool) for tool in TOOLS},
     )
-
-
-def _version(tool: str) -> str:
-    try:
-        return importlib.metadata.version(tool)
-    except importlib.metadata.PackageNotFoundError:  # reported where it is needed
-        return "?"
 
 
 def _budgets(subject: Subject) -> dict[str, int]:
@@ -80,14 +73,6 @@ def _budgets(subject: Subject) -> dict[str, int]:
     rounds = sum(len(axis.search_steps) for axis in axes if not axis.even)
     shape = MapShape(rounds, len(table["frictions"]), grip is not None, "storage" in table)
     return config.budgets.resolved(config.controller.kind, shape)
-
-
-def _unbounded(subject: Subject) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return loops and calls for which no largest number of instructions exists, and C that cannot be searched for them."""
-    try:
-        return tuple(f"{each}: instructions without a bound" for each in complaints(subject.files, subject.manifest)), ()
-    except BuildError as error:
-        return (), (str(error),)
 
 
 def _exceeded(usage: ResourceUsage, budgets: Mapping[str, int]) -> Iterator[str]:
