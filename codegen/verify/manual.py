@@ -259,7 +259,7 @@ def _instructions(figures: Figures) -> Table:
 def _stack(figures: Figures) -> Table:
     budgets = {"cycle": f"{figures['budgets']['task_stack_bytes_max']:,} B"}
     rows = (
-        (name, f"{each['watermark']:,} B", f"{each['bound']:,} B" if each["bound"] >= 0 else "none", budgets.get(name, "-"))
+        (name, f"{each['watermark']:,} B", f"{each['bound']:,} B", budgets.get(name, "-"))
         for name, each in figures["stack_bytes"].items()
     )
     return Table(("stack of", "measured maximum", "bound from the compiler's frames", "budget"), tuple(rows))

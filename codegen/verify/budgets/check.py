@@ -17,7 +17,6 @@ from codegen.ecu_map.axis import Axis
 from codegen.errors import BuildError
 from codegen.verify.budgets.bounded_loops import complaints
 from codegen.verify.budgets.measure import CYCLE, NOT_SINGLE, ResourceUsage, measure
-from codegen.verify.budgets.program import NoBound
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 
 SHOWS = (
@@ -47,7 +46,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
             return Outcome(SHOWS, "instructions without a bound", Verdict.FAILED, findings)
         usage = measure(subject, effort)
     except BuildError as error:
-        return Outcome(SHOWS, "it cannot be run", Verdict.FAILED, (str(error),))
+        return Outcome(SHOWS, "it cannot be measured", Verdict.FAILED, (str(error),))
     budgets = _budgets(subject)
     findings = (*_exceeded(usage, budgets), *_stacks(usage, budgets), *_memory(subject, usage, budgets))
     return Outcome(
@@ -91,9 +90,6 @@ def _allowed(key: str, budgets: Mapping[str, int]) -> str:
 
 def _stacks(usage: ResourceUsage, budgets: Mapping[str, int]) -> Iterator[str]:
     for name, (watermark, bound) in usage.stacks.items():
-        if isinstance(bound, NoBound):
-            yield f"{name}: {bound}"
-            continue
         if watermark > bound.bytes:
             yield f"{name}: {watermark} bytes of stack were used; the bound from the compiler's frames is {bound.bytes}"
         if name == CYCLE and bound.bytes > budgets["task_stack_bytes_max"]:
@@ -131,14 +127,13 @@ def _figure(usage: ResourceUsage) -> str:
 
 
 def _figures(usage: ResourceUsage) -> dict[str, Any]:
-    stacks = {}
-    for name, (watermark, bound) in usage.stacks.items():
-        size, chain = (-1, ()) if isinstance(bound, NoBound) else (bound.bytes, bound.chain)
-        stacks[name] = {"watermark": watermark, "bound": size, "deepest": list(chain)}
     return {
         "mean_over": "the built-in scenarios in closed loop" if usage.in_closed_loop else "drawn inputs",
         "functions": {name: count.to_dict() for name, count in usage.counts.items()},
-        "stack_bytes": stacks,
+        "stack_bytes": {
+            name: {"watermark": watermark, "bound": bound.bytes, "deepest": list(bound.chain)}
+            for name, (watermark, bound) in usage.stacks.items()
+        },
         "objects": {path: dict(sizes.sections) for path, sizes in usage.sizes.items()},
         "flash_bytes": sum(sizes.flash for sizes in usage.sizes.values()),
         "struct_bytes": dict(usage.structs),

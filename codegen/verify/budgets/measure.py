@@ -14,7 +14,7 @@ from codegen.errors import BuildError
 from codegen.sil.software import compile_build
 from codegen.verify.budgets import workloads
 from codegen.verify.budgets.counting import START, TASK, Counter
-from codegen.verify.budgets.program import Depth, NoBound
+from codegen.verify.budgets.program import Depth
 from codegen.verify.budgets.sizes import Sizes, sizes_of
 from codegen.verify.check import Effort, Subject
 from codegen.verify.drives import Samples, Thresholds, recorded
@@ -76,15 +76,14 @@ class ResourceUsage:
 
     Attributes:
         counts: by function without prefix, and CYCLE.
-        stacks: deepest stack seen in bytes and bound, likewise; with the initialisation of the state. The reason if there is no
-            bound.
+        stacks: deepest stack seen in bytes, and bound; likewise, with the initialisation of the state.
         sizes: by source file.
         structs: bytes, by name without prefix and suffix.
         in_closed_loop: whether means are over scenarios. They are over drawn inputs if this machine cannot compile the C.
     """
 
     counts: Mapping[str, Count]
-    stacks: Mapping[str, tuple[int, Depth | NoBound]]
+    stacks: Mapping[str, tuple[int, Depth]]
     sizes: Mapping[str, Sizes]
     structs: Mapping[str, int]
     in_closed_loop: bool
@@ -95,7 +94,7 @@ def measure(subject: Subject, effort: Effort) -> ResourceUsage:
 
     Raises:
         CodegenError: a package of the extra is missing.
-        BuildError: a build in double precision, C that does not compile, or does not return.
+        BuildError: a build in double precision, C that does not compile or return, or a stack without a bound.
     """
     return _Measuring(subject, effort).usage()
 
@@ -178,20 +177,16 @@ class _Measuring:
         found[CYCLE] = Count(_spread(whole, self._usual), len(whole), f"frames {text}", instructions_bound=int(bound))
         return found
 
-    def _stacks(self) -> dict[str, tuple[int, Depth | NoBound]]:
-        counter = self._counter
-        found: dict[str, tuple[int, Depth | NoBound]] = {}
+    def _stacks(self) -> dict[str, tuple[int, Depth]]:
+        counter, found = self._counter, {}
         called = {name: (name, name) for name in counter.lookups} | {
             "limiter_step": ("limiter", "limiter_step", "limiter_init"),
             "controller_step": ("step", "controller_step", "controller_init"),
             CYCLE: ("task", "task_on_can_frame", counter.task_name, "task_init"),
         }
         for name, (frame, *functions) in called.items():
-            try:
-                depths = [counter.program.depth(counter.routine(function).name) for function in functions]
-                found[name] = counter.stack[frame], max(depths, key=lambda depth: depth.bytes)
-            except NoBound as error:
-                found[name] = counter.stack[frame], error
+            depths = [counter.program.depth(counter.routine(function).name) for function in functions]
+            found[name] = counter.stack[frame], max(depths, key=lambda depth: depth.bytes)
         return found
 
 

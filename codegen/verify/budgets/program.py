@@ -19,10 +19,6 @@ STACK_FLAG = "-fstack-size-section"
 """Flag that makes clang write the stack use of each function (as of -fstack-usage) into the object."""
 
 
-class NoBound(BuildError):
-    """The stack of a function has no known bound."""
-
-
 @dataclass(frozen=True)
 class Routine:
     """A function of the image.
@@ -113,17 +109,17 @@ class Program:
         """Return the largest stack depth of a call. A tail call counts as a call, which overestimates the depth.
 
         Raises:
-            NoBound: recursion, a call through a pointer, or a function of unknown stack use.
+            BuildError: recursion, a call through a pointer, or a function of unknown stack use.
         """
         return self._depth(self.named(entry), ())
 
     def _depth(self, routine: Routine, callers: tuple[Routine, ...]) -> Depth:
         if routine in callers:
-            raise NoBound("it calls itself: its stack has no bound", where=routine.name)
+            raise BuildError("it calls itself: its stack has no bound", where=routine.name)
         if routine.uses_pointer:
-            raise NoBound("it calls through a pointer: its stack has no bound", where=routine.name)
+            raise BuildError("it calls through a pointer: its stack has no bound", where=routine.name)
         if routine.stack is None:
-            raise NoBound("the compiler does not report its stack use", where=routine.name)
+            raise BuildError("the compiler does not report its stack use", where=routine.name)
         below = [self._depth(self.routines[called], (*callers, routine)) for called in sorted(routine.calls)]
         deepest = max(below, key=lambda each: each.bytes, default=Depth(0, ()))
         return Depth(routine.stack + deepest.bytes, (routine.name, *deepest.chain))
