@@ -149,7 +149,8 @@ def instructions_of_step(files: Mapping[str, bytes], manifest: Mapping[str, Any]
     from codegen.verify.budgets.measure import measure_step
     from codegen.verify.check import Effort, Subject
 
-    return measure_step(Subject("the tested build", files, manifest), Effort()).worst
+    count = measure_step(Subject("the tested build", files, manifest), Effort())
+    return (count.instructions_with_limiter or count.instructions).max
 
 
 def _say(title: str, sections: Iterable[tuple[str, str]], written: Sequence[Path]) -> None:

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from codegen import __version__
 from codegen.configuration import Config
+from codegen.configuration.budgets import KEY_OF_FUNCTION
 from codegen.ecu_map.total import Rule
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
@@ -27,17 +28,13 @@ Figures = Mapping[str, Any]
 Formatted = TypeVar("Formatted")
 
 OFF = "off"
-TOOL_NAMES = {"z3": "Z3", "cppcheck": "Cppcheck", "unicorn": "Unicorn", "ziglang": "ziglang (zig's clang)"}
-
-BUDGETS = {
-    "map_yaw_rate": "lookup_instructions_max",
-    "map_yaw_rate_on_road": "lookup_instructions_max",
-    "map_reference": "reference_instructions_max",
-    "limiter_step": "limiter_instructions_max",
-    "controller_step": "step_instructions_max",
-    "cycle": "task_instructions_max",
+TOOL_NAMES = {
+    "z3": "Z3",
+    "cppcheck": "Cppcheck",
+    "unicorn": "Unicorn",
+    "capstone": "Capstone",
+    "ziglang": "ziglang (zig's clang)",
 }
-"""Budget key of each function's instructions."""
 CALLED = {"controller_step": "controller_step, without the limiter", "cycle": "cycle: reception of both frames, and the task"}
 """Description of a function where its name is not enough."""
 SUITES = {
@@ -249,22 +246,22 @@ def _dynamics(figures: Figures) -> Table:
 
 
 def _instructions(figures: Figures) -> Table:
-    """Format the instructions. Cycles are those of the whole call, limiter included."""
-    rows, more = [], ("estimated cycles, worst", "budget of instructions")
+    rows = []
     for name, found in figures["functions"].items():
         counted, whole = found["instructions"], found.get("instructions_with_limiter")
         most = f"{counted['max']:,}" + (f" (bound {found['instructions_bound']:,})" if "instructions_bound" in found else "")
-        cycles, budget = f"{found['estimated_cycles']['max']:,}", figures["budgets"].get(BUDGETS.get(name, ""), "-")
-        rows.append((CALLED.get(name, name), most, f"{counted['mean']:,.0f}", "-" if whole else cycles, _text(budget)))
+        budget = figures["budgets"].get(KEY_OF_FUNCTION.get(name, ""), "-")
+        rows.append((CALLED.get(name, name), most, f"{counted['mean']:,.0f}", _text(budget)))
         if whole:
-            rows.append((f"{name}, with the limiter", f"{whole['max']:,}", f"{whole['mean']:,.0f}", cycles, "-"))
-    return Table(("function", "instructions, worst", f"mean over {_text(figures['mean_over'])}", *more), tuple(rows))
+            rows.append((f"{name}, with the limiter", f"{whole['max']:,}", f"{whole['mean']:,.0f}", "-"))
+    heading = ("function", "instructions, worst", f"mean over {_text(figures['mean_over'])}", "budget of instructions")
+    return Table(heading, tuple(rows))
 
 
 def _stack(figures: Figures) -> Table:
     budgets = {"cycle": f"{figures['budgets']['task_stack_bytes_max']:,} B"}
     rows = (
-        (name, f"{each['watermark']:,} B", f"{each['bound']:,} B" if each["bound"] >= 0 else "none", budgets.get(name, "-"))
+        (name, f"{each['watermark']:,} B", f"{each['bound']:,} B", budgets.get(name, "-"))
         for name, each in figures["stack_bytes"].items()
     )
     return Table(("stack of", "measured maximum", "bound from the compiler's frames", "budget"), tuple(rows))

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from codegen.verify.budgets import check as budgets
-from codegen.verify.budgets.usage import CYCLE
+from codegen.verify.budgets.measure import CYCLE
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from tests.verify import builds, planted
 
@@ -27,11 +27,8 @@ AMPLE_BUDGETS = {
 @pytest.fixture(autouse=True)
 def few_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     """Count so few calls that only a fault in every call is found."""
-    for name, value in {"QUICK_SAMPLES": 40, "QUICK_ROUNDS": 1, "USUAL_SAMPLES": 10, "SAMPLES": 100}.items():
+    for name, value in {"QUICK_SAMPLES": 40, "USUAL_SAMPLES": 10, "SAMPLES": 100}.items():
         monkeypatch.setattr(f"codegen.verify.budgets.measure.{name}", value)
-    monkeypatch.setattr("codegen.verify.budgets.workloads.long_histories", lambda thresholds: ())
-    monkeypatch.setattr("codegen.verify.budgets.workloads.long_task_histories", lambda thresholds: ())
-    monkeypatch.setattr("codegen.verify.budgets.workloads.PREFIX_MAX", 5)
 
 
 @functools.cache
@@ -63,15 +60,12 @@ def test_a_build_keeps_its_budgets() -> None:
     assert (found.findings, found.verdict) == ((), Verdict.PASSED)
     figures = json.loads(json.dumps(found.figures, allow_nan=False))
     functions, stacks, step = figures["functions"], figures["stack_bytes"], figures["functions"]["controller_step"]
-    assert all(count["instructions"]["max"] < count["estimated_cycles"]["max"] for count in functions.values())
     assert step["instructions"]["max"] < step["instructions_with_limiter"]["max"]
     assert functions[CYCLE]["instructions_bound"] >= functions[CYCLE]["instructions"]["max"] > step["instructions"]["max"]
     assert all(0 <= stack["watermark"] <= stack["bound"] for stack in stacks.values())
     assert stacks[CYCLE]["watermark"] > 0
     assert figures["flash_bytes"] > figures["objects"]["src/ars_calibration.c"]["rodata"] >= PI.manifest["map"]["flash_bytes"]
     assert figures["mean_over"] == "the built-in scenarios in closed loop"
-    never = [place for places in figures["blocks"]["never"].values() for place in places]
-    assert figures["blocks"]["entered"] == figures["blocks"]["all"] - len(never)
 
 
 LOOP = "    uint32_t k;\n    volatile uint32_t planted = 0u;\n\n    for (k = 0u; k < 100u; k++) { planted = k; }\n"
@@ -105,7 +99,8 @@ def test_instructions_memory_stack_and_flash_beyond_their_budgets_are_found() ->
     instructions, memory = found.findings[:4], found.findings[4:]
     for (name, key), finding in zip(keys.items(), instructions, strict=True):
         assert finding.startswith(f"{name}: ")
-        assert f"budgets.{key}_instructions_max is {largest(name):,}; at speed " in finding
+        place = "frames 101#" if name == CYCLE else "speed "
+        assert f"budgets.{key}_instructions_max is {largest(name):,}; at {place}" in finding
         assert int(finding.split(" ")[1].replace(",", "")) > largest(name) + 100
     line = files["src/ars_limiter.c"].decode().splitlines().index(BUFFER) + 1
     for pattern, finding in zip(MEMORY, memory, strict=True):

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from codegen.configuration.budgets import KEY_OF_FUNCTION
 from codegen.emit.folder import VERIFICATION_FILES, read_manifest, verify_hashes
 from codegen.emit.limiter_cut import cut_text
 from codegen.emit.manifest import read_build
@@ -14,15 +15,6 @@ from codegen.report.html.blocks import Block, Table, Text
 
 VERDICTS = {"passed": "good", "shown": "good", "failed": "bad"}
 SECTIONS = ("text", "rodata", "data", "bss")
-BUDGET_KEYS = {
-    "map_yaw_rate": "lookup_instructions_max",
-    "map_yaw_rate_on_road": "lookup_instructions_max",
-    "map_reference": "reference_instructions_max",
-    "limiter_step": "limiter_instructions_max",
-    "controller_step": "step_instructions_max",
-    "cycle": "task_instructions_max",
-}
-"""Function name in verify.json -> its budget."""
 FUNCTION_TITLES = {
     "controller_step": "controller_step, its limiter apart",
     "cycle": "cycle: both frames received, and the task",
@@ -86,16 +78,10 @@ def _budgets(figures: Mapping[str, Any]) -> Iterator[Block]:
     asked, counted = figures["budgets"], figures["functions"]
     rows = []
     for name, count in counted.items():
-        budget = asked.get(BUDGET_KEYS.get(name, ""))
+        budget = asked.get(KEY_OF_FUNCTION.get(name, ""))
         instructions = count["instructions"]
-        cycles = count.get("estimated_cycles") or {}
-        rows.append(
-            (
-                FUNCTION_TITLES.get(name, name),
-                *map(_number, (instructions["max"], instructions["mean"], cycles.get("max"), budget)),
-            )
-        )
-    header = ("function", "instructions, worst", "mean", "estimated cycles, worst", "budget of instructions")
+        rows.append((FUNCTION_TITLES.get(name, name), *map(_number, (instructions["max"], instructions["mean"], budget))))
+    header = ("function", "instructions, worst", "mean", "budget of instructions")
     yield Table("Budgets on a Cortex-M4F", header, rows)
     stack = [(name, _number(each["watermark"]), _number(each["bound"])) for name, each in figures["stack_bytes"].items()]
     yield Table("Stack (bytes)", ("function", "deepest seen", "bound by the compiler's frames"), stack)

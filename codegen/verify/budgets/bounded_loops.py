@@ -12,8 +12,7 @@ A bound may also be a parameter of a static function whose every call passes a c
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pycparser import c_ast, c_parser
 
@@ -24,30 +23,18 @@ from codegen.verify.target.cross import preprocess
 LIBRARY = ("memcpy",)
 """Library functions without a bound of their own; the generated C calls them with constant sizes."""
 
-UPWARDS, DOWNWARDS = {"<": "upwards", "<=": "upwards"}, {">": "downwards"}
-STEPS = {"p++": "upwards", "++": "upwards", "+=": "upwards", "p--": "downwards", "--": "downwards", ">>=": "downwards"}
+DIRECTIONS = {"<": "up", "<=": "up", ">": "down"}
+STEPS = {"p++": "up", "++": "up", "+=": "up", "p--": "down", "--": "down", ">>=": "down"}
 """Not "-=", which can step over its end, and below zero."""
 
 
-@dataclass(frozen=True)
-class _Function:
+class _Function(NamedTuple):
     """A function and where it stands."""
 
     unit: str
+    name: str
+    is_static: bool
     node: Any
-
-    @property
-    def name(self) -> str:
-        return str(self.node.decl.name)
-
-    @property
-    def is_static(self) -> bool:
-        return "static" in self.node.decl.storage
-
-    @property
-    def parameters(self) -> list[str]:
-        declared = self.node.decl.type.args
-        return [str(parameter.name) for parameter in declared.params] if declared else []
 
 
 def complaints(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> tuple[str, ...]:
@@ -76,40 +63,41 @@ class _Program:
             except c_parser.ParseError as error:
                 raise BuildError(f"not plain C99: {error}", where=unit) from error
             self._constants |= {str(node.name) for node in _all(tree, c_ast.Enumerator)}
-            self._functions += [_Function(unit, node) for node in tree.ext if isinstance(node, c_ast.FuncDef)]
+            defined = [node for node in tree.ext if isinstance(node, c_ast.FuncDef)]
+            self._functions += [_Function(unit, str(node.decl.name), "static" in node.decl.storage, node) for node in defined]
 
     def complaints(self) -> tuple[str, ...]:
         found = []
         for function in self._functions:
-            found += [
-                f"{_place(node)}: {type(node).__name__.lower()} in {function.name}"
-                for node in _all(function.node.body, c_ast.While, c_ast.DoWhile, c_ast.Goto)
-            ]
-            for loop in _all(function.node.body, c_ast.For):
-                why = self._why_unbounded(loop, function)
-                found += [f"{_place(loop)}: {why} in {function.name}"] if why else []
-            found += self._strange_calls(function)
+            body = function.node.body
+            faults = [(node, type(node).__name__.lower()) for node in _all(body, c_ast.While, c_ast.DoWhile, c_ast.Goto)]
+            faults += [(loop, why) for loop in _all(body, c_ast.For) if (why := self._why_unbounded(loop, function))]
+            for call in _all(body, c_ast.FuncCall):
+                name = call.name.name if isinstance(call.name, c_ast.ID) else "a pointer"
+                if self._called(function, name) is None and name not in self._library:
+                    faults.append((call, f"a call of {name}"))
+            found += [f"{_place(node)}: {what} in {function.name}" for node, what in faults]
         return (*found, *self._recursions())
 
     def _why_unbounded(self, loop: Any, function: _Function) -> str:
         """Describe why a for loop breaks the rule; "" if it does not."""
-        head = loop.init
+        head, condition = loop.init, loop.cond
         if not (isinstance(head, c_ast.Assignment) and head.op == "=" and isinstance(head.lvalue, c_ast.ID)):
             return "a for loop that does not start with counter = constant"
-        counter, condition = str(head.lvalue.name), loop.cond
+        counter = str(head.lvalue.name)
         if not self._is_constant(head.rvalue):
             return "a for loop from what is no constant"
         if not (isinstance(condition, c_ast.BinaryOp) and _is_name(condition.left, counter)):
             return "a for loop whose condition does not compare its counter"
         if not (self._is_constant(condition.right) or self._is_always_constant(condition.right, function)):
             return "a for loop to what is no constant"
-        way = {**UPWARDS, **DOWNWARDS}.get(condition.op)
-        if way is None or STEPS.get(self._step(loop.next, counter)) != way:
+        direction = DIRECTIONS.get(condition.op)
+        if direction is None or STEPS.get(self._step(loop.next, counter)) != direction:
             return "a for loop that does not step towards its end"
         return "a for loop whose body writes its counter" if _writes(loop.stmt, counter) else ""
 
     def _step(self, step: Any, counter: str) -> str:
-        """The operator that moves the counter by a constant other than zero; "" where there is none."""
+        """Return the operator that moves the counter by a constant other than zero; "" if there is none."""
         if isinstance(step, c_ast.UnaryOp) and _is_name(step.expr, counter):
             return str(step.op)
         if isinstance(step, c_ast.Assignment) and _is_name(step.lvalue, counter):
@@ -128,35 +116,23 @@ class _Program:
         return isinstance(node, c_ast.Constant)
 
     def _is_always_constant(self, node: Any, function: _Function) -> bool:
-        """Whether it is a parameter that no call and no statement gives anything but a constant."""
-        if not (isinstance(node, c_ast.ID) and function.is_static and node.name in function.parameters):
+        """Return whether a node is a parameter to which every call passes a constant and which no statement changes."""
+        declared = function.node.decl.type.args
+        parameters = [str(parameter.name) for parameter in declared.params] if declared else []
+        if not (isinstance(node, c_ast.ID) and function.is_static and node.name in parameters):
             return False
-        place = function.parameters.index(node.name)
-        calls = [
-            call
-            for other in self._functions
-            if other.unit == function.unit
-            for call in _all(other.node.body, c_ast.FuncCall)
-            if _is_name(call.name, function.name)
-        ]
+        place, others = parameters.index(node.name), (each for each in self._functions if each.unit == function.unit)
+        calls = [call for each in others for call in _all(each.node.body, c_ast.FuncCall) if _is_name(call.name, function.name)]
         return not _writes(function.node.body, node.name) and all(self._is_constant(call.args.exprs[place]) for call in calls)
 
-    def _strange_calls(self, function: _Function) -> list[str]:
-        found = []
-        for call in _all(function.node.body, c_ast.FuncCall):
-            if not isinstance(call.name, c_ast.ID) or self._called(function, call.name.name) is None:
-                name = call.name.name if isinstance(call.name, c_ast.ID) else "a pointer"
-                found += [] if name in self._library else [f"{_place(call)}: a call of {name} in {function.name}"]
-        return found
-
     def _called(self, caller: _Function, name: str) -> _Function | None:
-        """The function of that name that a unit sees: its own first."""
-        named = [function for function in self._functions if function.name == name]
-        own = [function for function in named if function.unit == caller.unit]
-        return next(iter(own or [function for function in named if not function.is_static]), None)
+        """Return the function of a name that a unit sees, its own first."""
+        named = [each for each in self._functions if each.name == name and (each.unit == caller.unit or not each.is_static)]
+        return min(named, key=lambda each: each.unit != caller.unit, default=None)
 
     def _recursions(self) -> list[str]:
-        found, done = [], set()
+        found: list[str] = []
+        done: list[_Function] = []
 
         def visit(function: _Function, callers: tuple[_Function, ...]) -> None:
             if function in callers:
@@ -167,7 +143,7 @@ class _Program:
                     other = self._called(function, call.name.name) if isinstance(call.name, c_ast.ID) else None
                     if other is not None:
                         visit(other, (*callers, function))
-                done.add(function)
+                done.append(function)
 
         for function in self._functions:
             visit(function, ())

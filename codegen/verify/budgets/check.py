@@ -1,6 +1,6 @@
-"""Whether the code keeps its budgets on a Cortex-M4F: instructions, stack, memory of an instance, flash.
+"""Check the budgets of the code on a Cortex-M4F: instructions, stack, memory of an instance, flash.
 
-A largest number of instructions exists at all because every loop ends after a fixed number of rounds.
+A largest number of instructions exists because every loop ends after a fixed number of rounds.
 """
 
 from __future__ import annotations
@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from codegen.configuration.budgets import MapShape
+from codegen.configuration.budgets import KEY_OF_FUNCTION, MapShape
 from codegen.ecu_map.axis import Axis
 from codegen.errors import BuildError
 from codegen.verify.budgets.bounded_loops import complaints
-from codegen.verify.budgets.cycles import REFILL
-from codegen.verify.budgets.measure import NOT_SINGLE, measure
-from codegen.verify.budgets.usage import CYCLE, Count, ResourceUsage
+from codegen.verify.budgets.measure import CYCLE, NOT_SINGLE, ResourceUsage, measure
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 
 SHOWS = (
@@ -26,55 +24,40 @@ SHOWS = (
     "their budgets; every loop has a fixed number of iterations; there are no writable static objects"
 )
 LIMITS = (
-    "The longest calls are measured maxima over drives and a search, with the default parameters and with limits so tight that "
-    "all of them act. They are not a proof. The task's figure is the sum of its longest cycle without packing and the longest "
-    "packing of a frame, which seldom coincide.",
-    "Cycles are an estimate after the Cortex-M4 Technical Reference Manual r0p1, "
-    f"without wait states of the flash and with {REFILL} cycles to refill the pipeline after each jump.",
+    "The longest calls are measured maxima over drives, with the default parameters and with limits so tight that all of them "
+    "act. They are not a proof. The task's figure is the sum of its longest cycle without packing and the longest packing of a "
+    "frame, which seldom coincide.",
     "The instructions are those of clang with -O2 -fomit-frame-pointer. Other compilers and flags, and the stack frame of an "
     "interrupt, are not included.",
 )
 NOT_IN_CLOSED_LOOP = "Without a compiler for this machine, calls of the closed loop are not among those that were counted."
 
-TOOLS = ("ziglang", "unicorn", "pyelftools")
-
-LOOKUPS = {
-    "map_yaw_rate": "lookup_instructions_max",
-    "map_yaw_rate_on_road": "lookup_instructions_max",
-    "map_reference": "reference_instructions_max",
-}
+TOOLS = ("ziglang", "unicorn", "capstone", "pyelftools")
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
     """Check 4. Raises MissingTool: a package of the extra is not installed."""
     if not subject.is_single:
         return Outcome(SHOWS, "not for a Cortex-M4F", Verdict.NOT_RUN, (NOT_SINGLE,))
-    tools = {tool: _version(tool) for tool in TOOLS}
-    unbounded, unread = _unbounded(subject)
-    if unbounded:  # it might not terminate
-        return Outcome(SHOWS, "instructions without a bound", Verdict.FAILED, unbounded, tools=tools)
     try:
+        unbounded = complaints(subject.files, subject.manifest)
+        if unbounded:  # it might not terminate
+            findings = tuple(f"{each}: instructions without a bound" for each in unbounded)
+            return Outcome(SHOWS, "instructions without a bound", Verdict.FAILED, findings)
         usage = measure(subject, effort)
     except BuildError as error:
-        return Outcome(SHOWS, "it cannot be run", Verdict.FAILED, (str(error), *unread), tools=tools)
+        return Outcome(SHOWS, "it cannot be measured", Verdict.FAILED, (str(error),))
     budgets = _budgets(subject)
-    findings = (*unread, *_exceeded(usage, budgets), *_stacks(usage, budgets), *_memory(subject, usage, budgets))
+    findings = (*_exceeded(usage, budgets), *_stacks(usage, budgets), *_memory(subject, usage, budgets))
     return Outcome(
         shows=SHOWS,
         figure=_figure(usage),
         verdict=Verdict.FAILED if findings else Verdict.PASSED,
         findings=findings,
         figures={"budgets": budgets, **_figures(usage)},
-        limits=(*LIMITS, *(() if usage.in_closed_loop else (NOT_IN_CLOSED_LOOP,)), *_never_entered(usage)),
-        tools=tools,
+        limits=(*LIMITS, *(() if usage.in_closed_loop else (NOT_IN_CLOSED_LOOP,))),
+        tools={tool: importlib.metadata.version(tool) for tool in TOOLS},
     )
-
-
-def _version(tool: str) -> str:
-    try:
-        return importlib.metadata.version(tool)
-    except importlib.metadata.PackageNotFoundError:  # reported where it is needed
-        return "?"
 
 
 def _budgets(subject: Subject) -> dict[str, int]:
@@ -91,32 +74,14 @@ def _budgets(subject: Subject) -> dict[str, int]:
     return config.budgets.resolved(config.controller.kind, shape)
 
 
-def _unbounded(subject: Subject) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Yield loops and calls for which no largest number of instructions exists, and C that cannot be searched for them."""
-    try:
-        return tuple(f"{each}: instructions without a bound" for each in complaints(subject.files, subject.manifest)), ()
-    except BuildError as error:
-        return (), (str(error),)
-
-
 def _exceeded(usage: ResourceUsage, budgets: Mapping[str, int]) -> Iterator[str]:
     """Yield the functions that exceed their budget of instructions."""
-    keys = LOOKUPS | {
-        "controller_step": "step_instructions_max",
-        "limiter_step": "limiter_instructions_max",
-        CYCLE: "task_instructions_max",
-    }
-    for name, key in keys.items():
+    for name, key in KEY_OF_FUNCTION.items():
         count = usage.counts.get(name)
         if count is not None and count.compared > budgets[key]:
-            figure = f"{count.compared:,} instructions{_what(name, count)}"
-            yield f"{name}: {figure}, {_allowed(key, budgets)}; at {count.worst_input}"
-
-
-def _what(name: str, count: Count) -> str:
-    if name == "controller_step":
-        return " without the limiter"
-    return f" ({count.instructions.largest:,} measured)" if count.bound is not None else ""
+            remark = " without the limiter" if count.instructions_with_limiter else ""
+            remark = f" ({count.instructions.max:,} measured)" if count.instructions_bound else remark
+            yield f"{name}: {count.compared:,} instructions{remark}, {_allowed(key, budgets)}; at {count.worst_input}"
 
 
 def _allowed(key: str, budgets: Mapping[str, int]) -> str:
@@ -124,15 +89,12 @@ def _allowed(key: str, budgets: Mapping[str, int]) -> str:
 
 
 def _stacks(usage: ResourceUsage, budgets: Mapping[str, int]) -> Iterator[str]:
-    for name, stack in usage.stacks.items():
-        if stack.bound is None:
-            yield f"{name}: {stack.why}"
-            continue
-        if stack.watermark > stack.bound.bytes:
-            yield f"{name}: {stack.watermark} bytes of stack were used, by the compiler {stack.bound.bytes} are the most"
-        if name == CYCLE and stack.bound.bytes > budgets["task_stack_bytes_max"]:
-            chain = " > ".join(stack.bound.chain)
-            yield f"{name}: {stack.bound.bytes} bytes of stack, {_allowed('task_stack_bytes_max', budgets)}; deepest in {chain}"
+    for name, (watermark, bound) in usage.stacks.items():
+        if watermark > bound.bytes:
+            yield f"{name}: {watermark} bytes of stack were used; the bound from the compiler's frames is {bound.bytes}"
+        if name == CYCLE and bound.bytes > budgets["task_stack_bytes_max"]:
+            chain = " > ".join(bound.chain)
+            yield f"{name}: {bound.bytes} bytes of stack, {_allowed('task_stack_bytes_max', budgets)}; deepest in {chain}"
 
 
 def _memory(subject: Subject, usage: ResourceUsage, budgets: Mapping[str, int]) -> Iterator[str]:
@@ -143,8 +105,8 @@ def _memory(subject: Subject, usage: ResourceUsage, budgets: Mapping[str, int]) 
     if flash > budgets.get("flash_bytes_max", flash):
         yield f"all objects: {flash:,} bytes of flash, {_allowed('flash_bytes_max', budgets)}"
     for path, sizes in usage.sizes.items():
-        names = sizes.written or (("without a name", sizes.data + sizes.bss),)
-        for name, size in names if sizes.data + sizes.bss else ():
+        total = sizes.sections["data"] + sizes.sections["bss"]
+        for name, size in (sizes.written or (("without a name", total),)) if total else ():
             place = _place(subject, path, name)
             yield f"{place}: {size} bytes of RAM of its own ({name}); state is the caller's, and maps lie in flash"
 
@@ -160,32 +122,19 @@ def _figure(usage: ResourceUsage) -> str:
     counts = usage.counts
     step, limiter = counts["controller_step"].compared, counts["limiter_step"].compared
     lookup = counts["map_yaw_rate_on_road"].compared
-    task = f"task {counts[CYCLE].instructions.largest:,} (at most {counts[CYCLE].compared:,})"
+    task = f"task {counts[CYCLE].instructions.max:,} (at most {counts[CYCLE].compared:,})"
     return f"lookup {lookup:,}, step {step:,} + limiter {limiter:,}, {task} instructions"
 
 
 def _figures(usage: ResourceUsage) -> dict[str, Any]:
-    missed = sum(map(len, usage.missed.values()))
     return {
         "mean_over": "the built-in scenarios in closed loop" if usage.in_closed_loop else "drawn inputs",
         "functions": {name: count.to_dict() for name, count in usage.counts.items()},
-        "stack_bytes": {name: stack.to_dict() for name, stack in usage.stacks.items()},
-        "objects": {path: sizes.to_dict() for path, sizes in usage.sizes.items()},
+        "stack_bytes": {
+            name: {"watermark": watermark, "bound": bound.bytes, "deepest": list(bound.chain)}
+            for name, (watermark, bound) in usage.stacks.items()
+        },
+        "objects": {path: dict(sizes.sections) for path, sizes in usage.sizes.items()},
         "flash_bytes": sum(sizes.flash for sizes in usage.sizes.values()),
         "struct_bytes": dict(usage.structs),
-        "blocks": {
-            "all": usage.blocks,
-            "entered": usage.blocks - missed,
-            "never": {k: list(v) for k, v in usage.missed.items()},
-        },
     }
-
-
-def _never_entered(usage: ResourceUsage) -> Iterator[str]:
-    places = sorted({place for found in usage.missed.values() for place in found})
-    if places:
-        blocks = sum(map(len, usage.missed.values()))
-        yield (
-            f"Of the {usage.blocks} basic blocks of the counted functions {blocks} were never entered: {', '.join(places)}. "
-            "Where the compiler put a function into its caller, that may be a case which the caller excludes."
-        )

@@ -8,8 +8,7 @@ import pytest
 
 from codegen.verify import packages
 from codegen.verify.budgets import check as budgets
-from codegen.verify.budgets.measure import measure_step
-from codegen.verify.budgets.usage import CYCLE
+from codegen.verify.budgets.measure import CYCLE, measure_step
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.compilation import check as compiles
 from codegen.verify.fuzzing import check as fuzzing
@@ -94,20 +93,21 @@ RARE_STEPS = {
 @pytest.mark.long
 @pytest.mark.parametrize(("unit", "place", "condition", "goes_on"), RARE_STEPS.values(), ids=RARE_STEPS)
 def test_a_rare_long_step_is_found(unit: str, place: str, condition: str, goes_on: bool) -> None:
-    """If the law runs after it, the finding includes at least 90 % of a usual longest step."""
+    """If the law runs after it, the finding includes at least 85 % of a usual longest step."""
     nops = f'    if ({condition}) {{ __asm__ volatile ("{"nop; " * NOP_COUNT}"); }}\n'
-    usual = measure_step(planted.subject_of(PI), QUICK).worst
-    assert measure_step(changed(unit, place, nops + place), QUICK).worst >= NOP_COUNT + (0.9 * usual if goes_on else 0)
+    usual = measure_step(planted.subject_of(PI), QUICK).instructions.max
+    longest = measure_step(changed(unit, place, nops + place), QUICK).instructions.max
+    assert longest >= NOP_COUNT + (0.85 * usual if goes_on else 0)
 
 
 def test_stack_use_unknown_to_the_compiler_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few calls are enough, because every call uses it."""
     monkeypatch.setattr("codegen.verify.budgets.measure.QUICK_SAMPLES", 40)
-    monkeypatch.setattr("codegen.verify.budgets.measure.QUICK_ROUNDS", 1)
     hidden = '    __asm__ volatile ("sub sp, #512; str r0, [sp]; add sp, #512" ::: "memory");\n'
     findings = budgets.check(planted.started(PI, "ars_limiter_step", hidden), QUICK).findings
+    pattern = r"\d+ bytes of stack were used; the bound from the compiler's frames is \d+"
     for name in ("limiter_step", "controller_step", CYCLE):
-        assert any(re.match(rf"{re.escape(name)}: \d+ bytes of stack were used, by the compiler", each) for each in findings)
+        assert any(re.fullmatch(f"{name}: {pattern}", each) for each in findings), findings
 
 
 # Compilation, sanitizers and trap build.

@@ -151,7 +151,7 @@ def test_messages_for_files_of_another_kind(tmp_path: Path) -> None:
     pq.write_table(pa.table(dict.fromkeys(RECORD_COLUMNS, structs)), tmp_path / "structs.parquet")
     log(tmp_path / "foreign.blf", [(0x77, 0.0, False), (0x77, 0.01, False)])
     for name, content, expected in (
-        ("none.csv", None, "no such file"),
+        ("none.csv", None, "No such file"),
         ("endless.csv", None, "time_s is not finite"),
         ("foreign.blf", None, "no frame with an id of the build (0x101"),
         ("header.csv", "a,b\n1,2\n", "not the header of a run"),
