@@ -115,6 +115,7 @@ class Unit:
     Attributes:
         function: its name. result: type of its result; "" for none. result_is_struct: the result has members.
         before, facts: statements of the harness before and after the call, which apply lemmas.
+        more: claims of the harness that no caller uses; arguments are objects there, not pointers.
         includes: the harness includes the C of the unit, so that the facts can use its static functions.
         stand_in: C of functions that replace static ones of the unit. replaced: the names of both, in pairs.
         callees: functions that are replaced by their contracts.
@@ -132,6 +133,7 @@ class Unit:
     ensures: tuple[Claim, ...] = ()
     before: tuple[str, ...] = ()
     facts: tuple[str, ...] = ()
+    more: tuple[Claim, ...] = ()
     includes: bool = False
     stand_in: tuple[str, ...] = ()
     replaced: tuple[tuple[str, str], ...] = ()
