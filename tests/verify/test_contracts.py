@@ -12,8 +12,8 @@ from codegen.verify.contracts import prove
 from tests.emit.rendered import laid_out, rendered
 
 SUCCESS = [{"result": [{"property": "p.1", "status": "SUCCESS", "description": "d"}]}, {"cProverStatus": "success"}]
-END = [{"result": [{"property": "prove_x.assertion.1", "status": "FAILURE", "description": "the end is reached"}]}]
-UNREACHED = [{"result": [{"property": "prove_x.assertion.1", "status": "SUCCESS", "description": "the end is reached"}]}]
+END = [{"result": [{"property": "check_end.assertion.1", "status": "FAILURE", "description": "the end is reached"}]}]
+UNREACHED = [{"result": [{"property": "check_end.assertion.1", "status": "SUCCESS", "description": "the end is reached"}]}]
 ERROR = [SUCCESS[0], {"messageType": "ERROR", "messageText": "SMT2 solver returned error"}, {"cProverStatus": "error"}]
 FAILURE = [
     {"result": [{"property": "p.1", "status": "FAILURE", "description": "d", "sourceLocation": {"file": "f.c", "line": "7"}}]},

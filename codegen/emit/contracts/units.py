@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -51,7 +51,7 @@ class Contracts:
 
     def of(self, function: str) -> Unit:
         """Return the contract of a function."""
-        return next(unit for unit in self.units if unit.function == function)
+        return next(unit for unit in self.units if unit.name == function)
 
 
 def contracts_of(context: Mapping[str, Any]) -> Contracts:
@@ -418,16 +418,10 @@ class _Table:
             "}",
             f"lemma_interpolation(opposite_phase_bound(&parameters, {speed}), {largest}, ({ratio} < {one}) ? {ratio} : {one});",
         )
-        yield Unit(
-            own("limiter_step"),
-            unit,
-            arguments,
-            self.real,
-            ensures=tuple(self._limited()),
-            facts=facts,
-            more=tuple(self._bounded_over_speed()),
-            includes=True,
-        )
+        step = Unit(own("limiter_step"), unit, arguments, self.real, ensures=tuple(self._limited()), facts=facts, includes=True)
+        *bounds, passes = self._bounded_over_speed()
+        yield replace(step, more=tuple(bounds))
+        yield replace(step, facts=(), more=(passes,), part="_demand")
 
     def _bounded_over_speed(self) -> Iterator[Claim]:
         """Claims that no caller uses: the bound against the front wheels, and that the limiter does nothing of its own."""
