@@ -115,6 +115,8 @@ class Unit:
     Attributes:
         function: its name. result: type of its result; "" for none. result_is_struct: the result has members.
         before, facts: statements of the harness before and after the call, which apply lemmas.
+        more: claims of the harness that no caller uses; arguments are objects there, not pointers.
+        part: end of the name of a further harness of the function, which proves `more` alone.
         includes: the harness includes the C of the unit, so that the facts can use its static functions.
         stand_in: C of functions that replace static ones of the unit. replaced: the names of both, in pairs.
         callees: functions that are replaced by their contracts.
@@ -132,6 +134,8 @@ class Unit:
     ensures: tuple[Claim, ...] = ()
     before: tuple[str, ...] = ()
     facts: tuple[str, ...] = ()
+    more: tuple[Claim, ...] = ()
+    part: str = ""
     includes: bool = False
     stand_in: tuple[str, ...] = ()
     replaced: tuple[tuple[str, str], ...] = ()
@@ -139,6 +143,11 @@ class Unit:
     linked: tuple[str, ...] = ()
     unwind: int = 16
     conversions: bool = True
+
+    @property
+    def name(self) -> str:
+        """Name of the harness."""
+        return self.function + self.part
 
     @property
     def prototype(self) -> str:

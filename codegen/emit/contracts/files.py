@@ -78,9 +78,9 @@ def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
         command = command_of(lemma.name, [f"src/{each}.c" for each in lemma.linked], lemma.unwind)
         files[f"{FOLDER}/prove_{lemma.name}.c"] = render("contracts/lemma.c.j2", {**known, "lemma": lemma, "command": command})
     for unit in contracts.units:
-        command = command_of(unit.function, _files_of(unit), unit.unwind, unit.conversions, unit.replaced)
+        command = command_of(unit.name, _files_of(unit), unit.unwind, unit.conversions, unit.replaced)
         more = {"unit": unit, "command": command, "ensured": _ensured(unit, True)}
-        files[f"{FOLDER}/prove_{unit.function}.c"] = render("contracts/prove.c.j2", {**known, **more})
+        files[f"{FOLDER}/prove_{unit.name}.c"] = render("contracts/prove.c.j2", {**known, **more})
     for function in sorted({callee for unit in contracts.units for callee in unit.callees}):
         unit = contracts.of(function)
         files[f"{FOLDER}/assume_{function}.c"] = render(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -51,7 +51,7 @@ class Contracts:
 
     def of(self, function: str) -> Unit:
         """Return the contract of a function."""
-        return next(unit for unit in self.units if unit.function == function)
+        return next(unit for unit in self.units if unit.name == function)
 
 
 def contracts_of(context: Mapping[str, Any]) -> Contracts:
@@ -168,9 +168,9 @@ class _Table:
 
     def _grip(self) -> tuple[str, ...]:
         constants = {each.name: each.value for each in self.context["constants"]}
-        friction_min = self.context["config"].controller.model_fields["friction_min"]
-        least = next(item.low for item in friction_min.metadata if hasattr(item, "low")) / constants["friction_per_grip"]
-        available = self.between("value->available", 0.5 * least, constants["grip_max"])
+        friction_min = next(view.low for view in self.context["controller"].parameters if view.name == "friction_min")
+        least = 0.5 * float(friction_min.rstrip("f")) / constants["friction_per_grip"]
+        available = self.between("value->available", least, constants["grip_max"])
         return self.between("value->reached", 0.0, 4000.0), available
 
     def _controller(self) -> Iterator[str]:
@@ -242,6 +242,25 @@ class _Table:
             (number["value"], number["speed"], number["limit"]),
             (Claim("a capped number is in range", f"!({premises}) || {between('(limit / speed)', 0.0, 16.0)}"),),
         )
+        parameters, speed = self.argument("parameters", "limiter_parameters_t", "in"), number["speed"]
+        points, angles = "parameters->opposite_phase_speed", "parameters->opposite_phase_max"
+        share = f"((speed - {points}[k - 1u]) / ({points}[k] - {points}[k - 1u]))"
+        at = f"{angles}[k - 1u] + ({share} * ({angles}[k] - {angles}[k - 1u]))"
+        premises = f"{self.own('limiter_parameters_holds')}(parameters) && {between('speed', 0.0, 200.0)}"
+        yield Lemma(
+            "lemma_opposite_phase",
+            (parameters, speed),
+            (Claim("the bound is linear between the breakpoints, constant beyond them", f"opposite_phase_bound(parameters, speed) == bound"),),
+            (
+                f"{real} bound = {angles}[0];",
+                "",
+                f"CONTRACT_ASSUME({premises});",
+                f"for (uint32_t k = 1u; k < (uint32_t){self.upper}_LIMITER_POINTS; k++) {{",
+                f"    bound = ({points}[k] <= speed) ? {angles}[k] : (({points}[k - 1u] < speed) ? ({at}) : bound);",
+                "}",
+            ),
+            unit=self.own("limiter"),
+        )
         own, constants = self.own("constants"), []
         for each in self.context["constants"]:
             places = (f"[{k}]" for k in range(len(each.values))) if isinstance(each.value, tuple) else ("",)
@@ -266,7 +285,8 @@ class _Table:
 
     def _numbers(self) -> Lemma:
         """The functions that check the numbers of a row, or the breakpoints of an axis, check each of them."""
-        real, most = self.real, self._rounds() - 1
+        real, most, view = self.real, self._rounds() - 1, self.context["map"]
+        has_even = view.speed.even or view.front_angle.even
         statements = (
             f"{real} numbers[{most}];",
             f"{real} low;",
@@ -279,6 +299,7 @@ class _Table:
             f"CONTRACT_ASSUME((count >= 1u) && (count <= {most}u) && (k < count));",
             "between = are_between(numbers, count, low, high);",
             "increasing = are_increasing(numbers, count);",
+            *(("(void)are_even(numbers, (count > 1u) ? (count - 1u) : 1u);",) if has_even else ()),
         )
         claims = (
             Claim("any number is in range", "!between || lies_between(numbers[k], low, high)"),
@@ -322,6 +343,7 @@ class _Table:
         claims, before = [], []
         for axis in (self.context["map"].speed, self.context["map"].front_angle):
             ends = sorted({0, axis.core_first, axis.core_first + axis.core_cells, axis.size - 1})
+            ends = ends if axis.even else list(range(axis.size))
             increasing = [f"({axis.breakpoints}[{low}] < {axis.breakpoints}[{high}])" for low, high in pairwise(ends)]
             ranges = [f"{axis.breakpoints}_hold({each}u)" for each in ends]
             claims.append(Claim("the breakpoints of a valid map are in range and increasing", " && ".join((*ranges, *increasing))))
@@ -396,8 +418,28 @@ class _Table:
             "}",
             f"lemma_interpolation(opposite_phase_bound(&parameters, {speed}), {largest}, ({ratio} < {one}) ? {ratio} : {one});",
         )
-        ensures = tuple(self._limited())
-        yield Unit(own("limiter_step"), unit, arguments, self.real, ensures=ensures, facts=facts, includes=True)
+        step = Unit(own("limiter_step"), unit, arguments, self.real, ensures=tuple(self._limited()), facts=facts, includes=True)
+        *bounds, passes = self._bounded_over_speed()
+        yield replace(step, more=tuple(bounds))
+        yield replace(step, facts=(), more=(passes,), part="_demand")
+
+    def _bounded_over_speed(self) -> Iterator[Claim]:
+        """Claims that no caller uses: the bound against the front wheels, and that the limiter does nothing of its own."""
+        zero, one, largest = self.number(0.0), self.number(1.0), "parameters.rear_angle_max"
+        bound, front, before = "opposite_phase_bound(&parameters, self.speed)", "self.front_angle", "self_before.rear_angle"
+        slower, faster = (f"({before} {sign} {self.step('parameters.rear_rate_max')})" for sign in "-+")
+        words, known = "is within opposite_phase_max, or returns at rear_rate_max", "!self.speed_known"
+        left = f"{known} || ({front} < {zero}) || (-{bound} <= result) || ({faster} <= result)"
+        right = f"{known} || ({front} > {zero}) || (result <= {bound}) || (result <= {slower})"
+        yield Claim(f"to the right of front wheels to the left, it {words}", left)
+        yield Claim(f"to the left of front wheels to the right, it {words}", right)
+        ratio = f"(magnitude({front}) / parameters.in_phase_from_front_angle)"
+        in_phase = f"({bound} + ((({ratio} < {one}) ? {ratio} : {one}) * ({largest} - {bound})))"
+        low = f"(({front} < {zero}) ? -{in_phase} : -{bound})"
+        high = f"(({front} > {zero}) ? {in_phase} : {bound})"
+        free = " && ".join(f"({low} <= input.demand) && (input.demand <= {high})" for low, high in ((low, high), (slower, faster)))
+        demanded = f"{known} || !({free} && {self.within('input.demand', largest)}) || (result == input.demand)"
+        yield Claim("it is the demand where all bounds let that through", demanded)
 
     def _limited(self) -> Iterator[Claim]:
         before, zero = "self_before->rear_angle", self.number(0.0)
@@ -472,7 +514,7 @@ class _Table:
     def _map_valid(self) -> Unit:
         """Validity of the map: what holds for the breakpoint and the cell that the proof looks at holds for any.
 
-        The functions over a row are replaced by what `lemma_numbers` shows of them.
+        The functions over a row are replaced by what `lemma_numbers` shows of them; no claim needs even steps.
         """
         own, view, real = self.own, self.context["map"], self.real
         rows = [(f"{table.name}[any_row]", f"{table.name}[any_row][any_column]") for table in view.tables]
@@ -486,6 +528,11 @@ class _Table:
             rises = f"(({at} == 0u) || ({name}[{at} - 1u] < {name}[{at}]))"
             lines.append(f"    CONTRACT_ASSUME(!result || (numbers != {name}) || {rises});")
         lines += ["    (void)count;", "    return result;", "}"]
+        replaced = [("are_between", "between_by_lemma"), ("are_increasing", "increasing_by_lemma")]
+        if view.speed.even or view.front_angle.even:
+            replaced.append(("are_even", "even_or_not"))
+            lines += ["", f"bool even_or_not(const {real} *numbers, uint32_t count)", "{", "    bool result;", ""]
+            lines += ["    (void)numbers;", "    (void)count;", "    return result;", "}"]
         holds = " && ".join(f"{name}_hold({at})" for name, at in axes)
         cell = f"{own('map_cell_holds')}(any_row, any_column)"
         ensures = (
@@ -502,7 +549,7 @@ class _Table:
             includes=True,
             before=(f"CONTRACT_ASSUME({inside});",),
             stand_in=tuple(lines),
-            replaced=(("are_between", "between_by_lemma"), ("are_increasing", "increasing_by_lemma")),
+            replaced=tuple(replaced),
             unwind=self._rounds(),
         )
 

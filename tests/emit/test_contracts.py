@@ -1,0 +1,45 @@
+"""Contracts of the generated C: they compile, belong to the build, and stay out of the ECU's software."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from codegen.configuration import Kind
+from codegen.emit.text import Precision
+from codegen.sil.toolchain import compiler_command
+from tests.emit.rendered import EACH_KIND_AND_DOUBLE, laid_out, rendered
+
+STUBS = ("-D__CPROVER_assume(condition)=((void)(condition))", "-D__CPROVER_assert(condition,text)=((void)(condition),(void)(text))")
+FLAGS = ("-std=c99", "-fsyntax-only", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Iinclude", "-Iverify", *STUBS)
+
+
+@pytest.mark.parametrize(("kind", "precision"), EACH_KIND_AND_DOUBLE)
+def test_contracts_compile(tmp_path: Path, kind: Kind, precision: Precision) -> None:
+    folder = laid_out(rendered(kind, precision), tmp_path / "build")
+    files = [str(path.relative_to(folder)) for path in sorted((folder / "verify").glob("*.c"))]
+    assert len(files) > 40
+    subprocess.run([*compiler_command(), *FLAGS, "-DCHECK_END", *files], cwd=folder, check=True)
+
+
+@pytest.mark.parametrize("kind", ["tracking", "pi"])
+def test_commands_name_files_of_the_build(kind: Kind) -> None:
+    files = rendered(kind).files
+    for path, content in files.items():
+        if path.startswith("verify/prove_"):
+            command = re.search(rf"^ \* (cbmc|goto-cc) .*{re.escape(path)} .*--function {Path(path).stem} ", content.decode(), re.M)
+            assert command, path
+            assert {word for word in command[0].split() if word.endswith(".c")} <= files.keys()
+
+
+def test_every_replaced_function_is_proved() -> None:
+    files = rendered("tracking").files
+    assumed = {path.removeprefix("verify/assume_") for path in files if path.startswith("verify/assume_")}
+    assert assumed and all(f"verify/prove_{name}" in files for name in assumed)
+
+
+def test_no_build_file_takes_contracts() -> None:
+    files = rendered("tracking").files
+    for path in ("CMakeLists.txt", "ars.mk", "zephyr/CMakeLists.txt"):
+        assert b"verify/" not in files[path]

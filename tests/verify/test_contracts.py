@@ -1,0 +1,93 @@
+"""The runner of the contracts: what it makes of the answers of a model checker, and of the real one where it is installed."""
+
+import json
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from codegen.verify import cbmc
+from codegen.verify.contracts import prove
+from tests.emit.rendered import laid_out, rendered
+
+SUCCESS = [{"result": [{"property": "p.1", "status": "SUCCESS", "description": "d"}]}, {"cProverStatus": "success"}]
+END = [{"result": [{"property": "check_end.assertion.1", "status": "FAILURE", "description": "the end is reached"}]}]
+UNREACHED = [{"result": [{"property": "check_end.assertion.1", "status": "SUCCESS", "description": "the end is reached"}]}]
+ERROR = [SUCCESS[0], {"messageType": "ERROR", "messageText": "SMT2 solver returned error"}, {"cProverStatus": "error"}]
+FAILURE = [
+    {"result": [{"property": "p.1", "status": "FAILURE", "description": "d", "sourceLocation": {"file": "f.c", "line": "7"}}]},
+    {"cProverStatus": "failure"},
+]
+
+
+@pytest.fixture
+def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a build with one harness; `answer` and `end` beside it are what the model checker prints."""
+    programs = tmp_path / "cache" / "cbmc" / "bin"
+    programs.mkdir(parents=True)
+    script = f'#!/bin/sh\ncase "$*" in *CHECK_END*) cat {tmp_path}/end;; *) cat {tmp_path}/answer; . {tmp_path}/more;; esac\n'
+    for name in (*cbmc.PROGRAMS, "bitwuzla"):
+        (programs / name).write_text(script)
+        (programs / name).chmod(0o755)
+    (tmp_path / "more").write_text("")
+    (tmp_path / "end").write_text(json.dumps(END))
+    (tmp_path / "verify").mkdir()
+    (tmp_path / "verify" / "prove_x.c").write_text("/*\n * cbmc verify/prove_x.c -Iinclude --function prove_x\n */\n")
+    monkeypatch.setenv("ARS_CACHE", str(tmp_path / "cache"))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("answer", "end", "verdict", "detail"),
+    [
+        (SUCCESS, END, "proved", ""),
+        (SUCCESS, UNREACHED, "open", "end of the harness"),
+        (ERROR, END, "open", "solver returned error"),
+        (FAILURE, END, "failed", "d (f.c:7"),
+    ],
+)
+def test_verdicts(stand_in: Path, answer: object, end: object, verdict: str, detail: str) -> None:
+    (stand_in / "answer").write_text(json.dumps(answer))
+    (stand_in / "end").write_text(json.dumps(end))
+    (result,) = prove(stand_in)
+    assert result.verdict == verdict and detail in result.detail
+
+
+def test_the_time_limit_ends_the_solver_too(stand_in: Path) -> None:
+    (stand_in / "answer").write_text("")
+    (stand_in / "more").write_text(f"sleep 60 & echo $! > {stand_in}/child; wait")
+    (result,) = prove(stand_in, limit_s=0.5)
+    assert (result.verdict, result.detail) == ("open", "time limit")
+    child = int((stand_in / "child").read_text())
+    for _ in range(50):
+        if _has_ended(child):
+            return
+        time.sleep(0.1)
+    pytest.fail("the solver goes on")
+
+
+def _has_ended(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return True
+
+
+def test_missing_programs_are_reported(stand_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ARS_CACHE", str(stand_in / "empty"))
+    monkeypatch.setenv("PATH", str(stand_in))
+    (result,) = prove(stand_in)
+    assert result.verdict == "not run" and cbmc.INSTALL in result.detail
+
+
+@pytest.mark.parametrize(
+    ("sound", "planted", "verdict"), [("", "", "proved"), ("? rear_angle : 0.0f", "? rear_angle : 2.0f", "failed")]
+)
+def test_a_unit_is_proved_and_a_fault_is_found(tmp_path: Path, sound: str, planted: str, verdict: str) -> None:
+    folder = laid_out(rendered("pi"), tmp_path / "build")
+    source = folder / "src" / "ars_limiter.c"
+    source.write_text(source.read_text().replace(sound, planted) if sound else source.read_text())
+    (result,) = prove(folder, wanted=lambda name: name == "ars_limiter_init")
+    assert result.verdict == verdict or (result.verdict == "not run" and cbmc.INSTALL in result.detail)
