@@ -238,6 +238,7 @@ PROGRAMS = (
     Program(("clang",), "clang", "a second compiler; MC/DC and libFuzzer in make evidence"),
     Program(("arm-none-eabi-gcc",), "gcc-arm-none-eabi", "codegen firmware --run with GCC"),
     Program(("qemu-system-arm",), "qemu-system-arm", "codegen firmware --run"),
+    Program(("frama-c",), "frama-c-base", "abstract interpretation in codegen verify", ("-version",)),
     Program(("candump",), "can-utils", "inspecting a bus by hand", ()),
     Program(("ip",), "iproute2", "creating vcan0", ("-Version",)),
     Program(("chromium", "chromium-browser", "google-chrome"), "chromium", "the tests of reports, in a browser"),
