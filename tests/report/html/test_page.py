@@ -16,13 +16,15 @@ from codegen.export import runs as exported
 from codegen.report.fault_table import FaultEntry
 from codegen.report.html import build, page
 from codegen.report.html.blocks import Chart, Section, Table, Text
-from codegen.report.html.gather import Request, gather, read
+from codegen.report.html.gather import Request, _scenario_of, gather, read
 from codegen.report.html.inputs import named, read_files
 from codegen.report.html.report import sections
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.verify.runner import CHECKS
 from hil_sim.frames import Frame
 from hil_sim.logs import BusLog
+from hil_sim.scenarios import find
+from tests.hil_sim.made import record as drive
 from tests.report.html.test_charts import record
 
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
@@ -121,6 +123,23 @@ def test_a_log_gives_periods_and_answer_times(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.answers, answers, atol=2e-3)
         assert found.cycle == 10.0
         assert len(answers) < 4 or found.is_simulated == (name == "lock-step.asc"), name  # too few to decide
+
+
+def test_runs_of_all_formats_are_evaluated_alike(tmp_path: Path) -> None:
+    """Without --scenario, a run is a recording of its speed and steering."""
+    config, wanted, driven = preset(), None, drive(2.0, front_angle_rad=lambda time: 0.02 * time)
+    for suffix in (".csv", ".parquet", ".mf4"):
+        path = tmp_path / f"run{suffix}"
+        exported.save(driven, path, "Step steer: 80 km/h")
+        scenario = _scenario_of(read_files([str(path)], CAN), Request(Path("map.npz")), config)
+        inputs = scenario.inputs(config)
+        wanted = find(str(path), config).inputs(config) if wanted is None else wanted
+        np.testing.assert_array_equal(inputs, wanted)
+        assert (scenario.kind, scenario.subject) == ("recording", "Recording run")
+    driven[3, RECORD_COLUMNS.index("speed_m_s")] = 200.0
+    exported.save(driven, path)
+    with pytest.raises(CodegenError, match=r"run\.mf4, sample 4, column speed_m_s: 200 is outside 0 to 150 m/s"):
+        _scenario_of(read_files([str(path)], CAN), Request(Path("map.npz")), config)
 
 
 def test_fault_markers_and_run_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
