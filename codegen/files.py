@@ -31,7 +31,7 @@ def read_file(path: Path, limit: int, remedy: str, kind: type[CodegenError] = Co
         if not stat.S_ISREG(status.st_mode):
             raise kind("not a file", where=path, remedy=remedy)
         if status.st_size > limit:
-            raise kind(f"over {limit >> 20} MiB", where=path, remedy=remedy)
+            raise kind(f"over {size_text(limit)}", where=path, remedy=remedy)
         with path.open("rb") as file:
             return file.read(status.st_size)  # not `limit`, which would allocate that much memory
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
@@ -44,6 +44,11 @@ def read_text(path: Path, limit: int, remedy: str, kind: type[CodegenError] = Co
         return read_file(path, limit, remedy, kind).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise kind("not UTF-8 text", where=f"{path}, byte {error.start}", remedy="save it as UTF-8") from None
+
+
+def size_text(limit: int) -> str:
+    """Return a size in bytes as whole MiB, or as whole KiB below one MiB."""
+    return f"{limit >> 20} MiB" if limit >= 1 << 20 else f"{limit >> 10} KiB"
 
 
 def reason_of(error: Exception) -> str:
