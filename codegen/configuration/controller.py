@@ -10,6 +10,8 @@ from pydantic import Field, model_validator
 from codegen.configuration.section import Breakpoints, Range, Section
 
 SCHEDULE_POINTS_MAX = 32
+SPEED_MAX_LEAST_KM_H = 50.0
+"""Smallest value of `inputs.speed_max_km_h`."""
 DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 1.0, 10_000
 """Beyond these limits the fail-safe would almost never act, or never end."""
 PROPORTIONAL_GAIN_MAX_S, INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX = 2.0, 0.01, 20.0
@@ -40,7 +42,7 @@ class Inputs(Section):
     straight_yaw_rate_deg_s.
     """
 
-    speed_max_km_h: Annotated[float, Range(50.0, 500.0, "km/h")] = 400.0
+    speed_max_km_h: Annotated[float, Range(SPEED_MAX_LEAST_KM_H, 500.0, "km/h")] = 400.0
     front_angle_max_deg: Annotated[float, Range(10.0, 60.0, "deg")] = 45.0
     yaw_rate_max_deg_s: Annotated[float, Range(25.0, 600.0, "deg/s")] = 150.0
     rear_angle_max_deg: Annotated[float, Range(0.1, 45.0, "deg")] = 15.0
