@@ -221,8 +221,8 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
         f"{tuning.sensitivity_max:g}"
     )
     console.say(
-        "up to the grid's last speed every car meets this; beyond it those counted in the table: the configured one, and "
-        "those that are stable there with their rear wheels held"
+        "Up to the last speed of the grid, every car meets these requirements. At higher speeds they apply only to the cars "
+        "counted in the table: the configured car, and those that are stable with their rear wheels held."
     )
     rows = [
         (

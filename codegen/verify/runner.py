@@ -102,7 +102,7 @@ SLOWEST_FIRST = ("proof", "sanitizers", "law", "compiles", "processor-in-the-loo
 
 
 @dataclass(frozen=True)
-class Report:
+class VerificationReport:
     """Outcomes of all checks.
 
     Attributes:
@@ -128,7 +128,7 @@ def run(
     effort: Effort,
     done: Callable[[int, int], None] | None = None,
     checks: Sequence[Registered] = CHECKS,
-) -> Report:
+) -> VerificationReport:
     """Run the checks of an effort.
 
     Args:
@@ -163,7 +163,7 @@ def run(
         for check in crashed:
             outcomes[check.name] = _alone(check, subject, effort, scratch)
             report_progress()
-    return Report(subject, effort, {check.name: outcomes[check.name] for check in checks})
+    return VerificationReport(subject, effort, {check.name: outcomes[check.name] for check in checks})
 
 
 @contextlib.contextmanager

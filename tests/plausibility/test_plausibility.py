@@ -111,6 +111,14 @@ def test_a_map_beyond_the_actuator_or_the_tyres_is_found() -> None:
     assert sum(facts.turns_less_by.values()) == pytest.approx(facts.turns_less_percent)
 
 
+def test_cells_without_an_active_constraint_are_attributed_to_the_sideslip_weight() -> None:
+    start = "the car turns less than with its rear wheels straight in 16 % of the feasible cells"
+    found = MapFacts(None, 16.2, {"sideslip": 2.4, "none": 13.4, "rear angle": 0.4})
+    weight = "no constraint is active in 13 %, where the sideslip weight decides"
+    assert list(found.lines()) == [f"{start}; {weight}; active constraints: sideslip 2 %"]
+    assert list(MapFacts(None, 0.0, {}).lines()) == [start.replace("16 %", "0 %")]
+
+
 @pytest.mark.parametrize("tyre_model", ["linear", "magic-formula"])
 def test_the_front_steered_car_of_the_comparison_has_the_same_bounds(tyre_model: Any) -> None:
     config = hatchback().with_tyre_model(tyre_model)

@@ -143,7 +143,7 @@ def bus_blocks(logs: Sequence[BusTimes]) -> Iterator[Block]:
     for number, log in enumerate(logs, start=1):
         yield Text(f"{log.name}: period of the frames (nominal {log.cycle:g} ms), and time from a sample to its command.")
         if log.is_simulated:
-            yield Text("The times are simulated and do not show how punctual the ECU is.", "notice")
+            yield Text("These times are simulated. They do not measure the timing of the ECU.", "notice")
         yield Gallery(list(_histograms(log, number)))
         rows = [_row(f"{name}, period", values) for name, values in log.periods.items()]
         if log.answers.size:
