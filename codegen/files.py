@@ -43,8 +43,7 @@ def require_regular(path: Path, limit: int, remedy: str, kind: type[CodegenError
     if not stat.S_ISREG(status.st_mode):
         raise kind("not a file", where=path, remedy=remedy)
     if status.st_size > limit:
-        largest = f"{limit >> 20} MiB" if limit >> 20 else f"{limit >> 10} KiB"
-        raise kind(f"over {largest}", where=path, remedy=remedy)
+        raise kind(f"over {size_text(limit)}", where=path, remedy=remedy)
     return status.st_size
 
 
@@ -62,6 +61,11 @@ def read_text(path: Path, limit: int, remedy: str, kind: type[CodegenError] = Co
         return read_file(path, limit, remedy, kind).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise kind("not UTF-8 text", where=f"{path}, byte {error.start}", remedy="save it as UTF-8") from None
+
+
+def size_text(limit: int) -> str:
+    """Return a size in bytes as whole MiB, or as whole KiB below one MiB."""
+    return f"{limit >> 20} MiB" if limit >= 1 << 20 else f"{limit >> 10} KiB"
 
 
 def reason_of(error: Exception) -> str:

@@ -34,6 +34,7 @@ from codegen.configuration.faults import Location, first_fault
 from codegen.configuration.section import Range, Section, check_name
 from codegen.errors import CodegenError, suggestion
 from codegen.files import read_text
+from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.faults import FRAME_KINDS, VALUE_KINDS, Fault, FaultKind
 from hil_sim.manoeuvres import Columns, Settings
 from hil_sim.scenarios import BUILT_IN, Scenario
@@ -263,7 +264,29 @@ def _from_csv(text: str, path: Path) -> Scenario:
     Raises:
         CodegenError: the first error, with its line and column.
     """
-    columns = _columns(text, path)
+    return _of_columns(_columns(text, path), path)
+
+
+def of_run(record: FloatArray, path: Path) -> Scenario:
+    """Return the scenario of a run: its speed and steering as a recorded drive.
+
+    Args:
+        record: (samples, columns), RECORD_COLUMNS.
+        path: for its name and for errors.
+
+    Raises:
+        CodegenError: the first value outside its range, with its sample and column.
+    """
+    columns: dict[str, FloatArray] = {}
+    for name in ("time_s", "speed_m_s", STEERING_COLUMNS[1]):
+        values = record[:, RECORD_COLUMNS.index(name)]
+        for sample in np.flatnonzero(~((values >= RANGES[name].low) & (values <= RANGES[name].high)))[:1]:
+            _check_range(float(values[sample]), name, f"{path}, sample {sample + 1}, column {name}")
+        columns[name] = values - values[0] if name == "time_s" else values
+    return _of_columns(columns, path)
+
+
+def _of_columns(columns: Mapping[str, FloatArray], path: Path) -> Scenario:
     time = columns["time_s"]
     # The last row is held for one more interval, so that the run has its recorded length; not for the length of a gap.
     duration = float(time[-1] + min(np.median(np.diff(time)), MIN_DURATION))
@@ -357,6 +380,11 @@ def _number(cell: str, name: str, place: str) -> float:
         value = float(text)
     except ValueError:
         raise CodegenError(f"not a number: {text[:40]!r}", where=place, remedy="correct the number") from None
+    _check_range(value, name, place)
+    return value
+
+
+def _check_range(value: float, name: str, place: str) -> None:
     try:
         RANGES[name].check(value)
         if name == "inhibit" and value not in (0.0, 1.0):
@@ -364,4 +392,3 @@ def _number(cell: str, name: str, place: str) -> float:
     except ValueError as error:
         what, _, remedy = str(error).partition("; ")
         raise CodegenError(what, where=place, remedy=remedy) from None
-    return value

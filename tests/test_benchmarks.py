@@ -1,13 +1,15 @@
 """The benchmarks' own checks: the hand-written plant equals the one made from CasADi. No time is asserted."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks import minimal_error
+from benchmarks import minimal_error, response
 from benchmarks.closed_loop import Loops, slalom, step_steer
+from codegen.map_file import map as npz
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.vehicle.dynamics import PLANT_STATES
 from hil_sim.suite.cells import Cell
@@ -45,6 +47,15 @@ def test_the_hand_written_plant_equals_that_from_casadi() -> None:
         np.testing.assert_allclose(by_hand, generated, rtol=SAME, atol=SAME)
         for state in PLANT_STATES:
             assert getattr(hand_state, state) == pytest.approx(getattr(generated_state, state), rel=SAME, abs=SAME), state
+
+
+def test_solve_is_timed_with_the_preset_and_with_the_file_that_init_writes(tmp_path: Path) -> None:
+    works = response.Tree(response.ROOT, tmp_path).works()
+    assert works.keys() == response.TARGETS_S.keys()
+    for name, tyre_model in (("solve", "linear"), ("solve, codegen init", "magic-formula")):
+        works[name]()
+        found = npz.load(tmp_path / ("map.npz" if name == "solve" else "car.npz"))
+        assert found.tyre_model == tyre_model
 
 
 def test_no_control_near_the_minimal_one_has_a_smaller_error(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -104,7 +104,7 @@ class Outputs:
             if self.csv is not None:
                 save_csv(runs["controlled"], self.csv)
             for path in self.files:
-                exported.save(runs["controlled"], path)
+                exported.save(runs["controlled"], path, scenario.title)
             if self.plot is not None:
                 plots.save(plots.scenario_figure(scenario, config, runs, title, look_up=look_up), self.plot)
         if self.as_json:

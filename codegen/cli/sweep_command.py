@@ -150,7 +150,7 @@ def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec
     with console.status(f"run {run}"):
         found = replay(plan, run)
     if run_path is not None:
-        exported.save(found.records[found.controller], run_path)
+        exported.save(found.records[found.controller], run_path, found.profile.scenario.subject)
     if plot is not None:
         plots.save(_figure(plan, found, run), plot)
     if as_json:

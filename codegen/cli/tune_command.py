@@ -86,7 +86,7 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     least = weakest(config, gains_of(made.schedule))
     trim = _trim_facts(tuned, chosen.config.controller.tracking.trim_max_percent)
     warnings = [*car_warnings(config), *schedule_warnings(config), *map_warnings(reference_map, config)]
-    warnings += [text for text in (_stability_note(tuned),) if text]
+    warnings += [text for text in (_stability_note(tuned), _target_note(tuned.responses)) if text]
     if as_json:
         facts = {"map": str(output), "configuration": chosen.source, "notes": list(chosen.notes), "warnings": warnings}
         responses = {
@@ -133,6 +133,20 @@ def _stability_note(made: Tuned) -> str:
         return ""
     parameters = tuned_parameters(made.software, made.config)
     return confirm_with(linear, made.software, made.config, parameters).disagreement
+
+
+def _target_note(responses: Sequence[Response]) -> str:
+    """Return a warning about speeds at which the configured car misses a target of its step response; "" without one."""
+    from codegen.tuning.transient import OVERSHOOT_MAX_PERCENT, OVERSHOOT_PERCENT, SETTLING_MAX_S, SETTLING_S
+
+    missed = [one for one in responses if not one.is_on_target]
+    if not missed:
+        return ""
+    figures = ", ".join(f"{one.speed_km_h:g} km/h: {one.overshoot_percent:.2g} % and {one.settling_s:.2f} s" for one in missed)
+    return (
+        f"the step responses miss their target of at most {OVERSHOOT_PERCENT:g} % overshoot and {SETTLING_S:g} s settling time "
+        f"({figures}); up to {OVERSHOOT_MAX_PERCENT:g} % and {SETTLING_MAX_S:g} s are acceptable"
+    )
 
 
 def _trim_facts(made: Tuned, before: float) -> dict[str, Any]:
@@ -207,8 +221,8 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
         f"{tuning.sensitivity_max:g}"
     )
     console.say(
-        "up to the grid's last speed every car meets this; beyond it those counted in the table: the configured one, and "
-        "those that are stable there with their rear wheels held"
+        "Up to the last speed of the grid, every car meets these requirements. At higher speeds they apply only to the cars "
+        "counted in the table: the configured car, and those that are stable with their rear wheels held."
     )
     rows = [
         (
@@ -250,7 +264,8 @@ def _print_responses(responses: Sequence[Response], ahead: float) -> None:
         for one in responses
     ]
     console.say(
-        f"step responses of the simulated car: at most {OVERSHOOT_PERCENT:g} % and {SETTLING_S:g} s, then the shortest t90"
+        f"step responses of the simulated car: target at most {OVERSHOOT_PERCENT:g} % and {SETTLING_S:g} s, then the shortest "
+        "t90"
     )
     console.say(text_table(RESPONSE_HEADER, rows))
     console.say(f"controller.tracking.response_ahead_s: {ahead:g}: prediction horizon of the model's yaw rate")

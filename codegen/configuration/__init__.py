@@ -17,7 +17,7 @@ from codegen.configuration.can import Can, RealSignal
 from codegen.configuration.car import Case, Grid, Limits, Plant, RearActuator, Road, Steering, Tyre, Tyres, Vehicle
 from codegen.configuration.controller import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
 from codegen.configuration.faults import first_fault
-from codegen.configuration.section import Section, check_name
+from codegen.configuration.section import Meaning, Section, check_name
 from codegen.configuration.sensors import Sensor, Sensors
 from codegen.errors import CodegenError, ConfigError, suggestion
 from codegen.files import read_text
@@ -80,7 +80,7 @@ def _whole_number(value: object) -> object:
 class Config(Section):
     """The whole of `ars.toml`."""
 
-    schema_version: Annotated[Literal[1], BeforeValidator(_whole_number)] = 1
+    schema_version: Annotated[Literal[1], BeforeValidator(_whole_number), Meaning("version of the format of this file")] = 1
     vehicle: Vehicle = Vehicle()
     road: Road = Road()
     tyre: Tyres = Tyres()

@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import Field
 
 from codegen.configuration.controller import Kind
-from codegen.configuration.section import Section
+from codegen.configuration.section import Meaning, Section
 from codegen.configuration.signals import CARRIED
 
 Count = Annotated[int, Field(ge=1, le=100_000_000)]
@@ -98,14 +98,18 @@ class Budgets(Section):
     objects together; it has no default, because it depends on the breakpoints of the map.
     """
 
-    lookup_instructions_max: Count | None = None
-    reference_instructions_max: Count | None = None
-    step_instructions_max: Count | None = None
-    limiter_instructions_max: Count | None = None
-    task_instructions_max: Count | None = None
-    task_stack_bytes_max: Count | None = None
-    state_bytes_max: Count | None = None
-    flash_bytes_max: Count | None = None
+    lookup_instructions_max: Annotated[Count | None, Meaning("instructions of `ars_map_yaw_rate_on_road`")] = None
+    reference_instructions_max: Annotated[
+        Count | None, Meaning("instructions of `ars_map_reference`: a lookup with the rear angle")
+    ] = None
+    step_instructions_max: Annotated[Count | None, Meaning("instructions of `ars_controller_step`, without the limiter")] = None
+    limiter_instructions_max: Annotated[Count | None, Meaning("instructions of `ars_limiter_step`")] = None
+    task_instructions_max: Annotated[
+        Count | None, Meaning("instructions of one period: two frames received, the step, one frame sent")
+    ] = None
+    task_stack_bytes_max: Annotated[Count | None, Meaning("largest stack of one period")] = None
+    state_bytes_max: Annotated[Count | None, Meaning("memory of one controller")] = None
+    flash_bytes_max: Annotated[Count | None, Meaning("code and constants of all objects together")] = None
 
     def resolved(self, kind: Kind, shape: MapShape) -> dict[str, int]:
         """Return every budget by its key."""

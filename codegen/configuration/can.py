@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from codegen.configuration.section import Range, Section
+from codegen.configuration.section import Meaning, Range, Section
 from codegen.configuration.signals import signals_of
 
 FRAME_BYTES = 8
@@ -51,9 +51,9 @@ Identifier = Annotated[int, Field(ge=0, le=0x7FF)]
 class Signal(Section):
     """Position of an unsigned number in its frame."""
 
-    name: DbcName
-    start_bit: Annotated[int, Field(ge=0, le=63)]
-    length: Annotated[int, Field(ge=1, le=24)]
+    name: Annotated[DbcName, Meaning("name in the DBC")]
+    start_bit: Annotated[int, Field(ge=0, le=63), Meaning("start bit as in a DBC")]
+    length: Annotated[int, Field(ge=1, le=24), Meaning("number of bits")]
 
     def bits(self, byte_order: str) -> tuple[int, ...]:
         """Bit numbers (byte * 8 + bit) from the least significant bit to the most significant one.
@@ -77,9 +77,11 @@ class RealSignal(Signal):
     """A physical value: factor * code + offset. The lowest code (if `signed`, else the highest) means "not available"."""
 
     length: Annotated[int, Field(ge=2, le=24)]
-    factor: Annotated[float, Range(1e-9, 1e6)]
-    offset: Annotated[float, Range(-1e6, 1e6)] = 0.0
-    signed: bool = True
+    factor: Annotated[float, Range(1e-9, 1e6), Meaning("value = factor * code + offset, in the SI unit")]
+    offset: Annotated[float, Range(-1e6, 1e6), Meaning("offset in the SI unit")] = 0.0
+    signed: Annotated[
+        bool, Meaning("whether the code is signed. The lowest signed or the highest unsigned code means “not available”")
+    ] = True
 
     @property
     def raw_low(self) -> int:
@@ -113,13 +115,18 @@ class Message(Section):
     A subclass names its role in the table of signals, such as `role="vehicle_motion"`, and gets a field for each signal of it.
     """
 
-    name: DbcName
-    id: Identifier
-    cycle_time_ms: Annotated[float, Range(1.0, 100.0, "ms")] | None = None
-    data_id: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
-    byte_order: Literal["intel", "motorola"] = "intel"
-    crc_name: DbcName
-    counter_name: DbcName
+    name: Annotated[DbcName, Meaning("name in the DBC")]
+    id: Annotated[Identifier, Meaning("also the data id of the protection, unless data_id is given")]
+    cycle_time_ms: Annotated[
+        Annotated[float, Range(1.0, 100.0, "ms")] | None, Meaning("must equal `controller.sampling_time_s`")
+    ] = None
+    data_id: Annotated[
+        Annotated[int, Field(ge=0, le=0xFFFF)] | None,
+        Meaning("data id of the E2E protection, by default the `id` of the message"),
+    ] = None
+    byte_order: Annotated[Literal["intel", "motorola"], Meaning("byte order of the signals")] = "intel"
+    crc_name: Annotated[DbcName, Meaning("name in the DBC of the CRC in byte 0")]
+    counter_name: Annotated[DbcName, Meaning("name in the DBC of the counter in the low nibble of byte 1")]
 
     @property
     def e2e_data_id(self) -> int:
@@ -132,7 +139,7 @@ class Message(Section):
         for each in sorted(signals_of(role), key=lambda each: each.start_bit):
             place: dict[str, Any] = {"name": each.name, "start_bit": each.start_bit, "length": each.length}
             default = Signal(**place) if each.factor is None else RealSignal(**place, factor=each.factor, signed=each.signed)
-            cls.__annotations__[each.role] = type(default)
+            cls.__annotations__[each.role] = Annotated[type(default), Meaning(each.layout_comment)]
             setattr(cls, each.role, default)
 
     def real(self, role: str) -> RealSignal:
@@ -188,7 +195,9 @@ class VehicleMotion(Message, role="vehicle_motion"):
     id: Identifier = 0x101
     crc_name: DbcName = "Motion_Crc"
     counter_name: DbcName = "Motion_Counter"
-    qualifier: Signal = Signal(name="Motion_Qualifier", start_bit=12, length=4)
+    qualifier: Annotated[Signal, Meaning("validity: bit 0 speed, bit 1 front angle, bit 2 yaw rate")] = Signal(
+        name="Motion_Qualifier", start_bit=12, length=4
+    )
 
     @model_validator(mode="after")
     def _wide_enough(self) -> Self:
@@ -245,16 +254,28 @@ class E2e(Section):
     The data of a message are used only while it is VALID.
     """
 
-    max_delta_counter_init: Annotated[int, Field(ge=0, le=14)] = 1
-    max_no_new_or_repeated_data: Annotated[int, Field(ge=0, le=14)] = 3
-    sync_counter_init: Annotated[int, Field(ge=0, le=14)] = 1
-    window_size: Annotated[int, Field(ge=1, le=WINDOW_SIZE_MAX)] = 6
-    min_ok_state_init: WindowCount = 2
-    max_error_state_init: WindowCount = 1
-    min_ok_state_valid: WindowCount = 2
-    max_error_state_valid: WindowCount = 3
-    min_ok_state_invalid: WindowCount = 3
-    max_error_state_invalid: WindowCount = 2
+    max_delta_counter_init: Annotated[
+        int,
+        Field(ge=0, le=14),
+        Meaning("largest step of the counter between two frames; more after each cycle without a frame"),
+    ] = 1
+    max_no_new_or_repeated_data: Annotated[
+        int,
+        Field(ge=0, le=14),
+        Meaning("after more cycles without a new frame, the counter must be in sequence before it counts again"),
+    ] = 3
+    sync_counter_init: Annotated[int, Field(ge=0, le=14), Meaning("number of frames in sequence for that")] = 1
+    window_size: Annotated[
+        int,
+        Field(ge=1, le=WINDOW_SIZE_MAX),
+        Meaning("cycles that decide whether a message is valid; only valid messages are used"),
+    ] = 6
+    min_ok_state_init: Annotated[WindowCount, Meaning("least good cycles to become valid at first")] = 2
+    max_error_state_init: Annotated[WindowCount, Meaning("most damaged cycles to become valid at first")] = 1
+    min_ok_state_valid: Annotated[WindowCount, Meaning("least good cycles to stay valid")] = 2
+    max_error_state_valid: Annotated[WindowCount, Meaning("most damaged cycles to stay valid")] = 3
+    min_ok_state_invalid: Annotated[WindowCount, Meaning("least good cycles to become valid again")] = 3
+    max_error_state_invalid: Annotated[WindowCount, Meaning("most damaged cycles to become valid again")] = 2
 
     @model_validator(mode="after")
     def _state_is_reached_and_kept(self) -> Self:
@@ -283,9 +304,14 @@ class E2e(Section):
 class Can(Section):
     """The bus, its three messages, and the identifiers of XCP: from a calibration tool to the ECU, and back."""
 
-    bitrate_kbit_s: Annotated[float, Range(10.0, 1000.0, "kbit/s")] = 500.0
-    xcp_receive_id: Identifier = 0x6A0
-    xcp_transmit_id: Identifier = 0x6A1
+    bitrate_kbit_s: Annotated[
+        float, Range(10.0, 1000.0, "kbit/s"), Meaning("bit rate for the setup of a real bus; `vcan` has none")
+    ] = 500.0
+    xcp_receive_id: Annotated[
+        Identifier,
+        Meaning("commands of a calibration tool to the native ECU (codegen ecu --xcp)"),
+    ] = 0x6A0
+    xcp_transmit_id: Annotated[Identifier, Meaning("answers and measurements of the ECU")] = 0x6A1
     e2e: E2e = E2e()
     vehicle_motion: VehicleMotion = VehicleMotion()
     vehicle_conditions: VehicleConditions = VehicleConditions()

@@ -7,20 +7,24 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from codegen.configuration.section import MAX_BREAKPOINTS, MAX_CELLS, Breakpoints, Range, RangeOrZero, Section
+from codegen.configuration.section import MAX_BREAKPOINTS, MAX_CELLS, Breakpoints, Meaning, Range, RangeOrZero, Section
 from codegen.units import GRAVITY
 
 
 class Vehicle(Section):
     """Mass and geometry. Defaults: the paper's table of vehicle parameters."""
 
-    mass_kg: Annotated[float, Range(200.0, 60_000.0, "kg")] = 2335.07
-    yaw_inertia_kg_m2: Annotated[float, Range(50.0, 500_000.0, "kg m^2")] = 5376.432
-    cg_height_m: Annotated[float, Range(0.05, 3.0, "m")] = 0.42
-    track_m: Annotated[float, Range(0.5, 3.5, "m")] = 1.627
-    cg_to_front_axle_m: Annotated[float, Range(0.2, 10.0, "m")] = 1.574
-    cg_to_rear_axle_m: Annotated[float, Range(0.2, 10.0, "m")] = 1.566
-    front_roll_share: Annotated[float, Range(0.0, 1.0)] = 0.6
+    mass_kg: Annotated[float, Range(200.0, 60_000.0, "kg"), Meaning("m, with the load of normal operation")] = 2335.07
+    yaw_inertia_kg_m2: Annotated[
+        float, Range(50.0, 500_000.0, "kg m^2"), Meaning("Iz, about the vertical axis through the centre of gravity")
+    ] = 5376.432
+    cg_height_m: Annotated[float, Range(0.05, 3.0, "m"), Meaning("centre of gravity above the road")] = 0.42
+    track_m: Annotated[float, Range(0.5, 3.5, "m"), Meaning("full track, the same on both axles")] = 1.627
+    cg_to_front_axle_m: Annotated[float, Range(0.2, 10.0, "m"), Meaning("lf")] = 1.574
+    cg_to_rear_axle_m: Annotated[float, Range(0.2, 10.0, "m"), Meaning("lr")] = 1.566
+    front_roll_share: Annotated[
+        float, Range(0.0, 1.0), Meaning("share of the lateral load transfer on the front axle, 0 to 1")
+    ] = 0.6
 
     @property
     def wheelbase(self) -> float:
@@ -31,8 +35,8 @@ class Vehicle(Section):
 class Road(Section):
     """Friction and gravity that the map assumes."""
 
-    friction: Annotated[float, Range(0.05, 1.5)] = 0.9
-    gravity_m_s2: Annotated[float, Range(1.0, 30.0, "m/s^2")] = GRAVITY
+    friction: Annotated[float, Range(0.05, 1.5), Meaning("peak friction that the map assumes: dry asphalt")] = 0.9
+    gravity_m_s2: Annotated[float, Range(1.0, 30.0, "m/s^2"), Meaning("g")] = GRAVITY
 
 
 class Tyre(Section):
@@ -44,14 +48,21 @@ class Tyre(Section):
 
     curve: ClassVar[str] = "magic-formula"
     """Name in `vehicle.curves.CURVES`; with a second curve this becomes a key."""
-    cornering_stiffness_n_per_rad: Annotated[float, Range(3_000.0, 2_000_000.0, "N/rad for one tyre")] | None = None
-    stiffness_factor_b_per_rad: Annotated[float, Range(0.5, 100.0, "1/rad")] | None = None
-    shape_factor_c: Annotated[float, Range(0.5, 2.5)] = 1.3
-    curvature_factor_e: Annotated[float, Range(-20.0, 1.0)] = -0.5
-    peak_factor_p1: Annotated[float, Range(0.2, 3.0)] = 1.0
-    peak_load_sensitivity_p2: Annotated[float, Range(-1.0, 1.0)] = 0.0
-    horizontal_shift_deg: Annotated[float, Range(-3.0, 3.0, "deg")] = 0.0
-    vertical_shift_n: Annotated[float, Range(-5_000.0, 5_000.0, "N")] = 0.0
+    cornering_stiffness_n_per_rad: Annotated[
+        Annotated[float, Range(3_000.0, 2_000_000.0, "N/rad for one tyre")] | None,
+        Meaning("one tyre, slope at zero slip; or give stiffness_factor_b_per_rad"),
+    ] = None
+    stiffness_factor_b_per_rad: Annotated[
+        Annotated[float, Range(0.5, 100.0, "1/rad")] | None, Meaning("B, instead of the cornering stiffness")
+    ] = None
+    shape_factor_c: Annotated[float, Range(0.5, 2.5), Meaning("C")] = 1.3
+    curvature_factor_e: Annotated[float, Range(-20.0, 1.0), Meaning("E")] = -0.5
+    peak_factor_p1: Annotated[
+        float, Range(0.2, 3.0), Meaning("p1: peak friction at the static load, as a share of the friction of the road")
+    ] = 1.0
+    peak_load_sensitivity_p2: Annotated[float, Range(-1.0, 1.0), Meaning("p2: change of the peak friction with the load")] = 0.0
+    horizontal_shift_deg: Annotated[float, Range(-3.0, 3.0, "deg"), Meaning("SH")] = 0.0
+    vertical_shift_n: Annotated[float, Range(-5_000.0, 5_000.0, "N"), Meaning("SV")] = 0.0
 
     @model_validator(mode="after")
     def _one_stiffness(self) -> Self:
@@ -70,10 +81,16 @@ class Tyres(Section):
 class Limits(Section):
     """Constraints of the optimisation, as in the paper's optimisation problem."""
 
-    sideslip_max_deg: Annotated[float, Range(0.2, 20.0, "deg")] = 3.0
-    lateral_acceleration_max_g: Annotated[float, Range(0.05, 2.0, "g")] = 0.8
-    rear_angle_max_deg: Annotated[float, Range(0.1, 20.0, "deg")] = 3.5
-    slip_departure_percent: Annotated[float, Range(0.5, 50.0, "%")] = 10.0
+    sideslip_max_deg: Annotated[float, Range(0.2, 20.0, "deg"), Meaning("bound on |β|")] = 3.0
+    lateral_acceleration_max_g: Annotated[float, Range(0.05, 2.0, "g"), Meaning("bound on |ay|")] = 0.8
+    rear_angle_max_deg: Annotated[
+        float, Range(0.1, 20.0, "deg"), Meaning("bound on |δr| in the map; the limit of the actuator is in `[rear_actuator]`")
+    ] = 3.5
+    slip_departure_percent: Annotated[
+        float,
+        Range(0.5, 50.0, "%"),
+        Meaning("largest departure of the tyre curve from its tangent at zero; bounds the slip angles"),
+    ] = 10.0
 
     @property
     def sideslip_max(self) -> float:
@@ -93,24 +110,31 @@ class Case(Section):
     turn: the linear single-track car, as in the paper, or the plant's four loaded wheels with the whole Magic Formula.
     """
 
-    rear_steering: bool = True
-    sideslip_weight_per_s2: Annotated[float, Range(0.0, 1e7, "1/s^2")] = 3000.0
-    passive_safe: bool = False
+    rear_steering: Annotated[bool, Meaning("whether the rear wheels steer")] = True
+    sideslip_weight_per_s2: Annotated[float, Range(0.0, 1e7, "1/s^2"), Meaning("λ of the objective")] = 3000.0
+    passive_safe: Annotated[bool, Meaning("exclude turns that the car cannot drive without rear steering")] = False
     # Omitted where linear, so that older maps and builds do not change.
-    tyre_model: Literal["linear", "magic-formula"] = Field(default="linear", exclude_if=lambda model: model == "linear")
+    tyre_model: Annotated[
+        Literal["linear", "magic-formula"],
+        Meaning("model of the steady turn: linear single-track car, or four loaded wheels with the whole Magic Formula"),
+    ] = Field(default="linear", exclude_if=lambda model: model == "linear")
 
 
 class Grid(Section):
     """Breakpoints of the map: evenly spaced by default, or listed."""
 
-    speed_min_km_h: Annotated[float, Range(1.0, 400.0, "km/h")] = 20.0
-    speed_max_km_h: Annotated[float, Range(1.0, 400.0, "km/h")] = 120.0
-    speed_points: int = Field(default=101, ge=2, le=MAX_BREAKPOINTS)
-    speed_breakpoints_km_h: Annotated[list[float] | None, Breakpoints(1.0, 400.0, "km/h")] = None
-    front_angle_min_deg: Annotated[float, Range(0.01, 45.0, "deg")] = 0.1
-    front_angle_max_deg: Annotated[float, Range(0.5, 45.0, "deg")] = 10.0
-    front_angle_points: int = Field(default=100, ge=2, le=MAX_BREAKPOINTS)
-    front_angle_breakpoints_deg: Annotated[list[float] | None, Breakpoints(0.01, 45.0, "deg")] = None
+    speed_min_km_h: Annotated[float, Range(1.0, 400.0, "km/h"), Meaning("first breakpoint")] = 20.0
+    speed_max_km_h: Annotated[float, Range(1.0, 400.0, "km/h"), Meaning("last breakpoint")] = 120.0
+    speed_points: Annotated[int, Meaning("number of breakpoints")] = Field(default=101, ge=2, le=MAX_BREAKPOINTS)
+    speed_breakpoints_km_h: Annotated[
+        list[float] | None, Breakpoints(1.0, 400.0, "km/h"), Meaning("list of breakpoints, instead of the three keys above")
+    ] = None
+    front_angle_min_deg: Annotated[float, Range(0.01, 45.0, "deg"), Meaning("at the road wheel")] = 0.1
+    front_angle_max_deg: Annotated[float, Range(0.5, 45.0, "deg"), Meaning("last breakpoint")] = 10.0
+    front_angle_points: Annotated[int, Meaning("number of breakpoints")] = Field(default=100, ge=2, le=MAX_BREAKPOINTS)
+    front_angle_breakpoints_deg: Annotated[
+        list[float] | None, Breakpoints(0.01, 45.0, "deg"), Meaning("list of breakpoints, instead of the three keys above")
+    ] = None
 
     @property
     def last_speed_km_h(self) -> float:
@@ -133,10 +157,14 @@ class Grid(Section):
 class Steering(Section):
     """Front steering: from the driver's hands to the road wheels."""
 
-    ratio: Annotated[float, Range(1.0, 40.0)] = 90.0 / 6.75
-    wheel_rate_max_deg_s: Annotated[float, Range(10.0, 3_000.0, "deg/s")] = 300.0
-    lag_s: Annotated[float, Range(0.002, 1.0, "s")] = 0.005
-    front_angle_stop_deg: Annotated[float, Range(1.0, 60.0, "deg")] = 35.0
+    ratio: Annotated[float, Range(1.0, 40.0), Meaning("steering wheel over road wheel: 90 deg gives 6.75 deg")] = 90.0 / 6.75
+    wheel_rate_max_deg_s: Annotated[
+        float, Range(10.0, 3_000.0, "deg/s"), Meaning("largest rate at which the driver turns the steering wheel")
+    ] = 300.0
+    lag_s: Annotated[float, Range(0.002, 1.0, "s"), Meaning("from the steering wheel to the road wheels, first order")] = 0.005
+    front_angle_stop_deg: Annotated[
+        float, Range(1.0, 60.0, "deg"), Meaning("mechanical stop at the road wheel; the map is extended up to it")
+    ] = 35.0
 
     @property
     def front_angle_stop(self) -> float:
@@ -153,14 +181,25 @@ class RearActuator(Section):
     rate plus ten lags.
     """
 
-    angle_max_deg: Annotated[float, Range(0.1, 20.0, "deg")] = 3.5
-    rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s")] = 30.0
-    lag_s: Annotated[float, Range(0.002, 1.0, "s")] = 0.05
-    on_command_loss: Literal["hold", "return"] = "hold"
-    command_loss_samples_max: int = Field(default=3, ge=0, le=1_000)
-    return_rate_deg_s: Annotated[float, Range(0.1, 500.0, "deg/s")] = 5.0
-    stuck_error_deg: Annotated[float, Range(0.05, 20.0, "deg")] | Literal["from-actuator"] = "from-actuator"
-    stuck_time_s: Annotated[float, Range(0.01, 10.0, "s")] | Literal["from-actuator"] = "from-actuator"
+    angle_max_deg: Annotated[float, Range(0.1, 20.0, "deg"), Meaning("largest angle of the actuator")] = 3.5
+    rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s"), Meaning("largest rate of the actuator")] = 30.0
+    lag_s: Annotated[float, Range(0.002, 1.0, "s"), Meaning("first order")] = 0.05
+    on_command_loss: Annotated[
+        Literal["hold", "return"],
+        Meaning('reaction to missing commands: "hold", or "return" to zero (which can make the car spin)'),
+    ] = "hold"
+    command_loss_samples_max: Annotated[int, Meaning("missing commands that are bridged by holding in either case")] = Field(
+        default=3, ge=0, le=1_000
+    )
+    return_rate_deg_s: Annotated[float, Range(0.1, 500.0, "deg/s"), Meaning('for "return"')] = 5.0
+    stuck_error_deg: Annotated[
+        Annotated[float, Range(0.05, 20.0, "deg")] | Literal["from-actuator"],
+        Meaning("difference from the lagged command at which the actuator counts as stuck"),
+    ] = "from-actuator"
+    stuck_time_s: Annotated[
+        Annotated[float, Range(0.01, 10.0, "s")] | Literal["from-actuator"],
+        Meaning("after this time"),
+    ] = "from-actuator"
 
     @property
     def angle_max(self) -> float:
@@ -171,7 +210,18 @@ class RearActuator(Section):
 class Plant(Section):
     """The simulated car."""
 
-    sampling_time_s: Annotated[float, Range(1e-5, 0.01, "s")] = 0.001
-    load_transfer: Literal["moment-balance", "paper"] = "moment-balance"
-    relaxation_length_m: Annotated[float, RangeOrZero(0.05, 2.0, "m")] = 0.0
-    command_delay_samples: int = Field(default=0, ge=0, le=100)
+    sampling_time_s: Annotated[
+        float,
+        Range(1e-5, 0.01, "s"),
+        Meaning("time step of the plant; the controller's sampling time must be a whole multiple"),
+    ] = 0.001
+    load_transfer: Annotated[
+        Literal["moment-balance", "paper"], Meaning('or "paper": the printed formula, which gives half the transfer')
+    ] = "moment-balance"
+    relaxation_length_m: Annotated[
+        float, RangeOrZero(0.05, 2.0, "m"), Meaning("of all tyres; 0: the force follows the slip without delay")
+    ] = 0.0
+    command_delay_samples: Annotated[
+        int,
+        Meaning("control samples between the computation of a command and its effect"),
+    ] = Field(default=0, ge=0, le=100)

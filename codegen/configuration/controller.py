@@ -7,9 +7,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from codegen.configuration.section import Breakpoints, Range, Section
+from codegen.configuration.section import Breakpoints, Meaning, Range, Section
 
 SCHEDULE_POINTS_MAX = 32
+SPEED_MAX_LEAST_KM_H = 50.0
+"""Smallest value of `inputs.speed_max_km_h`."""
 DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 1.0, 10_000
 """Beyond these limits the fail-safe would almost never act, or never end."""
 PROPORTIONAL_GAIN_MAX_S, INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX = 2.0, 0.01, 20.0
@@ -40,34 +42,72 @@ class Inputs(Section):
     straight_yaw_rate_deg_s.
     """
 
-    speed_max_km_h: Annotated[float, Range(50.0, 500.0, "km/h")] = 400.0
-    front_angle_max_deg: Annotated[float, Range(10.0, 60.0, "deg")] = 45.0
-    yaw_rate_max_deg_s: Annotated[float, Range(25.0, 600.0, "deg/s")] = 150.0
-    rear_angle_max_deg: Annotated[float, Range(0.1, 45.0, "deg")] = 15.0
-    friction_max: Annotated[float, Range(0.5, 2.0)] = 1.5
-    yaw_rate_tolerance_deg_s: Annotated[float, Range(5.0, 180.0, "deg/s")] = 30.0
-    lateral_acceleration_max_m_s2: Annotated[float, Range(3.0, 100.0, "m/s^2")] = 12.0
-    acceleration_max_m_s2: Annotated[float, Range(12.0, 1_000.0, "m/s^2")] = 50.0
-    front_angle_rate_max_deg_s: Annotated[float, Range(60.0, 5_000.0, "deg/s")] = 100.0
-    yaw_acceleration_max_deg_s2: Annotated[float, Range(200.0, 100_000.0, "deg/s^2")] = 570.0
-    yaw_rate_frozen_deg_s: Annotated[float, Range(0.5, 600.0, "deg/s")] = 3.0
-    yaw_rate_lag_s: Annotated[float, Range(0.01, 2.0, "s")] = 0.15
-    speed_agreement_km_h: Annotated[float, Range(0.1, 100.0, "km/h")] = 3.6
-    yaw_rate_agreement_deg_s: Annotated[float, Range(0.1, 10.0, "deg/s")] = 1.7
-    straight_yaw_rate_deg_s: Annotated[float, Range(0.0, 10.0, "deg/s")] = 0.3
-    yaw_rate_offset_max_deg_s: Annotated[float, Range(0.0, 10.0, "deg/s")] = 0.5
-    yaw_rate_correction_time_s: Annotated[float, Range(0.1, 1_000.0, "s")] = 1.0
-    speed_fall_m_s2: Annotated[float, Range(0.0, 20.0, "m/s^2")] = 0.5
-    friction_recovery_1_s: Annotated[float, Range(0.001, 10.0, "1/s")] = 0.1
+    speed_max_km_h: Annotated[
+        float, Range(SPEED_MAX_LEAST_KM_H, 500.0, "km/h"), Meaning("largest valid speed in either direction")
+    ] = 400.0
+    front_angle_max_deg: Annotated[float, Range(10.0, 60.0, "deg"), Meaning("largest valid angle to either side")] = 45.0
+    yaw_rate_max_deg_s: Annotated[float, Range(25.0, 600.0, "deg/s"), Meaning("largest valid yaw rate to either side")] = 150.0
+    rear_angle_max_deg: Annotated[float, Range(0.1, 45.0, "deg"), Meaning("largest valid angle to either side")] = 15.0
+    friction_max: Annotated[float, Range(0.5, 2.0), Meaning("largest valid friction estimate")] = 1.5
+    yaw_rate_tolerance_deg_s: Annotated[
+        float, Range(5.0, 180.0, "deg/s"), Meaning("beyond lateral_acceleration_max_m_s2 / speed")
+    ] = 30.0
+    lateral_acceleration_max_m_s2: Annotated[
+        float, Range(3.0, 100.0, "m/s^2"), Meaning("limit of the road on speed times yaw rate")
+    ] = 12.0
+    acceleration_max_m_s2: Annotated[
+        float, Range(12.0, 1_000.0, "m/s^2"), Meaning("largest valid rate of change of the speed")
+    ] = 50.0
+    front_angle_rate_max_deg_s: Annotated[
+        float, Range(60.0, 5_000.0, "deg/s"), Meaning("largest valid rate of change of the front angle")
+    ] = 100.0
+    yaw_acceleration_max_deg_s2: Annotated[
+        float, Range(200.0, 100_000.0, "deg/s^2"), Meaning("largest valid rate of change of the yaw rate")
+    ] = 570.0
+    yaw_rate_frozen_deg_s: Annotated[
+        float,
+        Range(0.5, 600.0, "deg/s"),
+        Meaning("tolerated divergence of yaw rate and linear car while yaw rate or front angle is frozen"),
+    ] = 3.0
+    yaw_rate_lag_s: Annotated[
+        float, Range(0.01, 2.0, "s"), Meaning("lag of the linear car's yaw rate behind the front angle")
+    ] = 0.15
+    speed_agreement_km_h: Annotated[
+        float,
+        Range(0.1, 100.0, "km/h"),
+        Meaning("a rejected speed is accepted again within this plus a quarter of its substitute"),
+    ] = 3.6
+    yaw_rate_agreement_deg_s: Annotated[
+        float,
+        Range(0.1, 10.0, "deg/s"),
+        Meaning("a rejected front angle or yaw rate is accepted again within this, in a turn of over twice that"),
+    ] = 1.7
+    straight_yaw_rate_deg_s: Annotated[
+        float, Range(0.0, 10.0, "deg/s"), Meaning("largest yaw rate from the front wheels alone that counts as a straight")
+    ] = 0.3
+    yaw_rate_offset_max_deg_s: Annotated[
+        float, Range(0.0, 10.0, "deg/s"), Meaning("largest learned offset of the yaw rate")
+    ] = 0.5
+    yaw_rate_correction_time_s: Annotated[
+        float, Range(0.1, 1_000.0, "s"), Meaning("time constant of the learned offset, and of a substitute yaw rate")
+    ] = 1.0
+    speed_fall_m_s2: Annotated[float, Range(0.0, 20.0, "m/s^2"), Meaning("assumed deceleration of a lost speed")] = 0.5
+    friction_recovery_1_s: Annotated[
+        float, Range(0.001, 10.0, "1/s"), Meaning("rate at which a lost estimate is forgotten")
+    ] = 0.1
 
 
 class FailSafe(Section):
     """Number of samples that inputs may be missing, number of good samples that end the fail-safe, and rate at which the rear
     angle returns to zero."""
 
-    degraded_samples_max: int = Field(default=3, ge=0, le=1_000)
-    recovery_samples: int = Field(default=10, ge=1, le=RECOVERY_SAMPLES_MAX)
-    rate_deg_s: Annotated[float, Range(0.2, 100.0, "deg/s")] = 3.0
+    degraded_samples_max: Annotated[
+        int, Meaning("missing samples minus good ones that are predicted before a signal is replaced")
+    ] = Field(default=3, ge=0, le=1_000)
+    recovery_samples: Annotated[int, Meaning("consecutive good samples that end it")] = Field(
+        default=10, ge=1, le=RECOVERY_SAMPLES_MAX
+    )
+    rate_deg_s: Annotated[float, Range(0.2, 100.0, "deg/s"), Meaning("rate of the ramp to zero")] = 3.0
 
 
 def _is_none(value: object) -> bool:
@@ -81,22 +121,34 @@ class Schedule(Section):
     for information only: the smallest of the family at each breakpoint.
     """
 
-    speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")]
-    proportional_gain_s: list[
-        Annotated[float, Range(0.0, PROPORTIONAL_GAIN_MAX_S, "s (rad of rear angle for each rad/s of error)")]
+    speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h"), Meaning("breakpoints of the gains, at most 32")]
+    proportional_gain_s: Annotated[
+        list[Annotated[float, Range(0.0, PROPORTIONAL_GAIN_MAX_S, "s (rad of rear angle for each rad/s of error)")]],
+        Meaning("Kp at each breakpoint"),
     ]
-    integral_gain: list[
-        Annotated[float, Range(INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX, "(rad of rear angle for each rad of integrated error)")]
+    integral_gain: Annotated[
+        list[
+            Annotated[
+                float, Range(INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX, "(rad of rear angle for each rad of integrated error)")
+            ]
+        ],
+        Meaning("Ki at each breakpoint"),
     ]
     # Omitted where not tuned: then `controller.tracking.lead_s` applies at all speeds, without response gain.
-    lead_s: list[Annotated[float, Range(-LEAD_MAX_S, LEAD_MAX_S, "s")]] | None = Field(default=None, exclude_if=_is_none)
-    response_gain_s: (
+    lead_s: Annotated[
+        list[Annotated[float, Range(-LEAD_MAX_S, LEAD_MAX_S, "s")]] | None,
+        Meaning("lead of the front angle at each breakpoint"),
+    ] = Field(default=None, exclude_if=_is_none)
+    response_gain_s: Annotated[
         list[Annotated[float, Range(0.0, RESPONSE_GAIN_MAX_S, "s (rad of rear angle for each rad/s that the model lacks)")]]
-        | None
-    ) = Field(default=None, exclude_if=_is_none)
-    gain_margin_db: list[float] | None = None
-    phase_margin_deg: list[float] | None = None
-    sensitivity: list[float] | None = None
+        | None,
+        Meaning("rad of rear angle for each rad/s that the model lacks, at each breakpoint"),
+    ] = Field(default=None, exclude_if=_is_none)
+    gain_margin_db: Annotated[
+        list[float] | None, Meaning("smallest gain margin of the family, from `codegen tune`; for information")
+    ] = None
+    phase_margin_deg: Annotated[list[float] | None, Meaning("smallest phase margin, likewise")] = None
+    sensitivity: Annotated[list[float] | None, Meaning("largest peak of the sensitivity, likewise")] = None
 
     @model_validator(mode="after")
     def _one_length(self) -> Self:
@@ -119,18 +171,44 @@ class Tracking(Section):
     towards the map's. The grip_* keys limit the yaw rate by the lateral acceleration that the car reaches.
     """
 
-    lead_s: Annotated[float, Range(-LEAD_MAX_S, LEAD_MAX_S, "s")] = 0.032
-    lead_smoothing_s: Annotated[float, Range(0.002, 0.2, "s")] = 0.015
-    lead_max_deg: Annotated[float, Range(0.0, 10.0, "deg")] = 1.5
-    response_ahead_s: Annotated[float, Range(0.0, RESPONSE_AHEAD_MAX_S, "s")] = 0.06
-    yaw_increasing_max_deg: Annotated[float, Range(0.0, 20.0, "deg")] = 0.5
-    trim_max_percent: Annotated[float, Range(0.0, TRIM_MAX_PERCENT, "%")] = 1.0
-    trim_time_s: Annotated[float, Range(0.05, 60.0, "s")] = 1.0
-    grip_shortfall_m_s2: Annotated[float, Range(0.1, 20.0, "m/s^2")] = 0.5
-    grip_loss_time_s: Annotated[float, Range(0.02, 10.0, "s")] = 0.1
-    grip_memory_s: Annotated[float, Range(0.05, 60.0, "s")] = 1.0
-    grip_recovery_m_s3: Annotated[float, Range(0.01, 100.0, "m/s^3")] = 0.5
-    grip_recovery_idle_m_s3: Annotated[float, Range(0.01, 100.0, "m/s^3")] = 4.0
+    lead_s: Annotated[
+        float,
+        Range(-LEAD_MAX_S, LEAD_MAX_S, "s"),
+        Meaning("look-ahead of the front angle that enters the map, unless the schedule has a lead"),
+    ] = 0.032
+    lead_smoothing_s: Annotated[
+        float, Range(0.002, 0.2, "s"), Meaning("time constant of the front angle's rate, against the noise of its sensor")
+    ] = 0.015
+    lead_max_deg: Annotated[float, Range(0.0, 10.0, "deg"), Meaning("bound of this look-ahead")] = 1.5
+    response_ahead_s: Annotated[
+        float, Range(0.0, RESPONSE_AHEAD_MAX_S, "s"), Meaning("look-ahead of the model's yaw rate for the response gain")
+    ] = 0.06
+    yaw_increasing_max_deg: Annotated[
+        float, Range(0.0, 20.0, "deg"), Meaning("limit of feedback that increases the yaw rate; the other direction is free")
+    ] = 0.5
+    trim_max_percent: Annotated[
+        float,
+        Range(0.0, TRIM_MAX_PERCENT, "%"),
+        Meaning("largest correction of the model's yaw rate towards the map's, in percent of the map's yaw rate"),
+    ] = 1.0
+    trim_time_s: Annotated[float, Range(0.05, 60.0, "s"), Meaning("time constant of this correction")] = 1.0
+    grip_shortfall_m_s2: Annotated[
+        float, Range(0.1, 20.0, "m/s^2"), Meaning("shortfall of lateral acceleration that does not count as a loss of grip")
+    ] = 0.5
+    grip_loss_time_s: Annotated[
+        float, Range(0.02, 10.0, "s"), Meaning("time constant with which the assumed grip follows a larger shortfall")
+    ] = 0.1
+    grip_memory_s: Annotated[
+        float,
+        Range(0.05, 60.0, "s"),
+        Meaning("time for which a reached lateral acceleration counts; the assumed grip is never below it"),
+    ] = 1.0
+    grip_recovery_m_s3: Annotated[
+        float, Range(0.01, 100.0, "m/s^3"), Meaning("rate at which the assumed grip recovers in a turn")
+    ] = 0.5
+    grip_recovery_idle_m_s3: Annotated[
+        float, Range(0.01, 100.0, "m/s^3"), Meaning("rate while less than half of that grip is demanded")
+    ] = 4.0
     schedule: Schedule | None = None
 
 
@@ -141,36 +219,63 @@ class Tuning(Section):
     yaw inertia changes in proportion to the mass.
     """
 
-    speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] = Field(
-        default_factory=lambda: [15.0, 20.0, 30.0, 42.5, 60.0, 80.0, 100.0, 120.0]
+    speed_km_h: Annotated[
+        list[float],
+        Breakpoints(1.0, 500.0, "km/h"),
+        Meaning("speeds for which the gains are designed"),
+    ] = Field(default_factory=lambda: [15.0, 20.0, 30.0, 42.5, 60.0, 80.0, 100.0, 120.0])
+    actuator_lag_s: Annotated[list[Annotated[float, Range(0.002, 1.0, "s")]], Meaning("lags of the rear actuator")] = Field(
+        default_factory=lambda: [0.02, 0.05, 0.1]
     )
-    actuator_lag_s: list[Annotated[float, Range(0.002, 1.0, "s")]] = Field(default_factory=lambda: [0.02, 0.05, 0.1])
-    mass_percent: list[Annotated[float, Range(-50.0, 100.0, "%")]] = Field(default_factory=lambda: [-20.0, 0.0, 20.0])
-    stiffness_percent: list[Annotated[float, Range(-60.0, 100.0, "%")]] = Field(default_factory=lambda: [-20.0, 0.0, 15.0])
-    relaxation_length_m: list[Annotated[float, Range(0.0, 2.0, "m")]] = Field(default_factory=lambda: [0.0, 0.3, 0.6])
-    delay_samples: int = Field(default=1, ge=0, le=20)
-    gain_margin_db: Annotated[float, Range(1.0, 40.0, "dB")] = 8.0
-    phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg")] = 45.0
-    sensitivity_max: Annotated[float, Range(1.05, 10.0)] = 1.8
+    mass_percent: Annotated[
+        list[Annotated[float, Range(-50.0, 100.0, "%")]],
+        Meaning("deviations of mass and yaw inertia"),
+    ] = Field(default_factory=lambda: [-20.0, 0.0, 20.0])
+    stiffness_percent: Annotated[
+        list[Annotated[float, Range(-60.0, 100.0, "%")]], Meaning("of front and rear tyres, independently")
+    ] = Field(default_factory=lambda: [-20.0, 0.0, 15.0])
+    relaxation_length_m: Annotated[
+        list[Annotated[float, Range(0.0, 2.0, "m")]],
+        Meaning("relaxation lengths of all tyres"),
+    ] = Field(default_factory=lambda: [0.0, 0.3, 0.6])
+    delay_samples: Annotated[int, Meaning("between the computation of a command and its effect")] = Field(
+        default=1, ge=0, le=20
+    )
+    gain_margin_db: Annotated[float, Range(1.0, 40.0, "dB"), Meaning("minimum for every member")] = 8.0
+    phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("minimum for every member")] = 45.0
+    sensitivity_max: Annotated[float, Range(1.05, 10.0), Meaning("largest peak of the sensitivity of any member")] = 1.8
 
 
 class Controller(Section):
     """The yaw-rate controller. The paper's PI is kind "pi"; proportional_gain_s and integral_gain are its gains."""
 
-    kind: Kind = "tracking"
+    kind: Annotated[Kind, Meaning("control law, see [Controllers](controllers.md)")] = "tracking"
     proportional_gain_s: Annotated[
-        float, Range(0.0, PROPORTIONAL_GAIN_MAX_S, "s (rad of rear angle for each rad/s of error)")
+        float,
+        Range(0.0, PROPORTIONAL_GAIN_MAX_S, "s (rad of rear angle for each rad/s of error)"),
+        Meaning("Kp of kind `pi`: rad of rear angle for each rad/s of yaw-rate error"),
     ] = 0.01
     integral_gain: Annotated[
-        float, Range(INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX, "(rad of rear angle for each rad of integrated error)")
+        float,
+        Range(INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX, "(rad of rear angle for each rad of integrated error)"),
+        Meaning("Ki of kind `pi`: rad of rear angle for each rad of integrated error"),
     ] = 1.0
-    sampling_time_s: Annotated[float, Range(0.001, 0.1, "s")] = 0.01
-    rear_rate_max_deg_s: Annotated[float, Range(REAR_RATE_MIN_DEG_S, 500.0, "deg/s")] | Literal["off"] = 25.0
-    rear_angle_error_max_deg: Annotated[float, Range(0.1, 20.0, "deg")] = 2.0
-    friction_min: Annotated[float, Range(0.02, 0.5)] = 0.1
-    enable_speed_km_h: Annotated[float, Range(0.5, 100.0, "km/h")] = 15.0
-    disable_speed_km_h: Annotated[float, Range(0.1, 100.0, "km/h")] = 12.0
-    standby_rate_deg_s: Annotated[float, Range(0.2, 100.0, "deg/s")] = 5.0
+    sampling_time_s: Annotated[float, Range(0.001, 0.1, "s"), Meaning("period of the task and of all three messages")] = 0.01
+    rear_rate_max_deg_s: Annotated[
+        Annotated[float, Range(REAR_RATE_MIN_DEG_S, 500.0, "deg/s")] | Literal["off"],
+        Meaning('limit on the rate of the command, or `"off"` as in the paper'),
+    ] = 25.0
+    rear_angle_error_max_deg: Annotated[
+        float, Range(0.1, 20.0, "deg"), Meaning("anti-windup: largest lead of the command over the measured rear angle")
+    ] = 2.0
+    friction_min: Annotated[float, Range(0.02, 0.5), Meaning("lower friction estimates are raised to this value")] = 0.1
+    enable_speed_km_h: Annotated[
+        float, Range(0.5, 100.0, "km/h"), Meaning("control starts at this speed; reverse is always standby")
+    ] = 15.0
+    disable_speed_km_h: Annotated[float, Range(0.1, 100.0, "km/h"), Meaning("control ends below this speed")] = 12.0
+    standby_rate_deg_s: Annotated[
+        float, Range(0.2, 100.0, "deg/s"), Meaning("rate at which the rear wheels return to zero in standby")
+    ] = 5.0
     tracking: Tracking = Tracking()
     inputs: Inputs = Inputs()
     fail_safe: FailSafe = FailSafe()
@@ -199,11 +304,22 @@ class Limiter(Section):
     free.
     """
 
-    rear_rate_max_deg_s: Annotated[float, Range(REAR_RATE_MIN_DEG_S, 500.0, "deg/s")] | Literal["off"] = 30.0
-    opposite_phase_speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] | Literal["from-car"] = "from-car"
-    opposite_phase_max_deg: list[Annotated[float, Range(0.0, 20.0, "deg")]] | Literal["from-car", "off"] = "from-car"
-    opposite_phase_lateral_acceleration_m_s2: Annotated[float, Range(0.5, 10.0, "m/s^2")] = 4.0
-    in_phase_from_front_angle_deg: Annotated[float, Range(0.05, 20.0, "deg")] = 1.0
+    rear_rate_max_deg_s: Annotated[
+        Annotated[float, Range(REAR_RATE_MIN_DEG_S, 500.0, "deg/s")] | Literal["off"],
+        Meaning("at most the rate of the actuator"),
+    ] = 30.0
+    opposite_phase_speed_km_h: Annotated[
+        Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] | Literal["from-car"],
+        Meaning('breakpoints of the next key, or `"from-car"` to derive them from the car'),
+    ] = "from-car"
+    opposite_phase_max_deg: Annotated[
+        list[Annotated[float, Range(0.0, 20.0, "deg")]] | Literal["from-car", "off"],
+        Meaning('or a list, one for each of opposite_phase_speed_km_h = [...]; or "from-car", with'),
+    ] = "from-car"
+    opposite_phase_lateral_acceleration_m_s2: Annotated[float, Range(0.5, 10.0, "m/s^2"), Meaning("for `from-car`")] = 4.0
+    in_phase_from_front_angle_deg: Annotated[
+        float, Range(0.05, 20.0, "deg"), Meaning("front angle from which the whole rear angle is free in phase")
+    ] = 1.0
 
     @model_validator(mode="after")
     def _one_length(self) -> Self:

@@ -99,6 +99,16 @@ class Breakpoints:
         return core_schema.no_info_after_validator_function(self.check, handler(source))
 
 
+@dataclass(frozen=True)
+class Meaning:
+    """Annotation with the meaning of a key, as Markdown for the tables of the guide.
+
+    It has no effect on validation. A subclass that defines the key again inherits its meaning.
+    """
+
+    text: str
+
+
 class Section(BaseModel):
     """A table of `ars.toml`: immutable, and unknown keys are errors."""
 

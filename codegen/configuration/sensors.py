@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from codegen.configuration.section import Range, Section
+from codegen.configuration.section import Meaning, Range, Section
 from codegen.units import KM_H
 
 
@@ -100,8 +100,11 @@ class AccelerationSensor(Sensor):
 class Sensors(Section):
     """The sensors of the bench. The defaults are examples; use the data sheets of your sensors."""
 
-    speed: SpeedSensor = SpeedSensor()
-    front_angle: AngleSensor = AngleSensor()
-    yaw_rate: YawRateSensor = YawRateSensor()
-    rear_angle: AngleSensor = AngleSensor()
-    lateral_acceleration: AccelerationSensor = AccelerationSensor()
+    speed: Annotated[
+        SpeedSensor,
+        Meaning("noise: standard deviation; resolution: step between values, 0 for none; delay: samples of the controller"),
+    ] = SpeedSensor()
+    front_angle: Annotated[AngleSensor, Meaning("the same, at the road wheels")] = AngleSensor()
+    yaw_rate: Annotated[YawRateSensor, Meaning("the same, of the gyroscope")] = YawRateSensor()
+    rear_angle: Annotated[AngleSensor, Meaning("the same, of the actuator")] = AngleSensor()
+    lateral_acceleration: Annotated[AccelerationSensor, Meaning("the same, of the accelerometer")] = AccelerationSensor()

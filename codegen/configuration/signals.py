@@ -38,6 +38,7 @@ class SignalDefinition:
             sends "not available".
         is_used: whether the controller uses it. Other signals are only forwarded and recorded.
         in_measurement: comment in the controller's measurement struct; "" derives it from unit and meaning.
+        in_layout: comment at its key in `[can]`; "" derives it from unit and meaning.
         message: role of its message; filled in from the payload class.
         role: its name in code; filled in from the field.
         kind: Python type of its value; filled in from the field.
@@ -55,6 +56,7 @@ class SignalDefinition:
     source: str = ""
     is_used: bool = False
     in_measurement: str = ""
+    in_layout: str = ""
     message: str = ""
     role: str = ""
     kind: type = float
@@ -80,8 +82,16 @@ class SignalDefinition:
     @property
     def comment(self) -> str:
         """Comment in the controller's measurement struct."""
-        text = f"{self.unit}, {self.meaning}" if self.unit else self.meaning
-        return self.in_measurement or text + ("; NaN: not measured" if self.is_real else "")
+        return self.in_measurement or self._unit_and_meaning + ("; NaN: not measured" if self.is_real else "")
+
+    @property
+    def layout_comment(self) -> str:
+        """Comment at its key in `[can]` of `ars.toml`."""
+        return self.in_layout or self._unit_and_meaning
+
+    @property
+    def _unit_and_meaning(self) -> str:
+        return f"{self.unit}, {self.meaning}" if self.unit else self.meaning
 
     @property
     def variable(self) -> str:
@@ -120,6 +130,7 @@ class VehicleMotion:
             source="scenario.speed",
             is_used=True,
             in_measurement="m/s, negative in reverse",
+            in_layout="m/s",
         ),
     ]
     front_angle: Annotated[
@@ -134,6 +145,7 @@ class VehicleMotion:
             source="output.front_angle",
             is_used=True,
             in_measurement="rad, at the road wheel",
+            in_layout="rad, road wheel",
         ),
     ]
     yaw_rate: Annotated[
@@ -148,6 +160,7 @@ class VehicleMotion:
             source="state.yaw_rate",
             is_used=True,
             in_measurement="rad/s",
+            in_layout="rad/s",
         ),
     ]
 
@@ -169,6 +182,7 @@ class VehicleConditions:
             source="state.rear_angle",
             is_used=True,
             in_measurement="rad, achieved by the actuator; NaN where it is not measured",
+            in_layout="rad, achieved by the actuator",
         ),
     ] = math.nan
     friction: Annotated[
@@ -197,6 +211,7 @@ class VehicleConditions:
             source="output.lateral_acceleration",
             is_used=True,
             in_measurement="m/s^2 at the centre of gravity; NaN: not measured",
+            in_layout="m/s^2, centre of gravity",
         ),
     ] = math.nan
     inhibit: Annotated[
@@ -210,6 +225,7 @@ class VehicleConditions:
             source="scenario.inhibit",
             is_used=True,
             in_measurement="ESC or ABS is acting: the integrator holds",
+            in_layout="ESC or ABS is acting",
         ),
     ] = False
 
@@ -228,6 +244,7 @@ class RearSteerCommand:
             factor=5e-5,
             unit="rad",
             meaning="rear angle at the road wheel, positive to the left",
+            in_layout="rad",
         ),
     ]
     yaw_rate_reference: Annotated[
@@ -239,13 +256,24 @@ class RearSteerCommand:
             factor=2e-4,
             unit="rad/s",
             meaning="reference yaw rate from the map",
+            in_layout="rad/s",
         ),
     ]
     status: Annotated[
-        int, SignalDefinition("Status", start_bit=12, length=4, meaning="what the controller did", values=STATUSES)
+        int,
+        SignalDefinition(
+            "Status", start_bit=12, length=4, meaning="what the controller did", values=STATUSES, in_layout="`ars_status_t`"
+        ),
     ] = 0
     diagnostics: Annotated[
-        int, SignalDefinition("Diagnostics", start_bit=48, length=16, meaning="one bit for each cause of trouble")
+        int,
+        SignalDefinition(
+            "Diagnostics",
+            start_bit=48,
+            length=16,
+            meaning="one bit for each cause of trouble",
+            in_layout="one bit for each diagnosed cause",
+        ),
     ] = 0
 
 

@@ -217,7 +217,7 @@ ANSWER_LIMIT = 20.0
 
 
 @dataclass(frozen=True)
-class Program:
+class OptionalProgram:
     """An external program that a feature uses.
 
     Attributes:
@@ -233,15 +233,15 @@ class Program:
 
 
 PROGRAMS = (
-    Program(("make",), "make", "generated Makefiles, codegen firmware --run"),
-    Program(("cmake",), "cmake", "generated folders as a CMake project"),
-    Program(("clang",), "clang", "a second compiler; MC/DC and libFuzzer in make evidence"),
-    Program(("arm-none-eabi-gcc",), "gcc-arm-none-eabi", "codegen firmware --run with GCC"),
-    Program(("qemu-system-arm",), "qemu-system-arm", "codegen firmware --run"),
-    Program(("frama-c",), "frama-c-base", "abstract interpretation in codegen verify", ("-version",)),
-    Program(("candump",), "can-utils", "inspecting a bus by hand", ()),
-    Program(("ip",), "iproute2", "creating vcan0", ("-Version",)),
-    Program(("chromium", "chromium-browser", "google-chrome"), "chromium", "the tests of reports, in a browser"),
+    OptionalProgram(("make",), "make", "generated Makefiles, codegen firmware --run"),
+    OptionalProgram(("cmake",), "cmake", "generated folders as a CMake project"),
+    OptionalProgram(("clang",), "clang", "a second compiler; MC/DC and libFuzzer in make evidence"),
+    OptionalProgram(("arm-none-eabi-gcc",), "gcc-arm-none-eabi", "codegen firmware --run with GCC"),
+    OptionalProgram(("qemu-system-arm",), "qemu-system-arm", "codegen firmware --run"),
+    OptionalProgram(("frama-c",), "frama-c-base", "abstract interpretation in codegen verify", ("-version",)),
+    OptionalProgram(("candump",), "can-utils", "inspecting a bus by hand", ()),
+    OptionalProgram(("ip",), "iproute2", "creating vcan0", ("-Version",)),
+    OptionalProgram(("chromium", "chromium-browser", "google-chrome"), "chromium", "the tests of reports, in a browser"),
 )
 
 
@@ -262,7 +262,7 @@ def programs() -> list[Finding]:
     return [_look_for(program) for program in PROGRAMS]
 
 
-def _look_for(program: Program) -> Finding:
+def _look_for(program: OptionalProgram) -> Finding:
     name = program.names[0]
     path = next(filter(None, map(shutil.which, program.names)), None)
     if path is None:

@@ -13,7 +13,7 @@ from codegen.explore.controls import GROUP_TITLES, Control
 from codegen.explore.explorer import Explorer
 from codegen.report.html.bundle import plotly_javascript
 from codegen.report.html.charts import scale_of
-from codegen.report.style import REAR_STEER, SIDESLIP, YAW_RATE
+from codegen.report.style import BLACK, CONTROLLER_COLOURS, REAR_STEER, SIDESLIP, YAW_RATE
 
 FILE = "ars.toml"
 _TABLES = {"yaw_rate": YAW_RATE, "sideslip": SIDESLIP, "rear_angle": REAR_STEER}
@@ -40,13 +40,21 @@ class Asset:
     kind: str
 
 
+def controller_colours() -> str:
+    """Return CSS with the colour of each kind of controller as --now, and of the passive car as --passive; black is --ink."""
+    colours = {kind: "var(--ink)" if colour == BLACK else colour for kind, colour in CONTROLLER_COLOURS.items()}
+    passive = colours.pop("passive")
+    rules = [f':root[data-kind="{kind}"] {{ --now: {colour}; }}' for kind, colour in colours.items()]
+    return "\n".join((f":root {{ --passive: {passive}; }}", *rules, ""))
+
+
 def assets() -> dict[str, Asset]:
     """Return path -> asset, without the page itself. Raises CodegenError if Plotly is not installed."""
     root = templates_root()
     style, script = "text/css; charset=utf-8", "text/javascript; charset=utf-8"
     return {
         "/style.css": Asset((root / "report" / "style.css").read_bytes(), style),
-        "/explore.css": Asset((root / "explore" / "explore.css").read_bytes(), style),
+        "/explore.css": Asset(controller_colours().encode("ascii") + (root / "explore" / "explore.css").read_bytes(), style),
         "/plots.js": Asset((root / "explore" / "plots.js").read_bytes(), script),
         "/explore.js": Asset((root / "explore" / "explore.js").read_bytes(), script),
         "/plotly.js": Asset(plotly_javascript().encode("utf-8"), script),

@@ -6,7 +6,8 @@
 | `.parquet` | pyarrow | the file's metadata, key `columns`, JSON | uint8, its names in the metadata |
 | `.csv` | `hil_sim.recording` | the unit in the name | whole number |
 
-All other columns are float64. Files contain no clock time and no path, so equal runs give equal bytes with the same packages.
+All other columns are float64. The scenario's title is in the comment of the MF4's channel group and in the metadata of a
+Parquet file, key `scenario`. Files contain no clock time and no path, so equal runs give equal bytes with the same packages.
 """
 
 from __future__ import annotations
@@ -75,21 +76,22 @@ def check_formats(paths: Iterable[Path]) -> None:
             raise CodegenError(what, where=path, remedy='pip install "ars-codegen[tools]"')
 
 
-def save(record: FloatArray, path: Path) -> None:
+def save(record: FloatArray, path: Path, scenario: str = "") -> None:
     """Write a recording in the format of the extension, replacing `path` atomically.
 
     Args:
         record: (samples, columns), RECORD_COLUMNS.
         path: `.mf4`, `.parquet` or `.csv`.
+        scenario: title of the scenario, for the metadata; "" if unknown. CSV has no metadata.
 
     Raises:
         CodegenError: no such format, a package is missing, or it cannot be written.
     """
     check_formats((path,))
-    write_atomically(path, FORMATS[path.suffix.lower()].content(record))
+    write_atomically(path, FORMATS[path.suffix.lower()].content(record, scenario))
 
 
-def to_mf4(record: FloatArray) -> bytes:
+def to_mf4(record: FloatArray, scenario: str = "") -> bytes:
     """Return a recording as compressed ASAM MDF 4.1: one channel group with the master `time_s`, starting at EPOCH."""
     from asammdf import MDF, Signal
     from asammdf.blocks.v4_blocks import FileHistory
@@ -110,7 +112,8 @@ def to_mf4(record: FloatArray) -> bytes:
             )
             for column in others
         ]
-        group = mdf.append(signals, acq_name="run", comment="Run of a rear-steered car; signs follow ISO 8855")
+        comment = f"Run of a rear-steered car; signs follow ISO 8855{f'; scenario: {scenario}' if scenario else ''}"
+        group = mdf.append(signals, acq_name="run", comment=comment)
         mdf.groups[group].channels[0].comment = time.meaning
         history = FileHistory()
         history.comment = (
@@ -124,7 +127,7 @@ def to_mf4(record: FloatArray) -> bytes:
     return content.getvalue()
 
 
-def to_parquet(record: FloatArray) -> bytes:
+def to_parquet(record: FloatArray, scenario: str = "") -> bytes:
     """Return a recording as Parquet, compressed with Snappy, which every reader supports."""
     import pyarrow as pa
     from pyarrow import parquet
@@ -134,6 +137,7 @@ def to_parquet(record: FloatArray) -> bytes:
     }
     columns["status"]["values"] = {str(status.value): status.name for status in Status}
     metadata = {"columns": json.dumps(columns), "made_by": f"ars-codegen {__version__}"}
+    metadata |= {"scenario": scenario} if scenario else {}
     table = pa.table({column.name: _values(record, column.name) for column in COLUMNS}, metadata=metadata)
     content = io.BytesIO()
     parquet.write_table(table, content, compression="snappy")
@@ -142,16 +146,16 @@ def to_parquet(record: FloatArray) -> bytes:
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: function that encodes a recording, and the package it requires."""
+    """A file format: function that encodes a recording and the title of its scenario, and the package it requires."""
 
-    content: Callable[[FloatArray], bytes]
+    content: Callable[[FloatArray, str], bytes]
     package: str | None = None
 
 
 FORMATS = {
     ".mf4": Format(to_mf4, "asammdf"),
     ".parquet": Format(to_parquet, "pyarrow"),
-    ".csv": Format(to_csv),
+    ".csv": Format(lambda record, _: to_csv(record)),
 }
 
 

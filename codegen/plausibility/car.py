@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from codegen.configuration import Config
+from codegen.configuration.controller import Tracking
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
@@ -27,8 +28,9 @@ NEUTRAL_DEG_PER_G = 0.05
 """Largest magnitude of the understeer gradient of a neutral car. Its characteristic or critical speed is above 600 km/h."""
 TUNED_LAG_FACTOR = 1.5
 """Factor by which the actuator's lag may lie outside the family for which the gains were designed."""
-LEAD_PER_LAG = (0.3, 1.0)
-"""Range of the lead of the front angle over the actuator's lag, where `codegen tune` has not chosen it for the car."""
+LEAD_PER_LAG = (0.7, 1.4)
+"""Range of a fixed lead of the front angle over the actuator's lag. The leads that `codegen tune` chooses average 0.8 to 1.2
+times the lag over the speeds of a car."""
 
 
 @dataclass(frozen=True)
@@ -167,13 +169,13 @@ def _controller(config: Config) -> Iterator[str]:
             f"rear_actuator.lag_s = {lag:g} is outside the lags for which gains are designed, tuning.actuator_lag_s = "
             f"{min(family):g} to {max(family):g}; include it there and run `codegen tune`"
         )
-    schedule, tracking = controller.tracking.schedule, controller.tracking
-    if schedule is None:
-        return
-    if schedule.lead_s is None:
-        low, high = LEAD_PER_LAG
-        if not low * lag <= tracking.lead_s <= high * lag:
-            yield (
-                f"controller.tracking.lead_s = {tracking.lead_s:g} does not suit rear_actuator.lag_s = {lag:g}; "
-                "`codegen tune` chooses it"
-            )
+    schedule, lead = controller.tracking.schedule, controller.tracking.lead_s
+    # Without a schedule, the default stands for a lead that `codegen tune` is yet to choose.
+    is_fixed = lead != Tracking.model_fields["lead_s"].default if schedule is None else schedule.lead_s is None
+    low, high = LEAD_PER_LAG
+    if is_fixed and not low * lag <= lead <= high * lag:
+        factor = _beyond(lead / lag, LEAD_PER_LAG)
+        yield (
+            f"controller.tracking.lead_s = {lead:g} is {factor} times rear_actuator.lag_s = {lag:g}; "
+            f"a lead of {low:g} to {high:g} times the lag suits most cars; `codegen tune` chooses it"
+        )

@@ -78,15 +78,13 @@ class MapFacts:
             yield f"actuator and limiter reach {self.reachable_percent:.4g} % of the feasible cells"
         if self.turns_less_percent is None:
             return
-        by = ", ".join(
-            f"{'no constraint' if name == 'none' else name} {share:.0f} %"
-            for name, share in sorted(self.turns_less_by.items(), key=lambda item: -item[1])
-            if share >= 0.5
-        )
-        active = f"; active there: {by}" if by else ""
+        shares = {name: share for name, share in self.turns_less_by.items() if share >= 0.5}
+        weight = shares.pop("none", 0.0)
+        by = ", ".join(f"{name} {share:.0f} %" for name, share in sorted(shares.items(), key=lambda item: -item[1]))
         yield (
             f"the car turns less than with its rear wheels straight in {self.turns_less_percent:.0f} % of the feasible cells"
-            f"{active}"
+            f"{f'; no constraint is active in {weight:.0f} %, where the sideslip weight decides' if weight else ''}"
+            f"{f'; active constraints: {by}' if by else ''}"
         )
 
 

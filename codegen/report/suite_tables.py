@@ -90,7 +90,7 @@ def requirement_table(rows: Sequence[Requirement]) -> str:
         for row in group:
             note = "" if row.passed is None else textwrap.shorten(row.note, NOTE_WIDTH, placeholder=" ...")
             cells.append((f"  {row.figure}", row.asked, measured_text(row), verdict(row), note))
-    return text_table(("", "asked", "measured", "", ""), cells, left=5)
+    return text_table(("", "required", "measured", "", ""), cells, left=5)
 
 
 def measured_text(row: Requirement) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 from codegen import configuration
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
+from codegen.configuration.controller import SPEED_MAX_LEAST_KM_H
 from codegen.design.linearised import SteadyTurns, linearised
 from codegen.design.margins import Margins, loop_margins
 from codegen.design.sampled import SampledCar, frequency_grid
@@ -59,6 +60,9 @@ ALONE_UNSTABLE, MODEL_UNSTABLE, UNEXPLAINED = "car alone unstable", "reference m
 """Explanations of a difference between simulation and linearisation: feedback of bounded authority does not stabilise such a
 car."""
 
+REMEDY = "do not rely on the margins there"
+"""Remedy of a disagreement at speeds that the controller must accept."""
+
 
 @dataclass(frozen=True, eq=False)
 class Region:
@@ -75,6 +79,7 @@ class Region:
         gain makes it unstable; NaN if there is none.
         limit_growth: (2, masses, frictions, speeds), `growth` at MARGIN_SHARES of that; NaN where there is none.
         critical_speed_km_h: speed from which the controller's reference model is unstable; inf for a kind without such a model.
+        map_last_speed_km_h: last speed of the map; a build rejects a largest speed below it.
         driven: whether the simulation was stable; None without a simulation.
         margin_driven: as `limit_growth`, whether the simulation was stable (1 or 0); NaN if not simulated.
     """
@@ -94,6 +99,7 @@ class Region:
     gain_limit: FloatArray
     limit_growth: FloatArray
     critical_speed_km_h: float = math.inf
+    map_last_speed_km_h: float = 0.0
     driven: BoolArray | None = None
     margin_driven: FloatArray | None = None
 
@@ -167,17 +173,22 @@ class Region:
 
     @property
     def disagreement(self) -> str:
-        """Warning if computed and simulated stability disagree, with explanation and remedy; "" if they agree."""
-        cells, first = self.disagreeing, self.disagreeing_from
-        if first is None:
+        """Warning if computed and simulated stability disagree, with explanations and remedy; "" if they agree."""
+        cells = self.disagreeing
+        speeds = [self.speeds_km_h[place] for place in np.unique(np.nonzero(cells)[2])]
+        if not speeds:
             return ""
         counts = (self.contradicted.sum(), cells.size, self.margin_contradicted.sum(), self.margin_sample.sum())
-        unexplained = self.explanations[UNEXPLAINED]
-        why = "the car alone or the reference model is unstable there, and bounded feedback does not stabilise the car"
-        why += f" (but for {unexplained} unexplained)" if unexplained else ""
+        where = f"at {speeds[0]:g} km/h" if len(speeds) == 1 else f"between {speeds[0]:g} and {speeds[-1]:g} km/h"
+        why = ", ".join(f"{what} in {count}" for what, count in self.explanations.items() if count)
+        if self.explanations[UNEXPLAINED] < cells.sum():
+            why += " (bounded feedback does not stabilise such a car)"
+        # A largest speed below the map's last one is rejected by a build, and one below SPEED_MAX_LEAST_KM_H by the file.
+        is_avoidable = speeds[0] > max(self.map_last_speed_km_h, SPEED_MAX_LEAST_KM_H)
+        remedy = f"set controller.inputs.speed_max_km_h below {speeds[0]:g}" if is_avoidable else REMEDY
         return (
             "simulations contradict the computed stability in {} of {} cells and {} of {} gain margins".format(*counts)
-            + f", from {first:g} km/h on; {why}; set controller.inputs.speed_max_km_h below {first:g}"
+            + f", {where}; {why}; {remedy}"
         )
 
     def unstable_from(self, mass: int, friction: int, feedback: bool = True) -> float | None:
@@ -234,6 +245,7 @@ def region(config: Config) -> Region | None:
         limit.reshape(shape),
         limit_growth.reshape(-1, *shape),
         model,
+        config.grid.last_speed_km_h,
     )
 
 
@@ -274,6 +286,7 @@ def confirm(linear: Region, files: Mapping[str, bytes], manifest: Mapping[str, A
         BuildError: the C does not compile.
     """
     config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+    linear = replace(linear, map_last_speed_km_h=manifest["map"]["speed_m_s"][-1] / KM_H)
     return confirm_with(linear, compile_batch(files, manifest, config, isa=isa), config)
 
 

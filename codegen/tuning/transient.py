@@ -101,6 +101,11 @@ class Response:
         return max(self.overshoot_percent / OVERSHOOT_MAX_PERCENT, self.settling_s / SETTLING_MAX_S)
 
     @property
+    def is_on_target(self) -> bool:
+        """Whether the configured car meets both targets."""
+        return self.overshoot_percent <= OVERSHOOT_PERCENT and self.settling_s <= SETTLING_S
+
+    @property
     def is_met(self) -> bool:
         """Whether the configured car keeps its limits."""
         return self.excess <= 1.0

@@ -22,7 +22,7 @@ from codegen.errors import one_line
 from codegen.units import KM_H
 from codegen.verify import requirements
 from codegen.verify.check import Outcome, Verdict
-from codegen.verify.runner import CHECKS, Report
+from codegen.verify.runner import CHECKS, VerificationReport
 
 Figures = Mapping[str, Any]
 Formatted = TypeVar("Formatted")
@@ -100,7 +100,7 @@ class MapView:
     frictions: tuple[str, ...]
 
 
-def manual(report: Report) -> str:
+def manual(report: VerificationReport) -> str:
     """Return the text of `verify.md`, in Markdown."""
     subject = report.subject
     config = subject.config

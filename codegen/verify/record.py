@@ -16,13 +16,13 @@ from codegen.plausibility.build import read_record
 from codegen.verify import requirements
 from codegen.verify.check import Outcome, Verdict
 from codegen.verify.manual import manual
-from codegen.verify.runner import Report
+from codegen.verify.runner import VerificationReport
 
 SCHEMA_VERSION = 1
 JSON, MANUAL = VERIFICATION_FILES
 
 
-def to_dict(report: Report) -> dict[str, Any]:
+def to_dict(report: VerificationReport) -> dict[str, Any]:
     """Return the report as JSON values, without times; tool versions are its only data of the machine."""
     subject = report.subject
     options = subject.manifest["options"]
@@ -56,12 +56,12 @@ def _outcome(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def render(report: Report) -> bytes:
+def render(report: VerificationReport) -> bytes:
     """Return the content of `verify.json` and of `--json`."""
     return (json.dumps(to_dict(report), indent=1, allow_nan=False) + "\n").encode()
 
 
-def write(report: Report, folder: Path) -> bool:
+def write(report: VerificationReport, folder: Path) -> bool:
     """Write both files into the build folder.
 
     Return False if this run was quick and the folder has the record of a full run of the same files, which is then kept.

@@ -125,7 +125,7 @@ SLOWEST_FIRST = (
 
 
 @dataclass(frozen=True)
-class Report:
+class VerificationReport:
     """Outcomes of all checks.
 
     Attributes:
@@ -151,7 +151,7 @@ def run(
     effort: Effort,
     done: Callable[[int, int], None] | None = None,
     checks: Sequence[Registered] = CHECKS,
-) -> Report:
+) -> VerificationReport:
     """Run the checks of an effort.
 
     Args:
@@ -186,7 +186,7 @@ def run(
         for check in crashed:
             outcomes[check.name] = _alone(check, subject, effort, scratch)
             report_progress()
-    return Report(subject, effort, {check.name: outcomes[check.name] for check in checks})
+    return VerificationReport(subject, effort, {check.name: outcomes[check.name] for check in checks})
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from codegen.verify.check import Outcome, Verdict
-from codegen.verify.runner import CHECKS, LEFT_OUT, Report
+from codegen.verify.runner import CHECKS, LEFT_OUT, VerificationReport
 
 WIDTH_MIN, WIDTH_USUAL, WIDTH_MAX = 80, 120, 160
 """Columns; as wide as the terminal, the usual where there is none."""
@@ -24,7 +24,7 @@ FINDINGS_PRINTED_MAX = 10
 TITLES = {check.name: check.title for check in CHECKS}
 
 
-def table(report: Report, columns: int | None = None) -> str:
+def table(report: VerificationReport, columns: int | None = None) -> str:
     """Return rows of check, property, figure and verdict, limited to a number of columns (default: the terminal's)."""
     width = min(max(columns or shutil.get_terminal_size((WIDTH_USUAL, 0)).columns, WIDTH_MIN), WIDTH_MAX)
     is_wide = width >= WIDTH_FOR_ALL
@@ -46,7 +46,7 @@ def table(report: Report, columns: int | None = None) -> str:
     return "\n".join(line.rstrip() for line in page.getvalue().rstrip("\n").split("\n"))
 
 
-def findings(report: Report) -> Iterator[str]:
+def findings(report: VerificationReport) -> Iterator[str]:
     """Return one line for each check that failed or lacks a tool. Checks that `--quick` skips are omitted."""
     for name, outcome in report.outcomes.items():
         if outcome.verdict is not Verdict.PASSED and not _was_left_out(outcome):

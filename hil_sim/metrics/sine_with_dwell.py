@@ -7,11 +7,14 @@ Times and values are interpolated between samples. The signals of a simulation a
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from codegen.arrays import FloatArray
+from codegen.configuration import Config
+from codegen.plausibility.car import distinct
 from hil_sim.manoeuvres import DWELL_LENGTH
 from hil_sim.metrics.run import Metric, Run, common, spin_time
 
@@ -27,6 +30,9 @@ HEAVY_MASS = 3500.0
 """Mass in kg above which less displacement is required. The standard uses the gross rating; this uses the car's mass."""
 DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY = 1.83, 1.52
 """Smallest lateral displacement, in m, of a light and of a heavy car."""
+
+DISPLACEMENT, MEETS_CRITERIA = "lateral_displacement_m", "meets_fmvss_126"
+"""Keys of the displacement and of the outcome in the figures."""
 
 
 @dataclass(frozen=True)
@@ -93,9 +99,28 @@ def lateral_displacement(run: Run, beginning: float, end: float) -> float:
     return float(np.sum(step * speed[:-1] + step**2 * (2.0 * lateral[:-1] + lateral[1:]) / 6.0))
 
 
+def missed_criteria(values: Mapping[str, float | bool | None], config: Config) -> Iterator[str]:
+    """Yield each criterion that figures of `measure`, by key, miss: the measured value and its limit."""
+    displacement, needed = values.get(DISPLACEMENT), _displacement_min(config)
+    if displacement is not None and displacement < needed:
+        yield f"displacement {distinct(displacement, needed, 3)} m (at least {needed:g} m)"
+    for after, limit in RATIO_TIMES:
+        ratio = values.get(_ratio_key(after))
+        if ratio is not None and ratio > limit:
+            yield f"yaw-rate ratio {distinct(ratio, limit, 3)} % after {after:g} s (at most {limit:g} %)"
+
+
+def _displacement_min(config: Config) -> float:
+    return DISPLACEMENT_MIN if config.vehicle.mass_kg <= HEAVY_MASS else DISPLACEMENT_MIN_HEAVY
+
+
+def _ratio_key(after: float) -> str:
+    return f"yaw_rate_ratio_{after:.2f}_s_percent".replace(".", "_", 1)
+
+
 def measure(run: Run) -> list[Metric]:
     """Return the yaw-rate ratios, the lateral displacement, and whether they meet the criteria."""
-    needed = DISPLACEMENT_MIN if run.config.vehicle.mass_kg <= HEAVY_MASS else DISPLACEMENT_MIN_HEAVY
+    needed = _displacement_min(run.config)
     times = steering_times(run)
     displacement, displacement_end = None, math.inf
     ratios: list[float | None] = [None, None]
@@ -111,7 +136,7 @@ def measure(run: Run) -> list[Metric]:
             displacement = abs(lateral_displacement(run, times.beginning, displacement_end))
     rows = [
         Metric(
-            f"yaw_rate_ratio_{after:.2f}_s_percent".replace(".", "_", 1),
+            _ratio_key(after),
             f"yaw-rate ratio {after:.2f} s after steering (at most {limit:g})",
             "%",
             ratio,
@@ -128,7 +153,7 @@ def measure(run: Run) -> list[Metric]:
     return [
         *rows,
         Metric(
-            "lateral_displacement_m",
+            DISPLACEMENT,
             f"lateral displacement {DISPLACEMENT_TIME:g} s after its start (at least {needed:g})",
             "m",
             displacement,
@@ -136,6 +161,6 @@ def measure(run: Run) -> list[Metric]:
             displacement_end,
         ),
         # A spin is a failure and never invalidates this metric.
-        Metric("meets_fmvss_126", "meets these three", "", met, until=-math.inf),
+        Metric(MEETS_CRITERIA, "meets these three", "", met, until=-math.inf),
         *common(run),
     ]

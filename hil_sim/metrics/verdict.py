@@ -15,6 +15,7 @@ from codegen.sil.software import Status
 from codegen.units import KM_H
 from hil_sim.metrics.others import CONE_CLEARANCE
 from hil_sim.metrics.run import Metric, Run
+from hil_sim.metrics.sine_with_dwell import MEETS_CRITERIA, missed_criteria
 from hil_sim.metrics.step import slip_bounds
 
 STEADY_ERROR_MAX_PERCENT = 2.0
@@ -55,7 +56,7 @@ def coverage(manifest: Mapping[str, Any]) -> Covers:
 
 
 def verdict(run: Run, metrics: tuple[Metric, ...], spun_at: float | None, covers: Covers | None = None) -> str:
-    """Return the verdict on a controlled run.
+    """Return the verdict on a controlled run. It begins with the criteria of a standard that the run misses.
 
     Args:
         metrics: figures of the run; those of a step steer show whether it follows its map, those of a path its course.
@@ -64,12 +65,12 @@ def verdict(run: Run, metrics: tuple[Metric, ...], spun_at: float | None, covers
     """
     values = {metric.key: metric.value for metric in metrics}
     status = run["status"]
-    if spun_at is not None:
-        parts = [f"the car spins at t = {spun_at:.2f} s"]
-    elif status[-1] == Status.STANDBY:
-        parts = ["the car stays on the road"]
-    else:
-        parts = [_following(values), *_excess(values), *_slip(run, values)]
+    spin = [] if spun_at is None else [f"the car spins at t = {spun_at:.2f} s"]
+    missed = [] if values.get(MEETS_CRITERIA) is not False else [*spin, *missed_criteria(values, run.config)]
+    parts = [f"misses FMVSS 126: {', '.join(missed)}"] if missed else [*spin]
+    if not spin:
+        is_off = status[-1] == Status.STANDBY
+        parts += ["the car stays on the road"] if is_off else [_following(values), *_excess(values), *_slip(run, values)]
     parts += [*_outside(run, covers), *_states(run)]
     return "verdict: " + "; ".join(parts)
 

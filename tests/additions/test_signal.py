@@ -71,6 +71,11 @@ assert controls["lateral_speed_m_s"].unit == "m/s" and "lateral_speed_available"
 assert controls["reverse_gear"].kind == "boolean"
 assert "lateral_speed_m_s" in {each.name for each in variables_of("loop", software.config) if each.role == "output"}
 
+# the guide
+sys.path.append("docs/_ext")
+import config_tables
+assert "| m/s, lateral speed of the centre of gravity, positive to the left |" in config_tables.markdown()
+
 # runs: of the closed loop, directly and through frames, and of the car on the bus
 assert RECORD_COLUMNS == tuple(column.name for column in COLUMNS)
 place, inputs = RECORD_COLUMNS.index("lateral_speed_m_s"), find("step-steer").inputs(software.config)
@@ -98,7 +103,7 @@ assert all(name in batches[batch].inputs for batch in ("controller", "can") for 
 
 
 def test_a_signal_is_one_entry_of_the_table(tree: Copy) -> None:
-    after = '            in_measurement="ESC or ABS is acting: the integrator holds",\n        ),\n    ] = False\n'
+    after = '            in_layout="ESC or ABS is acting",\n        ),\n    ] = False\n'
     tree.after("codegen/configuration/signals.py", after, SIGNAL)
     tree.run("-c", CHECK, str(ROOT / "generated" / "4ws2-paper.npz"))
     assert len(tree.touched) <= 3

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from codegen import configuration
+from codegen.errors import CodegenError
 from hil_sim.suite import cars, full_suite
 from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.cars import CarResult, CarsResult
@@ -66,6 +67,12 @@ def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[C
     assert "NOT MET" in answer.out
     figure = "all cells, as configured: |sideslip| beyond its bound 1.25 deg (at most 0.2 deg)"
     assert answer.err == f"error: 1 figure misses its requirement: {figure}; see the first table\n"
+
+
+def test_a_limits_file_that_is_too_large_names_its_limit(tmp_path: Path) -> None:
+    (tmp_path / "large.toml").write_bytes(b"#" * (2**16 + 1))
+    with pytest.raises(CodegenError, match="over 64 KiB;"):
+        load(tmp_path / "large.toml")
 
 
 def test_limits_from_a_file_and_their_purpose(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from codegen import configuration
+from codegen.cli.tune_command import _target_note
 from codegen.configuration import Config
 from codegen.design.margins import gains_of, weakest
 from codegen.map_file import map as npz
 from codegen.optimum.solve import solve_case
+from codegen.tuning.transient import Response
 
 from .conftest import Run, edit, everything_in
 
@@ -75,6 +77,18 @@ def test_only_the_gains_of_the_map_change(run: Run, solved: Path) -> None:
         ),
     }
     assert after.config.model_copy(update={"controller": controller.model_copy(update=was)}) == before.config
+
+
+def test_a_missed_target_of_the_step_response_is_a_warning() -> None:
+    met = Response(100.0, 0.05, 0.1, 1.3, 0.9, 0.3, 2.0)
+    assert _target_note((met,)) == ""
+    text = _target_note((met, Response(60.0, 0.05, 0.1, 2.4, 0.9, 0.3, 2.0)))
+    assert text == (
+        "the step responses miss their target of at most 1.3 % overshoot and 1.05 s settling time (60 km/h: 2.4 % and 0.90 s); "
+        "up to 4.3 % and 1.09 s are acceptable"
+    )
+    late = "(60 km/h: 0.8 % and 1.07 s)"
+    assert late in _target_note((Response(60.0, 0.05, 0.1, 0.8, 1.07, 0.3, 2.0),))
 
 
 def test_unmet_requirements_leave_the_map_unchanged(run: Run, solved: Path, here: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from codegen.verify import runner
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.runner import CHECKS, Report
+from codegen.verify.runner import CHECKS, VerificationReport
 
 from .conftest import BUILD, Run
 
@@ -33,10 +33,10 @@ def build(here: Path) -> Path:
 def test_exit_code_last_line_and_record(
     run: Run, build: Path, monkeypatch: pytest.MonkeyPatch, verdicts: list[Verdict], code: int, last: str
 ) -> None:
-    def come(subject: Subject, effort: Effort, *_: Any) -> Report:
+    def come(subject: Subject, effort: Effort, *_: Any) -> VerificationReport:
         pairs = zip(CHECKS, verdicts, strict=True)
         found = {one.name: Outcome(one.shows, "a figure", came, ("why",) * (came is not PASSED)) for one, came in pairs}
-        return Report(subject, effort, found)
+        return VerificationReport(subject, effort, found)
 
     monkeypatch.setattr(runner, "run", come)
     answer = run("verify", build, "--json", "result.json")

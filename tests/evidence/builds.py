@@ -8,7 +8,7 @@ from typing import Any
 
 from codegen.verify import record, runner
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.runner import CHECKS, SLOWEST_FIRST, Registered, Report
+from codegen.verify.runner import CHECKS, SLOWEST_FIRST, Registered, VerificationReport
 from tests.evidence.progress import Progress
 
 SHOWS = "all checks of `codegen verify` pass on the committed builds"
@@ -37,7 +37,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     if not effort.quick:
         for folder, subject in subjects.items():
             ordered = {check.name: outcomes[folder, check] for check in CHECKS}
-            record.write(Report(subject, effort, ordered), folder)
+            record.write(VerificationReport(subject, effort, ordered), folder)
     return _summary(outcomes)
 
 

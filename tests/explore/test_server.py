@@ -12,6 +12,7 @@ from codegen.explore.controls import ExploreError
 from codegen.explore.explorer import Explorer
 from codegen.explore.server import BODY_MAX, ExploreServer
 from codegen.explore.toml_file import Target
+from codegen.report.style import BLACK, CONTROLLER_COLOURS
 
 from .conftest import Answer, Client
 
@@ -48,6 +49,18 @@ def test_the_parts_of_the_page_load_nothing_else(client: Client) -> None:
         assert found.status == 200
         assert all(found.headers[name].startswith(value) for name, value in HEADERS.items())
         assert path == "/plotly.js" or not re.search(rb"https?://", found.body)
+
+
+def test_lines_have_the_colours_of_the_report(client: Client) -> None:
+    """The page names the kind of its controller, and the style sheet has its colour; black follows the theme."""
+    page = client.ask("GET", client.server.address.removeprefix(f"http://{client.host}")).body.decode()
+    kind = client.server.explorer.start.controller.kind
+    assert f'<html lang="en" data-kind="{kind}">' in page
+    style = client.ask("GET", "/explore.css").body.decode()
+    assert set(re.findall(r'data-kind="(.*?)"\] \{ --now: (#\w+);', style)) == {
+        (name, colour) for name, colour in CONTROLLER_COLOURS.items() if name != "passive"
+    }
+    assert re.findall(r"--passive: ([^;]*);", style) == ["var(--ink)"] and CONTROLLER_COLOURS["passive"] == BLACK
 
 
 @pytest.mark.parametrize("host", ["evil.example:{port}", "127.0.0.1:1", "localhost", "", None])

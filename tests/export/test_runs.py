@@ -73,6 +73,15 @@ def test_parquet_by_pyarrow(record: np.ndarray, tmp_path: Path) -> None:
         assert (described[column.name]["unit"], described[column.name]["description"]) == (column.unit, column.meaning)
     assert described["status"]["values"] == {str(int(state)): state.name for state in Status}
     assert table.schema.metadata[b"made_by"].startswith(b"ars-codegen ")
+    assert b"scenario" not in table.schema.metadata
+
+
+def test_the_scenario_is_in_the_metadata(record: np.ndarray, tmp_path: Path) -> None:
+    for suffix in (".mf4", ".parquet", ".csv"):  # CSV has no metadata
+        save(record, tmp_path / f"run{suffix}", "Step steer: 80 km/h")
+    assert parquet.read_schema(tmp_path / "run.parquet").metadata[b"scenario"] == b"Step steer: 80 km/h"
+    with asammdf.MDF(tmp_path / "run.mf4") as run:
+        assert run.groups[0].channel_group.comment.endswith("; scenario: Step steer: 80 km/h")
 
 
 def test_csv_by_the_standard_library(record: np.ndarray, tmp_path: Path) -> None:

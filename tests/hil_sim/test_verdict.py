@@ -69,6 +69,17 @@ def test_a_spin_comes_first() -> None:
     assert judged(STEADY, {Status.LIMITED: 1}, 2.5) == text
 
 
+def test_missed_criteria_of_fmvss_126_come_first() -> None:
+    """The car weighs 2,335 kg, so 1.83 m are required."""
+    missed = {"meets_fmvss_126": False, "lateral_displacement_m": 1.674, "yaw_rate_ratio_1_00_s_percent": 40.0}
+    text = judged(missed, {Status.LIMITED: 1})
+    first = "verdict: misses FMVSS 126: displacement 1.67 m (at least 1.83 m), yaw-rate ratio 40 % after 1 s (at most 35 %); "
+    assert text == f"{first}the car stays on the road; a limit acted in 1 of 100 samples (range of the feedback 1)"
+    assert judged(missed, {}, 2.5).startswith("verdict: misses FMVSS 126: the car spins at t = 2.50 s, displacement 1.67 m")
+    met = {"meets_fmvss_126": True, "lateral_displacement_m": 1.9}
+    assert judged(met, {}) == "verdict: the car stays on the road"
+
+
 @pytest.mark.parametrize(
     ("command", "achieved", "front_angle", "name"),
     [

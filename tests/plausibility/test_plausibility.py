@@ -70,6 +70,24 @@ def test_a_mistake_in_the_configuration_is_found(tables: dict[str, Any], words: 
     assert any(re.search(words, text) for text in car_warnings(hatchback(**tables)))
 
 
+SCHEDULE = {"speed_km_h": [15.0, 120.0], "proportional_gain_s": [0.0, 0.09], "integral_gain": [1.3, 0.5]}
+
+
+@pytest.mark.parametrize("schedule", [None, SCHEDULE])
+@pytest.mark.parametrize(("lead", "lag", "is_found"), [(0.05, 0.08, True), (0.08, 0.05, True), (0.05, 0.05, False)])
+def test_a_fixed_lead_of_another_actuator_is_found(schedule: Any, lead: float, lag: float, is_found: bool) -> None:
+    tracking = {"schedule": schedule, "lead_s": lead}
+    found = car_warnings(hatchback(controller={"tracking": tracking}, rear_actuator={"lag_s": lag}))
+    assert [f"controller.tracking.lead_s = {lead:g} is {lead / lag:.2g} times" in text for text in found] == [True] * is_found
+
+
+def test_a_lead_that_is_tuned_or_yet_to_be_tuned_has_no_warning() -> None:
+    slow = {"lag_s": 0.08}
+    assert car_warnings(hatchback(rear_actuator=slow)) == ()
+    tuned = {"schedule": {**SCHEDULE, "lead_s": [0.0, 0.03], "response_gain_s": [0.1, 0.1]}, "lead_s": 0.05}
+    assert car_warnings(hatchback(controller={"tracking": tuned}, rear_actuator=slow)) == ()
+
+
 def test_handling_is_that_of_the_linear_car() -> None:
     """K = m/L (lr/Cf - lf/Cr), in deg/g; the characteristic speed is sqrt(L/K)."""
     coefficient = 1450.0 / 2.6 * (1.55 - 1.05) / 120e3
@@ -91,6 +109,14 @@ def test_a_map_beyond_the_actuator_or_the_tyres_is_found() -> None:
     facts = MapFacts.of_map(linear, hatchback())
     assert facts.reachable_percent == 100.0
     assert sum(facts.turns_less_by.values()) == pytest.approx(facts.turns_less_percent)
+
+
+def test_cells_without_an_active_constraint_are_attributed_to_the_sideslip_weight() -> None:
+    start = "the car turns less than with its rear wheels straight in 16 % of the feasible cells"
+    found = MapFacts(None, 16.2, {"sideslip": 2.4, "none": 13.4, "rear angle": 0.4})
+    weight = "no constraint is active in 13 %, where the sideslip weight decides"
+    assert list(found.lines()) == [f"{start}; {weight}; active constraints: sideslip 2 %"]
+    assert list(MapFacts(None, 0.0, {}).lines()) == [start.replace("16 %", "0 %")]
 
 
 @pytest.mark.parametrize("tyre_model", ["linear", "magic-formula"])

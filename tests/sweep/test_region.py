@@ -1,7 +1,7 @@
 """The stability region: the linearisation compared with runs of the generated C."""
 
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -90,16 +90,35 @@ def test_a_linearisation_with_other_gains_or_margins_is_contradicted(linear: Reg
     # The paper's car is stable without control and its law has no reference model: nothing explains them.
     assert (
         f"{cells} of {linear.stable.size} cells" in message
-        and f"{cells} unexplained" in message
-        and f"below {first:g}" in message
+        and f"unexplained in {cells}; " in message
+        and "bounded feedback" not in message
     )
     assert disagreeing.explanations == {ALONE_UNSTABLE: 0, MODEL_UNSTABLE: 0, UNEXPLAINED: cells}
     assert replace(disagreeing, critical_speed_km_h=first).explanations[MODEL_UNSTABLE] == cells
     assert replace(disagreeing, without=~disagreeing.without).explanations[ALONE_UNSTABLE] == cells
     assert disagreeing.disagreeing_from == first and wrong.explanations[ALONE_UNSTABLE] == 0
-    assert "unexplained" not in replace(disagreeing, critical_speed_km_h=first).disagreement
+    explained = replace(disagreeing, critical_speed_km_h=first).disagreement
+    assert f"reference model unstable in {cells} (bounded feedback" in explained and "unexplained" not in explained
     blocks = list(region_blocks({"other": disagreeing}))
     assert [block.text for block in blocks if isinstance(block, Text) and block.kind == "notice"] == [f"other: {message}."]
+
+
+def test_a_disagreement_names_its_own_cause_and_a_possible_remedy(linear: Region) -> None:
+    """A build rejects a largest speed below the last one of its map, which is 120 km/h."""
+    assert linear.map_last_speed_km_h == 120.0
+
+    def message(speed_km_h: float, **changes: Any) -> str:
+        driven = linear.stable.copy()
+        driven[1, 4, SPEEDS_KM_H.index(speed_km_h)] ^= True
+        growth = np.where(linear.stable, -1.0, 1.0)
+        return replace(linear, driven=driven, growth=growth, **changes).disagreement
+
+    found = f"simulations contradict the computed stability in 1 of {linear.stable.size} cells and 0 of "
+    of_margins = f"{linear.margin_sample.sum()} gain margins"
+    assert message(60.0) == f"{found}{of_margins}, at 60 km/h; unexplained in 1; do not rely on the margins there"
+    assert message(140.0).endswith(", at 140 km/h; unexplained in 1; set controller.inputs.speed_max_km_h below 140")
+    assert "; car alone unstable in 1 (bounded" in message(60.0, without=~linear.without)
+    assert message(40.0, map_last_speed_km_h=30.0).endswith("; do not rely on the margins there")  # at least 50 km/h
 
 
 class _PlantedBatch:

@@ -13,7 +13,7 @@ from codegen.map_file.map import from_arrays
 from codegen.optimum.solve import solve_case
 from codegen.verify import manual
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.runner import CHECKS, Report
+from codegen.verify.runner import CHECKS, VerificationReport
 from hil_sim.suite.plants import changed
 from tests.verify import builds
 
@@ -36,14 +36,14 @@ def test_the_committed_manual_matches_the_committed_record(name: str) -> None:
         lists = {key: tuple(found[key]) for key in ("findings", "limits")}
         outcomes[check] = Outcome(**{**found, **lists, "verdict": Verdict(found["verdict"])})
     assert list(outcomes) == [check.name for check in CHECKS] == list(manual.TABLES)
-    report = Report(subject, Effort(), outcomes)
+    report = VerificationReport(subject, Effort(), outcomes)
     assert manual.manual(report) == (COMMITTED / name / "verify.md").read_text(encoding="ascii")
 
 
 def text_of(manifest: Manifest, **outcomes: Outcome) -> str:
     """Return the manual with its sentences on one line each."""
     named = {name.replace("_", "-"): outcome for name, outcome in outcomes.items()}
-    text = manual.manual(Report(Subject("sample", {}, manifest, (), "0123abcd" * 8), Effort(), named))
+    text = manual.manual(VerificationReport(Subject("sample", {}, manifest, (), "0123abcd" * 8), Effort(), named))
     assert text.isascii()
     assert "None" not in text, "a value that is missing"
     return text.replace("\n  ", " ")

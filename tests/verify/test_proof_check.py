@@ -13,7 +13,7 @@ from codegen.verify.proof.check import check
 from codegen.verify.proof.executor import Executor
 from codegen.verify.proof.session import Session
 from codegen.verify.proof.solver import Answer
-from codegen.verify.proof.source import CannotJudge, Program, Unit
+from codegen.verify.proof.source import CannotJudge, ParsedProgram, Unit
 from tests.verify import builds
 
 PI = builds.made("pi", "uneven")
@@ -69,7 +69,7 @@ typedef _Bool bool;
 def proof_failures(body: str) -> str:
     """Judge one unit of C like a build, and return everything that prevents a proof."""
     try:
-        program = Program({"x.c": Unit.parse("x.c", TYPES + body)})
+        program = ParsedProgram({"x.c": Unit.parse("x.c", TYPES + body)})
         report = Session(Executor(program, {}), "ars", 0.01).run()
     except CannotJudge as error:
         return f"{error.place}: cannot be judged: {error.what}"

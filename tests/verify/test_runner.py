@@ -12,7 +12,7 @@ import pytest
 from codegen.errors import CodegenError
 from codegen.verify import manual, record, runner
 from codegen.verify.check import Effort, Subject, Verdict
-from codegen.verify.runner import CRASHED, LEFT_OUT, Registered, Report
+from codegen.verify.runner import CRASHED, LEFT_OUT, Registered, VerificationReport
 
 BUILD = Path(__file__).parents[2] / "generated" / "4ws2-paper"
 PASSED, FAILED, NOT_RUN = Verdict.PASSED, Verdict.FAILED, Verdict.NOT_RUN
@@ -41,25 +41,25 @@ def build_copy(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def report() -> Report:
+def report() -> VerificationReport:
     """Return the report of a quick run in several processes, one of which is killed."""
     checks = [registered("slow", "passing", quick=False) if name == "slow" else registered(name) for name in EXPECTED]
     return runner.run(Subject.read(BUILD), Effort(quick=True), lambda *counts: None, checks)
 
 
-def passed(folder: Path, quick: bool = False) -> Report:
+def passed(folder: Path, quick: bool = False) -> VerificationReport:
     """Return the report of one passing check, run in this process."""
     subject, effort = Subject.read(folder), Effort(quick)
-    return Report(subject, effort, {"passing": runner.outcome_of(registered("passing"), subject, effort)})
+    return VerificationReport(subject, effort, {"passing": runner.outcome_of(registered("passing"), subject, effort)})
 
 
-def test_each_check_has_its_outcome_in_the_order_of_the_list(report: Report) -> None:
+def test_each_check_has_its_outcome_in_the_order_of_the_list(report: VerificationReport) -> None:
     assert [(name, (end.verdict, end.findings)) for name, end in report.outcomes.items()] == list(EXPECTED.items())
     assert report.failed == ("failing", "refusing", "broken", "crashing")
     assert report.outcomes["passing"].figures == {"files": len(report.subject.files), "quick": True}
 
 
-def test_the_record_holds_the_report_and_changes_nothing_else(report: Report, build_copy: Path) -> None:
+def test_the_record_holds_the_report_and_changes_nothing_else(report: VerificationReport, build_copy: Path) -> None:
     before = {path: path.read_bytes() for path in build_copy.rglob("*") if path.is_file()}
     assert record.write(report, build_copy)
     after = {path: path.read_bytes() for path in build_copy.rglob("*") if path.is_file()}
@@ -96,7 +96,7 @@ def test_a_record_that_cannot_be_written_is_reported_before_and_after_the_run(bu
         record.write(passed(build_copy), build_copy)
 
 
-def test_the_manual_reports_failures_and_missing_checks(report: Report) -> None:
+def test_the_manual_reports_failures_and_missing_checks(report: VerificationReport) -> None:
     text = manual.manual(report)
     for part in (
         "not a certificate, of ISO 26262",

@@ -151,7 +151,7 @@ def _inputs_at_once(config: Config) -> dict[str, tuple[str, ...]]:
 
 
 _REAR_COMMAND = _input(
-    "rear_angle_command_rad", "rear_angle_command", f"angle asked for at the {_REAR}", (-WHEEL_ANGLE_MAX, WHEEL_ANGLE_MAX)
+    "rear_angle_command_rad", "rear_angle_command", f"commanded angle at the {_REAR}", (-WHEEL_ANGLE_MAX, WHEEL_ANGLE_MAX)
 )
 
 

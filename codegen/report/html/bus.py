@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,9 @@ LOG_BYTES_MAX = 2**30
 LINE_BYTES_MAX = 2**20
 TIME_MAX_S = 1e11
 """Largest time stamp of a frame; Unix time stays below for 3,000 years."""
+ASC_FRAME = re.compile(r"\s*(\S+)\s+(?:\d+\s+[0-9a-f]+x?|CANFD\s+\d+)\s+(?:Rx|Tx)\s", re.IGNORECASE)
+"""Beginning of a frame in an ASC: time, channel, identifier and direction; of CAN FD, the channel and the direction."""
+REMEDY = "give a log that `codegen hil --log` or another tool wrote"
 ANSWER = "Command after the motion frame"
 
 
@@ -47,8 +51,8 @@ class BusTimes:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether every period is the configured one to a microsecond, which no real clock achieves."""
-        return all(bool(np.all(np.abs(values - self.cycle) < 1e-3)) for values in self.periods.values())
+        """Whether every period is the configured one to a microsecond, which no real clock achieves; False without any."""
+        return bool(self.periods) and all(bool(np.all(np.abs(values - self.cycle) < 1e-3)) for values in self.periods.values())
 
 
 def read_log(path: Path, can: Can, name: str) -> BusTimes:
@@ -79,19 +83,19 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
     except ImportError as error:
         raise CodegenError(f"the package that reads it is missing ({one_line(error)})", where=path, remedy=TOOLS) from None
     except Exception as error:  # readers may raise anything for a damaged file
-        remedy = "give a log that `codegen hil --log` or another tool wrote"
-        raise CodegenError(f"not a readable log of a CAN bus ({one_line(error)})", where=path, remedy=remedy) from None
+        raise CodegenError(f"not a readable log of a CAN bus ({one_line(error)})", where=path, remedy=REMEDY) from None
     if path.stat().st_size < whole:
         what = f"it ends early: {path.stat().st_size} of {whole} bytes"
         raise CodegenError(what, where=path, remedy="copy it again, or let the tool that writes it close it")
+    if path.suffix.lower() == ".asc":
+        _check_asc_times(path)
     # On some buses, such as udp_multicast, a node also receives its own frames; the time of sending counts.
     times = {key: sent[key] or received[key] for key in sent}
     if not any(times.values()):
         known = ", ".join(f"0x{message.id:x}" for message in messages)
         raise CodegenError(f"no frame with an id of the build ({known})", where=path, remedy="name its build with --build")
     if not all(abs(stamp) <= TIME_MAX_S for of_message in times.values() for stamp in of_message):  # NaN neither
-        remedy = "give a log that `codegen hil --log` or another tool wrote"
-        raise CodegenError("a frame has an invalid time", where=path, remedy=remedy)
+        raise CodegenError("a frame has an invalid time", where=path, remedy=REMEDY)
     stamps = {message.name: np.sort(np.array(times[message.id])) for message in messages}
     motion, command = stamps[can.vehicle_motion.name], stamps[can.rear_steer_command.name]
     cycle = float(can.vehicle_motion.cycle_time_ms or 10.0)
@@ -119,12 +123,27 @@ def _check_lines(path: Path) -> None:
         raise CodegenError(f"cannot be read ({reason_of(error)})", where=path, remedy="check its permissions") from None
 
 
+def _check_asc_times(path: Path) -> None:
+    """Raise CodegenError for the first frame of an ASC with an invalid time. python-can skips such frames."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, text in enumerate(file, start=1):
+            frame = ASC_FRAME.match(text)
+            if frame is None or re.fullmatch(r"-?\d+\.\d+", frame[1]):
+                continue
+            try:
+                float(frame[1])
+            except ValueError:
+                continue  # a comment
+            what = f"a frame has an invalid time, {one_line(frame[1], 40)}"
+            raise CodegenError(what, where=f"{path}, line {number}", remedy=REMEDY)
+
+
 def bus_blocks(logs: Sequence[BusTimes]) -> Iterator[Block]:
     """Yield histograms and a table for each log."""
     for number, log in enumerate(logs, start=1):
         yield Text(f"{log.name}: period of the frames (nominal {log.cycle:g} ms), and time from a sample to its command.")
         if log.is_simulated:
-            yield Text("The times are simulated and do not show how punctual the ECU is.", "notice")
+            yield Text("These times are simulated. They do not measure the timing of the ECU.", "notice")
         yield Gallery(list(_histograms(log, number)))
         rows = [_row(f"{name}, period", values) for name, values in log.periods.items()]
         if log.answers.size:

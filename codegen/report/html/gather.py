@@ -28,6 +28,7 @@ from codegen.sweep.region import Region, confirm, region
 from hil_sim.fault_catalogue import run_all
 from hil_sim.metrics.step import STEADY_WINDOW
 from hil_sim.runs import run, run_through_can
+from hil_sim.scenario_files import of_run
 from hil_sim.scenarios import DEFAULT, Scenario, find
 from hil_sim.suite.candidate import of_folder
 from hil_sim.suite.subjects import Build, Subject, around_folder
@@ -176,9 +177,7 @@ def _scenario_of(files: Files, request: Request, config: Config) -> Scenario:
     if request.scenario is not None:
         return find(request.scenario, config)
     name, path = next(iter(files.paths.items()))
-    if path.suffix.lower() == ".csv":
-        return replace(find(str(path), config), subject=f"Recording {name}")
-    raise CodegenError("it does not name its scenario", where=path, remedy="add --scenario, such as --scenario step-steer")
+    return replace(of_run(files.runs[name], path), subject=f"Recording {name}")
 
 
 def _require_step(files: Files, scenario: Scenario) -> None:

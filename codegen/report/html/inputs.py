@@ -24,6 +24,8 @@ from hil_sim.recording import load_csv
 LOGS = (".blf", ".asc", ".log")
 FAULTS_BYTES_MAX = 2**24
 RUN_BYTES_MAX = 2**31
+VALUE_MAX = 1e9
+"""Largest magnitude in a recording, in SI units: far above that of any car, and small enough to compute with."""
 KINDS = "a run (.csv, .parquet, .mf4), a log of the bus (.blf, .asc, .log, .mf4) or the JSON of codegen faults"
 
 
@@ -91,8 +93,12 @@ def read_faults(path: Path) -> list[FaultEntry]:
     content = read_file(path, FAULTS_BYTES_MAX, f"give {KINDS}")
     try:
         return TypeAdapter(FaultFile).validate_json(content)["faults"]
-    except ValidationError:
-        raise CodegenError("not what `codegen faults --json` prints", where=path, remedy=f"give {KINDS}") from None
+    except ValidationError as error:
+        fault = error.errors(include_url=False, include_input=False, include_context=False)[0]
+        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in fault["loc"]).lstrip(".")
+        what = f"not what `codegen faults --json` prints ({one_line(fault['msg'])})"
+        where = f"{path}: {one_line(key)}" if key else path
+        raise CodegenError(what, where=where, remedy=f"give {KINDS}") from None
 
 
 def _read_parquet(path: Path) -> FloatArray:
@@ -148,6 +154,10 @@ def _checked(record: FloatArray, path: Path) -> FloatArray:
         raise CodegenError("fewer than two samples", where=path, remedy="give a run that `codegen sil --csv` wrote")
     if not np.isfinite(record[:, 0]).all():
         raise CodegenError("time_s is not finite", where=path, remedy="give a run that `codegen sil --csv` wrote")
+    for sample, column in np.argwhere(np.abs(record) > VALUE_MAX)[:1]:  # NaN is no value, and may be in a run
+        name = RECORD_COLUMNS[column]
+        what = f"{record[sample, column]:g} is beyond {VALUE_MAX:g}, the largest value of a run"
+        raise CodegenError(what, where=f"{path}, sample {sample + 1}, column {name}", remedy="correct the value")
     if not np.all(np.diff(record[:, 0]) > 0.0):
         raise CodegenError("time_s does not rise", where=path, remedy="sort its rows, and leave repeated ones out")
     return record

@@ -92,12 +92,23 @@ def run_blocks(
     yield Table(f"Figures of each run: {scenario.title}", ("", *evaluation.runs), rows)
 
 
-def run_chart(runs: Mapping[str, FloatArray], config: Config, title: str, panels: Sequence[Panel] = PANELS) -> Chart:
+def run_chart(
+    runs: Mapping[str, FloatArray],
+    config: Config,
+    title: str,
+    panels: Sequence[Panel] = PANELS,
+    step_time: float | None = None,
+) -> Chart:
     """Return the chart of the signals, one row each. Reference and command are dashed, limits dotted.
+
+    Args:
+        runs, config, title, panels: what to draw.
+        step_time: time of the steering step in s, which becomes zero; None keeps the time of the runs.
 
     Raises:
         PlotError: no run, or an array of another shape.
     """
+    origin = step_time or 0.0
     colours = colours_of(runs)
     symbols = dict(zip(runs, itertools.cycle(SYMBOLS), strict=False))
     axes: dict[str, Any] = {}
@@ -111,27 +122,31 @@ def run_chart(runs: Mapping[str, FloatArray], config: Config, title: str, panels
         top = 1.0 - row * (height + GAP)
         axes[f"yaxis{name[1:]}"] = axis(panel.title, domain=[max(0.0, top - height), top], nticks=5)
         for run, record in runs.items():
-            data += _lines(run, record, panel, (colours[run], symbols[run]), name, row == 0)
+            data += _lines(run, record, panel, (colours[run], symbols[run]), name, row == 0, origin)
         bound = limits.get(panel.columns[0][0])
         for value in () if bound is None else (bound, -bound):
             drawn = {"color": MUTED, "width": 1.5, "dash": "dot"}
             place = {"xref": "paper", "x0": 0, "x1": 1, "yref": name, "y0": value, "y1": value}
             if _is_near(value, runs, panel):
                 shapes.append({"type": "line", "line": drawn, **place})
-    data.append(_entry("reference or command", INK, "dash"))
-    data.append(_entry("limit", MUTED, "dot"))
-    first, last = run_window(runs)
+    is_dashed = any(trace["line"]["dash"] == "dash" for trace in data)
+    data += [_entry("reference or command", INK, "dash")] if is_dashed else []
+    data += [_entry("limit", MUTED, "dot")] if shapes else []
+    first, last = (time - origin for time in run_window(runs))
+    time_title = "Time (s)" if step_time is None else "Time after the step (s)"
     bottom = f"y{len(panels)}"
     look = layout(
         **axes,
-        xaxis=axis("Time (s)", anchor=bottom, range=[first, last], unifiedhovertitle={"text": "%{x:.2f} s"}),
+        xaxis=axis(time_title, anchor=bottom, range=[first, last], unifiedhovertitle={"text": "%{x:.2f} s"}),
         shapes=shapes,
         hovermode="x unified",
         margin={"l": 80, "r": 20, "t": 30, "b": 50},
     )
     told = "; ".join(_status_text(run, record) for run, record in runs.items() if not is_passive(run))
     status = f" Status: {told}." if told else ""
-    caption = f"{title}. Dashed: reference and command. Dotted: limits of the optimisation and of the actuator.{status}"
+    dashed = " Dashed: reference and command." if is_dashed else ""
+    dotted = " Dotted: limits of the optimisation and of the actuator." if shapes else ""
+    caption = f"{title}.{dashed}{dotted}{status}"
     spoken = f"Signals over time of the runs {', '.join(runs)}: {title}."
     return Chart("runs", {"data": data, "layout": look}, caption, spoken, 940)
 
@@ -140,9 +155,11 @@ def _is_held(runs: Mapping[str, FloatArray]) -> bool:
     return all(float(np.ptp(column(record, "speed_m_s"))) <= SPEED_HELD / KM_H for record in runs.values())
 
 
-def _lines(run: str, record: FloatArray, panel: Panel, look: tuple[str, str], y: str, first: bool) -> Iterator[dict[str, Any]]:
+def _lines(
+    run: str, record: FloatArray, panel: Panel, look: tuple[str, str], y: str, first: bool, origin: float
+) -> Iterator[dict[str, Any]]:
     colour, symbol = look
-    time = column(record, "time_s")
+    time = column(record, "time_s") - origin
     for name, dash in panel.columns:
         if is_passive(run) and name in WORDS:
             continue

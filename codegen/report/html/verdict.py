@@ -133,8 +133,10 @@ def _pictures(material: Material) -> Iterator[Chart]:
     first = maps.heat_maps(material.map).charts[0]
     yield _named(first, "verdict-map")
     if material.runs and material.scenario is not None:
-        panels = runs.PANELS[:1]
-        yield _named(runs.run_chart(material.runs, material.config, material.scenario.title, panels), "verdict-run")
+        scenario = material.scenario
+        step_time = scenario.steer_time if scenario.kind == "step" else None
+        chart = runs.run_chart(material.runs, material.config, scenario.title, runs.PANELS[:1], step_time)
+        yield _named(chart, "verdict-run")
 
 
 def _named(chart: Chart, name: str) -> Chart:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from codegen.verify.proof.calls import Call, Claims
 from codegen.verify.proof.floats import FORMATS
 from codegen.verify.proof.invariants import Path
-from codegen.verify.proof.source import Function, Program
+from codegen.verify.proof.source import Function, ParsedProgram
 from codegen.verify.proof.terms import Pool, Term
 
 INITIAL_ANGLE_MAX = 1.0
@@ -174,7 +174,7 @@ def limiter_started(call: Call) -> Iterator[tuple[str, Term]]:
     yield "it starts from the angle given, from zero where that is beyond 1 rad or no number", pool.feq(kept, wanted)
 
 
-def commanded(program: Program, function: Function, sampling_time: float) -> Claims:
+def commanded(program: ParsedProgram, function: Function, sampling_time: float) -> Claims:
     """Of the controller's step: what it does in each status."""
     constants = program.units[function.unit].constants
 

@@ -63,11 +63,11 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     from codegen.verify.proof.executor import Executor
     from codegen.verify.proof.session import Session
     from codegen.verify.proof.solver import Answer
-    from codegen.verify.proof.source import CannotJudge, Program
+    from codegen.verify.proof.source import CannotJudge, ParsedProgram
 
     hashes = {path: subject.sha256(path) for path in sorted(subject.sources())}
     try:
-        program = Program.read(subject.sources())
+        program = ParsedProgram.read(subject.sources())
         findings = [
             f"no function {subject.prefix}_{name}: what is claimed of it is not shown"
             for name in CLAIMED

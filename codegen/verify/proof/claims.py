@@ -16,7 +16,7 @@ from codegen.verify.proof.calls import Call, Claims
 from codegen.verify.proof.invariants import Path, in_words, within
 from codegen.verify.proof.machine import Machine
 from codegen.verify.proof.memory import State, Typed
-from codegen.verify.proof.source import Function, Program
+from codegen.verify.proof.source import Function, ParsedProgram
 from codegen.verify.proof.terms import BOOL as TRUTH
 from codegen.verify.proof.terms import Term
 
@@ -34,7 +34,7 @@ CLAIMED = ("controller_step", "law_step", "limiter_init", "limiter_step", "e2e_p
 """Functions, without the prefix, of which something is claimed by name."""
 
 
-def of_function(program: Program, function: Function, prefix: str, sampling_time: float) -> list[Claims]:
+def of_function(program: ParsedProgram, function: Function, prefix: str, sampling_time: float) -> list[Claims]:
     """All claims of a public function. sampling_time: s between two steps."""
     name = function.name.removeprefix(f"{prefix}_")
     claims: list[Claims] = []
@@ -119,7 +119,7 @@ def _name(path: Path) -> str:
     return ".".join(map(str, path)) or "the result"
 
 
-def _status_of(program: Program, function: Function) -> Claims:
+def _status_of(program: ParsedProgram, function: Function) -> Claims:
     """The enumerators that the header names."""
     constants = program.units[function.unit].constants
     values = sorted({value for name, value in constants.items() if "_STATUS_" in name and "_E2E_" not in name})

@@ -35,7 +35,7 @@ from codegen.verify.proof.memory import (
 )
 from codegen.verify.proof.obligations import Kind, Obligation, Widened
 from codegen.verify.proof.ranges import Scope
-from codegen.verify.proof.source import CannotJudge, Function, Program, holds_call, place_of
+from codegen.verify.proof.source import CannotJudge, Function, ParsedProgram, holds_call, place_of
 from codegen.verify.proof.terms import BOOL as TRUTH
 from codegen.verify.proof.terms import Pool, Table, Term
 
@@ -55,7 +55,7 @@ class Frame:
 class Machine:
     """What all runs of one build share, and the obligations of the present one."""
 
-    def __init__(self, program: Program, free_tables: dict[str, Widened]) -> None:
+    def __init__(self, program: ParsedProgram, free_tables: dict[str, Widened]) -> None:
         self.program = program
         self.pool, self.facts = Pool(), Facts()
         self.obligations: dict[Obligation, None] = {}

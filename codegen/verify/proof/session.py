@@ -28,7 +28,7 @@ from codegen.verify.proof.invariants import (
 )
 from codegen.verify.proof.obligations import Kind, Obligation
 from codegen.verify.proof.solver import Prover, Verdict
-from codegen.verify.proof.source import CannotJudge, Function, Parameter, Program
+from codegen.verify.proof.source import CannotJudge, Function, Parameter, ParsedProgram
 from codegen.verify.proof.terms import Term
 
 UNFORESEEN = (AssertionError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
@@ -38,7 +38,7 @@ TURNS_MAX = 24
 
 
 @dataclass
-class Report:
+class ProofResult:
     """What came of a proof.
 
     Attributes:
@@ -60,13 +60,13 @@ class Session:
     def __init__(self, machine: Executor, prefix: str, sampling_time: float) -> None:
         self.machine, self.prefix, self.sampling_time = machine, prefix, sampling_time
         self.states: dict[str, Invariant] = {}
-        self.report = Report()
+        self.report = ProofResult()
         self._caller = Caller(machine, self.states, prefix)
         self._prover = Prover(machine.pool, Encoder(machine.facts))
         self._landmarks = sorted(_landmarks(machine.program))
         self._taken: list[Term] = []
 
-    def run(self) -> Report:
+    def run(self) -> ProofResult:
         """Raises CannotJudge: the whole of it cannot be judged."""
         for functions in self._groups():
             try:
@@ -334,7 +334,7 @@ def _sort(scalar: Scalar) -> int:
     return 0 if scalar.family == Family.BOOL else -scalar.width if scalar.family == Family.FLOAT else scalar.width
 
 
-def _landmarks(program: Program) -> set[int]:
+def _landmarks(program: ParsedProgram) -> set[int]:
     """Whole numbers that the program names: where counts may end."""
     found = {0, 1}
     for unit in program.units.values():

@@ -214,7 +214,7 @@ class Unit:
             raise CannotJudge(place_of(node), str(error)) from None
 
 
-class Program:
+class ParsedProgram:
     """All units of a build."""
 
     def __init__(self, units: Mapping[str, Unit]) -> None:

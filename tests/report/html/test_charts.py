@@ -103,6 +103,19 @@ def test_each_panel_shows_its_columns() -> None:
             np.testing.assert_allclose(drawn[words.get(name, "mine"), f"y{number}"], expected, rtol=1e-6, err_msg=name)
 
 
+def test_time_starts_at_the_step_and_the_legend_names_only_what_is_drawn() -> None:
+    """The yaw rate has no limit, and a passive car no reference."""
+    chart = run_chart({"mine": record()}, preset(), "title", PANELS[:1], 3.0)
+    axis = chart.figure["layout"]["xaxis"]
+    assert axis["title"]["text"] == "Time after the step (s)" and axis["range"][0] == -3.0
+    np.testing.assert_allclose(unpacked(chart.figure["data"][0]["x"])[[0, -1]], [-3.0, 0.99], atol=1e-6)
+    assert [trace["name"] for trace in chart.figure["data"]] == ["mine", "mine, reference", "reference or command"]
+    assert "Dotted" not in chart.caption
+    alone = run_chart({"passive": record()}, preset(), "title", PANELS[:1])
+    assert [trace["name"] for trace in alone.figure["data"]] == ["passive"] and alone.caption == "title."
+    assert {trace["name"] for trace in run_chart({"mine": record()}, preset(), "title").figure["data"]} >= {"limit"}
+
+
 def test_limits_are_those_of_the_configuration() -> None:
     """The smaller limit of actuator and optimisation is drawn; for slips, the end of the linear range."""
     config = preset()

@@ -16,13 +16,15 @@ from codegen.export import runs as exported
 from codegen.report.fault_table import FaultEntry
 from codegen.report.html import build, page
 from codegen.report.html.blocks import Chart, Section, Table, Text
-from codegen.report.html.gather import Request, gather, read
+from codegen.report.html.gather import Request, _scenario_of, gather, read
 from codegen.report.html.inputs import named, read_files
 from codegen.report.html.report import sections
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.verify.runner import CHECKS
 from hil_sim.frames import Frame
 from hil_sim.logs import BusLog
+from hil_sim.scenarios import find
+from tests.hil_sim.made import record as drive
 from tests.report.html.test_charts import record
 
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
@@ -123,6 +125,48 @@ def test_a_log_gives_periods_and_answer_times(tmp_path: Path) -> None:
         assert len(answers) < 4 or found.is_simulated == (name == "lock-step.asc"), name  # too few to decide
 
 
+@pytest.mark.parametrize("time", ["nan", "inf", "1e308"])
+def test_a_frame_with_an_invalid_time_is_an_error(tmp_path: Path, time: str) -> None:
+    path = log(tmp_path / "bus.asc", cycles((0.01,)))
+    text = path.read_text(encoding="ascii")
+    path.write_text(text.replace(" 0.010000 ", f" {time} ", 1), encoding="ascii")
+    line = text[: text.index(" 0.010000 ")].count("\n") + 1
+    with pytest.raises(CodegenError) as error:
+        read_files([str(path)], CAN)
+    assert str(error.value).startswith(f"{path}, line {line}: a frame has an invalid time, {time};")
+
+
+def test_one_frame_has_no_period_and_is_not_simulated(tmp_path: Path) -> None:
+    (found,) = read_files([str(log(tmp_path / "one.blf", [(0x101, 0.0, False)]))], CAN).logs
+    assert not found.periods and not found.is_simulated
+
+
+def test_runs_of_all_formats_are_evaluated_alike(tmp_path: Path) -> None:
+    """Without --scenario, a run is a recording of its speed and steering."""
+    config, wanted, driven = preset(), None, drive(2.0, front_angle_rad=lambda time: 0.02 * time)
+    for suffix in (".csv", ".parquet", ".mf4"):
+        path = tmp_path / f"run{suffix}"
+        exported.save(driven, path, "Step steer: 80 km/h")
+        scenario = _scenario_of(read_files([str(path)], CAN), Request(Path("map.npz")), config)
+        inputs = scenario.inputs(config)
+        wanted = find(str(path), config).inputs(config) if wanted is None else wanted
+        np.testing.assert_array_equal(inputs, wanted)
+        assert (scenario.kind, scenario.subject) == ("recording", "Recording run")
+    driven[3, RECORD_COLUMNS.index("speed_m_s")] = 200.0
+    exported.save(driven, path)
+    with pytest.raises(CodegenError, match=r"run\.mf4, sample 4, column speed_m_s: 200 is outside 0 to 150 m/s"):
+        _scenario_of(read_files([str(path)], CAN), Request(Path("map.npz")), config)
+
+
+@pytest.mark.parametrize("value", [1e308, -np.inf])
+def test_a_value_too_large_to_compute_with_is_an_error(tmp_path: Path, value: float) -> None:
+    wrong = record()
+    wrong[2, RECORD_COLUMNS.index("sideslip_rad")] = value
+    exported.save(wrong, tmp_path / "run.csv")
+    with pytest.raises(CodegenError, match=rf"sample 3, column sideslip_rad: {value:g} is beyond 1e\+09".replace("e+", r"e\+")):
+        read_files([str(tmp_path / "run.csv")], CAN)
+
+
 def test_fault_markers_and_run_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fault: dict[str, object] = dict.fromkeys(FaultEntry.__annotations__, 0.0)
     fault |= {"name": "x", "injected": "a frame lost", "seen": [], "reached": "A", "defined": "A", "violations": []}
@@ -132,7 +176,7 @@ def test_fault_markers_and_run_names(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert [entry["injected"] for entry in found] == ["a frame lost"]
     for key, wrong in (("seen", "text"), ("rear_rate_max_deg_s", "NaN"), ("violations", [1]), ("reached", None)):
         path.write_text(json.dumps({"faults": [fault | {key: wrong}]}), encoding="utf-8")
-        with pytest.raises(CodegenError, match="not what `codegen faults --json` prints"):
+        with pytest.raises(CodegenError, match=rf"faults\[0\]\.{key}.*: not what `codegen faults --json` prints"):
             read_files([str(path)], CAN)
     monkeypatch.chdir(tmp_path)
     assert named("C1=a/b.csv") == ("C1", Path("a/b.csv"))
