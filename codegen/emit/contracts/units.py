@@ -34,6 +34,8 @@ LAW_BOUNDS = {
     "yaw_rate": SAMPLE_RANGES["yaw_rate"][1],
 }
 """Bounds of the members of a law's state, SI units."""
+TASK_COUNT_MAX = 64
+"""Bound of the counts of disturbances in the task."""
 GOOD_SAMPLES_MAX = 10_000
 LATERAL_ACCELERATION_MAX_M_S2 = 4096.0
 """Bound of the lateral acceleration that is computed from believed signals."""
@@ -114,6 +116,10 @@ class _Table:
         receiver = (*(f"(value->{name} <= {E2E_COUNTER_MAX}u)" for name in counters), "(value->sync_counter <= 1u)")
         yield Invariant(own("e2e_receiver_t"), (*receiver, "is_flag(value->waits_for_first)"))
         yield Invariant(own("e2e_supervision_t"), (self.is_code("value->state", 3),))
+        states = (f"{own(f'e2e_{name}_holds')}(&value->{name})" for name in ("receiver", "supervision"))
+        counts = ("(value->causes <= 7u)", "(value->advance <= 7u)")
+        yield Invariant(own("task_input_t"), (*states, *counts, "is_flag(value->disturbed)", "is_flag(value->usable)"))
+        yield Invariant(own("task_t"), tuple(self._task()))
 
     def _parameters(self, ctype: str, views: Iterable[ParameterView], relations: Iterable[str]) -> Invariant:
         """Ranges of the parameters, and the relations between them that proofs use."""
@@ -191,6 +197,24 @@ class _Table:
         yield f"((value->status > {status}_LIMITED) || value->enabled)"
         yield f"(((value->status != {status}_STANDBY) && (value->status != {status}_FAIL_SAFE)) || !value->enabled)"
         yield "(value->rear_angle == value->limiter.rear_angle)"
+
+    def _task(self) -> Iterator[str]:
+        yield f"{self.own('controller_holds')}(&value->controller)"
+        for name in ("motion", "conditions"):
+            yield f"{self.own('task_input_holds')}(&value->{name}_input)"
+            frame = next(each for each in self.context["can"].messages if each.role == f"vehicle_{name}")
+            yield from (claim.condition for claim in self._signals(frame, f"value->{name}."))
+        yield f"(value->counter <= {E2E_COUNTER_MAX}u)"
+        yield f"((value->backlog <= {TASK_COUNT_MAX}u) && (value->disturbance <= {TASK_COUNT_MAX}u))"
+        yield self.within("value->expected_angle", self.high("rear_angle_max"))
+        yield from (f"is_flag(value->{name})" for name in ("conditions.inhibit", "conditions_close", "started"))
+
+    def _signals(self, frame: Any, signals: str) -> Iterator[Claim]:
+        """Ranges of unpacked signals, one step wider for the rounding."""
+        for signal in frame.reals:
+            layout, name = signal.layout, f"{signals}{signal.definition.role}"
+            inside = self.between(name, layout.physical_low - layout.factor, layout.physical_high + layout.factor)
+            yield Claim(f"{signal.definition.role} is in the range of its frame, or NaN", f"(({name} != {name}) || {inside})")
 
     def _believed(self, sample: str) -> Iterator[Claim]:
         """Ranges of a checked sample."""
@@ -377,6 +401,7 @@ class _Table:
         yield from self._controller_units()
         yield from self._e2e_units()
         yield from self._can_units()
+        yield from self._task_units()
 
     def argument(self, name: str, ctype: str, role: Any) -> Argument:
         return Argument(name, self.own(ctype), role)
@@ -711,15 +736,33 @@ class _Table:
         absent = Claim("it is NaN", "result != result")
         yield Unit(self.own("can_not_available"), unit, (), self.real, ensures=(absent,))
         for frame in self.context["can"].messages:
-            signals, ensures = f"{frame.role}_t", []
-            for signal in frame.reals:
-                layout = signal.layout
-                low, high = layout.physical_low - layout.factor, layout.physical_high + layout.factor
-                name = f"signals->{signal.definition.role}"
-                text = f"{signal.definition.role} is in the range of its frame, or NaN"
-                ensures.append(Claim(text, f"({name} != {name}) || {self.between(name, low, high)}"))
+            signals, ensures = f"{frame.role}_t", self._signals(frame, "signals->")
             data = Argument("data", "uint8_t", "bytes in")
             out = self.argument("signals", signals, "out")
             yield Unit(self.own(f"can_unpack_{frame.role}"), unit, (data, out), ensures=tuple(ensures))
             arguments = (self.argument("signals", signals, "in"), Argument("data", "uint8_t", "bytes out"))
             yield Unit(self.own(f"can_pack_{frame.role}"), unit, arguments, conversions=False)
+
+    def _task_units(self) -> Iterator[Unit]:
+        own, unit, init = self.own, self.own("task"), self.own("controller_init")
+        new, state = (self.argument("self", "task_t", role) for role in ("new", "state"))
+        kept = Claim("the parameters are those given", "self->parameters == parameters")
+        frames = (own("e2e"), own("can"))
+        more: dict[str, Any] = {"linked": frames, "conversions": False}
+        parameters = self.argument("parameters", "parameters_t", "parameter")
+        yield Unit(own("task_init"), unit, (new, parameters), ensures=(kept,), callees=(init,), **more)
+        more["before"] = (
+            f"{own('parameters_t')} parameters;",
+            "self.parameters = &parameters;",
+            f"CONTRACT_ASSUME({own('parameters_holds')}(&parameters));",
+        )
+        more["callees"] = (init, own("controller_step"))
+        data, length = Argument("data", "uint8_t", "bytes in"), Argument("length", "uint8_t")
+        yield Unit(own("task_on_can_frame"), unit, (state, Argument("id", "uint32_t"), data, length), **more)
+        identifier = f"result == (uint32_t){self.upper}_CAN_ID_REAR_STEER_COMMAND"
+        crc = f"{own('e2e_crc')}((uint16_t){self.upper}_CAN_DATA_ID_REAR_STEER_COMMAND, data) == data[0]"
+        sent = (
+            Claim("it is the frame of the command", identifier),
+            Claim("the frame has a counter and the right CRC", f"((data[1] & 0x0Fu) <= {E2E_COUNTER_MAX}u) && ({crc})"),
+        )
+        yield Unit(own("task_10ms"), unit, (state, Argument("data", "uint8_t", "bytes out")), "uint32_t", ensures=sent, **more)
