@@ -10,24 +10,20 @@ from codegen.emit.contracts.units import contracts_of
 from codegen.emit.render import render
 
 FOLDER = "verify"
-CHECKS = (
-    "--bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check --undefined-shift-check"
-)
+CHECKS = "--bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check"
 CONVERSIONS = "--conversion-check"
-SOLVER = "--no-standard-checks --unwinding-assertions --slice-formula --bitwuzla"
+SOLVER = "--undefined-shift-check --no-standard-checks --unwinding-assertions --slice-formula --bitwuzla"
 """Without slicing, CBMC copies structs of floats whole, which its SMT encoding does not support."""
 
 
-def command_of(
-    name: str, files: Iterable[str], unwind: int, conversions: bool = True, replaced: Iterable[tuple[str, str]] = ()
-) -> str:
+def command_of(name: str, files: Iterable[str], unwind: int, conversions: bool = True, replaced: Iterable[str] = ()) -> str:
     """Return the command that proves a harness in the folder of the build."""
     entry = f"prove_{name}"
     given = f"{' '.join((f'{FOLDER}/{entry}.c', *files))} -Iinclude -I{FOLDER}"
     before = ""
     if replaced:
         program = f'"${{TMPDIR:-/tmp}}/{entry}.goto"'
-        calls = " ".join(f"--replace-calls {old}:{new}" for old, new in replaced)
+        calls = " ".join(f"--replace-calls {name}:{name}_of_lemma" for name in replaced)
         before = f"goto-cc -o {program} {given} && goto-instrument {calls} {program} {program} >/dev/null && "
         given = program
     checks = f"{CHECKS} {CONVERSIONS}" if conversions else CHECKS
@@ -71,4 +67,3 @@ def _ensured(unit: Unit, in_harness: bool) -> list[str]:
     given = [each.passed if in_harness else each.name for each in unit.arguments]
     result = [f"{'&' if unit.result_is_struct else ''}result"] if unit.result else []
     return [*given, *result, *(f"&{each.name}_before" for each in unit.states)]
-
