@@ -254,6 +254,7 @@ class _Table:
         yield Lemma("lemma_constants", linked=(self.own("calibration"),))
         limited = (self.argument("parameters", "limiter_parameters_t", "in"), number["speed"])
         yield Lemma("lemma_opposite_phase", limited, unit=self.own("limiter"))
+        yield Lemma("lemma_magnitude", (number["value"],), unit=self.own("limiter"))
         if self.has_plain_map:
             unit, searched = self.own("map"), (number["speed"], number["front_angle"])
             yield Lemma("lemma_axes", before=("assume_breakpoints();",), unwind=self._rounds())
@@ -329,7 +330,8 @@ class _Table:
         step = Unit(own("limiter_step"), unit, arguments, self.real, ensures=tuple(self._limited()), facts=facts, includes=True)
         *bounds, passes = self._bounded_over_speed()
         yield replace(step, more=tuple(bounds))
-        yield replace(step, facts=(), more=(passes,), part="_demand")
+        alone: dict[str, Any] = {"stand_in": "magnitude_of_lemma", "replaced": ("magnitude",)}
+        yield replace(step, facts=(), more=(passes,), part="_demand", **alone)
 
     def _bounded_over_speed(self) -> Iterator[Claim]:
         """Claims that no caller uses: the bound against the front wheels, and that the limiter does nothing of its own."""
