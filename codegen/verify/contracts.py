@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import tempfile
@@ -15,17 +16,21 @@ from pathlib import Path
 from typing import Any, Literal
 
 from codegen.emit.contracts.files import FOLDER
+from codegen.errors import BuildError
 from codegen.verify.cbmc import programs, version
 from codegen.verify.check import Effort, Outcome, Subject, stored
 from codegen.verify.check import Verdict as CheckVerdict
 from codegen.verify.packages import MissingTool
 
 Verdict = Literal["proved", "failed", "open", "not run"]
-TIME_LIMIT_S = 120.0
-"""Time limit of one harness."""
+TIME_LIMIT_S = 300.0
+"""Time limit of each run of CBMC; the longest takes some 100 s."""
 HARNESSES = "verify/prove_*.c"
 END = "check_end.assertion.1"
 """The assertion at the end of each harness, which must fail: properties that are never reached would count as proved."""
+_WORDS = r'(?: (?:[\w./:-]+|"\$\{TMPDIR:-/tmp\}/\w+\.goto"))+'
+_COMMAND = re.compile(rf" \* (?:goto-cc{_WORDS} && goto-instrument{_WORDS} >/dev/null && )?cbmc{_WORDS}", re.ASCII)
+"""The command in the head of a harness: plain words, so that the shell runs nothing else."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,9 @@ def prove(build: Path, limit_s: float = TIME_LIMIT_S, wanted: Callable[[str], bo
         build: folder of the build.
         limit_s: time limit of each harness.
         wanted: choice of harnesses by name, such as "ars_limiter_step".
+
+    Raises:
+        BuildError: see `command_of`.
     """
     names = {path: path.stem.removeprefix("prove_") for path in sorted(build.glob(HARNESSES))}
     harnesses = {path: name for path, name in names.items() if wanted(name)}
@@ -64,14 +72,22 @@ def prove(build: Path, limit_s: float = TIME_LIMIT_S, wanted: Callable[[str], bo
     def run(path: Path) -> Result:
         return _Run(build, environment, limit_s).prove(path, harnesses[path])
 
+    # The longest commands have the most callees and take the longest time: they come first, so that none is left for the end.
+    order = sorted(harnesses, key=lambda path: -len(command_of(path)))
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
-        return list(workers.map(run, harnesses))
+        return sorted(workers.map(run, order), key=lambda result: result.harness)
 
 
 def command_of(harness: Path) -> str:
-    """Return the command line that the head of a harness states."""
-    lines = harness.read_text(encoding="ascii").splitlines()
-    return next(line for line in lines if line.startswith((" * cbmc ", " * goto-cc "))).removeprefix(" * ")
+    """Return the command line that the head of a harness states.
+
+    Raises:
+        BuildError: there is none, or it could run anything but CBMC.
+    """
+    for line in harness.read_text(encoding="ascii", errors="replace").splitlines():
+        if _COMMAND.fullmatch(line):
+            return line.removeprefix(" * ")
+    raise BuildError("its head has no command of CBMC", where=harness, remedy="build again with `codegen build`")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,10 @@ from codegen.emit.text import Precision
 from codegen.sil.toolchain import compiler_command
 from tests.emit.rendered import EACH_KIND_AND_DOUBLE, laid_out, rendered
 
-STUBS = ("-D__CPROVER_assume(condition)=((void)(condition))", "-D__CPROVER_assert(condition,text)=((void)(condition),(void)(text))")
+STUBS = (
+    "-D__CPROVER_assume(condition)=((void)(condition))",
+    "-D__CPROVER_assert(condition,text)=((void)(condition),(void)(text))",
+)
 FLAGS = ("-std=c99", "-fsyntax-only", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Iinclude", "-Iverify", *STUBS)
 
 
@@ -28,7 +31,9 @@ def test_commands_name_files_of_the_build(kind: Kind) -> None:
     files = rendered(kind).files
     for path, content in files.items():
         if path.startswith("verify/prove_"):
-            command = re.search(rf"^ \* (cbmc|goto-cc) .*{re.escape(path)} .*--function {Path(path).stem} ", content.decode(), re.M)
+            command = re.search(
+                rf"^ \* (cbmc|goto-cc) .*{re.escape(path)} .*--function {Path(path).stem} ", content.decode(), re.M
+            )
             assert command, path
             assert {word for word in command[0].split() if word.endswith(".c")} <= files.keys()
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from codegen.errors import BuildError
 from codegen.verify import cbmc
 from codegen.verify.contracts import prove
 from tests.emit.rendered import laid_out, rendered
@@ -73,6 +74,14 @@ def _has_ended(process: int) -> bool:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
     except (ProcessLookupError, FileNotFoundError):
         return True
+
+
+@pytest.mark.parametrize("more", ["; touch x", " $(touch x)", " > x", " & touch x", " | sh"])
+def test_a_head_runs_nothing_but_the_model_checker(stand_in: Path, more: str) -> None:
+    harness = stand_in / "verify" / "prove_x.c"
+    harness.write_text(harness.read_text().replace("--function prove_x", f"--function prove_x{more}"))
+    with pytest.raises(BuildError, match="no command of CBMC"):
+        prove(stand_in)
 
 
 def test_missing_programs_are_reported(stand_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:

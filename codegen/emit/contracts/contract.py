@@ -9,8 +9,8 @@ from typing import Literal
 Role = Literal["value", "in", "out", "new", "state", "parameter", "bytes in", "bytes out"]
 """Use of an argument.
 
-value: a number. in, out: a struct that is read, or written. new, state: a struct whose invariant holds after the call, or before
-and after it. parameter: a struct of calibration parameters whose invariant holds. bytes in, bytes out: a frame of eight bytes.
+value: a number. in, out: a struct that is read, or written. new, state: a struct whose invariant holds after the call, or
+before and after it. parameter: a struct that is read and whose invariant holds. bytes in, bytes out: a frame of eight bytes.
 """
 
 
@@ -82,30 +82,20 @@ class Invariant:
 
 @dataclass(frozen=True)
 class Lemma:
-    """A fact that is proved alone and assumed in the proofs of functions.
+    """A fact that is proved alone, for all values of its arguments, and assumed in the proofs of functions.
 
     Attributes:
-        name: of the lemma. arguments: for every value of which it holds.
-        claims: what holds; each condition states its own premises.
-        statements: declarations that the conditions use.
         unit: the unit of the build whose static functions it uses; "" for none.
         linked: units of the build whose C is part of the proof.
         before: statements of the harness that apply other lemmas.
     """
 
     name: str
-    arguments: tuple[Argument, ...]
-    claims: tuple[Claim, ...]
-    statements: tuple[str, ...] = ()
+    arguments: tuple[Argument, ...] = ()
     unit: str = ""
     linked: tuple[str, ...] = ()
     before: tuple[str, ...] = ()
     unwind: int = 16
-
-    @property
-    def listed(self) -> str:
-        """Arguments of the C function."""
-        return ", ".join(each.read_only for each in self.arguments) or "void"
 
 
 @dataclass(frozen=True)
@@ -118,7 +108,7 @@ class Unit:
         more: claims of the harness that no caller uses; arguments are objects there, not pointers.
         part: end of the name of a further harness of the function, which proves `more` alone.
         includes: the harness includes the C of the unit, so that the facts can use its static functions.
-        stand_in: C of functions that replace static ones of the unit. replaced: the names of both, in pairs.
+        stand_in: macro of `lemmas.j2` with functions that replace the static ones `replaced` of the unit.
         callees: functions that are replaced by their contracts.
         linked: further units of the build whose C is part of the proof.
         unwind: loop rounds, one more than the longest loop has.
@@ -137,8 +127,8 @@ class Unit:
     more: tuple[Claim, ...] = ()
     part: str = ""
     includes: bool = False
-    stand_in: tuple[str, ...] = ()
-    replaced: tuple[tuple[str, str], ...] = ()
+    stand_in: str = ""
+    replaced: tuple[str, ...] = ()
     callees: tuple[str, ...] = ()
     linked: tuple[str, ...] = ()
     unwind: int = 16

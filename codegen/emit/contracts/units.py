@@ -1,8 +1,8 @@
 """The contracts of a build: the one table of what its functions require and ensure.
 
-Ranges come from the tables of parameters, signals and laws. Conditions are C over the arguments, `result` and, for the value of a
-state before the call, `<argument>_before`; `->` leads from an argument to its members. The invariants hold for every state that
-the code leaves behind. Their bounds leave room for rounding, which makes them provable.
+Ranges come from the tables of parameters, signals and laws. Conditions are C over the arguments, `result` and, for the value of
+a state before the call, `<argument>_before`; `->` leads from an argument to its members. The invariants hold for every state
+that the code leaves behind. Their bounds leave room for rounding, which makes them provable.
 """
 
 from __future__ import annotations
@@ -10,20 +10,24 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
+from codegen.configuration.can import RealSignal
 from codegen.configuration.signals import STATUSES
+from codegen.emit.can_view import CanView, Frame
+from codegen.emit.constants import Constant
 from codegen.emit.contracts.contract import Argument, Claim, Invariant, Lemma, Unit
-from codegen.emit.inputs_view import FRICTION_UNKNOWN
+from codegen.emit.controller_view import ControllerView
+from codegen.emit.inputs_view import FRICTION_UNKNOWN, InputsView
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S
+from codegen.emit.limiter_view import LimiterView
+from codegen.emit.map_view import MapView
 from codegen.emit.parameters import ParameterView
-from codegen.emit.text import literal
+from codegen.emit.reference_model_view import ReferenceModelView
+from codegen.emit.text import Precision, literal
 
 MAP_YAW_RATE_MAX_RAD_S = 16.0
 """Bound of the looked-up yaw rate: above the table's, by more than the rounding of two interpolations; a power of two."""
-CELL_BOUNDS = ((0.0, MAP_YAW_RATE_MAX_RAD_S), (-1.0, 1.0))
-"""Bounds of an interpolated yaw rate (rad/s) and rear angle (rad): those of the tables with room for rounding."""
 REFERENCE_MAX_RAD_S = 20.0
 """Bound of the yaw rate that a law follows."""
 LAW_BOUNDS = {
@@ -34,6 +38,8 @@ LAW_BOUNDS = {
     "yaw_rate": SAMPLE_RANGES["yaw_rate"][1],
 }
 """Bounds of the members of a law's state, SI units."""
+TASK_COUNT_MAX = 64
+"""Bound of the counts of disturbances in the task."""
 GOOD_SAMPLES_MAX = 10_000
 LATERAL_ACCELERATION_MAX_M_S2 = 4096.0
 """Bound of the lateral acceleration that is computed from believed signals."""
@@ -62,14 +68,21 @@ def contracts_of(context: Mapping[str, Any]) -> Contracts:
 
 class _Table:
     def __init__(self, context: Mapping[str, Any]) -> None:
-        self.context, self.real = context, context["real"]
-        self.p, self.upper = context["build"].prefix, context["build"].PREFIX
-        self.has_model = context["law"].uses_reference_model
+        self.precision: Precision = context["precision"]
+        self.real: str = context["real"]
+        self.prefix, self.upper = context["build"].prefix, context["build"].PREFIX
+        self.map: MapView = context["map"]
+        self.controller: ControllerView = context["controller"]
+        self.inputs: InputsView = context["inputs"]
+        self.limiter: LimiterView = context["limiter"]
+        self.can: CanView = context["can"]
+        self.model: ReferenceModelView | None = context["model"]
+        self.constants: tuple[Constant, ...] = context["constants"]
 
     # Conditions
 
     def number(self, value: float) -> str:
-        return literal(value, self.context["precision"])
+        return literal(value, self.precision)
 
     def within(self, expression: str, limit: float | str) -> str:
         return f"lies_within({expression}, {limit if isinstance(limit, str) else self.number(limit)})"
@@ -78,21 +91,21 @@ class _Table:
         return f"lies_between({expression}, {self.number(low)}, {self.number(high)})"
 
     def high(self, name: str) -> str:
-        return next(view.high for view in self.context["inputs"].parameters if view.name == name)
+        return next(view.high for view in self.inputs.parameters if view.name == name)
 
     def is_code(self, expression: str, last: int) -> str:
         return f"((uint32_t){expression} <= {last}u)"
 
     def own(self, name: str) -> str:
-        return f"{self.p}_{name}"
+        return f"{self.prefix}_{name}"
 
     # Invariants
 
     def invariants(self) -> Iterator[Invariant]:
-        context, own = self.context, self.own
-        yield self._parameters("limiter_parameters_t", context["limiter"].parameters, ())
-        yield self._parameters("inputs_parameters_t", context["inputs"].parameters, ())
-        yield self._parameters("parameters_t", context["controller"].parameters, self._parameter_relations())
+        own = self.own
+        yield self._parameters("limiter_parameters_t", self.limiter.parameters, ())
+        yield self._parameters("inputs_parameters_t", self.inputs.parameters, ())
+        yield self._parameters("parameters_t", self.controller.parameters, self._parameter_relations())
         yield Invariant(
             own("limiter_t"),
             (
@@ -103,10 +116,11 @@ class _Table:
             ),
         )
         yield self._inputs()
-        if self.has_model:
-            model = context["model"]
+        if model := self.model:
             bounds = {"sideslip_angle": model.sideslip_max, "yaw_rate": model.yaw_rate_max, "rear_angle": model.rear_angle_max}
-            yield Invariant(own("reference_model_t"), tuple(self.within(f"value->{name}", each) for name, each in bounds.items()))
+            yield Invariant(
+                own("reference_model_t"), tuple(self.within(f"value->{name}", each) for name, each in bounds.items())
+            )
             yield Invariant(own("grip_t"), self._grip())
         yield Invariant(own("law_t"), tuple(self._law()))
         yield Invariant(own("controller_t"), tuple(self._controller()))
@@ -114,6 +128,10 @@ class _Table:
         receiver = (*(f"(value->{name} <= {E2E_COUNTER_MAX}u)" for name in counters), "(value->sync_counter <= 1u)")
         yield Invariant(own("e2e_receiver_t"), (*receiver, "is_flag(value->waits_for_first)"))
         yield Invariant(own("e2e_supervision_t"), (self.is_code("value->state", 3),))
+        states = (f"{own(f'e2e_{name}_holds')}(&value->{name})" for name in ("receiver", "supervision"))
+        counts = ("(value->causes <= 7u)", "(value->advance <= 7u)")
+        yield Invariant(own("task_input_t"), (*states, *counts, "is_flag(value->disturbed)", "is_flag(value->usable)"))
+        yield Invariant(own("task_t"), tuple(self._task()))
 
     def _parameters(self, ctype: str, views: Iterable[ParameterView], relations: Iterable[str]) -> Invariant:
         """Ranges of the parameters, and the relations between them that proofs use."""
@@ -155,20 +173,20 @@ class _Table:
         return Invariant(self.own("inputs_t"), tuple(claims))
 
     def _law(self) -> Iterator[str]:
-        for field in self.context["controller"].law_state:
+        for field in self.controller.law_state:
             name = f"value->{field.name}"
             if field.kind == "bool":
                 yield f"is_flag({name})"
-            elif field.name == "previous_model_yaw_rate":
-                yield self.within(name, self.context["model"].yaw_rate_max)
+            elif self.model and field.name == "previous_model_yaw_rate":
+                yield self.within(name, self.model.yaw_rate_max)
             elif field.kind == "real":
                 yield self.within(name, LAW_BOUNDS[field.name])
             elif field.name == "model":
                 yield f"{self.own('reference_model_holds')}(&{name})"
 
     def _grip(self) -> tuple[str, ...]:
-        constants = {each.name: each.value for each in self.context["constants"]}
-        friction_min = next(view.low for view in self.context["controller"].parameters if view.name == "friction_min")
+        constants = {each.name: each.values[0] for each in self.constants}
+        friction_min = next(view.low for view in self.controller.parameters if view.name == "friction_min")
         least = 0.5 * float(friction_min.rstrip("f")) / constants["friction_per_grip"]
         available = self.between("value->available", least, constants["grip_max"])
         return self.between("value->reached", 0.0, 4000.0), available
@@ -178,12 +196,12 @@ class _Table:
         yield f"{own('law_holds')}(&value->law)"
         yield f"{own('inputs_holds')}(&value->inputs)"
         yield f"{own('limiter_holds')}(&value->limiter)"
-        if self.has_model:
+        if self.model:
             yield f"{own('grip_holds')}(&value->grip)"
-        yield self.within("value->rear_angle", self.context["controller"].actuator_angle_max)
+        yield self.within("value->rear_angle", self.controller.actuator_angle_max)
         yield self.within("value->yaw_rate_reference", REFERENCE_MAX_RAD_S)
         yield self.within("value->yaw_rate_error", 2.0 * REFERENCE_MAX_RAD_S)
-        yield f"(value->initialised == 0x{self.context['controller'].initialised:X}u)"
+        yield f"(value->initialised == 0x{self.controller.initialised:X}u)"
         yield from (claim.condition for claim in self._believed("value->sample."))
         yield self.is_code("value->quality", 3)
         yield self.is_code("value->status", len(STATUSES) - 1)
@@ -191,6 +209,25 @@ class _Table:
         yield f"((value->status > {status}_LIMITED) || value->enabled)"
         yield f"(((value->status != {status}_STANDBY) && (value->status != {status}_FAIL_SAFE)) || !value->enabled)"
         yield "(value->rear_angle == value->limiter.rear_angle)"
+
+    def _task(self) -> Iterator[str]:
+        yield f"{self.own('controller_holds')}(&value->controller)"
+        for name in ("motion", "conditions"):
+            yield f"{self.own('task_input_holds')}(&value->{name}_input)"
+            frame = next(each for each in self.can.messages if each.role == f"vehicle_{name}")
+            yield from (claim.condition for claim in self._signals(frame, f"value->{name}."))
+        yield f"(value->counter <= {E2E_COUNTER_MAX}u)"
+        yield f"((value->backlog <= {TASK_COUNT_MAX}u) && (value->disturbance <= {TASK_COUNT_MAX}u))"
+        yield self.within("value->expected_angle", self.high("rear_angle_max"))
+        yield from (f"is_flag(value->{name})" for name in ("conditions.inhibit", "conditions_close", "started"))
+
+    def _signals(self, frame: Frame, signals: str) -> Iterator[Claim]:
+        """Ranges of unpacked signals, one step wider for the rounding."""
+        for signal in frame.reals:
+            layout, name = signal.layout, f"{signals}{signal.definition.role}"
+            assert isinstance(layout, RealSignal)
+            inside = self.between(name, layout.physical_low - layout.factor, layout.physical_high + layout.factor)
+            yield Claim(f"{signal.definition.role} is in the range of its frame, or NaN", f"(({name} != {name}) || {inside})")
 
     def _believed(self, sample: str) -> Iterator[Claim]:
         """Ranges of a checked sample."""
@@ -209,159 +246,30 @@ class _Table:
     # Lemmas
 
     def lemmas(self) -> Iterator[Lemma]:
-        """Facts on roundings that a solver finds alone but not inside of a function."""
-        real, between = self.real, self.between
-        number = {name: self.scalar(name) for name in ("value", "first", "second", "share", "speed", "limit")}
-        increasing = f"{between('first', 0.0, 200.0)} && {between('second', 0.0, 200.0)} && (first < second)"
-        inside = "(first <= value) && (value <= second)"
-        yield Lemma(
-            "lemma_share",
-            (number["value"], number["first"], number["second"]),
-            (Claim("a share is from 0 to 1", f"!({increasing} && {inside}) || {between('share', 0.0, 1.0)}"),),
-            (f"const {real} share = (first < second) ? ((value - first) / (second - first)) : {self.number(0.0)};",),
-        )
-        shared, claims = between("share", 0.0, 1.0), []
-        for low, high, room in ((0.0, 16.0, 1.0), (-1.0, 1.0, 0.25)):
-            premises = f"{shared} && {between('first', low, high)} && {between('second', low, high)}"
-            least = self.number(low) if low == 0.0 else f"least - {self.number(room)}"
-            bounds = f"(({least} <= value) && (value <= (most + {self.number(room)})))"
-            claims.append(Claim("a number between two others is close to their range", f"!({premises}) || {bounds}"))
-        yield Lemma(
-            "lemma_interpolation",
-            (number["first"], number["second"], number["share"]),
-            tuple(claims),
-            (
-                f"const {real} value = first + (share * (second - first));",
-                f"const {real} least = (first < second) ? first : second;",
-                f"const {real} most = (first < second) ? second : first;",
-            ),
-        )
-        premises = f"{between('value', 0.0, 16.0)} && {between('limit', 0.0, 100.0)} && ((value * speed) > limit)"
-        yield Lemma(
-            "lemma_cap",
-            (number["value"], number["speed"], number["limit"]),
-            (Claim("a capped number is in range", f"!({premises}) || {between('(limit / speed)', 0.0, 16.0)}"),),
-        )
-        parameters, speed = self.argument("parameters", "limiter_parameters_t", "in"), number["speed"]
-        points, angles = "parameters->opposite_phase_speed", "parameters->opposite_phase_max"
-        share = f"((speed - {points}[k - 1u]) / ({points}[k] - {points}[k - 1u]))"
-        at = f"{angles}[k - 1u] + ({share} * ({angles}[k] - {angles}[k - 1u]))"
-        premises = f"{self.own('limiter_parameters_holds')}(parameters) && {between('speed', 0.0, 200.0)}"
-        yield Lemma(
-            "lemma_opposite_phase",
-            (parameters, speed),
-            (Claim("the bound is linear between the breakpoints, constant beyond them", f"opposite_phase_bound(parameters, speed) == bound"),),
-            (
-                f"{real} bound = {angles}[0];",
-                "",
-                f"CONTRACT_ASSUME({premises});",
-                f"for (uint32_t k = 1u; k < (uint32_t){self.upper}_LIMITER_POINTS; k++) {{",
-                f"    bound = ({points}[k] <= speed) ? {angles}[k] : (({points}[k - 1u] < speed) ? ({at}) : bound);",
-                "}",
-            ),
-            unit=self.own("limiter"),
-        )
-        own, constants = self.own("constants"), []
-        for each in self.context["constants"]:
-            places = (f"[{k}]" for k in range(len(each.values))) if isinstance(each.value, tuple) else ("",)
-            pairs = (f"({own}.{each.name}{at} == {self.number(value)})" for at, value in zip(places, each.values, strict=True))
-            constants.append(Claim(f"{each.name} is that of the build", " && ".join(pairs)))
-        yield Lemma("lemma_constants", (), tuple(constants), linked=(self.own("calibration"),))
+        """Facts that a solver proves alone but not inside of a function; `lemmas.j2` holds their C."""
+        number = {name: self.scalar(name) for name in ("value", "first", "second", "share", "speed", "limit", "front_angle")}
+        yield Lemma("lemma_share", (number["value"], number["first"], number["second"]))
+        yield Lemma("lemma_interpolation", (number["first"], number["second"], number["share"]))
+        yield Lemma("lemma_cap", (number["value"], number["speed"], number["limit"]))
+        yield Lemma("lemma_constants", linked=(self.own("calibration"),))
+        limited = (self.argument("parameters", "limiter_parameters_t", "in"), number["speed"])
+        yield Lemma("lemma_opposite_phase", limited, unit=self.own("limiter"))
+        yield Lemma("lemma_magnitude", (number["value"],), unit=self.own("limiter"))
         if self.has_plain_map:
-            yield self._axes()
-            yield self._place()
-            yield self._cell()
-            yield self._numbers()
-
-    def _place(self) -> Lemma:
-        return Lemma(
-            "lemma_place",
-            (self.scalar("speed"), self.scalar("front_angle")),
-            (Claim("the cell is inside of the table", self._is_place("place.")),),
-            ("const place_t place = place_of(speed, magnitude(front_angle));",),
-            unit=self.own("map"),
-            before=("lemma_axes();",),
-        )
-
-    def _numbers(self) -> Lemma:
-        """The functions that check the numbers of a row, or the breakpoints of an axis, check each of them."""
-        real, most, view = self.real, self._rounds() - 1, self.context["map"]
-        has_even = view.speed.even or view.front_angle.even
-        statements = (
-            f"{real} numbers[{most}];",
-            f"{real} low;",
-            f"{real} high;",
-            "uint32_t count;",
-            "uint32_t k;",
-            "bool between;",
-            "bool increasing;",
-            "",
-            f"CONTRACT_ASSUME((count >= 1u) && (count <= {most}u) && (k < count));",
-            "between = are_between(numbers, count, low, high);",
-            "increasing = are_increasing(numbers, count);",
-            *(("(void)are_even(numbers, (count > 1u) ? (count - 1u) : 1u);",) if has_even else ()),
-        )
-        claims = (
-            Claim("any number is in range", "!between || lies_between(numbers[k], low, high)"),
-            Claim("any number is above the one before", "!increasing || (k == 0u) || (numbers[k - 1u] < numbers[k])"),
-        )
-        return Lemma("lemma_numbers", (), claims, statements, unit=self.own("map"), unwind=self._rounds())
-
-    def _cell(self) -> Lemma:
-        """The interpolation reads inside of the tables, and its result is close to the range of the four numbers that it reads.
-
-        The numbers are those of a table with one cell: the position of a cell only decides where they are.
-        """
-        view, real, corners = self.context["map"], self.real, ("[0][0]", "[1][0]", "[0][1]", "[1][1]")
-        first, second, third, fourth = (f"numbers{corner}" for corner in corners)
-        row, column = "cell.row.fraction", "cell.column.fraction"
-        statements = [
-            "place_t place;",
-            f"{real} numbers[2][{view.front_angle.points}];",
-            f"const {real} (*const table)[{view.front_angle.points}] = (const {real} (*)[{view.front_angle.points}])numbers;",
-            "place_t cell;",
-            f"{real} value;",
-            "",
-            f"CONTRACT_ASSUME({self._is_place('place.')});",
-            *(f"(void)interpolate({table.name}, &place);" for table in view.tables),
-            "cell = place;",
-            "cell.row.lower = 0u;",
-            "cell.column.lower = 0u;",
-            f"lemma_interpolation({first}, {second}, {row});",
-            f"lemma_interpolation({third}, {fourth}, {row});",
-            f"lemma_interpolation({first} + ({row} * ({second} - {first})), {third} + ({row} * ({fourth} - {third})), {column});",
-            "value = interpolate(table, &cell);",
-        ]
-        claims = []
-        for table, bounds in zip(view.tables, CELL_BOUNDS, strict=False):
-            inside = " && ".join(f"lies_between(numbers{corner}, {table.low}, {table.high})" for corner in corners)
-            claims.append(Claim("a number of a cell is in range", f"!({inside}) || {self.between('value', *bounds)}"))
-        return Lemma("lemma_cell", (), tuple(claims), tuple(statements), unit=self.own("map"))
-
-    def _axes(self) -> Lemma:
-        """The breakpoints that a search reads, from those that are next to each other."""
-        claims, before = [], []
-        for axis in (self.context["map"].speed, self.context["map"].front_angle):
-            ends = sorted({0, axis.core_first, axis.core_first + axis.core_cells, axis.size - 1})
-            ends = ends if axis.even else list(range(axis.size))
-            increasing = [f"({axis.breakpoints}[{low}] < {axis.breakpoints}[{high}])" for low, high in pairwise(ends)]
-            ranges = [f"{axis.breakpoints}_hold({each}u)" for each in ends]
-            claims.append(Claim("the breakpoints of a valid map are in range and increasing", " && ".join((*ranges, *increasing))))
-            before += [
-                f"for (uint32_t k = 0u; k < (uint32_t){axis.points}; k++) {{",
-                f"    CONTRACT_ASSUME({axis.breakpoints}_hold(k));",
-                "}",
-            ]
-        return Lemma("lemma_axes", (), tuple(claims), before=tuple(before), unwind=self._rounds())
+            unit, searched = self.own("map"), (number["speed"], number["front_angle"])
+            yield Lemma("lemma_axes", before=("assume_breakpoints();",), unwind=self._rounds())
+            yield Lemma("lemma_place", searched, unit, before=("lemma_axes();",))
+            yield Lemma("lemma_cell", unit=unit)
+            yield Lemma("lemma_numbers", unit=unit, unwind=self._rounds())
 
     def _rounds(self) -> int:
         """Loop rounds over the longer axis."""
-        return max(self.context["map"].speed.size, self.context["map"].front_angle.size) + 1
+        return max(self.map.speed.size, self.map.front_angle.size) + 1
 
     @property
     def has_plain_map(self) -> bool:
         """Whether the map has one table a quantity, of real numbers: lemmas on other storage are still missing."""
-        view = self.context["map"]
+        view = self.map
         return not (view.is_raw or view.stacked or view.grip)
 
     # Units
@@ -370,13 +278,14 @@ class _Table:
         yield from self._limiter_units()
         yield from self._inputs_units()
         yield from self._map_units()
-        if self.has_model:
+        if self.model:
             yield from self._model_units()
             yield from self._grip_units()
         yield from self._law_units()
         yield from self._controller_units()
         yield from self._e2e_units()
         yield from self._can_units()
+        yield from self._task_units()
 
     def argument(self, name: str, ctype: str, role: Any) -> Argument:
         return Argument(name, self.own(ctype), role)
@@ -421,7 +330,8 @@ class _Table:
         step = Unit(own("limiter_step"), unit, arguments, self.real, ensures=tuple(self._limited()), facts=facts, includes=True)
         *bounds, passes = self._bounded_over_speed()
         yield replace(step, more=tuple(bounds))
-        yield replace(step, facts=(), more=(passes,), part="_demand")
+        alone: dict[str, Any] = {"stand_in": "magnitude_of_lemma", "replaced": ("magnitude",)}
+        yield replace(step, facts=(), more=(passes,), part="_demand", **alone)
 
     def _bounded_over_speed(self) -> Iterator[Claim]:
         """Claims that no caller uses: the bound against the front wheels, and that the limiter does nothing of its own."""
@@ -437,7 +347,9 @@ class _Table:
         in_phase = f"({bound} + ((({ratio} < {one}) ? {ratio} : {one}) * ({largest} - {bound})))"
         low = f"(({front} < {zero}) ? -{in_phase} : -{bound})"
         high = f"(({front} > {zero}) ? {in_phase} : {bound})"
-        free = " && ".join(f"({low} <= input.demand) && (input.demand <= {high})" for low, high in ((low, high), (slower, faster)))
+        free = " && ".join(
+            f"({low} <= input.demand) && (input.demand <= {high})" for low, high in ((low, high), (slower, faster))
+        )
         demanded = f"{known} || !({free} && {self.within('input.demand', largest)}) || (result == input.demand)"
         yield Claim("it is the demand where all bounds let that through", demanded)
 
@@ -462,7 +374,7 @@ class _Table:
         yield Claim("it is held as long as no speed is known", f"self->speed_known || !{inside} || (result == {before})")
 
     def step(self, rate: str) -> str:
-        return f"({rate} * {self.context['controller'].sampling_time})"
+        return f"({rate} * {self.controller.sampling_time})"
 
     def _moved(self, angle: str, before: str, limiter: str) -> Iterator[Claim]:
         """The rate limit of the limiter: the code's own expression, which makes it exact."""
@@ -497,7 +409,7 @@ class _Table:
         yield Unit(self.own("inputs_step"), unit, arguments, self.own("quality_t"), requires=requires, ensures=ensures)
 
     def _map_units(self) -> Iterator[Unit]:
-        own, unit, view = self.own, self.own("map"), self.context["map"]
+        own, unit, view = self.own, self.own("map"), self.map
         arguments = tuple(self.scalar(name) for name in ("speed", "front_angle", "friction"))
         yield self._map_valid() if self.has_plain_map else Unit(own("map_valid"), unit, (), "bool")
         more: dict[str, Any] = self._look_up() if self.has_plain_map else {}
@@ -512,34 +424,15 @@ class _Table:
             yield Unit(own("map_reference"), unit, arguments, own("map_reference_t"), True, ensures=bounds, **more)
 
     def _map_valid(self) -> Unit:
-        """Validity of the map: what holds for the breakpoint and the cell that the proof looks at holds for any.
-
-        The functions over a row are replaced by what `lemma_numbers` shows of them; no claim needs even steps.
-        """
-        own, view, real = self.own, self.context["map"], self.real
-        rows = [(f"{table.name}[any_row]", f"{table.name}[any_row][any_column]") for table in view.tables]
-        axes = [(axis.breakpoints, at) for axis, at in ((view.speed, "any_row"), (view.front_angle, "any_column"))]
-        lines = [f"bool between_by_lemma(const {real} *numbers, uint32_t count, {real} low, {real} high)", "{", "    bool result;", ""]
-        for row, number in (*rows, *((name, f"{name}[{at}]") for name, at in axes)):
-            lines.append(f"    CONTRACT_ASSUME(!result || (numbers != {row}) || lies_between({number}, low, high));")
-        lines += ["    (void)count;", "    return result;", "}", ""]
-        lines += [f"bool increasing_by_lemma(const {real} *numbers, uint32_t count)", "{", "    bool result;", ""]
-        for name, at in axes:
-            rises = f"(({at} == 0u) || ({name}[{at} - 1u] < {name}[{at}]))"
-            lines.append(f"    CONTRACT_ASSUME(!result || (numbers != {name}) || {rises});")
-        lines += ["    (void)count;", "    return result;", "}"]
-        replaced = [("are_between", "between_by_lemma"), ("are_increasing", "increasing_by_lemma")]
-        if view.speed.even or view.front_angle.even:
-            replaced.append(("are_even", "even_or_not"))
-            lines += ["", f"bool even_or_not(const {real} *numbers, uint32_t count)", "{", "    bool result;", ""]
-            lines += ["    (void)numbers;", "    (void)count;", "    return result;", "}"]
-        holds = " && ".join(f"{name}_hold({at})" for name, at in axes)
-        cell = f"{own('map_cell_holds')}(any_row, any_column)"
+        """Validity of the map: what holds for the breakpoint and the cell that the proof looks at holds for any."""
+        own, view = self.own, self.map
+        axes = f"{view.speed.breakpoints}_hold(any_row) && {view.front_angle.breakpoints}_hold(any_column)"
         ensures = (
-            Claim("the axes of a valid map are in range and increasing", f"!result || ({holds})"),
-            Claim("the numbers of a valid map are in range", f"!result || {cell}"),
+            Claim("the axes of a valid map are in range and increasing", f"!result || ({axes})"),
+            Claim("the numbers of a valid map are in range", f"!result || {own('map_cell_holds')}(any_row, any_column)"),
         )
         inside = f"(any_row < (uint32_t){view.speed.points}) && (any_column < (uint32_t){view.front_angle.points})"
+        checks = ["are_between", "are_increasing", *(["are_even"] if view.speed.even or view.front_angle.even else [])]
         return Unit(
             own("map_valid"),
             own("map"),
@@ -548,44 +441,20 @@ class _Table:
             ensures=ensures,
             includes=True,
             before=(f"CONTRACT_ASSUME({inside});",),
-            stand_in=tuple(lines),
-            replaced=tuple(replaced),
+            stand_in="checks_of_lemma",
+            replaced=tuple(checks),
             unwind=self._rounds(),
         )
 
     def _look_up(self) -> dict[str, Any]:
-        """Proof of a look-up in any valid map: the interpolation in a cell is replaced by what `lemma_cell` shows of it."""
-        view, real = self.context["map"], self.real
-        name, standing = "interpolate", "number_of_any_cell"
-        lines = [
-            f"static {real} yaw_rate_of_cell;",
-            "",
-            f"{real} {standing}({self._table('table')}, const place_t *place)",
-            "{",
-            f"    {real} result;",
-            "",
-            f'    __CPROVER_assert({self._is_place("place->")}, "the cell is inside of the table");',
-        ]
-        for table, bounds in zip(view.tables, CELL_BOUNDS, strict=False):
-            lines.append(f"    CONTRACT_ASSUME((table != {table.name}) || {self.between('result', *bounds)});")
-        lines += [f"    yaw_rate_of_cell = (table == {view.tables[0].name}) ? result : yaw_rate_of_cell;", "    return result;", "}"]
-        cap = "lemma_cap(yaw_rate_of_cell, speed, road_of(friction).lateral_acceleration_max);"
+        """Proof of a look-up in any valid map."""
         return {
             "includes": True,
             "before": ("lemma_axes();", "lemma_constants();", "lemma_place(speed, front_angle);"),
-            "facts": (cap,),
-            "stand_in": tuple(lines),
-            "replaced": ((name, standing),),
+            "facts": ("lemma_cap(yaw_rate_of_cell, speed, road_of(friction).lateral_acceleration_max);",),
+            "stand_in": "interpolate_of_lemma",
+            "replaced": ("interpolate",),
         }
-
-    def _table(self, name: str) -> str:
-        return f"const {self.real} {name}[][{self.context['map'].front_angle.points}]"
-
-    def _is_place(self, place: str) -> str:
-        view, found = self.context["map"], []
-        for name, axis in (("row", view.speed), ("column", view.front_angle)):
-            found.append(f"({place}{name}.lower <= {axis.size - 2}u) && {self.between(f'{place}{name}.fraction', 0.0, 1.0)}")
-        return " && ".join(found)
 
     def _model_units(self) -> Iterator[Unit]:
         unit = self.own("reference_model")
@@ -605,7 +474,7 @@ class _Table:
         yield Unit(self.own("grip_init"), unit, (new,), **more)
         known = f"(result > {self.number(0.0)}) && (result <= {self.number(FRICTION_UNKNOWN)})"
         positive = Claim("the friction is positive and in range", known)
-        arguments = (read, parameters, self.scalar("estimate"))
+        arguments: tuple[Argument, ...] = (read, parameters, self.scalar("estimate"))
         yield Unit(self.own("grip_friction"), unit, arguments, self.real, ensures=(positive,), **more)
         arguments = (state, parameters, *(self.scalar(name) for name in ("speed", "yaw_rate_reference", "yaw_rate")))
         reference = Claim("yaw_rate_reference is in range", self.within("yaw_rate_reference", REFERENCE_MAX_RAD_S))
@@ -619,9 +488,9 @@ class _Table:
 
     def _law_units(self) -> Iterator[Unit]:
         own, unit = self.own, self.own("law")
-        start, step = ((own("reference_model_start"),), (own("reference_model_step"),)) if self.has_model else ((), ())
+        start, step = ((own("reference_model_start"),), (own("reference_model_step"),)) if self.model else ((), ())
         angle = Claim("rear_angle is in range", self.within("rear_angle", REAR_ANGLE_MAX_RAD))
-        arguments = (self.argument("self", "law_t", "new"), self.scalar("rear_angle"))
+        arguments: tuple[Argument, ...] = (self.argument("self", "law_t", "new"), self.scalar("rear_angle"))
         yield Unit(own("law_init"), unit, arguments, requires=(angle,), callees=start)
         arguments = (
             self.argument("self", "law_t", "state"),
@@ -638,10 +507,12 @@ class _Table:
             Claim("yaw_rate_error is in range", self.within("yaw_rate_error", YAW_RATE_ERROR_MAX_RAD_S)),
         )
         ensures = (
-            Claim("the command moves by at most the lower of both rates", self._within_rates("result->rear_angle", "rear_angle")),
+            Claim(
+                "the command moves by at most the lower of both rates", self._within_rates("result->rear_angle", "rear_angle")
+            ),
             Claim("yaw_rate_reference is in range", self.within("result->yaw_rate_reference", REFERENCE_MAX_RAD_S)),
         )
-        lookup = own("map_reference" if self.context["map"].with_rear_angle else "map_yaw_rate_on_road")
+        lookup = own("map_reference" if self.map.with_rear_angle else "map_yaw_rate_on_road")
         callees = (lookup, *start, *step)
         output = own("law_output_t")
         yield Unit(own("law_step"), unit, arguments, output, True, requires, ensures, callees=callees)
@@ -650,10 +521,10 @@ class _Table:
         own, unit = self.own, self.own("controller")
         judges = ("inputs_parameters_valid", "limiter_parameters_valid", "map_valid")
         yield self.validity("parameters", "parameters_t", callees=tuple(own(each) for each in judges))
-        grip = ("grip_init",) if self.has_model else ()
-        init = tuple(own(each) for each in ("inputs_init", "limiter_init", "law_init", *grip))
-        bound = self.within("self->rear_angle", self.context["controller"].actuator_angle_max)
-        arguments = (self.argument("self", "controller_t", "new"), self.scalar("rear_angle"))
+        grip = ("init", "friction", "update", "recover") if self.model else ()
+        init = tuple(own(each) for each in ("inputs_init", "limiter_init", "law_init", *(f"grip_{name}" for name in grip[:1])))
+        bound = self.within("self->rear_angle", self.controller.actuator_angle_max)
+        arguments: tuple[Argument, ...] = (self.argument("self", "controller_t", "new"), self.scalar("rear_angle"))
         started = Claim("|rear_angle| is at most the actuator's largest angle", bound)
         yield Unit(own("controller_init"), unit, arguments, ensures=(started,), callees=init)
         arguments = (
@@ -662,8 +533,7 @@ class _Table:
             self.argument("measurement", "measurement_t", "in"),
         )
         inhibit = Claim("inhibit is true or false", "is_flag(measurement->inhibit)")
-        grip = ("grip_friction", "grip_update", "grip_recover") if self.has_model else ()
-        steps = tuple(own(each) for each in ("inputs_step", "law_step", "limiter_step", *grip))
+        steps = tuple(own(each) for each in ("inputs_step", "law_step", "limiter_step", *(f"grip_{name}" for name in grip[1:])))
         command, ensures = own("command_t"), tuple(self._commanded())
         yield Unit(own("controller_step"), unit, arguments, command, True, (inhibit,), ensures, callees=(*init, *steps))
 
@@ -674,7 +544,9 @@ class _Table:
         yield Claim("status is one of its enumerators", self.is_code("result->status", len(STATUSES) - 1))
         yield from self._moved(angle, before, "parameters->limiter.")
         rates = self._within_rates(angle, before)
-        yield Claim("tracking, it moves by at most the lower of both rates", f"(result->status != {status}_TRACKING) || {rates}")
+        yield Claim(
+            "tracking, it moves by at most the lower of both rates", f"(result->status != {status}_TRACKING) || {rates}"
+        )
         shrinks = f"(magnitude_of({angle}) <= magnitude_of({before}))"
         yield Claim("in fail-safe |rear_angle| does not grow", f"(result->status != {status}_FAIL_SAFE) || {shrinks}")
         yield Claim("the command and the status are kept", f"({angle} == self->rear_angle) && (result->status == self->status)")
@@ -685,10 +557,8 @@ class _Table:
         new, state = (self.argument("self", "e2e_receiver_t", role) for role in ("new", "state"))
         status = own("e2e_status_t")
         yield Unit(own("e2e_receiver_init"), unit, (new,))
-        wrong = Claim(
-            "a wrong CRC is found",
-            f"(result == {self.upper}_E2E_WRONG_CRC) == (({own('e2e_crc')}(data_id, data) != data[0]) || ((data[1] & 0x0Fu) == 15u))",
-        )
+        damaged = f"(({own('e2e_crc')}(data_id, data) != data[0]) || ((data[1] & 0x0Fu) == 15u))"
+        wrong = Claim("a wrong CRC is found", f"(result == {self.upper}_E2E_WRONG_CRC) == {damaged}")
         code = Claim("the result is one of its enumerators", self.is_code("result", 7))
         yield Unit(own("e2e_check"), unit, (state, identifier, data), status, ensures=(code, wrong))
         none = Claim("it returns NO_NEW_DATA", f"result == {self.upper}_E2E_NO_NEW_DATA")
@@ -710,16 +580,34 @@ class _Table:
         unit = self.own("can")
         absent = Claim("it is NaN", "result != result")
         yield Unit(self.own("can_not_available"), unit, (), self.real, ensures=(absent,))
-        for frame in self.context["can"].messages:
-            signals, ensures = f"{frame.role}_t", []
-            for signal in frame.reals:
-                layout = signal.layout
-                low, high = layout.physical_low - layout.factor, layout.physical_high + layout.factor
-                name = f"signals->{signal.definition.role}"
-                text = f"{signal.definition.role} is in the range of its frame, or NaN"
-                ensures.append(Claim(text, f"({name} != {name}) || {self.between(name, low, high)}"))
+        for frame in self.can.messages:
+            signals, ensures = f"{frame.role}_t", self._signals(frame, "signals->")
             data = Argument("data", "uint8_t", "bytes in")
             out = self.argument("signals", signals, "out")
             yield Unit(self.own(f"can_unpack_{frame.role}"), unit, (data, out), ensures=tuple(ensures))
             arguments = (self.argument("signals", signals, "in"), Argument("data", "uint8_t", "bytes out"))
             yield Unit(self.own(f"can_pack_{frame.role}"), unit, arguments, conversions=False)
+
+    def _task_units(self) -> Iterator[Unit]:
+        own, unit, init = self.own, self.own("task"), self.own("controller_init")
+        new, state = (self.argument("self", "task_t", role) for role in ("new", "state"))
+        kept = Claim("the parameters are those given", "self->parameters == parameters")
+        frames = (own("e2e"), own("can"))
+        more: dict[str, Any] = {"linked": frames, "conversions": False}
+        parameters = self.argument("parameters", "parameters_t", "parameter")
+        yield Unit(own("task_init"), unit, (new, parameters), ensures=(kept,), callees=(init,), **more)
+        more["before"] = (
+            f"{own('parameters_t')} parameters;",
+            "self.parameters = &parameters;",
+            f"CONTRACT_ASSUME({own('parameters_holds')}(&parameters));",
+        )
+        more["callees"] = (init, own("controller_step"))
+        data, length = Argument("data", "uint8_t", "bytes in"), Argument("length", "uint8_t")
+        yield Unit(own("task_on_can_frame"), unit, (state, Argument("id", "uint32_t"), data, length), **more)
+        identifier = f"result == (uint32_t){self.upper}_CAN_ID_REAR_STEER_COMMAND"
+        crc = f"{own('e2e_crc')}((uint16_t){self.upper}_CAN_DATA_ID_REAR_STEER_COMMAND, data) == data[0]"
+        sent = (
+            Claim("it is the frame of the command", identifier),
+            Claim("the frame has a counter and the right CRC", f"((data[1] & 0x0Fu) <= {E2E_COUNTER_MAX}u) && ({crc})"),
+        )
+        yield Unit(own("task_10ms"), unit, (state, Argument("data", "uint8_t", "bytes out")), "uint32_t", ensures=sent, **more)
