@@ -52,6 +52,8 @@ LAW_FIGURES = {
     "parameter_sets": "of these, with random parameters",
     "samples": "samples",
     "task_cycles": "cycles of the task, frames in and frame out",
+    "long_drives": "long drives, of single units too",
+    "long_drive_samples": "samples in which these repeat an input, in C only",
 }
 """Figures of the comparison with the second implementation."""
 
