@@ -44,7 +44,6 @@ SUITES = {
     "faults": "faults of the catalogue",
     "steps": "steps of the drives",
     "look_ups": "look-ups against the reference",
-    "trap_build": "trap build, run on",
 }
 """Figures of the sanitizers."""
 LAW_FIGURES = {
@@ -298,8 +297,9 @@ def _ran(heading: tuple[str, str], texts: Mapping[str, str]) -> Callable[[Figure
 
 
 def _fuzzed(figures: Figures) -> Table:
-    rows = [(name, *(f"{each[key]:,}" for key in ("inputs", "seeds", "corpus", "edges"))) for name, each in figures.items()]
-    return Table(("harness", "inputs", "seeds", "inputs kept for new coverage", "edges reached"), tuple(rows))
+    keys = ("inputs", "seeds", "corpus", "edges")
+    rows = [(name, *(f"{each[key]:,}" for key in keys)) for name, each in figures["fuzzing"].items()]
+    return Table(("fuzz harness", "inputs", "seeds", "inputs kept for new coverage", "edges reached"), tuple(rows))
 
 
 TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {
@@ -309,7 +309,6 @@ TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {
     "budgets": (_instructions, _stack, _memory),
     "law": (_ran(("compared", "number"), LAW_FIGURES), _pairs(("samples that ended in", "samples"), "statuses")),
     "proof": (_obligations, _invariants),
-    "sanitizers": (_ran(("what ran", "result"), SUITES),),
-    "fuzzing": (_fuzzed,),
+    "sanitizers": (_ran(("what ran", "result"), SUITES), _fuzzed),
 }
 """Tables by name of the check."""

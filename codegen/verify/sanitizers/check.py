@@ -1,15 +1,16 @@
-"""Check 6: the suites under AddressSanitizer and UndefinedBehaviorSanitizer on this machine, and as a trap build on a core.
+"""The generated code under AddressSanitizer and UndefinedBehaviorSanitizer on this machine, in processes of its own.
 
-The generated code runs sanitized in a process of its own, behind a pipe (see `served_ecu`): its self-test, drives from
-everywhere, look-ups against the NumPy reference, every built-in scenario in closed loop, and every fault of the catalogue,
-whose outcome must be as defined.
+One program is compiled. Behind a pipe (see `served_ecu`) it runs its self-test, drives from everywhere, look-ups against the
+NumPy reference, every built-in scenario in closed loop, and every fault of the catalogue, whose outcome must be as defined.
+Two more processes of it run the fuzz harnesses (see `fuzzing`).
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, cast
 
 import numpy as np
@@ -20,110 +21,101 @@ from codegen.emit.laws import LAWS
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.sil.software import RECORD_COLUMNS, Software, Status, compile_build
-from codegen.sil.toolchain import compiler_command
 from codegen.verify import suites
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Thresholds
 from codegen.verify.map_reference import lookup_of
 from codegen.verify.on_host import HOST_FLAGS
-from codegen.verify.packages import MissingTool
-from codegen.verify.sanitizers.sanitized import find_compiler
-from codegen.verify.sanitizers.served_ecu import Numbers, ServedEcu, served
+from codegen.verify.sanitizers import fuzzing, served_ecu
+from codegen.verify.sanitizers.sanitized import compiled, find_compiler
+from codegen.verify.sanitizers.served_ecu import Numbers, ServedEcu
 from hil_sim.bench import run_in_process
 from hil_sim.fault_catalogue import run_all
 from hil_sim.plant_node import PlantNode
 
 SHOWS = (
-    "The suites and the fault catalogue run without invalid addresses and undefined behaviour, faults end as specified, and "
-    "the lookup equals its reference bit for bit"
+    "Scenarios, bus faults, drives and fuzzed inputs cause no invalid address and no undefined behaviour; faults end as "
+    "specified, the lookup equals its reference, and no fuzzed input makes the code exceed a bound or use a damaged frame"
 )
-
-SAMPLES, SAMPLES_QUICK = 20_000, 2_000
-"""Samples of each drive; a quarter of it is the number of lookups at each friction."""
-
 LIMITS = (
     "Sanitizers check only the code that the runs reach, as compiled by one compiler. They are not a proof.",
+    "Fuzzing tries many inputs, not all. It proves nothing about the others.",
     "The target's own compiler and memory protection are not tested.",
 )
 FAULTS_NOT_JUDGED = (
     "The fault catalogue was run without checking the outcomes: they are specified for the preset's E2E settings, sampling "
     "time and limits for lost samples, and this build has others."
 )
-NO_TRAP_BUILD = "The trap build is for single precision; this build has double precision."
 
+SAMPLES, SAMPLES_QUICK = 20_000, 2_000
+"""Samples of each drive; a quarter of it is the number of lookups at each friction."""
+INPUTS: dict[fuzzing.Name, int] = {"can": 50_000, "step": 100_000}
+INPUTS_QUICK = 4_000
+"""Inputs of each fuzz harness."""
 
-@dataclass
-class _Half:
-    """Result of the runs on this machine, or of the trap build."""
-
-    findings: tuple[str, ...] = ()
-    missing: str = ""
-    figures: dict[str, Any] = field(default_factory=dict)
-    limits: tuple[str, ...] = ()
-    tools: dict[str, str] = field(default_factory=dict)
+WIDTH_OF_TARGET = re.compile(rb"\b(long|size_t|ssize_t|u?intptr_t|ptrdiff_t)\b")
+"""Types that are wider on this machine than on an ECU, where they overflow earlier."""
+COMMENT = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Run both parts, the second only if the first finds nothing. Not run if the tools of one are missing."""
-    host = _on_host(subject, effort)
-    # The trap build runs the same code unsanitized on this machine first, which is unsafe after a finding.
-    target = _Half() if host.findings else _on_target(subject, effort)
-    findings = (*host.findings, *target.findings)
-    missing = tuple(half.missing for half in (host, target) if half.missing)
-    verdict = Verdict.FAILED if findings else Verdict.NOT_RUN if missing else Verdict.PASSED
-    ran = {"scenarios": 0, "faults": 0, "steps": 0, **host.figures}
+    """Run the suites and the fuzz harnesses.
+
+    Raises:
+        MissingTool: there is no C compiler with sanitizers.
+    """
+    compiler = find_compiler()
+    tools = {"C compiler with sanitizers": compiler.version}
+    suite_runs, findings = None, [*_types_of_other_width(subject)]
+    try:
+        seeds = fuzzing.seeds(subject)
+        plain = {**served_ecu.source(subject), **fuzzing.driven_harnesses(subject)}
+        with compiled(compiler, subject.sources(), plain, (fuzzing.COVERAGE,)) as program, ThreadPoolExecutor() as pool:
+            running = {
+                name: pool.submit(
+                    fuzzing.run_harness, program, name, seeds[name], INPUTS_QUICK if effort.quick else INPUTS[name]
+                )
+                for name in fuzzing.HARNESSES
+            }
+            with served_ecu.served(program, subject) as ecu:
+                suite_runs = _Suites(subject, effort, ecu)
+                for finding in suite_runs.run():
+                    suite_runs.findings.append(finding)  # one by one: the program may end at any time
+            fuzzed = {name: future.result() for name, future in running.items()}
+    except BuildError as error:
+        return Outcome(SHOWS, "not compiled", Verdict.FAILED, (str(error),), limits=LIMITS, tools=tools)
+    # Findings of the sanitizers explain those of the suites, so they come first.
+    findings += [*ecu.findings, *suite_runs.findings, *(each for run in fuzzed.values() for each in run.findings)]
+    inputs, ran = sum(run.inputs for run in fuzzed.values()), suite_runs.figures
     count = "1 finding" if len(findings) == 1 else f"{len(findings)} findings"
-    figure = f"{count} in {ran['scenarios']} scenarios, {ran['faults']} faults and {ran['steps']:,} steps"
     return Outcome(
         SHOWS,
-        figure if host.figures or findings else "not run",
-        verdict,
-        findings or missing,
-        {**host.figures, **target.figures},
-        (*LIMITS, *host.limits, *target.limits),
-        {**host.tools, **target.tools},
+        f"{count} in {ran['scenarios']} scenarios, {ran['faults']} faults, {ran['steps']:,} steps and {inputs:,} fuzzed inputs",
+        Verdict.FAILED if findings else Verdict.PASSED,
+        tuple(findings),
+        {**ran, "fuzzing": {name: {key: getattr(run, key) for key in fuzzing.FIGURES} for name, run in fuzzed.items()}},
+        (*LIMITS, *suite_runs.limits),
+        tools,
     )
 
 
-def _on_host(subject: Subject, effort: Effort) -> _Half:
-    try:
-        compiler = find_compiler()
-    except MissingTool as error:
-        return _Half(missing=str(error))
-    half = _Half(tools={"C compiler with sanitizers": compiler.version})
-    found: list[str] = []
-    try:
-        with served(compiler, subject) as program:
-            for finding in _Suites(subject, effort, program.ecu, half).run():
-                found.append(finding)  # one by one: the program may end at any time
-    except BuildError as error:
-        return replace(half, findings=(str(error),))
-    # Findings of the sanitizers explain those of the suites, so they come first.
-    return replace(half, findings=(*program.findings, *found))
-
-
-def _on_target(subject: Subject, effort: Effort) -> _Half:
-    if not subject.is_single:
-        return _Half(limits=(NO_TRAP_BUILD,))
-    from codegen.verify.sanitizers.trap_build import trapped
-
-    try:
-        compiler_command()  # its inputs are made by the code compiled for this machine
-    except BuildError as error:
-        return _Half(missing=f"trap build: {error}")
-    try:
-        return _Half(findings=trapped(subject, effort), figures={"trap_build": "Cortex-M4F"})
-    except MissingTool as error:
-        return _Half(missing=f"trap build: {error}")
-    except BuildError as error:
-        return _Half(findings=(f"trap build: {error}",))
+def _types_of_other_width(subject: Subject) -> Iterator[str]:
+    """Yield a line for each type whose overflow this machine does not show."""
+    for path, content in subject.sources().items():
+        code = COMMENT.sub(lambda comment: b"\n" * comment[0].count(b"\n"), content)
+        for number, line in enumerate(code.splitlines(), 1):
+            for name in WIDTH_OF_TARGET.findall(line):
+                yield f"{path}:{number}: the width of {name.decode()} depends on the target"
 
 
 class _Suites:
     """Runs of the suites, and the faults in their results that sanitizers do not detect."""
 
-    def __init__(self, subject: Subject, effort: Effort, ecu: ServedEcu, half: _Half) -> None:
-        self._subject, self._ecu, self._half = subject, ecu, half
+    def __init__(self, subject: Subject, effort: Effort, ecu: ServedEcu) -> None:
+        self._subject, self._ecu = subject, ecu
+        self.figures: dict[str, Any] = {"scenarios": 0, "faults": 0, "steps": 0}
+        self.findings: list[str] = []
+        self.limits: list[str] = []
         self._thresholds = Thresholds.of(subject.manifest)
         self._samples = SAMPLES_QUICK if effort.quick else SAMPLES
         self._precision = cast(Precision, subject.manifest["options"]["precision"])
@@ -161,8 +153,8 @@ class _Suites:
             steps += len(drive)
         missing = [status.name for status in Status if status not in reached]
         if missing:
-            self._half.limits = (*self._half.limits, f"The drives do not reach the status {', '.join(missing)}.")
-        self._half.figures["steps"] = steps
+            self.limits.append(f"The drives do not reach the status {', '.join(missing)}.")
+        self.figures["steps"] = steps
 
     def _lookups(self) -> Iterator[str]:
         subject = self._subject
@@ -174,7 +166,7 @@ class _Suites:
             first, wrong, count = first or text, wrong + differ, count + len(places)
         if wrong:
             yield f"src/{self._subject.prefix}_map.c: {first} ({wrong} of {count} are wrong)"
-        self._half.figures["look_ups"] = count
+        self.figures["look_ups"] = count
 
     def _different(self, lookup: Lookup, places: Numbers, friction: float) -> tuple[int, str]:
         """Return the number of places at which yaw rate or rear angle differ from the reference, and the first as text."""
@@ -218,7 +210,7 @@ class _Suites:
                     largest = np.abs(command).max()
                     yield f"scenario {name}{how}: the rear angle goes to {largest:.6g} rad, or a signal is no number"
             count += 1
-        self._half.figures["scenarios"] = count
+        self.figures["scenarios"] = count
 
     def _allowed(self, through_can: bool) -> float:
         """Return the largest allowed rear angle in rad; in a frame it is rounded to its code."""
@@ -229,9 +221,9 @@ class _Suites:
         outcomes = run_all(
             self._config, lambda run: run_in_process(PlantNode(self._config, run, precision=self._precision), ecu)
         )
-        self._half.figures["faults"] = len(outcomes)
+        self.figures["faults"] = len(outcomes)
         if not suites.are_faults_defined_for(self._config):
-            self._half.limits = (*self._half.limits, FAULTS_NOT_JUDGED)
+            self.limits.append(FAULTS_NOT_JUDGED)
             return
         for outcome in outcomes:
             for violation in outcome.violations:

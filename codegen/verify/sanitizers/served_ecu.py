@@ -12,6 +12,7 @@ import subprocess
 import tempfile
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
@@ -23,12 +24,12 @@ from codegen.emit.can_view import task_view
 from codegen.emit.laws import LAWS
 from codegen.emit.render import render
 from codegen.emit.text import c_type, literal, numpy_type
-from codegen.errors import BuildError, CodegenError
+from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.software import RECORD_COLUMNS, bench_sources
 from codegen.verify.check import Subject
 from codegen.verify.drives import Samples
-from codegen.verify.sanitizers.sanitized import Compiler, Program, compiled, environment, findings_of, launcher
+from codegen.verify.sanitizers.sanitized import environment, findings_of, launcher
 
 Numbers = npt.NDArray[Any]
 
@@ -51,12 +52,14 @@ class ServedEcu:
 
     Attributes:
         real: NumPy type of the build's numbers.
+        findings: reports of the sanitizers, filled when the program ends.
     """
 
     def __init__(self, process: subprocess.Popen[bytes], real: type[np.float32] | type[np.float64]) -> None:
         assert process.stdin is not None
         assert process.stdout is not None
         self.real = real
+        self.findings: tuple[str, ...] = ()
         self._to: IO[bytes] = process.stdin
         self._from: IO[bytes] = process.stdout
         self._command = np.dtype([("rear_angle", real), ("yaw_rate_reference", real), ("status", np.uint32)])
@@ -145,42 +148,8 @@ class ServedTask:
         return struct.unpack("=I", answer[:4])[0], answer[4:]
 
 
-class Served:
-    """A serving program.
-
-    Attributes:
-        ecu: interface for calls during the context.
-        findings: reports of the sanitizers, filled when the context ends.
-    """
-
-    def __init__(self, ecu: ServedEcu) -> None:
-        self.ecu = ecu
-        self.findings: tuple[str, ...] = ()
-
-
-@contextlib.contextmanager
-def served(compiler: Compiler, subject: Subject) -> Iterator[Served]:
-    """Run the sanitized code of a build behind a pipe. If the program ends early, the context ends and the findings contain
-    it.
-
-    Raises:
-        BuildError: C that does not compile.
-    """
-    with compiled(compiler, subject.sources(), _around(subject)) as program, tempfile.TemporaryFile() as log:
-        with _running(program, log) as process:
-            found = Served(ServedEcu(process, numpy_type(subject.manifest["options"]["precision"])))
-            ended = False
-            try:
-                yield found
-            except Ended:
-                ended = True
-        log.seek(0)
-        found.findings = findings_of(log.read().decode(errors="replace"))
-        if ended and not found.findings:
-            found.findings = (f"the program ended early: {_how(process.returncode)}",)
-
-
-def _around(subject: Subject) -> dict[str, bytes]:
+def source(subject: Subject) -> dict[str, bytes]:
+    """Return the C around the generated code: the server, the plant and the closed loop."""
     config = subject.config
     precision = subject.manifest["options"]["precision"]
     context = {
@@ -195,24 +164,30 @@ def _around(subject: Subject) -> dict[str, bytes]:
 
 
 @contextlib.contextmanager
-def _running(program: Program, log: IO[bytes]) -> Iterator[subprocess.Popen[bytes]]:
-    try:
+def served(program: Path, subject: Subject) -> Iterator[ServedEcu]:
+    """Run the sanitized code of a build behind a pipe. If the program ends early, the context ends and the findings contain
+    it."""
+    with tempfile.TemporaryFile() as log:
         process = subprocess.Popen(
-            [*launcher(), str(program.path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, env=environment()
+            [*launcher(), str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, env=environment()
         )
-    except OSError as error:
-        raise BuildError(f"the sanitized program cannot be started: {error.strerror}", where="sanitizers") from error
-    watch = threading.Timer(SECONDS_MAX, process.kill)
-    watch.start()
-    try:
-        yield process
-    finally:
-        with contextlib.suppress(OSError):
-            process.stdin.close()  # type: ignore[union-attr]
-        process.wait()
-        watch.cancel()
-        process.stdout.close()  # type: ignore[union-attr]
-
-
-def _how(code: int) -> str:
-    return f"signal {-code}" if code < 0 else f"exit code {code}"
+        watch = threading.Timer(SECONDS_MAX, process.kill)
+        watch.start()
+        found = ServedEcu(process, numpy_type(subject.manifest["options"]["precision"]))
+        ended = False
+        try:
+            yield found
+        except Ended:
+            ended = True
+        finally:
+            with contextlib.suppress(OSError):
+                process.stdin.close()  # type: ignore[union-attr]
+            process.wait()
+            watch.cancel()
+            process.stdout.close()  # type: ignore[union-attr]
+        log.seek(0)
+        found.findings = findings_of(log.read().decode(errors="replace"))
+        if ended and not found.findings:
+            code = process.returncode
+            how = f"signal {-code}" if code < 0 else f"exit code {code}"
+            found.findings = (f"the program ended early: {how}",)

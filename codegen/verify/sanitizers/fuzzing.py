@@ -1,7 +1,7 @@
-"""Check 7, its bounded part: a fixed number of changed inputs on the CAN receive path and on the step, sanitized.
+"""Fuzz harnesses of the CAN receive path and of the step, and their run with a fixed number of inputs.
 
-The harnesses are libFuzzer's (see `fuzz_harness`); the driver here needs no clang, goes by coverage too, and gives the same
-inputs on each run. Where Debian's clang is, the campaign in the checkout runs the same harnesses for as long as one likes.
+The harnesses have libFuzzer's interface. The driver here works with every compiler, follows coverage too, and gives the same
+inputs on each run.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import struct
 import subprocess
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from codegen import configuration
 from codegen.configuration import Config
 from codegen.configuration.can import Message, RealSignal
 from codegen.configuration.signals import CARRIED, MEASURED
@@ -24,9 +24,8 @@ from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
 from codegen.emit.render import render, verbatim
 from codegen.emit.text import c_type, literal, numpy_type
-from codegen.errors import BuildError
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.sanitizers.sanitized import Compiler, compiled, find_compiler, findings_of, run_sanitized
+from codegen.verify.check import Subject
+from codegen.verify.sanitizers.sanitized import findings_of, run_sanitized
 from codegen.verify.suites import Recording, recordings
 
 Name = Literal["can", "step"]
@@ -38,11 +37,22 @@ SEED_SAMPLES = 24
 CRC_AND_COUNTER = range(12)
 """Bits of a protected frame."""
 
+FIGURES = ("inputs", "seeds", "corpus", "edges")
+"""Numbers of a run."""
+SEED = 1
+"""Seed of the mutations."""
+SECONDS_MAX = 600.0
+"""Time limit of a harness in s, many times what all inputs take."""
+COVERAGE = "-fsanitize-coverage=trace-pc"
+"""Flag with which the sanitized code reports its edges to the driver."""
 
-def source(subject: Subject, name: Name) -> bytes:
-    """Return the C of a harness."""
+_AT_INPUT = re.compile(r"^at input (\d+)$", re.MULTILINE)
+
+
+def source(subject: Subject, name: Name, entry: str = "LLVMFuzzerTestOneInput") -> bytes:
+    """Return the C of a harness, with the name of its function."""
     manifest = subject.manifest
-    config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+    config = subject.config
     law, facts, real = LAWS[subject.kind], manifest["map"], numpy_type(manifest["options"]["precision"])
     cap, friction = facts["lateral_acceleration_cap_m_s2"], facts["frictions"][0]
     numbers = {
@@ -55,6 +65,7 @@ def source(subject: Subject, name: Name) -> bytes:
         "smallest": float(np.finfo(real).smallest_subnormal),
     }
     context: dict[str, Any] = {
+        "entry": entry,
         "build": {"prefix": subject.prefix, "PREFIX": subject.prefix.upper()},
         "real": c_type(manifest["options"]["precision"]),
         "task": task_view(config),
@@ -71,9 +82,10 @@ def source(subject: Subject, name: Name) -> bytes:
     return render(f"verify/fuzz_{name}.c.j2", context)
 
 
-def driver() -> bytes:
-    """Return the C that runs a harness with a fixed number of inputs."""
-    return verbatim("verify/fuzz_main.c")
+def driven_harnesses(subject: Subject) -> dict[str, bytes]:
+    """Return the C of both harnesses, and of `fuzz_main`, which runs one with a fixed number of inputs."""
+    harnesses = {f"fuzz_{name}.c": source(subject, name, f"fuzz_{name}") for name in HARNESSES}
+    return {**harnesses, "fuzz_main.c": verbatim("verify/fuzz_main.c")}
 
 
 def seeds(subject: Subject) -> dict[Name, tuple[bytes, ...]]:
@@ -141,86 +153,39 @@ def _step_seeds(recording: Recording, real: type[np.float32] | type[np.float64])
     yield b"".join(parts)
 
 
-SHOWS = (
-    "No frames, measurements, initial states or valid parameters found by fuzzing make the code crash, exceed its bounds, use "
-    "a frame with a wrong CRC, or miss the fail-safe"
-)
-LIMITS = ("Fuzzing tries many inputs, not all. It proves nothing about the others.",)
-
-INPUTS: dict[Name, int] = {"can": 50_000, "step": 100_000}
-INPUTS_QUICK = 4_000
-SEED = 1
-
-SECONDS_MAX = 600.0
-"""Then an input counts as one that does not end: many times what all of them take."""
-
-COVERAGE = "-fsanitize-coverage=trace-pc"
-
-_AT_INPUT = re.compile(r"^at input (\d+)$", re.MULTILINE)
-
-
 @dataclass(frozen=True)
-class _Run:
-    """Result of a harness."""
+class Fuzzed:
+    """Result of a harness.
+
+    Attributes:
+        inputs: number of inputs that ran.
+        seeds: number of seeds.
+        corpus: number of inputs that were kept because they reached new code.
+        edges: number of edges of the code that were reached.
+        findings: one line each.
+    """
 
     inputs: int
-    corpus: int
-    edges: int
-    findings: tuple[str, ...]
+    seeds: int
+    corpus: int = 0
+    edges: int = 0
+    findings: tuple[str, ...] = ()
 
 
-def check(subject: Subject, effort: Effort) -> Outcome:
-    """Run both harnesses.
-
-    Raises:
-        MissingTool: there is no C compiler with sanitizers.
-    """
-    compiler = find_compiler()
+def run_harness(program: Path, name: Name, corpus: Sequence[bytes], inputs: int) -> Fuzzed:
+    """Run a harness of a sanitized program on mutations of the corpus."""
+    stored = program.parent / f"{name}.seeds"
+    stored.write_bytes(b"".join(struct.pack("=I", len(data)) + data for data in corpus))
     try:
-        corpus = seeds(subject)
-        runs = {name: _run(compiler, subject, name, corpus[name], _inputs(name, effort)) for name in HARNESSES}
-    except BuildError as error:
-        return Outcome(SHOWS, "not compiled", Verdict.FAILED, (str(error),))
-    findings = tuple(f"{name}: {finding}" for name, run in runs.items() for finding in run.findings)
-    crashes = sum(bool(run.findings) for run in runs.values())
-    return Outcome(
-        SHOWS,
-        f"{sum(run.inputs for run in runs.values()):,} inputs, {crashes} crashes",
-        Verdict.FAILED if findings else Verdict.PASSED,
-        findings,
-        {
-            name: {"inputs": run.inputs, "seeds": len(corpus[name]), "corpus": run.corpus, "edges": run.edges}
-            for name, run in runs.items()
-        },
-        LIMITS,
-        {"C compiler with sanitizers": compiler.version},
-    )
-
-
-def _inputs(name: Name, effort: Effort) -> int:
-    return INPUTS_QUICK if effort.quick else INPUTS[name]
-
-
-def _run(compiler: Compiler, subject: Subject, name: Name, corpus: Sequence[bytes], inputs: int) -> _Run:
-    around = {f"fuzz_{name}.c": source(subject, name), "fuzz_main.c": driver()}
-    with compiled(compiler, subject.sources(), around, (COVERAGE,)) as program:
-        stored = program.path.parent / "seeds"
-        stored.write_bytes(b"".join(struct.pack("=I", len(data)) + data for data in corpus))
-        try:
-            result = run_sanitized(program.path, str(stored), str(inputs), str(SEED), seconds=SECONDS_MAX)
-        except subprocess.TimeoutExpired:
-            return _Run(inputs, 0, 0, ("an input does not end",))
-        return _read(result, inputs)
-
-
-def _read(result: subprocess.CompletedProcess[str], inputs: int) -> _Run:
-    findings = findings_of(result.stderr)
-    at = _AT_INPUT.search(result.stderr)
-    if at is not None:
-        findings = tuple(f"{finding}, at input {at[1]} of {inputs}" for finding in findings)
+        result = run_sanitized(program, name, str(stored), str(inputs), str(SEED), seconds=SECONDS_MAX)
+    except subprocess.TimeoutExpired:
+        return Fuzzed(inputs, len(corpus), findings=(f"{name}: an input does not end",))
+    findings, at = findings_of(result.stderr), _AT_INPUT.search(result.stderr)
     if result.returncode != 0 and not findings:
         findings = (f"the program ended early: exit code {result.returncode}",)
+    where = f", at input {at[1]} of {inputs}" if at is not None else ""
+    findings = tuple(f"{name}: {finding}{where}" for finding in findings)
     if result.returncode != 0:
-        return _Run(int(at[1]) if at is not None else 0, 0, 0, findings)
-    done, corpus, edges = (int(word) for word in result.stdout.split())
-    return _Run(done, corpus, edges, findings)
+        return Fuzzed(int(at[1]) if at is not None else 0, len(corpus), findings=findings)
+    done, kept, edges = (int(word) for word in result.stdout.split())
+    return Fuzzed(done, len(corpus), kept, edges, findings)
