@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, cast
 
 import numpy as np
@@ -65,35 +64,31 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         MissingTool: there is no C compiler with sanitizers.
     """
     compiler = find_compiler()
-    tools = {"C compiler with sanitizers": compiler.version}
-    suite_runs, findings = None, [*_types_of_other_width(subject)]
+    tools, fuzzed = {"C compiler with sanitizers": compiler.version}, {}
     try:
         seeds = fuzzing.seeds(subject)
         plain = {**served_ecu.source(subject), **fuzzing.driven_harnesses(subject)}
-        with compiled(compiler, subject.sources(), plain, (fuzzing.COVERAGE,)) as program, ThreadPoolExecutor() as pool:
-            running = {
-                name: pool.submit(
-                    fuzzing.run_harness, program, name, seeds[name], INPUTS_QUICK if effort.quick else INPUTS[name]
-                )
-                for name in fuzzing.HARNESSES
-            }
+        with compiled(compiler, subject.sources(), plain, (fuzzing.COVERAGE,)) as program:
             with served_ecu.served(program, subject) as ecu:
                 suite_runs = _Suites(subject, effort, ecu)
                 for finding in suite_runs.run():
                     suite_runs.findings.append(finding)  # one by one: the program may end at any time
-            fuzzed = {name: future.result() for name, future in running.items()}
+            for name in fuzzing.HARNESSES:
+                inputs = INPUTS_QUICK if effort.quick else INPUTS[name]
+                fuzzed[name] = fuzzing.run_harness(program, name, seeds[name], inputs)
     except BuildError as error:
         return Outcome(SHOWS, "not compiled", Verdict.FAILED, (str(error),), limits=LIMITS, tools=tools)
     # Findings of the sanitizers explain those of the suites, so they come first.
-    findings += [*ecu.findings, *suite_runs.findings, *(each for run in fuzzed.values() for each in run.findings)]
-    inputs, ran = sum(run.inputs for run in fuzzed.values()), suite_runs.figures
+    findings = (*_types_of_other_width(subject), *ecu.findings, *suite_runs.findings)
+    findings += tuple(finding for _, found in fuzzed.values() for finding in found)
+    ran, total = suite_runs.figures, sum(figures["inputs"] for figures, _ in fuzzed.values())
     count = "1 finding" if len(findings) == 1 else f"{len(findings)} findings"
     return Outcome(
         SHOWS,
-        f"{count} in {ran['scenarios']} scenarios, {ran['faults']} faults, {ran['steps']:,} steps and {inputs:,} fuzzed inputs",
+        f"{count} in {ran['scenarios']} scenarios, {ran['faults']} faults, {ran['steps']:,} steps and {total:,} fuzzed inputs",
         Verdict.FAILED if findings else Verdict.PASSED,
-        tuple(findings),
-        {**ran, "fuzzing": {name: {key: getattr(run, key) for key in fuzzing.FIGURES} for name, run in fuzzed.items()}},
+        findings,
+        {**ran, "fuzzing": {name: figures for name, (figures, _) in fuzzed.items()}},
         (*LIMITS, *suite_runs.limits),
         tools,
     )
@@ -135,7 +130,6 @@ class _Suites:
             yield f"src/{self._subject.prefix}_selftest.c: the self-test fails"
         yield from self._drives()
         yield from self._lookups()
-        self._dynamics()
         yield from self._loops()
         yield from self._faults()
 
@@ -160,19 +154,15 @@ class _Suites:
         subject = self._subject
         lookup = lookup_of(subject, compile_build(subject.files, subject.manifest, flags=HOST_FLAGS))
         places = suites.places(self._thresholds, self._samples // 4, self._precision)
-        first, wrong, count = "", 0, 0
-        for friction in suites.road_frictions(self._thresholds, self._precision):
-            differ, text = self._different(lookup, places, friction)
-            first, wrong, count = first or text, wrong + differ, count + len(places)
+        frictions = suites.road_frictions(self._thresholds, self._precision)
+        wrong = [text for friction in frictions for text in self._different(lookup, places, friction)]
+        self.figures["look_ups"] = len(places) * len(frictions)
         if wrong:
-            yield f"src/{self._subject.prefix}_map.c: {first} ({wrong} of {count} are wrong)"
-        self.figures["look_ups"] = count
+            yield f"src/{subject.prefix}_map.c: {wrong[0]} ({len(wrong)} of {self.figures['look_ups']} are wrong)"
 
-    def _different(self, lookup: Lookup, places: Numbers, friction: float) -> tuple[int, str]:
-        """Return the number of places at which yaw rate or rear angle differ from the reference, and the first as text."""
-        speed, angle = places.T
-        found = self._ecu.look_up(places, friction)
-        expected = lookup.reference(speed, angle, friction)
+    def _different(self, lookup: Lookup, places: Numbers, friction: float) -> Iterator[str]:
+        """Yield a text for each place at which yaw rate or rear angle differ from the reference."""
+        found, expected = self._ecu.look_up(places, friction), lookup.reference(places[:, 0], places[:, 1], friction)
         looks_up_rear_angle = LAWS[self._subject.kind].uses_rear_angle
         wrong = _bits(found[0]) != _bits(expected[0])
         if not self._subject.is_of_this_version:  # the order of operations may differ
@@ -180,23 +170,12 @@ class _Suites:
             wrong = ~(np.abs(found[0] - expected[0]) <= bound)
         elif looks_up_rear_angle:
             wrong |= _bits(found[1]) != _bits(expected[1])
-        where = np.flatnonzero(wrong)
-        if not where.size:
-            return 0, ""
-        k = where[0]
-        have, want = (f"{pair[0][k]:.9g} rad/s" + f", {pair[1][k]:.9g} rad" * looks_up_rear_angle for pair in (found, expected))
-        at = f"{speed[k]:.9g} m/s, {angle[k]:.9g} rad, friction {friction:.9g}"
-        return where.size, f"the look-up at {at} gives {have}, the reference {want}"
-
-    def _dynamics(self) -> None:
-        """Call the dynamics with arbitrary finite numbers. The results have no reference here."""
-        generator = np.random.default_rng(4)
-        real = self._ecu.real
-        points = generator.integers(0, 256, size=6 * self._samples * real(0.0).nbytes, dtype=np.uint8).view(real)
-        points = np.where(np.isfinite(points), points, real(0.0)).reshape(-1, 6)
-        scale: Numbers = np.array([0.2, 1.0, 60.0, 0.6, 0.1, 1.0], dtype=real)
-        plausible: Numbers = generator.uniform(-1.0, 1.0, size=points.shape).astype(real) * scale
-        self._ecu.differentiate(np.concatenate([points, plausible]))
+        for k in np.flatnonzero(wrong):
+            have, want = (
+                f"{pair[0][k]:.9g} rad/s" + f", {pair[1][k]:.9g} rad" * looks_up_rear_angle for pair in (found, expected)
+            )
+            at = f"{places[k, 0]:.9g} m/s, {places[k, 1]:.9g} rad, friction {friction:.9g}"
+            yield f"the look-up at {at} gives {have}, the reference {want}"
 
     def _loops(self) -> Iterator[str]:
         per_sample = round(self._config.controller.sampling_time_s / self._config.plant.sampling_time_s)

@@ -10,7 +10,6 @@ import re
 import struct
 import subprocess
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -37,8 +36,6 @@ SEED_SAMPLES = 24
 CRC_AND_COUNTER = range(12)
 """Bits of a protected frame."""
 
-FIGURES = ("inputs", "seeds", "corpus", "edges")
-"""Numbers of a run."""
 SEED = 1
 """Seed of the mutations."""
 SECONDS_MAX = 600.0
@@ -153,39 +150,23 @@ def _step_seeds(recording: Recording, real: type[np.float32] | type[np.float64])
     yield b"".join(parts)
 
 
-@dataclass(frozen=True)
-class Fuzzed:
-    """Result of a harness.
+def run_harness(program: Path, name: Name, corpus: Sequence[bytes], inputs: int) -> tuple[dict[str, int], tuple[str, ...]]:
+    """Run a harness of a sanitized program on mutations of the corpus.
 
-    Attributes:
-        inputs: number of inputs that ran.
-        seeds: number of seeds.
-        corpus: number of inputs that were kept because they reached new code.
-        edges: number of edges of the code that were reached.
-        findings: one line each.
+    Return the numbers of inputs, seeds, inputs kept for new coverage, and edges reached; and the findings.
     """
-
-    inputs: int
-    seeds: int
-    corpus: int = 0
-    edges: int = 0
-    findings: tuple[str, ...] = ()
-
-
-def run_harness(program: Path, name: Name, corpus: Sequence[bytes], inputs: int) -> Fuzzed:
-    """Run a harness of a sanitized program on mutations of the corpus."""
+    figures = {"inputs": 0, "seeds": len(corpus), "corpus": 0, "edges": 0}
     stored = program.parent / f"{name}.seeds"
     stored.write_bytes(b"".join(struct.pack("=I", len(data)) + data for data in corpus))
     try:
         result = run_sanitized(program, name, str(stored), str(inputs), str(SEED), seconds=SECONDS_MAX)
     except subprocess.TimeoutExpired:
-        return Fuzzed(inputs, len(corpus), findings=(f"{name}: an input does not end",))
+        return figures, (f"{name}: an input does not end",)
     findings, at = findings_of(result.stderr), _AT_INPUT.search(result.stderr)
-    if result.returncode != 0 and not findings:
+    if result.returncode == 0:
+        figures["inputs"], figures["corpus"], figures["edges"] = map(int, result.stdout.split())
+    elif not findings:
         findings = (f"the program ended early: exit code {result.returncode}",)
-    where = f", at input {at[1]} of {inputs}" if at is not None else ""
-    findings = tuple(f"{name}: {finding}{where}" for finding in findings)
-    if result.returncode != 0:
-        return Fuzzed(int(at[1]) if at is not None else 0, len(corpus), findings=findings)
-    done, kept, edges = (int(word) for word in result.stdout.split())
-    return Fuzzed(done, len(corpus), kept, edges, findings)
+    where = f", at input {at[1]} of {inputs}" if at else ""
+    figures["inputs"] = int(at[1]) if at else figures["inputs"]
+    return figures, tuple(f"{name}: {finding}{where}" for finding in findings)

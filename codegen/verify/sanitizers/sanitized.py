@@ -148,33 +148,27 @@ def compiled(
         BuildError: C that does not compile.
         CodegenError: a full disk.
     """
-    with _folder() as scratch:
-        tree = scratch / "tree"
-        for name, content in {**plain, **sources}.items():
-            (tree / name).parent.mkdir(parents=True, exist_ok=True)
-            (tree / name).write_bytes(content)
-        search = [f"-I{folder}" for folder in ("include", "bench") if (tree / folder).is_dir()]
-        common = [*search, f"-fdebug-prefix-map={tree}={ROOT}", "-c"]
-        every = {**dict.fromkeys(plain, PLAIN_FLAGS), **dict.fromkeys(sources, (*FLAGS, SANITIZERS, *flags))}
-        objects = {unit: f"{scratch}/{number}.o" for number, unit in enumerate(every) if unit.endswith(".c")}
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            commands = ([*compiler.command, *every[unit], *common, unit, "-o", name] for unit, name in objects.items())
-            for unit, result in zip(objects, pool.map(lambda command: run(command, tree), commands), strict=True):
-                require_success(result, unit)
-        linking = [*compiler.command, SANITIZERS, *link, *objects.values(), "-o", "program", "-lm"]
-        require_success(run(linking, scratch), "linking")
-        yield scratch / "program"
-
-
-@contextlib.contextmanager
-def _folder() -> Iterator[Path]:
     try:
-        with tempfile.TemporaryDirectory(prefix="ars-sanitized-") as scratch:
-            yield Path(scratch).resolve()
+        with tempfile.TemporaryDirectory(prefix="ars-sanitized-") as folder:
+            scratch = Path(folder).resolve()
+            tree = scratch / "tree"
+            for name, content in {**plain, **sources}.items():
+                (tree / name).parent.mkdir(parents=True, exist_ok=True)
+                (tree / name).write_bytes(content)
+            search = [f"-I{folder}" for folder in ("include", "bench") if (tree / folder).is_dir()]
+            common = [*search, f"-fdebug-prefix-map={tree}={ROOT}", "-c"]
+            every = {**dict.fromkeys(plain, PLAIN_FLAGS), **dict.fromkeys(sources, (*FLAGS, SANITIZERS, *flags))}
+            objects = {unit: f"{scratch}/{number}.o" for number, unit in enumerate(every) if unit.endswith(".c")}
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                commands = ([*compiler.command, *every[unit], *common, unit, "-o", name] for unit, name in objects.items())
+                for unit, result in zip(objects, pool.map(lambda command: run(command, tree), commands), strict=True):
+                    require_success(result, unit)
+            linking = [*compiler.command, SANITIZERS, *link, *objects.values(), "-o", "program", "-lm"]
+            require_success(run(linking, scratch), "linking")
+            yield scratch / "program"
     except OSError as error:
-        raise CodegenError(
-            f"the sources cannot be stored: {error.strerror or error}", remedy="free space for temporary files"
-        ) from error
+        what = f"the sources cannot be stored: {error.strerror or error}"
+        raise CodegenError(what, remedy="free space for temporary files") from error
 
 
 def findings_of(report: str) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -38,9 +38,6 @@ BATCH = 16_384
 
 SECONDS_MAX = 120.0
 """After which a program that does not end counts as caught in a loop: ten times what it takes on a slow machine."""
-
-OUTPUTS = 28
-"""Numbers that the vehicle dynamics give for one point."""
 
 
 class Ended(CodegenError):
@@ -85,12 +82,6 @@ class ServedEcu:
         found = self._batches(b"m", rows.reshape(-1), np.dtype((self.real, 2)), width=3)
         return found[:, 0], found[:, 1]
 
-    def differentiate(self, points: Numbers) -> Numbers:
-        """Return derivatives and Jacobians of both vehicle models, (n, 28), at points (n, 6): sideslip angle, yaw rate,
-        speed, front angle, rear angle, friction."""
-        flat = np.ascontiguousarray(points, dtype=self.real).reshape(-1)
-        return self._batches(b"y", flat, np.dtype((self.real, OUTPUTS)), width=6)
-
     def run_loop(self, inputs: FloatArray, steps_per_sample: int, *, through_can: bool) -> FloatArray:
         """Run a closed loop with the plant of the build and return the recording (samples, 12), columns RECORD_COLUMNS."""
         samples = len(inputs) // steps_per_sample
@@ -100,10 +91,19 @@ class ServedEcu:
         answer = self._ask(b"l" + head + rows.tobytes(), samples * len(RECORD_COLUMNS) * 8)
         return np.frombuffer(answer, dtype=np.float64).reshape(samples, -1)
 
-    def task(self) -> ServedTask:
-        """Initialise and return the only task of the program."""
+    def task(self) -> Self:
+        """Initialise the only task of the program. Its methods are those of `codegen.sil.software.Task` that a bench calls."""
         self._send(b"t")
-        return ServedTask(self._send, self._ask)
+        return self
+
+    def on_can_frame(self, identifier: int, data: bytes) -> None:
+        """Receive a frame in the task."""
+        self._send(b"f" + struct.pack("=IB", identifier, len(data)) + data)
+
+    def run(self) -> tuple[int, bytes]:
+        """Run one sample of the task. Return id and data of the frame to send."""
+        answer = self._ask(b"c", 12)
+        return struct.unpack("=I", answer[:4])[0], answer[4:]
 
     def _batches(self, command: bytes, rows: Numbers, answer: np.dtype[Any], width: int = 1) -> Numbers:
         parts = []
@@ -130,22 +130,6 @@ class ServedEcu:
         if len(answer) != size:
             raise Ended("the program ended")
         return answer
-
-
-class ServedTask:
-    """The cyclic task, with the methods of `codegen.sil.software.Task` that a bench calls."""
-
-    def __init__(self, send: Any, ask: Any) -> None:
-        self._send, self._ask = send, ask
-
-    def on_can_frame(self, identifier: int, data: bytes) -> None:
-        """Receive a frame."""
-        self._send(b"f" + struct.pack("=IB", identifier, len(data)) + data)
-
-    def run(self) -> tuple[int, bytes]:
-        """Run one sample. Return id and data of the frame to send."""
-        answer = self._ask(b"c", 12)
-        return struct.unpack("=I", answer[:4])[0], answer[4:]
 
 
 def source(subject: Subject) -> dict[str, bytes]:
