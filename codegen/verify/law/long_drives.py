@@ -86,7 +86,7 @@ class LongDrives:
 
     @property
     def _turning(self) -> list[Measurement]:
-        turn = self.turn(SPEED_M_S)
+        turn = self.turn(max(SPEED_M_S, 1.2 * self.software.parameters().enable_speed))
         return [replace(turn, yaw_rate=turn.yaw_rate + noise) for noise in YAW_RATE_NOISE]
 
     @property
@@ -96,15 +96,15 @@ class LongDrives:
     def _controllers(self) -> Iterator[Drive]:
         parameters = self.software.parameters()
         limits = parameters.inputs
-        turning, nothing = self._turning, [NOTHING]
+        turning, nothing, tolerated = self._turning, [NOTHING], limits.missing_samples_max
         lost = _without(turning[0], FRONT_AND_YAW)
         recovery = Stretch(turning, limits.recovery_samples)
         held = {
             "no signal": nothing,
             "neither front angle nor yaw rate": [lost],
             "no yaw rate": [replace(turning[0], yaw_rate=math.inf)],
-            "losses as long as tolerated": [lost] * limits.missing_samples_max + [*turning] * limits.missing_samples_max,
-            "recoveries too short by one": [lost] * (limits.missing_samples_max + 1)
+            "losses as long as tolerated": [lost] * tolerated + [*turning] * max(tolerated, 1),
+            "recoveries too short by one": [lost] * (tolerated + 1)
             + [*itertools.islice(itertools.cycle(turning), limits.recovery_samples - 1)],
             "a turn": turning,
             "an inhibited turn": [replace(sample, inhibit=True) for sample in turning],
