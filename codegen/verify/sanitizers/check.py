@@ -14,7 +14,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import LAWS
 from codegen.emit.text import Precision
@@ -25,7 +24,7 @@ from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Thresholds
 from codegen.verify.map_reference import lookup_of
 from codegen.verify.on_host import HOST_FLAGS
-from codegen.verify.sanitizers import fuzzing, served_ecu
+from codegen.verify.sanitizers import fuzzing, program, served_ecu
 from codegen.verify.sanitizers.sanitized import compiled, find_compiler
 from codegen.verify.sanitizers.served_ecu import Numbers, ServedEcu
 from hil_sim.bench import run_in_process
@@ -48,7 +47,7 @@ FAULTS_NOT_JUDGED = (
 
 SAMPLES, SAMPLES_QUICK = 20_000, 2_000
 """Samples of each drive; a quarter of it is the number of lookups at each friction."""
-INPUTS: dict[fuzzing.Name, int] = {"can": 50_000, "step": 100_000}
+INPUTS: dict[program.Name, int] = {"can": 50_000, "step": 100_000}
 INPUTS_QUICK = 4_000
 """Inputs of each fuzz harness."""
 
@@ -67,15 +66,14 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     tools, fuzzed = {"C compiler with sanitizers": compiler.version}, {}
     try:
         seeds = fuzzing.seeds(subject)
-        plain = {**served_ecu.source(subject), **fuzzing.driven_harnesses(subject)}
-        with compiled(compiler, subject.sources(), plain, (fuzzing.COVERAGE,)) as program:
-            with served_ecu.served(program, subject) as ecu:
+        with compiled(compiler, subject.sources(), program.sources(subject), (program.COVERAGE,)) as path:
+            with served_ecu.served(path, subject) as ecu:
                 suite_runs = _Suites(subject, effort, ecu)
                 for finding in suite_runs.run():
                     suite_runs.findings.append(finding)  # one by one: the program may end at any time
-            for name in fuzzing.HARNESSES:
+            for name in program.HARNESSES:
                 inputs = INPUTS_QUICK if effort.quick else INPUTS[name]
-                fuzzed[name] = fuzzing.run_harness(program, name, seeds[name], inputs)
+                fuzzed[name] = fuzzing.run_harness(path, name, seeds[name], inputs)
     except BuildError as error:
         return Outcome(SHOWS, "not compiled", Verdict.FAILED, (str(error),), limits=LIMITS, tools=tools)
     # Findings of the sanitizers explain those of the suites, so they come first.
@@ -112,17 +110,10 @@ class _Suites:
         self.findings: list[str] = []
         self.limits: list[str] = []
         self._thresholds = Thresholds.of(subject.manifest)
+        self._config = self._thresholds.config
+        self._largest = float(ecu.real(self._config.rear_actuator.angle_max))  # rad, in the precision of the C
         self._samples = SAMPLES_QUICK if effort.quick else SAMPLES
         self._precision = cast(Precision, subject.manifest["options"]["precision"])
-
-    @property
-    def _config(self) -> Config:
-        return self._thresholds.config
-
-    @property
-    def _largest(self) -> float:
-        """Largest rear angle in rad, in the precision of the C."""
-        return float(self._ecu.real(self._config.rear_actuator.angle_max))
 
     def run(self) -> Iterator[str]:
         """Run everything and yield a line for each fault."""
@@ -179,21 +170,20 @@ class _Suites:
 
     def _loops(self) -> Iterator[str]:
         per_sample = round(self._config.controller.sampling_time_s / self._config.plant.sampling_time_s)
+        command_signal = self._config.can.rear_steer_command.real("rear_angle")
         count = 0
         for name, inputs in suites.loops(self._config):
             for through_can in (False, True):
                 record = self._ecu.run_loop(inputs, per_sample, through_can=through_can)
                 command = record[:, RECORD_COLUMNS.index("rear_angle_command_rad")]
-                if not (np.abs(command) <= self._allowed(through_can)).all() or not np.isfinite(record).all():
+                # In a frame the angle is rounded to its code.
+                allowed = self._largest + (command_signal.factor if through_can else 0.0)
+                if not (np.abs(command) <= allowed).all() or not np.isfinite(record).all():
                     how = " through CAN frames" if through_can else ""
                     largest = np.abs(command).max()
                     yield f"scenario {name}{how}: the rear angle goes to {largest:.6g} rad, or a signal is no number"
             count += 1
         self.figures["scenarios"] = count
-
-    def _allowed(self, through_can: bool) -> float:
-        """Return the largest allowed rear angle in rad; in a frame it is rounded to its code."""
-        return self._largest + (self._config.can.rear_steer_command.real("rear_angle").factor if through_can else 0.0)
 
     def _faults(self) -> Iterator[str]:
         ecu = cast(Software, self._ecu)  # a bench uses only its task

@@ -1,8 +1,4 @@
-"""Fuzz harnesses of the CAN receive path and of the step, and their run with a fixed number of inputs.
-
-The harnesses have libFuzzer's interface. The driver here works with every compiler, follows coverage too, and gives the same
-inputs on each run.
-"""
+"""Seeds of the fuzz harnesses, and their run with a fixed number of inputs, which are the same on each run."""
 
 from __future__ import annotations
 
@@ -11,78 +7,25 @@ import struct
 import subprocess
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.configuration.can import Message, RealSignal
-from codegen.configuration.signals import CARRIED, MEASURED
-from codegen.emit.can_view import task_view
-from codegen.emit.controller_view import REFERENCE_OVERSHOOT
-from codegen.emit.laws import LAWS
-from codegen.emit.render import render, verbatim
-from codegen.emit.text import c_type, literal, numpy_type
+from codegen.emit.text import numpy_type
 from codegen.verify.check import Subject
+from codegen.verify.sanitizers.program import Name
 from codegen.verify.sanitizers.sanitized import findings_of, run_sanitized
 from codegen.verify.suites import Recording, recordings
 
-Name = Literal["can", "step"]
-HARNESSES: tuple[Name, ...] = ("can", "step")
-
 SEED_SAMPLES = 24
 """Samples of each recording: short enough to be mutated everywhere, long enough for every status."""
-
-CRC_AND_COUNTER = range(12)
-"""Bits of a protected frame."""
 
 SEED = 1
 """Seed of the mutations."""
 SECONDS_MAX = 600.0
 """Time limit of a harness in s, many times what all inputs take."""
-COVERAGE = "-fsanitize-coverage=trace-pc"
-"""Flag with which the sanitized code reports its edges to the driver."""
 
 _AT_INPUT = re.compile(r"^at input (\d+)$", re.MULTILINE)
-
-
-def source(subject: Subject, name: Name, entry: str = "LLVMFuzzerTestOneInput") -> bytes:
-    """Return the C of a harness, with the name of its function."""
-    manifest = subject.manifest
-    config = subject.config
-    law, facts, real = LAWS[subject.kind], manifest["map"], numpy_type(manifest["options"]["precision"])
-    cap, friction = facts["lateral_acceleration_cap_m_s2"], facts["frictions"][0]
-    numbers = {
-        "sampling_time": config.controller.sampling_time_s,
-        "actuator_angle_max": float(real(config.rear_actuator.angle_max)),
-        "cap": cap,
-        "cap_per_friction": cap / friction,
-        "overshoot": REFERENCE_OVERSHOOT if law.uses_reference_model else 1.0,
-        "rounding": 8.0 * float(np.finfo(real).eps),
-        "smallest": float(np.finfo(real).smallest_subnormal),
-    }
-    context: dict[str, Any] = {
-        "entry": entry,
-        "build": {"prefix": subject.prefix, "PREFIX": subject.prefix.upper()},
-        "real": c_type(manifest["options"]["precision"]),
-        "task": task_view(config),
-        "can": config.can,
-        "used_bits": _used_bits(config.can.rear_steer_command),
-        "signals": tuple(_reals(config)),
-        "measured": MEASURED,
-        "carried": CARRIED,
-        "stacked": len(facts["frictions"]) > 1,
-        "with_rear_angle": law.uses_rear_angle,
-        "with_model": law.uses_reference_model,
-        **{key: literal(value, "double") for key, value in numbers.items()},
-    }
-    return render(f"verify/fuzz_{name}.c.j2", context)
-
-
-def driven_harnesses(subject: Subject) -> dict[str, bytes]:
-    """Return the C of both harnesses, and of `fuzz_main`, which runs one with a fixed number of inputs."""
-    harnesses = {f"fuzz_{name}.c": source(subject, name, f"fuzz_{name}") for name in HARNESSES}
-    return {**harnesses, "fuzz_main.c": verbatim("verify/fuzz_main.c")}
 
 
 def seeds(subject: Subject) -> dict[Name, tuple[bytes, ...]]:
@@ -102,21 +45,6 @@ def seeds(subject: Subject) -> dict[Name, tuple[bytes, ...]]:
         "can": tuple(bytes(data) for recording in recorded for data in _can_seeds(config, recording)),
         "step": tuple(bytes(data) for recording in recorded for data in _step_seeds(recording, real)),
     }
-
-
-def _used_bits(message: Message) -> int:
-    """Return a mask of the used bits of a frame, from the lowest of byte 0."""
-    used = {*CRC_AND_COUNTER, *(bit for signal in message.signals().values() for bit in signal.bits(message.byte_order))}
-    return sum(1 << bit for bit in used)
-
-
-def _reals(config: Config) -> Iterator[tuple[str, str, RealSignal]]:
-    """Yield struct in the harness, field and layout of each scaled signal."""
-    names = {"vehicle_motion": "motion", "vehicle_conditions": "conditions", "rear_steer_command": "command"}
-    for role, message in config.can.messages().items():
-        for name, signal in message.signals().items():
-            if isinstance(signal, RealSignal):
-                yield names[role], name, signal
 
 
 def _can_seeds(config: Config, recording: Recording) -> Iterator[Iterable[int]]:

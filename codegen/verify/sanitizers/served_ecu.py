@@ -19,14 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.arrays import FloatArray
-from codegen.configuration.signals import CARRIED
-from codegen.emit.can_view import task_view
-from codegen.emit.laws import LAWS
-from codegen.emit.render import render
-from codegen.emit.text import c_type, literal, numpy_type
+from codegen.emit.text import numpy_type
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
-from codegen.sil.software import RECORD_COLUMNS, bench_sources
+from codegen.sil.software import RECORD_COLUMNS
 from codegen.verify.check import Subject
 from codegen.verify.drives import Samples
 from codegen.verify.sanitizers.sanitized import environment, findings_of, launcher
@@ -67,7 +63,7 @@ class ServedEcu:
 
     def start(self, rear_angle: float) -> None:
         """Initialise the controller at a rear angle in rad."""
-        self._send(b"i" + self.real(rear_angle).tobytes())
+        self._ask(b"i" + self.real(rear_angle).tobytes())
 
     def drive(self, drive: Samples) -> Numbers:
         """Run the controller. Return its commands, (samples,) with the fields rear_angle, yaw_rate_reference, status."""
@@ -93,12 +89,12 @@ class ServedEcu:
 
     def task(self) -> Self:
         """Initialise the only task of the program. Its methods are those of `codegen.sil.software.Task` that a bench calls."""
-        self._send(b"t")
+        self._ask(b"t")
         return self
 
     def on_can_frame(self, identifier: int, data: bytes) -> None:
         """Receive a frame in the task."""
-        self._send(b"f" + struct.pack("=IB", identifier, len(data)) + data)
+        self._ask(b"f" + struct.pack("=IB", identifier, len(data)) + data)
 
     def run(self) -> tuple[int, bytes]:
         """Run one sample of the task. Return id and data of the frame to send."""
@@ -114,37 +110,18 @@ class ServedEcu:
             parts.append(np.frombuffer(data, dtype=answer))
         return np.concatenate(parts)
 
-    def _send(self, data: bytes) -> None:
+    def _ask(self, data: bytes, size: int = 0) -> bytes:
+        """Send a command and return its answer. A command without an answer is sent with the next that has one."""
         try:
-            self._to.write(data)  # commands without an answer are sent with the next that has one
-        except OSError:
-            raise Ended("the program ended") from None
-
-    def _ask(self, data: bytes, size: int) -> bytes:
-        self._send(data)
-        try:
-            self._to.flush()
+            self._to.write(data)
+            if size > 0:
+                self._to.flush()
         except OSError:
             raise Ended("the program ended") from None
         answer = self._from.read(size)
         if len(answer) != size:
             raise Ended("the program ended")
         return answer
-
-
-def source(subject: Subject) -> dict[str, bytes]:
-    """Return the C around the generated code: the server, the plant and the closed loop."""
-    config = subject.config
-    precision = subject.manifest["options"]["precision"]
-    context = {
-        "build": {"prefix": subject.prefix, "PREFIX": subject.prefix.upper()},
-        "real": c_type(precision),
-        "task": task_view(config),
-        "carried": CARRIED,
-        "with_rear_angle": LAWS[subject.kind].uses_rear_angle,
-        "plant_step": literal(config.plant.sampling_time_s, "double"),
-    }
-    return {**bench_sources(config, subject.prefix, precision), "served_ecu.c": render("verify/served_ecu.c.j2", context)}
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""Part "libfuzzer": the harnesses of `codegen.verify.sanitizers.fuzzing` under coverage-guided libFuzzer.
+"""Part "libfuzzer": the harnesses of `codegen.verify.sanitizers.program` under coverage-guided libFuzzer.
 
 The properties are those of `codegen verify`. An input that breaks one is stored in build/fuzzing/, where the harness runs it
 again.
@@ -16,7 +16,8 @@ from typing import Any
 
 from codegen.sil.toolchain import compiler_identity
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.sanitizers.fuzzing import Name, seeds, source
+from codegen.verify.sanitizers.fuzzing import seeds
+from codegen.verify.sanitizers.program import Name, harness
 from codegen.verify.sanitizers.sanitized import Compiler, compiled, environment, findings_of
 from tests.evidence.coverage.coverage import find_tool
 from tests.evidence.coverage.mcdc import VERSION
@@ -104,7 +105,7 @@ def fuzz(
 
 def _execute(clang: Compiler, subject: Subject, name: Name, flags: Sequence[str], arguments: Sequence[str]) -> tuple[str, int]:
     """Compile a harness with additional flags and run it; return its standard error and exit code."""
-    around = {f"fuzz_{name}.c": source(subject, name)}
+    around = {f"fuzz_{name}.c": harness(subject, name)}
     with compiled(clang, subject.sources(), around, flags, ("-fsanitize=fuzzer",)) as program:
         done = subprocess.run(
             [program, *arguments, *LIMITS],

@@ -16,7 +16,7 @@ from codegen.verify.pil import check as pil
 from codegen.verify.proof import check as proof
 from codegen.verify.proof import claims
 from codegen.verify.sanitizers import check as sanitizers
-from codegen.verify.sanitizers import fuzzing, sanitized, served_ecu
+from codegen.verify.sanitizers import fuzzing, program, sanitized
 from codegen.verify.target.cross import POWERPC_BE
 from tests.verify import builds, planted
 
@@ -169,7 +169,7 @@ SENT = "ars_rear_steer_command_t sent = *signals; sent.rear_angle *= 2; planted_
 ROAD = "return planted_ars_map_yaw_rate_on_road(speed, (front_angle < -0.5f) ? -0.5f : front_angle, friction);"
 UNUSED = "a frame that must not be used makes no difference"
 REFERENCE, STATUS = "result.yaw_rate_reference", "result.status"
-FAULTS: dict[fuzzing.Name, list[tuple[str, str, str]]] = {
+FAULTS: dict[program.Name, list[tuple[str, str, str]]] = {
     "can": [
         ("e2e_check", ACCEPT_ANY_CRC, UNUSED),
         ("e2e_check", ACCEPT_ANY_CRC.replace("mended[0] =", "if ((data[7] & 0xF0u) == 0x50u) mended[0] ="), UNUSED),
@@ -203,18 +203,18 @@ FAULTS: dict[fuzzing.Name, list[tuple[str, str, str]]] = {
 }
 
 
-def fuzzed(subject: Subject, name: fuzzing.Name) -> tuple[str, ...]:
+def fuzzed(subject: Subject, name: program.Name) -> tuple[str, ...]:
     """Return the findings of one harness."""
-    plain = {**served_ecu.source(subject), **fuzzing.driven_harnesses(subject)}
-    with sanitized.compiled(sanitized.find_compiler(), subject.sources(), plain, (fuzzing.COVERAGE,)) as program:
-        return fuzzing.run_harness(program, name, fuzzing.seeds(subject)[name], sanitizers.INPUTS_QUICK)[1]
+    compiler, plain = sanitized.find_compiler(), program.sources(subject)
+    with sanitized.compiled(compiler, subject.sources(), plain, (program.COVERAGE,)) as path:
+        return fuzzing.run_harness(path, name, fuzzing.seeds(subject)[name], sanitizers.INPUTS_QUICK)[1]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "function", "statement", "finding"), [(name, *fault) for name, faults in FAULTS.items() for fault in faults]
 )
-def test_every_property_can_fail(name: fuzzing.Name, function: str, statement: str, finding: str) -> None:
+def test_every_property_can_fail(name: program.Name, function: str, statement: str, finding: str) -> None:
     call = CALL.get(function, "")
     end = "return result;" if "result =" in call else ""
     subject = planted.wrapped(TRACKING, f"ars_{function}", f"    {call}\n    {statement}\n    {end}")
