@@ -1,7 +1,7 @@
 /*
  * Run a fuzz harness with a fixed number of inputs: mutations of its seeds and of inputs that reached new edges.
  *
- * Arguments: file of seeds (each with its length in four bytes), number of inputs, seed of the random numbers.
+ * Arguments: harness, file of seeds (each with its length in four bytes), number of inputs, seed of the random numbers.
  * The same arguments give the same inputs. Prints the numbers of inputs, of the corpus and of edges.
  */
 #include <signal.h>
@@ -10,7 +10,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+int fuzz_can(const uint8_t *data, size_t size);
+int fuzz_step(const uint8_t *data, size_t size);
+int fuzz_main(int count, char **arguments);
 void __sanitizer_cov_trace_pc(void);
 
 enum { INPUT_BYTES_MAX = 2048, CORPUS_MAX = 4096, EDGES = 1 << 16, CHANGES_MAX = 6 };
@@ -20,6 +22,7 @@ typedef struct {
     size_t size;
 } input_t;
 
+static int (*harness)(const uint8_t *data, size_t size) = fuzz_can;
 static input_t corpus[CORPUS_MAX];
 static uint32_t corpus_size;
 static uint64_t random_state;
@@ -35,7 +38,7 @@ static uint32_t edges;
 void __sanitizer_cov_trace_pc(void)
 {
     /* Relative, because the program is loaded at another address in each run. */
-    const uintptr_t place = (uintptr_t)__builtin_return_address(0) - (uintptr_t)&LLVMFuzzerTestOneInput;
+    const uintptr_t place = (uintptr_t)__builtin_return_address(0) - (uintptr_t)&fuzz_main;
     const uint32_t edge = (uint32_t)(((uint64_t)place * 0x9E3779B97F4A7C15u) >> 48u);
 
     if (counts[edge] == 0u) {
@@ -84,7 +87,7 @@ static int run(const uint8_t *data, size_t size)
     }
     memcpy(copy, data, size);
     input_number++;
-    (void)LLVMFuzzerTestOneInput(copy, size);
+    (void)harness(copy, size);
     free(copy);
     for (k = 0u; k < touched_size; k++) {
         const uint32_t edge = touched[k];
@@ -198,19 +201,22 @@ static void report_abort(int number)
     _Exit(6);
 }
 
-int main(int count, char **arguments)
+int fuzz_main(int count, char **arguments)
 {
     static uint8_t data[INPUT_BYTES_MAX];
     unsigned long inputs;
     uint32_t k;
 
-    if (count != 4) {
+    if (count != 5) {
         return 2;
     }
+    if (strcmp(arguments[1], "step") == 0) {
+        harness = fuzz_step;
+    }
     (void)signal(SIGABRT, report_abort);
-    inputs = strtoul(arguments[2], NULL, 10);
-    random_state = strtoull(arguments[3], NULL, 10) + 1u;
-    read_seeds(arguments[1]);
+    inputs = strtoul(arguments[3], NULL, 10);
+    random_state = strtoull(arguments[4], NULL, 10) + 1u;
+    read_seeds(arguments[2]);
     if (corpus_size == 0u) {
         return 3;
     }

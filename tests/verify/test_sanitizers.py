@@ -1,4 +1,4 @@
-"""Check `sanitizers`: a build passes on this machine and as a trap build, and each kind of fault is located."""
+"""Check `sanitizers`: a build passes the suites and the fuzz harnesses, and each kind of fault is located."""
 
 import itertools
 import re
@@ -8,8 +8,9 @@ import pytest
 
 from codegen.verify import suites
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.packages import MissingTool
 from codegen.verify.sanitizers import check as sanitizers
-from codegen.verify.sanitizers import served_ecu, trap_build
+from codegen.verify.sanitizers import fuzzing, served_ecu
 from hil_sim import fault_catalogue
 from tests.verify import builds, planted
 
@@ -20,30 +21,37 @@ FAULTS = ("corrupt-3", "corrupt-50")
 
 @pytest.fixture(autouse=True)
 def few_cases(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run two scenarios, two faults of the catalogue, and few samples."""
+    """Run two scenarios, two faults of the catalogue, and few samples and fuzzed inputs."""
     scenarios, faults = suites.loops, fault_catalogue.catalogue
     monkeypatch.setattr(suites, "loops", lambda config: itertools.islice(scenarios(config), 2))
     monkeypatch.setattr(fault_catalogue, "catalogue", lambda *given: [each for each in faults(*given) if each.name in FAULTS])
     monkeypatch.setattr(sanitizers, "SAMPLES_QUICK", 1_000)
-    monkeypatch.setattr(trap_build, "QUICK_STEPS", 1_500)
+    monkeypatch.setattr(sanitizers, "INPUTS_QUICK", 1_000)
 
 
 def checked(subject: Subject) -> Outcome:
     return sanitizers.check(subject, QUICK)
 
 
-def test_a_build_passes_both_halves() -> None:
+def test_a_build_passes() -> None:
     outcome = checked(planted.subject_of(TRACKING))
     assert (outcome.findings, outcome.verdict) == ((), Verdict.PASSED)
-    assert outcome.figures["trap_build"] == "Cortex-M4F"
-    assert outcome.figure == f"0 findings in 2 scenarios, 2 faults and {8 * sanitizers.SAMPLES_QUICK:,} steps"
+    steps = 8 * sanitizers.SAMPLES_QUICK
+    assert outcome.figure == f"0 findings in 2 scenarios, 2 faults, {steps:,} steps and 2,000 fuzzed inputs"
     assert outcome.limits == sanitizers.LIMITS, "every status is reached"
+    for figures in outcome.figures["fuzzing"].values():
+        assert figures["inputs"] == sanitizers.INPUTS_QUICK
+        assert figures["corpus"] > figures["seeds"] == 4
+        assert figures["edges"] > 200
 
 
 UNDEFINED = {
     "result += 0.0f * (float)(int8_t)((float)far * 1.0e6f);": (
         "undefined behaviour: 6e+06 is outside the range of representable values of type"
     ),
+    "result += 0.0f * (input->demand / ((float)far * 0.0f));": "undefined behaviour: division by zero",
+    "if (far > 0) { result += 0.0f * (float)(1 / (far - 6)); }": "undefined behaviour: division by zero",
+    "result += 0.0f * (float)(1u << (far * 6));": "undefined behaviour: shift exponent 36 is too large for 32-bit type",
     "result += 0.0f * parameters->opposite_phase_max[far];": "undefined behaviour: index 6 out of bounds for type",
     "result += 0.0f * (float)(far * 400000000);": "undefined behaviour: signed integer overflow",
     "if (far > 0) { ((volatile uint8_t *)self)[4096] = 0u; }": "wrong address: heap-buffer-overflow, write of 1 bytes",
@@ -59,7 +67,27 @@ def test_undefined_behaviour_and_wrong_addresses_are_located() -> None:
     for statement, what in UNDEFINED.items():
         start = f"src/ars_limiter.c:{1 + lines.index(f'    {statement}')}: {what}"
         assert any(finding.startswith(start) for finding in outcome.findings), (start, outcome.findings)
-    assert "trap_build" not in outcome.figures, "the same code is faulty there"
+    for harness in ("can", "step"):
+        assert any(finding.startswith(f"{harness}: src/ars_limiter.c:") for finding in outcome.findings), outcome.findings
+
+
+CRC = "    planted_ars_e2e_protect(data_id, counter, data);\n    data[0] ^= (uint8_t)(data[7] & 1u);"
+
+
+def test_a_broken_property_of_a_fuzz_harness_is_found() -> None:
+    outcome = checked(planted.wrapped(TRACKING, "ars_e2e_protect", CRC))
+    assert outcome.verdict is Verdict.FAILED
+    pattern = r"can: property not held: CRC of the command \(\d+, \d+\), at input \d+ of 1000"
+    assert any(re.fullmatch(pattern, finding) for finding in outcome.findings), outcome.findings
+
+
+def test_types_whose_width_depends_on_the_target_are_found() -> None:
+    """A long of 64 bits does not overflow where one of 32 bits does."""
+    subject = planted.limiter(
+        PI, "    /* as long as it takes */\n    result += 0.0f * (float)((long)(input->demand > 0.05f) * 3L);"
+    )
+    line = 1 + subject.files["src/ars_limiter.c"].decode().splitlines().index("    /* as long as it takes */")
+    assert checked(subject).findings == (f"src/ars_limiter.c:{line + 1}: the width of long depends on the target",)
 
 
 ACCEPT_ANY_CRC = (
@@ -83,7 +111,7 @@ def test_wrong_results_of_every_suite_are_found() -> None:
         folder = replace(folder, files=planted.wrapped(folder, f"ars_{function}", body).files)
     outcome = checked(planted.subject_of(folder))
     assert outcome.verdict is Verdict.FAILED
-    assert outcome.figure.startswith(f"{len(outcome.findings)} findings in 2 scenarios, 2 faults and ")
+    assert outcome.figure.startswith(f"{len(outcome.findings)} findings in 2 scenarios, 2 faults, ")
     for pattern in (
         r"src/ars_selftest\.c: the self-test fails",
         r"drive \d, step \d+: 0\.07\d* rad, reference \S+ rad/s, status \d after \(",
@@ -99,16 +127,16 @@ def test_c_that_does_not_compile_or_does_not_return(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(sanitizers, "run_all", lambda config, runner: [])  # the fault catalogue takes longest
     (finding,) = checked(planted.subject_of(TRACKING, ars_limiter="int broken(;\n")).findings
     assert re.match(r"src/ars_limiter\.c:\d+: the C does not compile: ", finding)
-    monkeypatch.setattr(served_ecu, "SECONDS_MAX", 1.0)
+    for module in (served_ecu, fuzzing):
+        monkeypatch.setattr(module, "SECONDS_MAX", 1.0)
     endless = planted.limiter(TRACKING, "    while (input->demand > 0.05f) {\n        result += 0.0f;\n    }")
-    assert checked(endless).findings == ("the program ended early: signal 9",)
+    first, *others = checked(endless).findings
+    assert (first, others[-1]) == ("the program ended early: signal 9", "step: an input does not end")
 
 
-def test_without_tools_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler_it_cannot_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", "")
-    outcome = checked(planted.subject_of(TRACKING))
-    assert outcome.verdict is Verdict.NOT_RUN
-    host, target = outcome.findings
-    assert host.startswith("sanitizers: no C compiler whose sanitizers find a planted fault (no C compiler is here); install")
-    assert target.startswith("trap build: no C compiler was found; install")
+    message = r"^sanitizers: no C compiler whose sanitizers find a planted fault \(no C compiler is here\); install"
+    with pytest.raises(MissingTool, match=message):
+        checked(planted.subject_of(TRACKING))

@@ -67,10 +67,10 @@ def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
     contracts = contracts_of(context)
     known = {**context, "contracts": contracts}
     prefix = context["build"].prefix
-    more = {"command": frama_c_command(prefix, context["build"].sources, "alarms.csv")}
+    eva = {**known, "command": frama_c_command(prefix, context["build"].sources, "alarms.csv")}
     files = {
         f"{FOLDER}/{prefix}_contracts.h": render("contracts/contract.h.j2", known),
-        f"{FOLDER}/{EVERY_FUNCTION}": render("contracts/every_function.c.j2", {**known, **more}),
+        f"{FOLDER}/{EVERY_FUNCTION}": render("contracts/every_function.c.j2", eva),
     }
     for lemma in contracts.lemmas:
         command = command_of(lemma.name, [f"src/{each}.c" for each in lemma.linked], lemma.unwind)

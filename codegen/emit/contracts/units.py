@@ -42,7 +42,7 @@ TASK_COUNT_MAX = 64
 """Bound of the counts of disturbances in the task."""
 GOOD_SAMPLES_MAX = 10_000
 LATERAL_ACCELERATION_MAX_M_S2 = 4096.0
-"""Bound of the lateral acceleration that is computed from believed signals."""
+"""Bound of the lateral acceleration that is computed from checked signals."""
 E2E_COUNTER_MAX = 14
 """AUTOSAR E2E profile 1: 15 is never sent."""
 
@@ -202,7 +202,7 @@ class _Table:
         yield self.within("value->yaw_rate_reference", REFERENCE_MAX_RAD_S)
         yield self.within("value->yaw_rate_error", 2.0 * REFERENCE_MAX_RAD_S)
         yield f"(value->initialised == 0x{self.controller.initialised:X}u)"
-        yield from (claim.condition for claim in self._believed("value->sample."))
+        yield from (claim.condition for claim in self._checked_sample("value->sample."))
         yield self.is_code("value->quality", 3)
         yield self.is_code("value->status", len(STATUSES) - 1)
         yield "is_flag(value->enabled)"
@@ -229,7 +229,7 @@ class _Table:
             inside = self.between(name, layout.physical_low - layout.factor, layout.physical_high + layout.factor)
             yield Claim(f"{signal.definition.role} is in the range of its frame, or NaN", f"(({name} != {name}) || {inside})")
 
-    def _believed(self, sample: str) -> Iterator[Claim]:
+    def _checked_sample(self, sample: str) -> Iterator[Claim]:
         """Ranges of a checked sample."""
         bounds = {
             "speed": self.high("speed_max"),
@@ -399,13 +399,13 @@ class _Table:
             self.argument("parameters", "inputs_parameters_t", "parameter"),
             self.argument("measured", "measurement_t", "in"),
             self.scalar("rear_angle"),
-            self.argument("believed", "measurement_t", "out"),
+            self.argument("checked", "measurement_t", "out"),
         )
         requires = (
             Claim("inhibit is true or false", "is_flag(measured->inhibit)"),
             Claim("rear_angle is within its range", self.within("rear_angle", REAR_ANGLE_MAX_RAD)),
         )
-        ensures = (*self._believed("believed->"), Claim("the quality is one of its enumerators", self.is_code("result", 3)))
+        ensures = (*self._checked_sample("checked->"), Claim("the quality is one of its enumerators", self.is_code("result", 3)))
         yield Unit(self.own("inputs_step"), unit, arguments, self.own("quality_t"), requires=requires, ensures=ensures)
 
     def _map_units(self) -> Iterator[Unit]:

@@ -2,7 +2,8 @@
 
 Inputs: drives over the whole input range, drive cycles through every regime with a plausible yaw rate, both sides of each
 speed threshold, recorded closed loops, and valid parameter sets. The cyclic task receives the frames of a car and those of a
-faulty bus; the frames it sends must be equal too.
+faulty bus; the frames it sends must be equal too. Long drives of every unit hold inputs for up to an hour and bring counters
+to their limits.
 """
 
 from __future__ import annotations
@@ -13,13 +14,14 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import metadata
+from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
 
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
-from codegen.sil.software import Command, Measurement, Status
+from codegen.sil.software import Measurement, Status
 from codegen.sil.toolchain import compiler_command, compiler_identity
 from codegen.verify import suites, traffic
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
@@ -28,6 +30,9 @@ from codegen.verify.law import parameters as sets
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.drive_cycle import cycles_of, drive, restart_cycles
 from codegen.verify.law.kinds import SECOND, second_controller
+from codegen.verify.law.long_drives import LongDrives
+from codegen.verify.law.pairs import ControllerPair, TaskPair, text_of
+from codegen.verify.law.repetition import Pair, Stretch, compare
 from codegen.verify.law.task import SecondTask
 from codegen.verify.map_reference import lookup_of
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
@@ -45,6 +50,7 @@ LIMITS = (
     "and the self-test check that they are those of the map.",
     "The comparison runs drives and is not a proof: a fault at a few values of a signal can lie between the samples. The "
     "state, and the sets that `parameters_valid` rejects, are not compared. The sign of a zero may differ.",
+    "The long drives hold single inputs, or short sequences of them. A fault that needs other inputs for hours is not found.",
 )
 NO_SECOND = "there is no second implementation of the kind {kind}; add one to codegen/verify/law/kinds.py"
 NOT_THIS_VERSION = "made by codegen {made}, and the second implementation is that of this version; build it again"
@@ -62,15 +68,16 @@ FRONT_ANGLE = 0.03
 
 @dataclass(frozen=True)
 class Size:
-    """Samples of each drive and drive cycle, number of parameter sets, and cycles of disturbed traffic."""
+    """Samples of each drive and drive cycle, number of parameter sets, and cycles of disturbed traffic; which long drives."""
 
     drive: int
     drive_cycle: int
     sets: int
     cycles: int
+    all_long_drives: bool
 
 
-SIZE, SIZE_QUICK = Size(1000, 1500, 12, 3000), Size(120, 600, 6, 400)
+SIZE, SIZE_QUICK = Size(1000, 1500, 12, 3000, True), Size(120, 600, 6, 400, False)
 
 
 @dataclass(frozen=True)
@@ -138,6 +145,8 @@ class _Comparison:
         self._thresholds = Thresholds.of(subject.manifest)
         self._sets = [sets.drawn(self._software, np.random.default_rng((5, number))) for number in range(size.sets)]
         self._statuses: Counter[Status] = Counter()
+        self._repeated = 0
+        self._unsettled: list[str] = []
 
     def outcome(self) -> Outcome:
         """Run all comparisons."""
@@ -151,11 +160,15 @@ class _Comparison:
         for bus_run in self._traffic():
             cycles += len(bus_run.cycles)
             findings += [f"{bus_run.name}, {line}" for line in self._compare_task(bus_run)]
+        long_drives = 0
+        for each in self._long_drives().drives():
+            long_drives += 1
+            findings += [f"{each.name}, {line}" for line in self._difference(each.name, each.pair, each.stretches)]
         count = "1 finding" if len(findings) == 1 else f"{len(findings)} findings"
         return Outcome(
             SHOWS,
-            f"{count} in {samples:,} samples of {runs} drives, {self._size.sets} of them with other parameters, and "
-            f"{cycles:,} cycles of the task",
+            f"{count} in {samples:,} samples of {runs} drives, {self._size.sets} of them with other parameters, "
+            f"{cycles:,} cycles of the task, and {self._repeated:,} samples of {long_drives} long drives",
             Verdict.FAILED if findings else Verdict.PASSED,
             tuple(findings),
             {
@@ -163,6 +176,8 @@ class _Comparison:
                 "samples": samples,
                 "parameter_sets": self._size.sets,
                 "task_cycles": cycles,
+                "long_drives": long_drives,
+                "long_drive_samples": self._repeated,
                 "statuses": {status.name: self._statuses[status] for status in Status},
             },
             (*LIMITS, *self._limits()),
@@ -173,6 +188,8 @@ class _Comparison:
         for status in Status:
             if not self._statuses[status]:
                 yield f"The samples do not reach the status {status.name}."
+        if self._unsettled:
+            yield f"These long drives were cut, because the law did not settle: {'; '.join(self._unsettled)}."
         unchanged = sets.names(self._software).difference(*(sets.changed(self._software, each) for each in self._sets))
         if unchanged:
             yield NEVER_OTHER.format(names=", ".join(sorted(unchanged)))
@@ -244,18 +261,9 @@ class _Comparison:
     def _compare(self, run: _Run) -> Iterator[str]:
         """Yield the first sample that differs; the following ones depend on it."""
         second = self._second(run.parameters, run.start)
-        try:
-            commands = self._software.controller(run.start, run.parameters).run(run.samples)
-        except ValueError as error:  # not in the enum
-            yield f"a status is none: {error}"
-            return
-        for index, (sample, got) in enumerate(zip(run.samples, commands, strict=True)):
-            with np.errstate(all="ignore"):
-                wanted = second.step(sample)
-            self._statuses[got.status] += 1
-            if got != wanted:
-                yield f"sample {index}: {_command(got)}; by the law {_command(wanted)}; after {_sample(sample)}"
-                return
+        pair = ControllerPair(self._software, second, run.parameters, run.start)
+        yield from self._difference(run.name, pair, [Stretch(run.samples)])
+        self._statuses += pair.statuses
 
     def _traffic(self) -> Iterator[_Traffic]:
         software, cycles = self._software, self._size.cycles
@@ -273,40 +281,32 @@ class _Comparison:
 
     def _compare_task(self, run: _Traffic) -> Iterator[str]:
         """Yield the first frame that differs."""
-        software, parameters = self._software, run.parameters
-        codec = Codec(software.config.can, self._precision)
-        for cycle, frames in enumerate(run.cycles):
-            if cycle in run.starts:
-                task = software.task(parameters)
-                second = SecondTask(
-                    software.config.can, parameters, codec, lambda rear_angle: self._second(parameters, rear_angle)
-                )
-            for frame in frames:
-                task.on_can_frame(frame.id, frame.data)
-            got = task.run()
-            with np.errstate(all="ignore"):
-                wanted = second.run(frames)
-            if got != wanted:
-                yield f"cycle {cycle}: it sends {_frame(codec, got)}; by the law {_frame(codec, wanted)}"
+        starts = [*sorted(run.starts), len(run.cycles)]
+        for start, end in pairwise(starts):
+            found = [*self._difference(run.name, self._task(run.parameters), [Stretch(run.cycles[start:end])], start)]
+            if found:
+                yield from found
                 return
 
+    def _task(self, parameters: Any) -> TaskPair:
+        software = self._software
+        codec = Codec(software.config.can, self._precision)
+        second = SecondTask(software.config.can, parameters, codec, lambda rear_angle: self._second(parameters, rear_angle))
+        return TaskPair(software, second, codec, parameters)
 
-def _frame(codec: Codec, sent: tuple[int, bytes]) -> str:
-    identifier, data = sent
-    try:
-        contents = f" ({codec.decode(identifier, data)})"
-    except LookupError:  # no identifier of the bus
-        contents = ""
-    return f"0x{identifier:X} {data.hex()}{contents}"
+    def _long_drives(self) -> LongDrives:
+        codec = Codec(self._software.config.can, self._precision)
+        is_quick = not self._size.all_long_drives
+        return LongDrives(self._software, codec, self._second, self._task, self._turn, is_quick)
 
-
-def _command(command: Command) -> str:
-    return f"{command.rear_angle:.9g} rad, reference {command.yaw_rate_reference:.9g} rad/s, {Status(command.status).name}"
-
-
-def _sample(sample: Measurement) -> str:
-    numbers = (sample.speed, sample.front_angle, sample.yaw_rate, sample.rear_angle, sample.friction)
-    return "(" + ", ".join(f"{value:.9g}" for value in numbers) + (", inhibited)" if sample.inhibit else ")")
+    def _difference(self, name: str, pair: Pair, stretches: Sequence[Stretch], first: int = 0) -> Iterator[str]:
+        """Yield the first output that differs. `first`: number of the first sample."""
+        result = compare(pair, stretches)
+        self._repeated += result.repeated
+        self._unsettled += [name] if result.unsettled else []
+        if result.difference is not None:
+            index, sample, got, wanted = result.difference
+            yield f"sample {first + index}: {pair.text(got)}; by the law {pair.text(wanted)}; after {text_of(sample)}"
 
 
 def _tools() -> dict[str, str]:

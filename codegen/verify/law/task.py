@@ -134,9 +134,9 @@ class SecondTask:
 
     def _rhythm(self, advance: int) -> int:
         """Detect a late task: the sender's counter advances faster than the calls."""
-        self._cycles += 1
+        self._cycles = (self._cycles + 1) % FORGIVEN_EVERY
         behind = max(self._backlog + advance - 1, 0)
-        behind = max(behind - (self._cycles % FORGIVEN_EVERY == 0), 0)
+        behind = max(behind - (self._cycles == 0), 0)
         self._backlog = min(behind, BACKLOG_MAX + 2)
         return _BITS["TASK_LATE"] if behind > BACKLOG_MAX else 0
 

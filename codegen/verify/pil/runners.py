@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Iterator, Mapping
+from typing import Protocol
 
 import numpy as np
 
@@ -61,11 +61,9 @@ class OnTarget:
 
     Args:
         sources: additional sources, such as a library.
-        flags: compiler flags.
 
     Attributes:
         name: name of the core.
-        image: linked image.
         processor: the core.
 
     Raises:
@@ -73,33 +71,19 @@ class OnTarget:
         BuildError: C that does not compile; in `run`, C that leaves its memory or does not return.
     """
 
-    def __init__(
-        self,
-        program: Program,
-        core: Core = CORTEX_M4F,
-        sources: Mapping[str, bytes] | None = None,
-        flags: Sequence[str] = ("-O2",),
-    ) -> None:
+    def __init__(self, program: Program, core: Core = CORTEX_M4F, sources: Mapping[str, bytes] | None = None) -> None:
         entries = [f"verify_batch_{name}" for name in program.batches] + list(program.entries)
         self.name, self._program = core.name, program
-        self.image = compile_image({**program.sources, **(sources or {})}, entries, flags, core)
-        self.processor = Processor(self.image, core)
+        self.processor = Processor(compile_image({**program.sources, **(sources or {})}, entries, ("-O2",), core), core)
         self._word = np.dtype(f"{self.processor.byte_order}u{np.dtype(program.word).itemsize}")
 
     def run(self, batch: Batch, rows: Rows) -> Rows:
         """Run rows (n, inputs) and return rows (n, outputs)."""
         return np.concatenate([self._chunk(batch, part) for part in self._chunks(batch, rows)])
 
-    @property
-    def row(self) -> int:
-        """Row that the core was running when `run` failed."""
-        order: Any = "little" if self.processor.byte_order == "<" else "big"
-        return self._first + int.from_bytes(self.processor.read(self.processor.address("verify_row"), 4), order)
-
     def _chunks(self, batch: Batch, rows: Rows) -> Iterator[Rows]:
         size = DATA_BYTES // ((len(batch.inputs) + len(batch.outputs)) * self._word.itemsize)
         for start in range(0, max(len(rows), 1), size):
-            self._first = start
             yield rows[start : start + size]
 
     def _chunk(self, batch: Batch, rows: Rows) -> Rows:

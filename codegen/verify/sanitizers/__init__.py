@@ -1,1 +1,1 @@
-"""Check 6: drives and faults under sanitizers, here and on a core."""
+"""Check of scenarios, drives, faults and fuzzed inputs under sanitizers."""

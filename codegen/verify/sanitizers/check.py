@@ -1,141 +1,119 @@
-"""Check 6: the suites under AddressSanitizer and UndefinedBehaviorSanitizer on this machine, and as a trap build on a core.
+"""The generated code under AddressSanitizer and UndefinedBehaviorSanitizer on this machine, in processes of its own.
 
-The generated code runs sanitized in a process of its own, behind a pipe (see `served_ecu`): its self-test, drives from
-everywhere, look-ups against the NumPy reference, every built-in scenario in closed loop, and every fault of the catalogue,
-whose outcome must be as defined.
+One program is compiled. Behind a pipe (see `served_ecu`) it runs its self-test, drives from everywhere, look-ups against the
+NumPy reference, every built-in scenario in closed loop, and every fault of the catalogue, whose outcome must be as defined.
+Two more processes of it run the fuzz harnesses (see `fuzzing`).
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
 
-from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import LAWS
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.sil.software import RECORD_COLUMNS, Software, Status, compile_build
-from codegen.sil.toolchain import compiler_command
 from codegen.verify import suites
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Thresholds
 from codegen.verify.map_reference import lookup_of
 from codegen.verify.on_host import HOST_FLAGS
-from codegen.verify.packages import MissingTool
-from codegen.verify.sanitizers.sanitized import find_compiler
-from codegen.verify.sanitizers.served_ecu import Numbers, ServedEcu, served
+from codegen.verify.sanitizers import fuzzing, program, served_ecu
+from codegen.verify.sanitizers.sanitized import compiled, find_compiler
+from codegen.verify.sanitizers.served_ecu import Numbers, ServedEcu
 from hil_sim.bench import run_in_process
 from hil_sim.fault_catalogue import run_all
 from hil_sim.plant_node import PlantNode
 
 SHOWS = (
-    "The suites and the fault catalogue run without invalid addresses and undefined behaviour, faults end as specified, and "
-    "the lookup equals its reference bit for bit"
+    "Scenarios, bus faults, drives and fuzzed inputs cause no invalid address and no undefined behaviour; faults end as "
+    "specified, the lookup equals its reference, and no fuzzed input makes the code exceed a bound or use a damaged frame"
 )
-
-SAMPLES, SAMPLES_QUICK = 20_000, 2_000
-"""Samples of each drive; a quarter of it is the number of lookups at each friction."""
-
 LIMITS = (
     "Sanitizers check only the code that the runs reach, as compiled by one compiler. They are not a proof.",
+    "Fuzzing tries many inputs, not all. It proves nothing about the others.",
     "The target's own compiler and memory protection are not tested.",
 )
 FAULTS_NOT_JUDGED = (
     "The fault catalogue was run without checking the outcomes: they are specified for the preset's E2E settings, sampling "
     "time and limits for lost samples, and this build has others."
 )
-NO_TRAP_BUILD = "The trap build is for single precision; this build has double precision."
 
+SAMPLES, SAMPLES_QUICK = 20_000, 2_000
+"""Samples of each drive; a quarter of it is the number of lookups at each friction."""
+INPUTS: dict[program.Name, int] = {"can": 50_000, "step": 100_000}
+INPUTS_QUICK = 4_000
+"""Inputs of each fuzz harness."""
 
-@dataclass
-class _Half:
-    """Result of the runs on this machine, or of the trap build."""
-
-    findings: tuple[str, ...] = ()
-    missing: str = ""
-    figures: dict[str, Any] = field(default_factory=dict)
-    limits: tuple[str, ...] = ()
-    tools: dict[str, str] = field(default_factory=dict)
+WIDTH_OF_TARGET = re.compile(rb"\b(long|size_t|ssize_t|u?intptr_t|ptrdiff_t)\b")
+"""Types that are wider on this machine than on an ECU, where they overflow earlier."""
+COMMENT = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Run both parts, the second only if the first finds nothing. Not run if the tools of one are missing."""
-    host = _on_host(subject, effort)
-    # The trap build runs the same code unsanitized on this machine first, which is unsafe after a finding.
-    target = _Half() if host.findings else _on_target(subject, effort)
-    findings = (*host.findings, *target.findings)
-    missing = tuple(half.missing for half in (host, target) if half.missing)
-    verdict = Verdict.FAILED if findings else Verdict.NOT_RUN if missing else Verdict.PASSED
-    ran = {"scenarios": 0, "faults": 0, "steps": 0, **host.figures}
+    """Run the suites and the fuzz harnesses.
+
+    Raises:
+        MissingTool: there is no C compiler with sanitizers.
+    """
+    compiler = find_compiler()
+    tools, fuzzed = {"C compiler with sanitizers": compiler.version}, {}
+    try:
+        seeds = fuzzing.seeds(subject)
+        with compiled(compiler, subject.sources(), program.sources(subject), (program.COVERAGE,)) as path:
+            with served_ecu.served(path, subject) as ecu:
+                suite_runs = _Suites(subject, effort, ecu)
+                for finding in suite_runs.run():
+                    suite_runs.findings.append(finding)  # one by one: the program may end at any time
+            for name in program.HARNESSES:
+                inputs = INPUTS_QUICK if effort.quick else INPUTS[name]
+                fuzzed[name] = fuzzing.run_harness(path, name, seeds[name], inputs)
+    except BuildError as error:
+        return Outcome(SHOWS, "not compiled", Verdict.FAILED, (str(error),), limits=LIMITS, tools=tools)
+    # Findings of the sanitizers explain those of the suites, so they come first.
+    findings = (*_types_of_other_width(subject), *ecu.findings, *suite_runs.findings)
+    findings += tuple(finding for _, found in fuzzed.values() for finding in found)
+    ran, total = suite_runs.figures, sum(figures["inputs"] for figures, _ in fuzzed.values())
     count = "1 finding" if len(findings) == 1 else f"{len(findings)} findings"
-    figure = f"{count} in {ran['scenarios']} scenarios, {ran['faults']} faults and {ran['steps']:,} steps"
     return Outcome(
         SHOWS,
-        figure if host.figures or findings else "not run",
-        verdict,
-        findings or missing,
-        {**host.figures, **target.figures},
-        (*LIMITS, *host.limits, *target.limits),
-        {**host.tools, **target.tools},
+        f"{count} in {ran['scenarios']} scenarios, {ran['faults']} faults, {ran['steps']:,} steps and {total:,} fuzzed inputs",
+        Verdict.FAILED if findings else Verdict.PASSED,
+        findings,
+        {**ran, "fuzzing": {name: figures for name, (figures, _) in fuzzed.items()}},
+        (*LIMITS, *suite_runs.limits),
+        tools,
     )
 
 
-def _on_host(subject: Subject, effort: Effort) -> _Half:
-    try:
-        compiler = find_compiler()
-    except MissingTool as error:
-        return _Half(missing=str(error))
-    half = _Half(tools={"C compiler with sanitizers": compiler.version})
-    found: list[str] = []
-    try:
-        with served(compiler, subject) as program:
-            for finding in _Suites(subject, effort, program.ecu, half).run():
-                found.append(finding)  # one by one: the program may end at any time
-    except BuildError as error:
-        return replace(half, findings=(str(error),))
-    # Findings of the sanitizers explain those of the suites, so they come first.
-    return replace(half, findings=(*program.findings, *found))
-
-
-def _on_target(subject: Subject, effort: Effort) -> _Half:
-    if not subject.is_single:
-        return _Half(limits=(NO_TRAP_BUILD,))
-    from codegen.verify.sanitizers.trap_build import trapped
-
-    try:
-        compiler_command()  # its inputs are made by the code compiled for this machine
-    except BuildError as error:
-        return _Half(missing=f"trap build: {error}")
-    try:
-        return _Half(findings=trapped(subject, effort), figures={"trap_build": "Cortex-M4F"})
-    except MissingTool as error:
-        return _Half(missing=f"trap build: {error}")
-    except BuildError as error:
-        return _Half(findings=(f"trap build: {error}",))
+def _types_of_other_width(subject: Subject) -> Iterator[str]:
+    """Yield a line for each type whose overflow this machine does not show."""
+    for path, content in subject.sources().items():
+        code = COMMENT.sub(lambda comment: b"\n" * comment[0].count(b"\n"), content)
+        for number, line in enumerate(code.splitlines(), 1):
+            for name in WIDTH_OF_TARGET.findall(line):
+                yield f"{path}:{number}: the width of {name.decode()} depends on the target"
 
 
 class _Suites:
     """Runs of the suites, and the faults in their results that sanitizers do not detect."""
 
-    def __init__(self, subject: Subject, effort: Effort, ecu: ServedEcu, half: _Half) -> None:
-        self._subject, self._ecu, self._half = subject, ecu, half
+    def __init__(self, subject: Subject, effort: Effort, ecu: ServedEcu) -> None:
+        self._subject, self._ecu = subject, ecu
+        self.figures: dict[str, Any] = {"scenarios": 0, "faults": 0, "steps": 0}
+        self.findings: list[str] = []
+        self.limits: list[str] = []
         self._thresholds = Thresholds.of(subject.manifest)
+        self._config = self._thresholds.config
+        self._largest = float(ecu.real(self._config.rear_actuator.angle_max))  # rad, in the precision of the C
         self._samples = SAMPLES_QUICK if effort.quick else SAMPLES
         self._precision = cast(Precision, subject.manifest["options"]["precision"])
-
-    @property
-    def _config(self) -> Config:
-        return self._thresholds.config
-
-    @property
-    def _largest(self) -> float:
-        """Largest rear angle in rad, in the precision of the C."""
-        return float(self._ecu.real(self._config.rear_actuator.angle_max))
 
     def run(self) -> Iterator[str]:
         """Run everything and yield a line for each fault."""
@@ -143,7 +121,6 @@ class _Suites:
             yield f"src/{self._subject.prefix}_selftest.c: the self-test fails"
         yield from self._drives()
         yield from self._lookups()
-        self._dynamics()
         yield from self._loops()
         yield from self._faults()
 
@@ -161,26 +138,22 @@ class _Suites:
             steps += len(drive)
         missing = [status.name for status in Status if status not in reached]
         if missing:
-            self._half.limits = (*self._half.limits, f"The drives do not reach the status {', '.join(missing)}.")
-        self._half.figures["steps"] = steps
+            self.limits.append(f"The drives do not reach the status {', '.join(missing)}.")
+        self.figures["steps"] = steps
 
     def _lookups(self) -> Iterator[str]:
         subject = self._subject
         lookup = lookup_of(subject, compile_build(subject.files, subject.manifest, flags=HOST_FLAGS))
         places = suites.places(self._thresholds, self._samples // 4, self._precision)
-        first, wrong, count = "", 0, 0
-        for friction in suites.road_frictions(self._thresholds, self._precision):
-            differ, text = self._different(lookup, places, friction)
-            first, wrong, count = first or text, wrong + differ, count + len(places)
+        frictions = suites.road_frictions(self._thresholds, self._precision)
+        wrong = [text for friction in frictions for text in self._different(lookup, places, friction)]
+        self.figures["look_ups"] = len(places) * len(frictions)
         if wrong:
-            yield f"src/{self._subject.prefix}_map.c: {first} ({wrong} of {count} are wrong)"
-        self._half.figures["look_ups"] = count
+            yield f"src/{subject.prefix}_map.c: {wrong[0]} ({len(wrong)} of {self.figures['look_ups']} are wrong)"
 
-    def _different(self, lookup: Lookup, places: Numbers, friction: float) -> tuple[int, str]:
-        """Return the number of places at which yaw rate or rear angle differ from the reference, and the first as text."""
-        speed, angle = places.T
-        found = self._ecu.look_up(places, friction)
-        expected = lookup.reference(speed, angle, friction)
+    def _different(self, lookup: Lookup, places: Numbers, friction: float) -> Iterator[str]:
+        """Yield a text for each place at which yaw rate or rear angle differ from the reference."""
+        found, expected = self._ecu.look_up(places, friction), lookup.reference(places[:, 0], places[:, 1], friction)
         looks_up_rear_angle = LAWS[self._subject.kind].uses_rear_angle
         wrong = _bits(found[0]) != _bits(expected[0])
         if not self._subject.is_of_this_version:  # the order of operations may differ
@@ -188,50 +161,38 @@ class _Suites:
             wrong = ~(np.abs(found[0] - expected[0]) <= bound)
         elif looks_up_rear_angle:
             wrong |= _bits(found[1]) != _bits(expected[1])
-        where = np.flatnonzero(wrong)
-        if not where.size:
-            return 0, ""
-        k = where[0]
-        have, want = (f"{pair[0][k]:.9g} rad/s" + f", {pair[1][k]:.9g} rad" * looks_up_rear_angle for pair in (found, expected))
-        at = f"{speed[k]:.9g} m/s, {angle[k]:.9g} rad, friction {friction:.9g}"
-        return where.size, f"the look-up at {at} gives {have}, the reference {want}"
-
-    def _dynamics(self) -> None:
-        """Call the dynamics with arbitrary finite numbers. The results have no reference here."""
-        generator = np.random.default_rng(4)
-        real = self._ecu.real
-        points = generator.integers(0, 256, size=6 * self._samples * real(0.0).nbytes, dtype=np.uint8).view(real)
-        points = np.where(np.isfinite(points), points, real(0.0)).reshape(-1, 6)
-        scale: Numbers = np.array([0.2, 1.0, 60.0, 0.6, 0.1, 1.0], dtype=real)
-        plausible: Numbers = generator.uniform(-1.0, 1.0, size=points.shape).astype(real) * scale
-        self._ecu.differentiate(np.concatenate([points, plausible]))
+        for k in np.flatnonzero(wrong):
+            have, want = (
+                f"{pair[0][k]:.9g} rad/s" + f", {pair[1][k]:.9g} rad" * looks_up_rear_angle for pair in (found, expected)
+            )
+            at = f"{places[k, 0]:.9g} m/s, {places[k, 1]:.9g} rad, friction {friction:.9g}"
+            yield f"the look-up at {at} gives {have}, the reference {want}"
 
     def _loops(self) -> Iterator[str]:
         per_sample = round(self._config.controller.sampling_time_s / self._config.plant.sampling_time_s)
+        command_signal = self._config.can.rear_steer_command.real("rear_angle")
         count = 0
         for name, inputs in suites.loops(self._config):
             for through_can in (False, True):
                 record = self._ecu.run_loop(inputs, per_sample, through_can=through_can)
                 command = record[:, RECORD_COLUMNS.index("rear_angle_command_rad")]
-                if not (np.abs(command) <= self._allowed(through_can)).all() or not np.isfinite(record).all():
+                # In a frame the angle is rounded to its code.
+                allowed = self._largest + (command_signal.factor if through_can else 0.0)
+                if not (np.abs(command) <= allowed).all() or not np.isfinite(record).all():
                     how = " through CAN frames" if through_can else ""
                     largest = np.abs(command).max()
                     yield f"scenario {name}{how}: the rear angle goes to {largest:.6g} rad, or a signal is no number"
             count += 1
-        self._half.figures["scenarios"] = count
-
-    def _allowed(self, through_can: bool) -> float:
-        """Return the largest allowed rear angle in rad; in a frame it is rounded to its code."""
-        return self._largest + (self._config.can.rear_steer_command.real("rear_angle").factor if through_can else 0.0)
+        self.figures["scenarios"] = count
 
     def _faults(self) -> Iterator[str]:
         ecu = cast(Software, self._ecu)  # a bench uses only its task
         outcomes = run_all(
             self._config, lambda run: run_in_process(PlantNode(self._config, run, precision=self._precision), ecu)
         )
-        self._half.figures["faults"] = len(outcomes)
+        self.figures["faults"] = len(outcomes)
         if not suites.are_faults_defined_for(self._config):
-            self._half.limits = (*self._half.limits, FAULTS_NOT_JUDGED)
+            self.limits.append(FAULTS_NOT_JUDGED)
             return
         for outcome in outcomes:
             for violation in outcome.violations:

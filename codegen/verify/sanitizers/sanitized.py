@@ -1,14 +1,11 @@
 """Compile programs with AddressSanitizer and UndefinedBehaviorSanitizer, and read their reports.
 
 A compiler is used only if its sanitizers find three planted faults first.
-
-A compiler counts only where its sanitizers are seen to work: before anything else, three faults are planted and must be found.
 """
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import re
 import shlex
@@ -16,10 +13,12 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from codegen.emit.render import verbatim
 from codegen.errors import BuildError, CodegenError
 from codegen.programs import run_program
 from codegen.sil.toolchain import compiler_command, compiler_identity, require_success, run
@@ -46,26 +45,7 @@ FINDINGS_MAX = 20
 ROOT = "/generated"
 """Folder of the sources in debug information, independent of the build folder."""
 
-_CANARY = """#include <stdio.h>
-#include <stdlib.h>
-int main(int count, char **arguments)
-{
-    volatile float number = 1.0e30f;
-    volatile float zero = 0.0f;
-    float *volatile place = malloc(4u * sizeof(float));
-
-    switch ((count > 1) ? arguments[1][0] : ' ') {
-    case 'a': number = place[4]; break;
-    case 'c': number = (float)(int)number; break;
-    case 'd': number = number / zero; break;
-    default: break;
-    }
-    printf("%g", (double)number);
-    free(place);
-    return 0;
-}
-"""
-_CANARY_FAULTS = {"a": "heap-buffer-overflow", "c": "outside the range of representable values", "d": "division by zero"}
+CANARY_FAULTS = {"a": "heap-buffer-overflow", "c": "outside the range of representable values", "d": "division by zero"}
 
 _UNDEFINED = re.compile(r"^(?P<place>[^\s:]+:\d+)(?::\d+)?: runtime error: (?P<what>.+)$", re.MULTILINE)
 _ADDRESS = re.compile(r"==ERROR: AddressSanitizer: (?P<what>[\w-]+)")
@@ -117,10 +97,10 @@ def _finds_planted_faults(command: tuple[str, ...]) -> bool:
     try:
         with tempfile.TemporaryDirectory(prefix="ars-canary-") as scratch:
             tree = Path(scratch)
-            (tree / "canary.c").write_text(_CANARY, encoding="ascii")
+            (tree / "canary.c").write_bytes(verbatim("verify/canary.c"))
             require_success(run([*command, *FLAGS, SANITIZERS, "canary.c", "-o", "canary"], tree), "canary.c")
             return all(
-                what in run_sanitized(tree / "canary", fault, seconds=60).stderr for fault, what in _CANARY_FAULTS.items()
+                what in run_sanitized(tree / "canary", fault, seconds=60).stderr for fault, what in CANARY_FAULTS.items()
             )
     except (BuildError, OSError):
         return False
@@ -148,25 +128,17 @@ def environment() -> dict[str, str]:
     return found if symbolizer is None else {**found, "ASAN_SYMBOLIZER_PATH": symbolizer}
 
 
-@dataclass(frozen=True)
-class Program:
-    """A compiled program, in a folder of its own that is gone when the context ends."""
-
-    path: Path
-
-
 @contextlib.contextmanager
 def compiled(
     compiler: Compiler,
-    sources: Mapping[str, str | bytes],
-    plain: Mapping[str, str | bytes],
+    sources: Mapping[str, bytes],
+    plain: Mapping[str, bytes],
     flags: Sequence[str] = (),
     link: Sequence[str] = (),
-) -> Iterator[Program]:
-    """Compile a program of sanitized sources and of plain ones, which are the bench around them.
+) -> Iterator[Path]:
+    """Compile a program of sanitized sources and of plain ones around them, in a folder that is gone when the context ends.
 
     Args:
-        compiler: see `find_compiler`.
         sources: relative path -> content of the sanitized sources, headers included.
         plain: likewise for the plain ones.
         flags: additional flags for the sanitized sources.
@@ -176,62 +148,27 @@ def compiled(
         BuildError: C that does not compile.
         CodegenError: a full disk.
     """
-    with _folder() as scratch:
-        tree, path = scratch / "tree", scratch / "program"
-        for name, content in {**plain, **sources}.items():
-            (tree / name).parent.mkdir(parents=True, exist_ok=True)
-            (tree / name).write_bytes(content.encode() if isinstance(content, str) else content)
-        objects: list[str] = []
-        sanitized = _Units(compiler, tree, (*FLAGS, SANITIZERS, *flags), sources)
-        for units in (sanitized, _Units(compiler, tree, PLAIN_FLAGS, {**sources, **plain}, tuple(plain))):
-            for compiled_unit in units.objects():
-                objects.append(f"{len(objects)}.o")
-                (scratch / objects[-1]).write_bytes(compiled_unit)
-        require_success(run([*compiler.command, SANITIZERS, *link, *objects, "-o", "program", "-lm"], scratch), "linking")
-        yield Program(path)
-
-
-_objects: dict[str, bytes] = {}
-"""Objects compiled in this process; successive harnesses share most units."""
-
-
-@dataclass(frozen=True)
-class _Units:
-    """The .c files of `sources`, or the named ones, compiled in a tree with their headers."""
-
-    compiler: Compiler
-    tree: Path
-    flags: tuple[str, ...]
-    sources: Mapping[str, str | bytes]
-    named: tuple[str, ...] = ()
-
-    def objects(self) -> Iterator[bytes]:
-        """Yield the object of each unit."""
-        headers = {name: content for name, content in self.sources.items() if name.endswith(".h")}
-        for unit in sorted(name for name in self.named or self.sources if name.endswith(".c")):
-            inputs = repr((self.compiler, self.flags, sorted(headers.items()), unit, self.sources[unit]))
-            key = hashlib.sha256(inputs.encode()).hexdigest()
-            if key not in _objects:
-                _objects[key] = self._compiled(unit)
-            yield _objects[key]
-
-    def _compiled(self, unit: str) -> bytes:
-        search = [f"-I{folder}" for folder in ("include", "bench") if (self.tree / folder).is_dir()]
-        moved = f"-fdebug-prefix-map={self.tree}={ROOT}"
-        command = [*self.compiler.command, *self.flags, moved, *search, "-c", unit, "-o", "../unit.o"]
-        require_success(run(command, self.tree), unit)
-        return (self.tree.parent / "unit.o").read_bytes()
-
-
-@contextlib.contextmanager
-def _folder() -> Iterator[Path]:
     try:
-        with tempfile.TemporaryDirectory(prefix="ars-sanitized-") as scratch:
-            yield Path(scratch).resolve()
+        with tempfile.TemporaryDirectory(prefix="ars-sanitized-") as folder:
+            scratch = Path(folder).resolve()
+            tree = scratch / "tree"
+            for name, content in {**plain, **sources}.items():
+                (tree / name).parent.mkdir(parents=True, exist_ok=True)
+                (tree / name).write_bytes(content)
+            search = [f"-I{folder}" for folder in ("include", "bench") if (tree / folder).is_dir()]
+            common = [*search, f"-fdebug-prefix-map={tree}={ROOT}", "-c"]
+            every = {**dict.fromkeys(plain, PLAIN_FLAGS), **dict.fromkeys(sources, (*FLAGS, SANITIZERS, *flags))}
+            objects = {unit: f"{scratch}/{number}.o" for number, unit in enumerate(every) if unit.endswith(".c")}
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                commands = ([*compiler.command, *every[unit], *common, unit, "-o", name] for unit, name in objects.items())
+                for unit, result in zip(objects, pool.map(lambda command: run(command, tree), commands), strict=True):
+                    require_success(result, unit)
+            linking = [*compiler.command, SANITIZERS, *link, *objects.values(), "-o", "program", "-lm"]
+            require_success(run(linking, scratch), "linking")
+            yield scratch / "program"
     except OSError as error:
-        raise CodegenError(
-            f"the sources cannot be stored: {error.strerror or error}", remedy="free space for temporary files"
-        ) from error
+        what = f"the sources cannot be stored: {error.strerror or error}"
+        raise CodegenError(what, remedy="free space for temporary files") from error
 
 
 def findings_of(report: str) -> tuple[str, ...]:

@@ -12,23 +12,20 @@ import subprocess
 import tempfile
 import threading
 from collections.abc import Iterator
-from typing import IO, Any
+from pathlib import Path
+from typing import IO, Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.arrays import FloatArray
-from codegen.configuration.signals import CARRIED
-from codegen.emit.can_view import task_view
-from codegen.emit.laws import LAWS
-from codegen.emit.render import render
-from codegen.emit.text import c_type, literal, numpy_type
-from codegen.errors import BuildError, CodegenError
+from codegen.emit.text import numpy_type
+from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
-from codegen.sil.software import RECORD_COLUMNS, bench_sources
+from codegen.sil.software import RECORD_COLUMNS
 from codegen.verify.check import Subject
 from codegen.verify.drives import Samples
-from codegen.verify.sanitizers.sanitized import Compiler, Program, compiled, environment, findings_of, launcher
+from codegen.verify.sanitizers.sanitized import environment, findings_of, launcher
 
 Numbers = npt.NDArray[Any]
 
@@ -37,9 +34,6 @@ BATCH = 16_384
 
 SECONDS_MAX = 120.0
 """After which a program that does not end counts as caught in a loop: ten times what it takes on a slow machine."""
-
-OUTPUTS = 28
-"""Numbers that the vehicle dynamics give for one point."""
 
 
 class Ended(CodegenError):
@@ -51,12 +45,14 @@ class ServedEcu:
 
     Attributes:
         real: NumPy type of the build's numbers.
+        findings: reports of the sanitizers, filled when the program ends.
     """
 
     def __init__(self, process: subprocess.Popen[bytes], real: type[np.float32] | type[np.float64]) -> None:
         assert process.stdin is not None
         assert process.stdout is not None
         self.real = real
+        self.findings: tuple[str, ...] = ()
         self._to: IO[bytes] = process.stdin
         self._from: IO[bytes] = process.stdout
         self._command = np.dtype([("rear_angle", real), ("yaw_rate_reference", real), ("status", np.uint32)])
@@ -67,7 +63,7 @@ class ServedEcu:
 
     def start(self, rear_angle: float) -> None:
         """Initialise the controller at a rear angle in rad."""
-        self._send(b"i" + self.real(rear_angle).tobytes())
+        self._ask(b"i" + self.real(rear_angle).tobytes())
 
     def drive(self, drive: Samples) -> Numbers:
         """Run the controller. Return its commands, (samples,) with the fields rear_angle, yaw_rate_reference, status."""
@@ -82,12 +78,6 @@ class ServedEcu:
         found = self._batches(b"m", rows.reshape(-1), np.dtype((self.real, 2)), width=3)
         return found[:, 0], found[:, 1]
 
-    def differentiate(self, points: Numbers) -> Numbers:
-        """Return derivatives and Jacobians of both vehicle models, (n, 28), at points (n, 6): sideslip angle, yaw rate,
-        speed, front angle, rear angle, friction."""
-        flat = np.ascontiguousarray(points, dtype=self.real).reshape(-1)
-        return self._batches(b"y", flat, np.dtype((self.real, OUTPUTS)), width=6)
-
     def run_loop(self, inputs: FloatArray, steps_per_sample: int, *, through_can: bool) -> FloatArray:
         """Run a closed loop with the plant of the build and return the recording (samples, 12), columns RECORD_COLUMNS."""
         samples = len(inputs) // steps_per_sample
@@ -97,10 +87,19 @@ class ServedEcu:
         answer = self._ask(b"l" + head + rows.tobytes(), samples * len(RECORD_COLUMNS) * 8)
         return np.frombuffer(answer, dtype=np.float64).reshape(samples, -1)
 
-    def task(self) -> ServedTask:
-        """Initialise and return the only task of the program."""
-        self._send(b"t")
-        return ServedTask(self._send, self._ask)
+    def task(self) -> Self:
+        """Initialise the only task of the program. Its methods are those of `codegen.sil.software.Task` that a bench calls."""
+        self._ask(b"t")
+        return self
+
+    def on_can_frame(self, identifier: int, data: bytes) -> None:
+        """Receive a frame in the task."""
+        self._ask(b"f" + struct.pack("=IB", identifier, len(data)) + data)
+
+    def run(self) -> tuple[int, bytes]:
+        """Run one sample of the task. Return id and data of the frame to send."""
+        answer = self._ask(b"c", 12)
+        return struct.unpack("=I", answer[:4])[0], answer[4:]
 
     def _batches(self, command: bytes, rows: Numbers, answer: np.dtype[Any], width: int = 1) -> Numbers:
         parts = []
@@ -111,16 +110,12 @@ class ServedEcu:
             parts.append(np.frombuffer(data, dtype=answer))
         return np.concatenate(parts)
 
-    def _send(self, data: bytes) -> None:
+    def _ask(self, data: bytes, size: int = 0) -> bytes:
+        """Send a command and return its answer. A command without an answer is sent with the next that has one."""
         try:
-            self._to.write(data)  # commands without an answer are sent with the next that has one
-        except OSError:
-            raise Ended("the program ended") from None
-
-    def _ask(self, data: bytes, size: int) -> bytes:
-        self._send(data)
-        try:
-            self._to.flush()
+            self._to.write(data)
+            if size > 0:
+                self._to.flush()
         except OSError:
             raise Ended("the program ended") from None
         answer = self._from.read(size)
@@ -129,90 +124,31 @@ class ServedEcu:
         return answer
 
 
-class ServedTask:
-    """The cyclic task, with the methods of `codegen.sil.software.Task` that a bench calls."""
-
-    def __init__(self, send: Any, ask: Any) -> None:
-        self._send, self._ask = send, ask
-
-    def on_can_frame(self, identifier: int, data: bytes) -> None:
-        """Receive a frame."""
-        self._send(b"f" + struct.pack("=IB", identifier, len(data)) + data)
-
-    def run(self) -> tuple[int, bytes]:
-        """Run one sample. Return id and data of the frame to send."""
-        answer = self._ask(b"c", 12)
-        return struct.unpack("=I", answer[:4])[0], answer[4:]
-
-
-class Served:
-    """A serving program.
-
-    Attributes:
-        ecu: interface for calls during the context.
-        findings: reports of the sanitizers, filled when the context ends.
-    """
-
-    def __init__(self, ecu: ServedEcu) -> None:
-        self.ecu = ecu
-        self.findings: tuple[str, ...] = ()
-
-
 @contextlib.contextmanager
-def served(compiler: Compiler, subject: Subject) -> Iterator[Served]:
+def served(program: Path, subject: Subject) -> Iterator[ServedEcu]:
     """Run the sanitized code of a build behind a pipe. If the program ends early, the context ends and the findings contain
-    it.
-
-    Raises:
-        BuildError: C that does not compile.
-    """
-    with compiled(compiler, subject.sources(), _around(subject)) as program, tempfile.TemporaryFile() as log:
-        with _running(program, log) as process:
-            found = Served(ServedEcu(process, numpy_type(subject.manifest["options"]["precision"])))
-            ended = False
-            try:
-                yield found
-            except Ended:
-                ended = True
+    it."""
+    with tempfile.TemporaryFile() as log:
+        process = subprocess.Popen(
+            [*launcher(), str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, env=environment()
+        )
+        watch = threading.Timer(SECONDS_MAX, process.kill)
+        watch.start()
+        found = ServedEcu(process, numpy_type(subject.manifest["options"]["precision"]))
+        ended = False
+        try:
+            yield found
+        except Ended:
+            ended = True
+        finally:
+            with contextlib.suppress(OSError):
+                process.stdin.close()  # type: ignore[union-attr]
+            process.wait()
+            watch.cancel()
+            process.stdout.close()  # type: ignore[union-attr]
         log.seek(0)
         found.findings = findings_of(log.read().decode(errors="replace"))
         if ended and not found.findings:
-            found.findings = (f"the program ended early: {_how(process.returncode)}",)
-
-
-def _around(subject: Subject) -> dict[str, bytes]:
-    config = subject.config
-    precision = subject.manifest["options"]["precision"]
-    context = {
-        "build": {"prefix": subject.prefix, "PREFIX": subject.prefix.upper()},
-        "real": c_type(precision),
-        "task": task_view(config),
-        "carried": CARRIED,
-        "with_rear_angle": LAWS[subject.kind].uses_rear_angle,
-        "plant_step": literal(config.plant.sampling_time_s, "double"),
-    }
-    return {**bench_sources(config, subject.prefix, precision), "served_ecu.c": render("verify/served_ecu.c.j2", context)}
-
-
-@contextlib.contextmanager
-def _running(program: Program, log: IO[bytes]) -> Iterator[subprocess.Popen[bytes]]:
-    try:
-        process = subprocess.Popen(
-            [*launcher(), str(program.path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, env=environment()
-        )
-    except OSError as error:
-        raise BuildError(f"the sanitized program cannot be started: {error.strerror}", where="sanitizers") from error
-    watch = threading.Timer(SECONDS_MAX, process.kill)
-    watch.start()
-    try:
-        yield process
-    finally:
-        with contextlib.suppress(OSError):
-            process.stdin.close()  # type: ignore[union-attr]
-        process.wait()
-        watch.cancel()
-        process.stdout.close()  # type: ignore[union-attr]
-
-
-def _how(code: int) -> str:
-    return f"signal {-code}" if code < 0 else f"exit code {code}"
+            code = process.returncode
+            how = f"signal {-code}" if code < 0 else f"exit code {code}"
+            found.findings = (f"the program ended early: {how}",)

@@ -116,18 +116,6 @@ class Blocks:
     instructions: IntArray
 
 
-class Stray(BuildError):
-    """Code that goes where it must not: to no memory, or to an instruction that traps.
-
-    Attributes:
-        address: of that instruction; on a PowerPC, of the one behind it.
-    """
-
-    def __init__(self, what: str, *, where: object = "", remedy: str = "", address: int = 0) -> None:
-        super().__init__(what, where=where, remedy=remedy)
-        self.address = address
-
-
 class Processor:
     """One core with its memory. Not shared between threads.
 
@@ -192,8 +180,7 @@ class Processor:
         try:
             self._core.emu_start(self._addresses[name] | thumb, RETURN, timeout=round(CALL_SECONDS * 1e6))
         except self._unicorn.UcError as error:
-            at = self._get("PC")
-            raise Stray(f"the code on the {self.name} ended at {at:#x}: {error}", where=name, address=at) from None
+            raise BuildError(f"the code on the {self.name} ended at {self._get('PC'):#x}: {error}", where=name) from None
         if self._get("PC") != RETURN:
             raise BuildError(f"the code on the {self.name} did not return within {CALL_SECONDS:g} s", where=name)
         return self._get(machine.arguments[0])
@@ -228,10 +215,6 @@ class Processor:
             code = self.read(block >> SIZE_BITS, block & ((1 << SIZE_BITS) - 1))
             self._known[block] = instructions_in(code)
         return self._known[block]
-
-    def address(self, name: str) -> int:
-        """Return the address of a function or an object."""
-        return self._addresses[name]
 
     def write(self, address: int, content: bytes) -> None:
         """Write to memory."""

@@ -1,4 +1,4 @@
-"""Part "libfuzzer": the harnesses of `codegen.verify.fuzzing.check` under coverage-guided libFuzzer.
+"""Part "libfuzzer": the harnesses of `codegen.verify.sanitizers.program` under coverage-guided libFuzzer.
 
 The properties are those of `codegen verify`. An input that breaks one is stored in build/fuzzing/, where the harness runs it
 again.
@@ -16,7 +16,8 @@ from typing import Any
 
 from codegen.sil.toolchain import compiler_identity
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.fuzzing.check import SHOWS, Name, seeds, source
+from codegen.verify.sanitizers.fuzzing import seeds
+from codegen.verify.sanitizers.program import Name, harness
 from codegen.verify.sanitizers.sanitized import Compiler, compiled, environment, findings_of
 from tests.evidence.coverage.coverage import find_tool
 from tests.evidence.coverage.mcdc import VERSION
@@ -26,6 +27,10 @@ from tests.evidence.progress import Progress
 RUNS, QUICK_RUNS = 150_000, 5_000
 """Inputs for each harness of each build. The seed is fixed, so results repeat."""
 
+SHOWS = (
+    "No frames, measurements, initial states or valid parameters found by fuzzing make the code crash, exceed its bounds, use "
+    "a frame with a wrong CRC, or miss the fail-safe"
+)
 FAILING_INPUTS = ROOT / "build" / "fuzzing"
 LIMITS = ("-max_len=2048", "-timeout=60", "-seed=1")
 COUNTED = "-fsanitize=fuzzer-no-link"
@@ -100,10 +105,10 @@ def fuzz(
 
 def _execute(clang: Compiler, subject: Subject, name: Name, flags: Sequence[str], arguments: Sequence[str]) -> tuple[str, int]:
     """Compile a harness with additional flags and run it; return its standard error and exit code."""
-    around = {f"fuzz_{name}.c": source(subject, name)}
+    around = {f"fuzz_{name}.c": harness(subject, name)}
     with compiled(clang, subject.sources(), around, flags, ("-fsanitize=fuzzer",)) as program:
         done = subprocess.run(
-            [program.path, *arguments, *LIMITS],
+            [program, *arguments, *LIMITS],
             env={**environment(), "UBSAN_OPTIONS": "halt_on_error=1"},
             stdin=subprocess.DEVNULL,
             capture_output=True,

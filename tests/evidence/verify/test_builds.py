@@ -15,7 +15,7 @@ from codegen.verify.runner import CHECKS
 from tests.verify import builds, planted
 
 MODULES = {check.name: check.module for check in CHECKS}
-LONG = ("proof", "static-analysis", "sanitizers", "fuzzing")
+LONG = ("proof", "static-analysis", "sanitizers")
 """Checks that run only in the long form."""
 
 
@@ -86,7 +86,7 @@ def test_nothing_is_found(check: str, name: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("check", ["processor-in-the-loop", "budgets", "law", "sanitizers", "fuzzing"])
+@pytest.mark.parametrize("check", ["processor-in-the-loop", "budgets", "law", "sanitizers"])
 def test_outcomes_are_repeatable(check: str) -> None:
     subject = planted.subject_of(builds.made("pi", "uneven"))
     first, second = (importlib.import_module(MODULES[check]).check(subject, Effort(quick=True)) for _ in range(2))

@@ -1,5 +1,6 @@
 """The page of a report and its input files."""
 
+import hashlib
 import json
 import re
 import shutil
@@ -74,6 +75,19 @@ def test_an_incomplete_or_outdated_verification_record_is_named(tmp_path: Path) 
         assert words in next(iter(build.verification_blocks(folder))).text
     (folder / "verify.json").unlink()
     assert "has no verification record" in next(iter(build.verification_blocks(folder))).text
+
+
+def test_a_record_with_a_check_that_no_longer_exists_is_shown(tmp_path: Path) -> None:
+    """Older versions ran the fuzz harnesses in a check of their own."""
+    folder = shutil.copytree(GENERATED / "4ws2-paper", tmp_path / "4ws2", ignore=shutil.ignore_patterns("verify.*"))
+    check = {"shows": "No input crashes", "verdict": "passed", "figure": "8,000 inputs", "findings": [], "limits": ["All."]}
+    digest = hashlib.sha256((folder / "manifest.json").read_bytes()).hexdigest()
+    old = {"build": {"manifest_sha256": digest}, "counts": {"passed": 1, "failed": 0}, "checks": {"fuzzing": check}}
+    (folder / "verify.json").write_text(json.dumps(old), encoding="utf-8")
+    checks, limits = build.verification_blocks(folder)
+    assert isinstance(checks, Table) and isinstance(limits, Table)
+    assert list(checks.rows) == [("fuzzing", "No input crashes", "8,000 inputs", "passed")]
+    assert list(limits.rows) == [("fuzzing", "All.")]
 
 
 def test_a_bare_map_makes_a_report(tmp_path: Path) -> None:

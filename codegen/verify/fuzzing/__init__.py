@@ -1,1 +1,0 @@
-"""Check 7: fuzzing, the part with a fixed number of inputs."""

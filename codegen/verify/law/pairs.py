@@ -1,0 +1,239 @@
+"""The units of a build in C, each beside its second implementation."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.configuration.can import FRAME_BYTES
+from codegen.configuration.signals import MEASURED
+from codegen.sil.software import Measurement, Software, Status
+from codegen.verify.law.controller import NUMBERS, SecondController
+from codegen.verify.law.inputs import Quality, SecondInputs
+from codegen.verify.law.limiter import SecondLimiter
+from codegen.verify.law.repetition import Pair
+from codegen.verify.law.task import SecondTask
+from codegen.verify.traffic import Cycle
+from hil_sim.codec import Codec
+from hil_sim.e2e import Receiver, Supervision, next_counter, protect
+from hil_sim.frames import Frame
+
+BATCH = 36_000
+"""Maximum samples in one call of the C."""
+QUALITIES = (Quality.GOOD, Quality.REPLACED, Quality.MISSING, Quality.UNUSABLE)
+"""In the order of the C enum."""
+COMMAND = ("rear_angle", "yaw_rate_reference", "status")
+
+
+class ControllerPair(Pair):
+    """The controller: measurements in, (rear angle, reference yaw rate, status) out."""
+
+    def __init__(self, software: Software, second: SecondController, parameters: Any, start: float) -> None:
+        self._second, self._software = second, software
+        self._controller = software.controller(start, parameters)
+        self.statuses: Counter[Status] = Counter()
+
+    def second(self, sample: Measurement) -> tuple[float, float, int]:
+        with np.errstate(all="ignore"):
+            command = self._second.step(sample)
+        self.statuses[command.status] += 1
+        return command.rear_angle, command.yaw_rate_reference, int(command.status)
+
+    def compiled(self, sample: Measurement) -> tuple[float, float, int]:
+        (command,) = self._run([sample], 1)
+        return tuple(command.tolist())
+
+    def state(self) -> SecondController:
+        return self._second
+
+    def first_difference(
+        self, samples: Sequence[Measurement], wanted: Sequence[Any], rounds: int
+    ) -> tuple[int, tuple[float, float, int]] | None:
+        columns = [np.array(column) for column in zip(*wanted, strict=True)]
+        at_once = max(BATCH // len(samples), 1)
+        for first in range(0, rounds, at_once):
+            count = min(at_once, rounds - first)
+            found = self._run(samples, count)
+            equal = [found[name] == np.tile(column, count) for name, column in zip(COMMAND, columns, strict=True)]
+            if not all(each.all() for each in equal):
+                index = int(np.flatnonzero(~np.logical_and.reduce(equal))[0])
+                return first * len(samples) + index, tuple(found[index].tolist())
+        return None
+
+    def _run(self, samples: Sequence[Measurement], rounds: int) -> npt.NDArray[Any]:
+        """Run the C on the samples a number of times, in one call. Return its commands, by COMMAND."""
+        software, count = self._software, rounds * len(samples)
+        ffi, prefix = software.ffi, software.prefix
+        once = ffi.new(f"{prefix}_measurement_t[]", len(samples))
+        for each, sample in zip(once, samples, strict=True):
+            for signal in MEASURED:
+                setattr(each, signal.role, getattr(sample, signal.role))
+        measurements, commands = (ffi.new(f"{prefix}_{name}_t[]", count) for name in ("measurement", "command"))
+        ffi.buffer(measurements)[:] = bytes(ffi.buffer(once)) * rounds
+        controller = self._controller
+        software.compiled.lib.loop_controller(controller.state, controller.parameters, measurements, commands, count)
+        command = ffi.typeof(f"{prefix}_command_t")
+        layout: Any = {
+            "names": COMMAND,
+            "formats": (software.real, software.real, np.uint32),
+            "offsets": [ffi.offsetof(command, name) for name in COMMAND],
+            "itemsize": ffi.sizeof(command),
+        }
+        return np.frombuffer(ffi.buffer(commands), dtype=np.dtype(layout)).copy()
+
+    def text(self, output: tuple[float, float, int]) -> str:
+        rear_angle, reference, status = output
+        name = Status(status).name if status in set(Status) else f"status {status}, which is none"
+        return f"{rear_angle:.9g} rad, reference {reference:.9g} rad/s, {name}"
+
+
+class InputsPair(Pair):
+    """The input monitoring: measurements in, quality and accepted values out. `command`: rear angle in rad."""
+
+    def __init__(self, software: Software, parameters: Any, is_trusted: bool, command: float = 0.0) -> None:
+        self._second = SecondInputs(parameters.inputs, software.real, is_trusted)
+        self._parameters = software.ffi.addressof(parameters, "inputs")
+        self._state, self._measured, self._found = (software.new(name) for name in ("inputs", "measurement", "measurement"))
+        self._step, self._command, self._real = software.function("inputs_step"), software.real(command), software.real
+        self._last: Measurement | None = None
+        self._owner = parameters  # the struct above is a part of it
+        software.function("inputs_init")(self._state, is_trusted)
+
+    def second(self, sample: Measurement) -> tuple[Any, ...]:
+        numbers: dict[str, Any] = {name: self._real(getattr(sample, name)) for name in NUMBERS}
+        with np.errstate(all="ignore"):
+            quality, found = self._second.step(Measurement(**numbers, inhibit=sample.inhibit), self._command)
+        return (QUALITIES.index(quality), found.inhibit, *(float(getattr(found, name)) for name in NUMBERS))
+
+    def compiled(self, sample: Measurement) -> tuple[Any, ...]:
+        if sample is not self._last:
+            for signal in MEASURED:
+                setattr(self._measured, signal.role, getattr(sample, signal.role))
+            self._last = sample
+        found = self._found
+        quality = self._step(self._state, self._parameters, self._measured, self._command, found)
+        return (quality, found.inhibit, *[getattr(found, name) for name in NUMBERS])
+
+    def state(self) -> SecondInputs:
+        return self._second
+
+    def text(self, output: tuple[Any, ...]) -> str:
+        quality, inhibit, *numbers = output
+        return f"quality {quality}, inhibit {inhibit}, " + ", ".join(f"{number:.9g}" for number in numbers)
+
+
+class LimiterPair(Pair):
+    """The limiter: (speed, front angle, demand) in, rear angle out."""
+
+    def __init__(self, software: Software, parameters: Any, period: float, start: float) -> None:
+        self._second = SecondLimiter(parameters.limiter, period, software.real, start)
+        self._parameters, self._owner = software.ffi.addressof(parameters, "limiter"), parameters
+        self._state, self._input = software.new("limiter"), software.new("limiter_input")
+        self._step = software.function("limiter_step")
+        software.function("limiter_init")(self._state, start)
+
+    def second(self, sample: tuple[float, float, float]) -> float:
+        with np.errstate(all="ignore"):
+            return float(self._second.step(*sample))
+
+    def compiled(self, sample: tuple[float, float, float]) -> float:
+        given = self._input
+        given.speed, given.front_angle, given.demand = sample
+        return float(self._step(self._state, self._parameters, given))
+
+    def state(self) -> SecondLimiter:
+        return self._second
+
+
+class ReceiverPair(Pair):
+    """Receiver and supervision of a message. In: the advance of the sender's counter since the last frame, DAMAGED, or SILENT.
+    Out: status and state."""
+
+    DAMAGED, SILENT = 15, -1
+
+    def __init__(self, software: Software) -> None:
+        can = software.config.can
+        self._data_id = can.vehicle_motion.e2e_data_id
+        self._receiver, self._supervision = Receiver(can.e2e), Supervision(can.e2e)
+        self._c_receiver, self._c_supervision = software.new("e2e_receiver"), software.new("e2e_supervision")
+        self._check, self._no_new_data, self._supervise = map(
+            software.function, ("e2e_check", "e2e_no_new_data", "e2e_supervise")
+        )
+        self._counters = [0, 0]  # of the sender to each implementation
+        counter, frames = 0, []
+        for _ in range(15):
+            frames.append(protect(self._data_id, counter, bytes(FRAME_BYTES)))
+            counter = next_counter(counter)
+        self._frames = (*frames, bytes((frames[0][0] ^ 1, *frames[0][1:])))
+        software.function("e2e_receiver_init")(self._c_receiver)
+        software.function("e2e_supervision_init")(self._c_supervision)
+
+    def _frame(self, sample: int, side: int) -> bytes:
+        if sample == self.DAMAGED:
+            return self._frames[self.DAMAGED]
+        self._counters[side] = (self._counters[side] + sample) % 15
+        return self._frames[self._counters[side]]
+
+    def second(self, sample: int) -> tuple[int, int]:
+        if sample == self.SILENT:
+            status = self._receiver.no_new_data()
+        else:
+            status = self._receiver.check(self._data_id, self._frame(sample, 0))
+        return int(status), int(self._supervision.step(*_judged(status)))
+
+    def compiled(self, sample: int) -> tuple[int, int]:
+        if sample == self.SILENT:
+            status = self._no_new_data(self._c_receiver)
+        else:
+            status = self._check(self._c_receiver, self._data_id, self._frame(sample, 1))
+        return status, self._supervise(self._c_supervision, *_judged(status))
+
+    def state(self) -> Any:
+        return self._receiver, self._supervision, self._counters[0]
+
+
+def _judged(status: int) -> tuple[bool, bool]:
+    """Return whether the data of a frame may be used, and whether it is damaged."""
+    return status in (0, 4, 6), status == 2
+
+
+class TaskPair(Pair):
+    """The cyclic task: frames in, (identifier, data) out."""
+
+    def __init__(self, software: Software, second: SecondTask, codec: Codec, parameters: Any) -> None:
+        self._task, self._second, self._codec = software.task(parameters), second, codec
+
+    def second(self, sample: Cycle) -> tuple[int, bytes]:
+        with np.errstate(all="ignore"):
+            return self._second.run(sample)
+
+    def compiled(self, sample: Cycle) -> tuple[int, bytes]:
+        task = self._task
+        for frame in sample:
+            task.on_can_frame(frame.id, frame.data)
+        return task.run()
+
+    def state(self) -> SecondTask:
+        return self._second
+
+    def text(self, output: tuple[int, bytes]) -> str:
+        identifier, data = output
+        try:
+            contents = f" ({self._codec.decode(identifier, data)})"
+        except LookupError:  # no identifier of the bus
+            contents = ""
+        return f"0x{identifier:X} {data.hex()}{contents}"
+
+
+def text_of(sample: Any) -> str:
+    """Format an input."""
+    if isinstance(sample, Measurement):
+        numbers = ", ".join(f"{getattr(sample, name):.9g}" for name in NUMBERS)
+        return f"({numbers}, inhibited)" if sample.inhibit else f"({numbers})"
+    if isinstance(sample, tuple) and all(isinstance(each, Frame) for each in sample):
+        return " ".join(f"0x{frame.id:X} {frame.data.hex()}" for frame in sample[:4]) or "no frame"
+    return str(sample)
