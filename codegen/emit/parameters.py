@@ -64,11 +64,16 @@ class ParameterView:
 
 @dataclass(frozen=True)
 class Field:
-    """One field of a state struct. The `kind` "real" is the number type of the build."""
+    """One field of a state struct. The `kind` "real" is the number type of the build.
+
+    Attributes:
+        bound: largest magnitude of a real number after any call, SI units; `verify/` proves it for the state of a law.
+    """
 
     kind: str
     name: str
     comment: str
+    bound: float = 4096.0
 
 
 def search_strides(points: int) -> tuple[int, ...]:

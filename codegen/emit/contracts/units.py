@@ -30,14 +30,6 @@ MAP_YAW_RATE_MAX_RAD_S = 16.0
 """Bound of the looked-up yaw rate: above the table's, by more than the rounding of two interpolations; a power of two."""
 REFERENCE_MAX_RAD_S = 20.0
 """Bound of the yaw rate that a law follows."""
-LAW_BOUNDS = {
-    "trim": 16.0,
-    "integral": 4096.0,
-    "front_angle": SAMPLE_RANGES["front_angle"][1],
-    "front_rate": 4096.0,
-    "yaw_rate": SAMPLE_RANGES["yaw_rate"][1],
-}
-"""Bounds of the members of a law's state, SI units."""
 TASK_COUNT_MAX = 64
 """Bound of the counts of disturbances in the task."""
 GOOD_SAMPLES_MAX = 10_000
@@ -180,7 +172,7 @@ class _Table:
             elif self.model and field.name == "previous_model_yaw_rate":
                 yield self.within(name, self.model.yaw_rate_max)
             elif field.kind == "real":
-                yield self.within(name, LAW_BOUNDS[field.name])
+                yield self.within(name, field.bound)
             elif field.name == "model":
                 yield f"{self.own('reference_model_holds')}(&{name})"
 
@@ -405,7 +397,8 @@ class _Table:
             Claim("inhibit is true or false", "is_flag(measured->inhibit)"),
             Claim("rear_angle is within its range", self.within("rear_angle", REAR_ANGLE_MAX_RAD)),
         )
-        ensures = (*self._checked_sample("checked->"), Claim("the quality is one of its enumerators", self.is_code("result", 3)))
+        quality = Claim("the quality is one of its enumerators", self.is_code("result", 3))
+        ensures = (*self._checked_sample("checked->"), quality)
         yield Unit(self.own("inputs_step"), unit, arguments, self.own("quality_t"), requires=requires, ensures=ensures)
 
     def _map_units(self) -> Iterator[Unit]:
