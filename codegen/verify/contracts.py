@@ -179,10 +179,9 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     Raises:
         MissingTool: CBMC or its solver is not installed.
     """
-    del effort
     programs()
     with stored(subject.sources("include", "src", FOLDER)) as folder:
-        results = prove(folder)
+        results = prove(folder, QUICK_TIME_LIMIT_S if effort.quick else TIME_LIMIT_S)
     failed, open_ = ([each for each in results if each.verdict == verdict] for verdict in ("failed", "open"))
     proved = len(results) - len(failed) - len(open_)
     return Outcome(
