@@ -23,7 +23,7 @@ from codegen.verify.check import Verdict as CheckVerdict
 from codegen.verify.packages import MissingTool
 
 Verdict = Literal["proved", "failed", "open", "not run"]
-TIME_LIMIT_S = 300.0
+TIME_LIMIT_S, QUICK_TIME_LIMIT_S = 300.0, 20.0
 """Time limit of each run of CBMC; the longest takes some 100 s."""
 HARNESSES = "verify/prove_*.c"
 END = "check_end.assertion.1"
