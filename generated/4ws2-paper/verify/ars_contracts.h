@@ -1,0 +1,820 @@
+/*
+ * Contracts of the functions: what each requires of its arguments, and what it ensures.
+ *
+ * Not part of the ECU software. The harnesses prove_*.c prove that a function meets its contract; assume_*.c stand for a function
+ * where its callers are proved. The including file defines CONTRACT_REQUIRE and CONTRACT_ENSURE, one of which assumes a condition while
+ * the other one asserts it. A lemma_*() is assumed everywhere but in its own proof.
+ *
+ * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#ifndef ARS_CONTRACTS_H
+#define ARS_CONTRACTS_H
+
+#define CONTRACT_ASSUME(condition) __CPROVER_assume(condition)
+
+#include <math.h>
+
+#include "ars_constants.h"
+#include "ars_map.h"
+#include "ars_task.h"
+
+#if ARS_MAP_BUILD != 0x4E569E35u
+#error "ars_map.h and this source come from different builds"
+#endif
+#if ARS_TASK_BUILD != 0x4E569E35u
+#error "ars_task.h and this source come from different builds"
+#endif
+
+/* Return the number without its sign. */
+static inline float magnitude_of(float value)
+{
+    return (value < 0.0f) ? -value : value;
+}
+
+/* Return whether the value is between low and high; false for NaN. */
+static inline bool lies_between(float value, float low, float high)
+{
+    return (value >= low) && (value <= high);
+}
+
+/* Return whether the value is within +-largest; false for NaN. */
+static inline bool lies_within(float value, float largest)
+{
+    return lies_between(value, -largest, largest);
+}
+
+/* Return whether a bool is true or false: memory may hold other numbers. */
+static inline bool is_flag(bool value)
+{
+    return (value == false) || (value == true);
+}
+
+static inline bool ars_limiter_parameters_holds(const ars_limiter_parameters_t *value)
+{
+    bool holds = lies_between(value->rear_angle_max, 1.0e-04f, 1.0f)
+        && lies_between(value->rear_rate_max, 0.017453292f, 1000.0f)
+        && lies_between(value->in_phase_from_front_angle, 1.0e-04f, 1.0f)
+        && lies_between(value->speed_max, 1.0f, 200.0f)
+        && lies_between(value->front_angle_max, 0.01f, 1.5f);
+    uint32_t k;
+
+    for (k = 0u; k < (uint32_t)ARS_LIMITER_POINTS; k++) {
+        holds = holds && lies_between(value->opposite_phase_speed[k], 0.0f, 200.0f)
+            && ((k == 0u) || (value->opposite_phase_speed[k - 1u] < value->opposite_phase_speed[k]))
+            && lies_between(value->opposite_phase_max[k], 0.0f, 1.0f)
+            && (value->opposite_phase_max[k] <= value->rear_angle_max);
+    }
+    return holds;
+}
+
+static inline bool ars_inputs_parameters_holds(const ars_inputs_parameters_t *value)
+{
+    bool holds = lies_between(value->speed_max, 13.888889f, 200.0f)
+        && lies_between(value->front_angle_max, 0.17453292f, 1.5f)
+        && lies_between(value->yaw_rate_max, 0.43633232f, 20.0f)
+        && lies_between(value->rear_angle_max, 0.0017453292f, 0.7853982f)
+        && lies_between(value->friction_max, 0.5f, 2.0f)
+        && lies_between(value->speed_step, 0.12f, 200.0f)
+        && lies_between(value->front_angle_step, 0.010471975f, 3.0f)
+        && lies_between(value->yaw_rate_step, 0.034906585f, 40.0f)
+        && lies_between(value->wheelbase, 1.57f, 6.28f)
+        && lies_between(value->understeer_coefficient, -0.0035713008f, 0.0035452303f)
+        && lies_between(value->expected_share, 0.001f, 1.0f)
+        && lies_between(value->yaw_rate_tolerance, 0.08726646f, 20.0f)
+        && lies_between(value->lateral_acceleration_max, 3.0f, 100.0f)
+        && lies_between(value->yaw_rate_frozen, 0.008726646f, 20.0f)
+        && lies_between(value->speed_agreement, 0.027777778f, 200.0f)
+        && lies_between(value->yaw_rate_agreement, 0.0017453292f, 0.17453292f)
+        && lies_between(value->straight_yaw_rate, 0.0f, 1.0f)
+        && lies_between(value->yaw_rate_offset_max, 0.0f, 1.0f)
+        && lies_between(value->yaw_rate_correction_share, 1.0e-06f, 1.0f)
+        && lies_between(value->speed_fall, 0.0f, 1.0f)
+        && lies_between(value->friction_recovery, 1.0e-05f, 1.0f)
+        && (value->missing_samples_max <= 100u)
+        && (value->recovery_samples >= 1u)
+        && (value->recovery_samples <= 10000u);
+    return holds;
+}
+
+static inline bool ars_parameters_holds(const ars_parameters_t *value)
+{
+    bool holds = lies_between(value->proportional_gain, 0.0f, 2.0f)
+        && lies_between(value->integral_gain, 0.01f, 20.0f)
+        && lies_between(value->rear_angle_error_max, 0.0017453292f, 1.0f)
+        && lies_between(value->rear_angle_max, 1.0e-04f, 0.061086524f)
+        && lies_between(value->rear_rate_max, 0.017453292f, 1000.0f)
+        && lies_between(value->friction_min, 0.02f, 0.5f)
+        && lies_between(value->enable_speed, 0.1388889f, 27.777779f)
+        && lies_between(value->disable_speed, 0.027777778f, 27.777779f)
+        && lies_between(value->standby_rate, 0.0034906585f, 1.7453293f)
+        && lies_between(value->fail_safe_rate, 0.0034906585f, 1.7453293f)
+        && lies_between(value->actuator_share, 1.0e-04f, 1.0f)
+        && lies_between(value->actuator_error_max, 1.0e-04f, 1.5f)
+        && (value->actuator_samples_max >= 1u)
+        && (value->actuator_samples_max <= 60000u)
+        && (value->rear_angle_max <= value->inputs.rear_angle_max)
+        && (value->disable_speed < value->enable_speed)
+        && (value->inputs.speed_max <= value->limiter.speed_max)
+        && (value->inputs.front_angle_max <= value->limiter.front_angle_max)
+        && (value->limiter.rear_angle_max <= value->rear_angle_max)
+        && ars_inputs_parameters_holds(&value->inputs)
+        && ars_limiter_parameters_holds(&value->limiter);
+    return holds;
+}
+
+static inline bool ars_limiter_holds(const ars_limiter_t *value)
+{
+    bool holds = lies_within(value->rear_angle, 1.0f)
+        && lies_between(value->speed, 0.0f, 200.0f)
+        && lies_within(value->front_angle, 1.5f)
+        && is_flag(value->speed_known);
+    return holds;
+}
+
+static inline bool ars_inputs_holds(const ars_inputs_t *value)
+{
+    bool holds = lies_within(value->speed.value, 200.0f)
+        && lies_within(value->front_angle.value, 1.5f)
+        && lies_within(value->yaw_rate.value, 20.0f)
+        && ((uint32_t)value->speed.source <= 2u)
+        && ((uint32_t)value->front_angle.source <= 2u)
+        && ((uint32_t)value->yaw_rate.source <= 2u)
+        && (value->front_angle.good <= 10000u)
+        && (value->yaw_rate.good <= 10000u)
+        && lies_within(value->expected_yaw_rate, 20.0f)
+        && lies_within(value->beyond_linear, 20.0f)
+        && lies_between(value->least, 0.0f, (2.0f * 20.0f))
+        && lies_between(value->least_of_front, 0.0f, (2.0f * 20.0f))
+        && lies_within(value->yaw_rate_offset, 1.0f)
+        && lies_between(value->friction, 0.0f, 2.0f)
+        && is_flag(value->lateral_is_known)
+        && is_flag(value->lateral_is_proven);
+    return holds;
+}
+
+static inline bool ars_law_holds(const ars_law_t *value)
+{
+    bool holds = lies_within(value->integral, 4096.0f)
+        && is_flag(value->is_limited);
+    return holds;
+}
+
+static inline bool ars_controller_holds(const ars_controller_t *value)
+{
+    bool holds = ars_law_holds(&value->law)
+        && ars_inputs_holds(&value->inputs)
+        && ars_limiter_holds(&value->limiter)
+        && lies_within(value->rear_angle, 0.061086524f)
+        && lies_within(value->yaw_rate_reference, 20.0f)
+        && lies_within(value->yaw_rate_error, 40.0f)
+        && (value->initialised == 0x41525331u)
+        && lies_within(value->sample.speed, 200.0f)
+        && lies_within(value->sample.front_angle, 1.5f)
+        && lies_within(value->sample.yaw_rate, 20.0f)
+        && lies_within(value->sample.rear_angle, 1.0f)
+        && lies_within(value->sample.lateral_acceleration, 4096.0f)
+        && lies_between(value->sample.friction, 0.0f, 2.0f)
+        && is_flag(value->sample.inhibit)
+        && ((uint32_t)value->quality <= 3u)
+        && ((uint32_t)value->status <= 4u)
+        && is_flag(value->enabled)
+        && ((value->status > ARS_STATUS_LIMITED) || value->enabled)
+        && (((value->status != ARS_STATUS_STANDBY) && (value->status != ARS_STATUS_FAIL_SAFE)) || !value->enabled)
+        && (value->rear_angle == value->limiter.rear_angle);
+    return holds;
+}
+
+static inline bool ars_e2e_receiver_holds(const ars_e2e_receiver_t *value)
+{
+    bool holds = (value->last_counter <= 14u)
+        && (value->max_delta_counter <= 14u)
+        && (value->no_new_or_repeated_data_counter <= 14u)
+        && (value->sync_counter <= 1u)
+        && is_flag(value->waits_for_first);
+    return holds;
+}
+
+static inline bool ars_e2e_supervision_holds(const ars_e2e_supervision_t *value)
+{
+    bool holds = ((uint32_t)value->state <= 3u);
+    return holds;
+}
+
+static inline bool ars_task_input_holds(const ars_task_input_t *value)
+{
+    bool holds = ars_e2e_receiver_holds(&value->receiver)
+        && ars_e2e_supervision_holds(&value->supervision)
+        && (value->causes <= 7u)
+        && (value->advance <= 7u)
+        && is_flag(value->disturbed)
+        && is_flag(value->usable);
+    return holds;
+}
+
+static inline bool ars_task_holds(const ars_task_t *value)
+{
+    bool holds = ars_controller_holds(&value->controller)
+        && ars_task_input_holds(&value->motion_input)
+        && ((value->motion.speed != value->motion.speed) || lies_between(value->motion.speed, -163.84f, 163.84f))
+        && ((value->motion.front_angle != value->motion.front_angle) || lies_between(value->motion.front_angle, -1.6384f, 1.6384f))
+        && ((value->motion.yaw_rate != value->motion.yaw_rate) || lies_between(value->motion.yaw_rate, -6.5536f, 6.5536f))
+        && ars_task_input_holds(&value->conditions_input)
+        && ((value->conditions.rear_angle != value->conditions.rear_angle) || lies_between(value->conditions.rear_angle, -1.6384f, 1.6384f))
+        && ((value->conditions.friction != value->conditions.friction) || lies_between(value->conditions.friction, -0.01f, 2.55f))
+        && ((value->conditions.lateral_acceleration != value->conditions.lateral_acceleration) || lies_between(value->conditions.lateral_acceleration, -32.768f, 32.768f))
+        && (value->counter <= 14u)
+        && ((value->backlog <= 64u) && (value->disturbance <= 64u))
+        && lies_within(value->expected_angle, 0.7853982f)
+        && is_flag(value->conditions.inhibit)
+        && is_flag(value->conditions_close)
+        && is_flag(value->started);
+    return holds;
+}
+
+/* What ars_map_valid() finds out about any breakpoint and any cell. Objects without a definition have any value.
+ * The look-ups are proved for a valid map: their callers have one with valid parameters. */
+extern const uint32_t any_row;
+extern const uint32_t any_column;
+static inline bool ars_map_speed_breakpoints_hold(uint32_t k)
+{
+    return (k >= (uint32_t)ARS_MAP_SPEED_POINTS)
+        || (lies_between(ars_map_speed_breakpoints[k], 0.0f, 150.0f)
+            && ((k == 0u) || (ars_map_speed_breakpoints[k - 1u] < ars_map_speed_breakpoints[k])));
+}
+
+static inline bool ars_map_front_angle_breakpoints_hold(uint32_t k)
+{
+    return (k >= (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS)
+        || (lies_between(ars_map_front_angle_breakpoints[k], 0.0f, 1.2f)
+            && ((k == 0u) || (ars_map_front_angle_breakpoints[k - 1u] < ars_map_front_angle_breakpoints[k])));
+}
+
+static inline bool ars_map_cell_holds(uint32_t row, uint32_t column)
+{
+    return (row >= (uint32_t)ARS_MAP_SPEED_POINTS) || (column >= (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS)
+        || (lies_between(ars_map_yaw_rate_table[row][column], 0.0f, 10.0f));
+}
+
+#ifndef CONTRACT_LEMMA_SHARE
+#define CONTRACT_LEMMA_SHARE(condition, text) __CPROVER_assume(condition)
+#endif
+static inline void lemma_share(float value, float first, float second)
+{
+    const bool applies = (0.0f <= first) && (first <= value) && (value <= second) && (first < second) && (second <= 200.0f);
+    const float share = applies ? ((value - first) / (second - first)) : 0.0f;
+
+    CONTRACT_LEMMA_SHARE(lies_between(share, 0.0f, 1.0f), "a share is from 0 to 1");
+}
+
+#ifndef CONTRACT_LEMMA_INTERPOLATION
+#define CONTRACT_LEMMA_INTERPOLATION(condition, text) __CPROVER_assume(condition)
+#endif
+static inline void lemma_interpolation(float first, float second, float share)
+{
+    const float value = first + (share * (second - first));
+    const float least = (first < second) ? first : second;
+    const float most = (first < second) ? second : first;
+    const bool applies = lies_between(share, 0.0f, 1.0f);
+
+    CONTRACT_LEMMA_INTERPOLATION(!applies || !(0.0f <= least) || !(most <= 16.0f) || lies_between(value, 0.0f, most + 1.0f),
+        "between two numbers that are not negative, it is not negative and close to them");
+    CONTRACT_LEMMA_INTERPOLATION(!applies || !(-1.0f <= least) || !(most <= 1.0f) || lies_between(value, least - 0.25f, most + 0.25f),
+        "between two small numbers, it is close to them");
+}
+
+#ifndef CONTRACT_LEMMA_CAP
+#define CONTRACT_LEMMA_CAP(condition, text) __CPROVER_assume(condition)
+#endif
+static inline void lemma_cap(float value, float speed, float limit)
+{
+    const bool applies = lies_between(value, 0.0f, 16.0f) && lies_between(limit, 0.0f, 100.0f);
+
+    CONTRACT_LEMMA_CAP(!applies || !((value * speed) > limit) || lies_between(limit / speed, 0.0f, 16.0f), "a capped number is in range");
+}
+
+#ifndef CONTRACT_LEMMA_CONSTANTS
+#define CONTRACT_LEMMA_CONSTANTS(condition, text) __CPROVER_assume(condition)
+#endif
+static inline void lemma_constants(void)
+{
+    CONTRACT_LEMMA_CONSTANTS(ars_constants.lateral_acceleration_cap == 5.6112237f, "lateral_acceleration_cap is that of the build");
+    CONTRACT_LEMMA_CONSTANTS(ars_constants.lateral_acceleration_cap_per_friction == 6.234693f, "lateral_acceleration_cap_per_friction is that of the build");
+    CONTRACT_LEMMA_CONSTANTS(ars_constants.map_friction == 0.9f, "map_friction is that of the build");
+}
+
+#ifndef CONTRACT_LEMMA_AXES
+#define CONTRACT_LEMMA_AXES(condition, text) __CPROVER_assume(condition)
+#endif
+/* Every breakpoint of a valid map is in range and above the one before. */
+static inline void assume_breakpoints(void)
+{
+    uint32_t k;
+
+    for (k = 0u; k < (uint32_t)ARS_MAP_SPEED_POINTS; k++) {
+        CONTRACT_ASSUME(ars_map_speed_breakpoints_hold(k));
+    }
+    for (k = 0u; k < (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS; k++) {
+        CONTRACT_ASSUME(ars_map_front_angle_breakpoints_hold(k));
+    }
+}
+
+/* The breakpoints that a search reads. */
+static inline void lemma_axes(void)
+{
+    CONTRACT_LEMMA_AXES(ars_map_speed_breakpoints_hold(0u), "a breakpoint of a valid map is in range");
+    CONTRACT_LEMMA_AXES(ars_map_speed_breakpoints_hold(1u), "a breakpoint of a valid map is in range");
+    CONTRACT_LEMMA_AXES(ars_map_speed_breakpoints[0] < ars_map_speed_breakpoints[1], "the breakpoints of a valid map increase");
+    CONTRACT_LEMMA_AXES(ars_map_speed_breakpoints_hold(101u), "a breakpoint of a valid map is in range");
+    CONTRACT_LEMMA_AXES(ars_map_speed_breakpoints[1] < ars_map_speed_breakpoints[101], "the breakpoints of a valid map increase");
+    CONTRACT_LEMMA_AXES(ars_map_front_angle_breakpoints_hold(0u), "a breakpoint of a valid map is in range");
+    CONTRACT_LEMMA_AXES(ars_map_front_angle_breakpoints_hold(100u), "a breakpoint of a valid map is in range");
+    CONTRACT_LEMMA_AXES(ars_map_front_angle_breakpoints[0] < ars_map_front_angle_breakpoints[100], "the breakpoints of a valid map increase");
+    CONTRACT_LEMMA_AXES(ars_map_front_angle_breakpoints_hold(101u), "a breakpoint of a valid map is in range");
+    CONTRACT_LEMMA_AXES(ars_map_front_angle_breakpoints[100] < ars_map_front_angle_breakpoints[101], "the breakpoints of a valid map increase");
+}
+
+static inline void ars_limiter_parameters_valid_requires(const ars_limiter_parameters_t *parameters)
+{
+    (void)parameters;
+}
+
+static inline void ars_limiter_parameters_valid_ensures(const ars_limiter_parameters_t *parameters, bool result)
+{
+    (void)parameters;
+    (void)result;
+    CONTRACT_ENSURE(!result || ars_limiter_parameters_holds(parameters), "valid parameters are in range");
+}
+
+static inline void ars_limiter_init_requires(const ars_limiter_t *self, float rear_angle)
+{
+    (void)self;
+    (void)rear_angle;
+}
+
+static inline void ars_limiter_init_ensures(const ars_limiter_t *self, float rear_angle)
+{
+    (void)self;
+    (void)rear_angle;
+    CONTRACT_ENSURE(ars_limiter_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(self->rear_angle == (lies_within(rear_angle, 1.0f) ? rear_angle : 0.0f), "it starts from the angle given; from zero beyond 1 rad and for NaN");
+}
+
+static inline void ars_limiter_step_requires(const ars_limiter_t *self, const ars_limiter_parameters_t *parameters, const ars_limiter_input_t *input)
+{
+    (void)self;
+    (void)parameters;
+    (void)input;
+    CONTRACT_REQUIRE(ars_limiter_holds(self), "ars_limiter_step requires: self is within its invariant");
+    CONTRACT_REQUIRE(ars_limiter_parameters_holds(parameters), "ars_limiter_step requires: parameters is within its invariant");
+}
+
+static inline void ars_limiter_step_ensures(const ars_limiter_t *self, const ars_limiter_parameters_t *parameters, const ars_limiter_input_t *input, float result, const ars_limiter_t *self_before)
+{
+    (void)self;
+    (void)parameters;
+    (void)input;
+    (void)result;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_limiter_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(lies_within(result, parameters->rear_angle_max), "|rear angle| is at most rear_angle_max");
+    CONTRACT_ENSURE(result == self->rear_angle, "the result is kept");
+    CONTRACT_ENSURE((result <= (self_before->rear_angle + (parameters->rear_rate_max * 0.01f))) || (result == -parameters->rear_angle_max), "it rises by at most rear_rate_max, or to -rear_angle_max");
+    CONTRACT_ENSURE(((self_before->rear_angle - (parameters->rear_rate_max * 0.01f)) <= result) || (result == parameters->rear_angle_max), "it falls by at most rear_rate_max, or to rear_angle_max");
+    CONTRACT_ENSURE(self->speed == (lies_within(input->speed, parameters->speed_max) ? magnitude_of(input->speed) : self_before->speed), "speed is the one given where it is available, else the last one");
+    CONTRACT_ENSURE(self->front_angle == (lies_within(input->front_angle, parameters->front_angle_max) ? input->front_angle : self_before->front_angle), "front_angle is the one given where it is available, else the last one");
+    CONTRACT_ENSURE(self->speed_known == (lies_within(input->speed, parameters->speed_max) || self_before->speed_known), "a speed is known once there was one");
+    CONTRACT_ENSURE((result <= self_before->rear_angle) || (result <= input->demand) || (result <= 0.0f), "it is not above its last value, the demand and zero");
+    CONTRACT_ENSURE((self_before->rear_angle <= result) || (input->demand <= result) || (0.0f <= result), "it is not below its last value, the demand and zero");
+    CONTRACT_ENSURE(self->speed_known || !lies_within(self_before->rear_angle, parameters->rear_angle_max) || (result == self_before->rear_angle), "it is held as long as no speed is known");
+}
+
+static inline void ars_inputs_parameters_valid_requires(const ars_inputs_parameters_t *parameters)
+{
+    (void)parameters;
+}
+
+static inline void ars_inputs_parameters_valid_ensures(const ars_inputs_parameters_t *parameters, bool result)
+{
+    (void)parameters;
+    (void)result;
+    CONTRACT_ENSURE(!result || ars_inputs_parameters_holds(parameters), "valid parameters are in range");
+}
+
+static inline void ars_inputs_init_requires(const ars_inputs_t *self, bool is_trusted)
+{
+    (void)self;
+    (void)is_trusted;
+}
+
+static inline void ars_inputs_init_ensures(const ars_inputs_t *self, bool is_trusted)
+{
+    (void)self;
+    (void)is_trusted;
+    CONTRACT_ENSURE(ars_inputs_holds(self), "self is within its invariant");
+}
+
+static inline void ars_inputs_step_requires(const ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle, const ars_measurement_t *believed)
+{
+    (void)self;
+    (void)parameters;
+    (void)measured;
+    (void)rear_angle;
+    (void)believed;
+    CONTRACT_REQUIRE(ars_inputs_holds(self), "ars_inputs_step requires: self is within its invariant");
+    CONTRACT_REQUIRE(ars_inputs_parameters_holds(parameters), "ars_inputs_step requires: parameters is within its invariant");
+    CONTRACT_REQUIRE(is_flag(measured->inhibit), "ars_inputs_step requires: inhibit is true or false");
+    CONTRACT_REQUIRE(lies_within(rear_angle, 1.0f), "ars_inputs_step requires: rear_angle is within its range");
+}
+
+static inline void ars_inputs_step_ensures(const ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle, const ars_measurement_t *believed, ars_quality_t result, const ars_inputs_t *self_before)
+{
+    (void)self;
+    (void)parameters;
+    (void)measured;
+    (void)rear_angle;
+    (void)believed;
+    (void)result;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_inputs_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(lies_within(believed->speed, 200.0f), "speed is within its range");
+    CONTRACT_ENSURE(lies_within(believed->front_angle, 1.5f), "front_angle is within its range");
+    CONTRACT_ENSURE(lies_within(believed->yaw_rate, 20.0f), "yaw_rate is within its range");
+    CONTRACT_ENSURE(lies_within(believed->rear_angle, 1.0f), "rear_angle is within its range");
+    CONTRACT_ENSURE(lies_within(believed->lateral_acceleration, 4096.0f), "lateral_acceleration is within its range");
+    CONTRACT_ENSURE(lies_between(believed->friction, 0.0f, 2.0f), "friction is within its range");
+    CONTRACT_ENSURE(is_flag(believed->inhibit), "inhibit is true or false");
+    CONTRACT_ENSURE(((uint32_t)result <= 3u), "the quality is one of its enumerators");
+}
+
+static inline void ars_map_valid_requires(void)
+{
+}
+
+static inline void ars_map_valid_ensures(bool result)
+{
+    (void)result;
+    CONTRACT_ENSURE(!result || (ars_map_speed_breakpoints_hold(any_row) && ars_map_front_angle_breakpoints_hold(any_column)), "the axes of a valid map are in range and increasing");
+    CONTRACT_ENSURE(!result || ars_map_cell_holds(any_row, any_column), "the numbers of a valid map are in range");
+}
+
+static inline void ars_map_yaw_rate_on_road_requires(float speed, float front_angle, float friction)
+{
+    (void)speed;
+    (void)front_angle;
+    (void)friction;
+}
+
+static inline void ars_map_yaw_rate_on_road_ensures(float speed, float front_angle, float friction, float result)
+{
+    (void)speed;
+    (void)front_angle;
+    (void)friction;
+    (void)result;
+    CONTRACT_ENSURE(lies_within(result, 16.0f), "the yaw rate is in range");
+}
+
+static inline void ars_law_init_requires(const ars_law_t *self, float rear_angle)
+{
+    (void)self;
+    (void)rear_angle;
+    CONTRACT_REQUIRE(lies_within(rear_angle, 1.0f), "ars_law_init requires: rear_angle is in range");
+}
+
+static inline void ars_law_init_ensures(const ars_law_t *self, float rear_angle)
+{
+    (void)self;
+    (void)rear_angle;
+    CONTRACT_ENSURE(ars_law_holds(self), "self is within its invariant");
+}
+
+static inline void ars_law_step_requires(const ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, ars_law_phase_t phase, float friction, float rear_angle, float yaw_rate_error)
+{
+    (void)self;
+    (void)parameters;
+    (void)sample;
+    (void)phase;
+    (void)friction;
+    (void)rear_angle;
+    (void)yaw_rate_error;
+    CONTRACT_REQUIRE(ars_law_holds(self), "ars_law_step requires: self is within its invariant");
+    CONTRACT_REQUIRE(ars_parameters_holds(parameters), "ars_law_step requires: parameters is within its invariant");
+    CONTRACT_REQUIRE(lies_between(sample->speed, 0.01f, 200.0f), "ars_law_step requires: speed is in range");
+    CONTRACT_REQUIRE(lies_between(sample->front_angle, -1.5f, 1.5f), "ars_law_step requires: front_angle is in range");
+    CONTRACT_REQUIRE(lies_between(sample->yaw_rate, -20.0f, 20.0f), "ars_law_step requires: yaw_rate is in range");
+    CONTRACT_REQUIRE(is_flag(sample->inhibit), "ars_law_step requires: inhibit is true or false");
+    CONTRACT_REQUIRE(((uint32_t)phase <= 2u), "ars_law_step requires: phase is one of its enumerators");
+    CONTRACT_REQUIRE(lies_within(rear_angle, 1.0f), "ars_law_step requires: rear_angle is in range");
+    CONTRACT_REQUIRE(lies_within(yaw_rate_error, 1000.0f), "ars_law_step requires: yaw_rate_error is in range");
+}
+
+static inline void ars_law_step_ensures(const ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, ars_law_phase_t phase, float friction, float rear_angle, float yaw_rate_error, const ars_law_output_t *result, const ars_law_t *self_before)
+{
+    (void)self;
+    (void)parameters;
+    (void)sample;
+    (void)phase;
+    (void)friction;
+    (void)rear_angle;
+    (void)yaw_rate_error;
+    (void)result;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_law_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE((((rear_angle - (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f)) <= result->rear_angle) && (result->rear_angle <= (rear_angle + (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f)))), "the command moves by at most the lower of both rates");
+    CONTRACT_ENSURE(lies_within(result->yaw_rate_reference, 20.0f), "yaw_rate_reference is in range");
+}
+
+static inline void ars_parameters_valid_requires(const ars_parameters_t *parameters)
+{
+    (void)parameters;
+}
+
+static inline void ars_parameters_valid_ensures(const ars_parameters_t *parameters, bool result)
+{
+    (void)parameters;
+    (void)result;
+    CONTRACT_ENSURE(!result || ars_parameters_holds(parameters), "valid parameters are in range");
+    CONTRACT_ENSURE(!result || (ars_map_speed_breakpoints_hold(any_row) && ars_map_front_angle_breakpoints_hold(any_column)), "the axes of a valid map are in range and increasing");
+    CONTRACT_ENSURE(!result || ars_map_cell_holds(any_row, any_column), "the numbers of a valid map are in range");
+}
+
+static inline void ars_controller_init_requires(const ars_controller_t *self, float rear_angle)
+{
+    (void)self;
+    (void)rear_angle;
+}
+
+static inline void ars_controller_init_ensures(const ars_controller_t *self, float rear_angle)
+{
+    (void)self;
+    (void)rear_angle;
+    CONTRACT_ENSURE(ars_controller_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(lies_within(self->rear_angle, 0.061086524f), "|rear_angle| is at most the actuator's largest angle");
+}
+
+static inline void ars_controller_step_requires(const ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    (void)self;
+    (void)parameters;
+    (void)measurement;
+    CONTRACT_REQUIRE(ars_controller_holds(self), "ars_controller_step requires: self is within its invariant");
+    CONTRACT_REQUIRE(ars_parameters_holds(parameters), "ars_controller_step requires: parameters is within its invariant");
+    CONTRACT_REQUIRE(is_flag(measurement->inhibit), "ars_controller_step requires: inhibit is true or false");
+}
+
+static inline void ars_controller_step_ensures(const ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, const ars_command_t *result, const ars_controller_t *self_before)
+{
+    (void)self;
+    (void)parameters;
+    (void)measurement;
+    (void)result;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_controller_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(lies_within(result->rear_angle, parameters->rear_angle_max), "|rear_angle| is at most rear_angle_max");
+    CONTRACT_ENSURE(lies_within(result->yaw_rate_reference, 20.0f), "yaw_rate_reference is in range");
+    CONTRACT_ENSURE(((uint32_t)result->status <= 4u), "status is one of its enumerators");
+    CONTRACT_ENSURE((result->rear_angle <= (self_before->rear_angle + (parameters->limiter.rear_rate_max * 0.01f))) || (result->rear_angle == -parameters->limiter.rear_angle_max), "it rises by at most rear_rate_max, or to -rear_angle_max");
+    CONTRACT_ENSURE(((self_before->rear_angle - (parameters->limiter.rear_rate_max * 0.01f)) <= result->rear_angle) || (result->rear_angle == parameters->limiter.rear_angle_max), "it falls by at most rear_rate_max, or to rear_angle_max");
+    CONTRACT_ENSURE((result->status != ARS_STATUS_TRACKING) || (((self_before->rear_angle - (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f)) <= result->rear_angle) && (result->rear_angle <= (self_before->rear_angle + (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f)))), "tracking, it moves by at most the lower of both rates");
+    CONTRACT_ENSURE((result->status != ARS_STATUS_FAIL_SAFE) || (magnitude_of(result->rear_angle) <= magnitude_of(self_before->rear_angle)), "in fail-safe |rear_angle| does not grow");
+    CONTRACT_ENSURE((result->rear_angle == self->rear_angle) && (result->status == self->status), "the command and the status are kept");
+}
+
+static inline void ars_e2e_receiver_init_requires(const ars_e2e_receiver_t *self)
+{
+    (void)self;
+}
+
+static inline void ars_e2e_receiver_init_ensures(const ars_e2e_receiver_t *self)
+{
+    (void)self;
+    CONTRACT_ENSURE(ars_e2e_receiver_holds(self), "self is within its invariant");
+}
+
+static inline void ars_e2e_check_requires(const ars_e2e_receiver_t *self, uint16_t data_id, const uint8_t data[8])
+{
+    (void)self;
+    (void)data_id;
+    (void)data;
+    CONTRACT_REQUIRE(ars_e2e_receiver_holds(self), "ars_e2e_check requires: self is within its invariant");
+}
+
+static inline void ars_e2e_check_ensures(const ars_e2e_receiver_t *self, uint16_t data_id, const uint8_t data[8], ars_e2e_status_t result, const ars_e2e_receiver_t *self_before)
+{
+    (void)self;
+    (void)data_id;
+    (void)data;
+    (void)result;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_e2e_receiver_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(((uint32_t)result <= 7u), "the result is one of its enumerators");
+    CONTRACT_ENSURE((result == ARS_E2E_WRONG_CRC) == ((ars_e2e_crc(data_id, data) != data[0]) || ((data[1] & 0x0Fu) == 15u)), "a wrong CRC is found");
+}
+
+static inline void ars_e2e_no_new_data_requires(const ars_e2e_receiver_t *self)
+{
+    (void)self;
+    CONTRACT_REQUIRE(ars_e2e_receiver_holds(self), "ars_e2e_no_new_data requires: self is within its invariant");
+}
+
+static inline void ars_e2e_no_new_data_ensures(const ars_e2e_receiver_t *self, ars_e2e_status_t result, const ars_e2e_receiver_t *self_before)
+{
+    (void)self;
+    (void)result;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_e2e_receiver_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(result == ARS_E2E_NO_NEW_DATA, "it returns NO_NEW_DATA");
+}
+
+static inline void ars_e2e_protect_requires(uint16_t data_id, const uint8_t *counter, const uint8_t data[8])
+{
+    (void)data_id;
+    (void)counter;
+    (void)data;
+}
+
+static inline void ars_e2e_protect_ensures(uint16_t data_id, const uint8_t *counter, const uint8_t data[8], const uint8_t *counter_before)
+{
+    (void)data_id;
+    (void)counter;
+    (void)data;
+    (void)counter_before;
+    CONTRACT_ENSURE(*counter <= 14u, "the counter for the next frame is at most 14");
+    CONTRACT_ENSURE((data[1] & 0x0Fu) == (*counter_before & 0x0Fu), "the frame carries the counter");
+    CONTRACT_ENSURE(ars_e2e_crc(data_id, data) == data[0], "the frame has the right CRC");
+}
+
+static inline void ars_e2e_supervision_init_requires(const ars_e2e_supervision_t *self)
+{
+    (void)self;
+}
+
+static inline void ars_e2e_supervision_init_ensures(const ars_e2e_supervision_t *self)
+{
+    (void)self;
+    CONTRACT_ENSURE(ars_e2e_supervision_holds(self), "self is within its invariant");
+}
+
+static inline void ars_e2e_supervise_requires(const ars_e2e_supervision_t *self, bool is_good, bool is_damaged)
+{
+    (void)self;
+    (void)is_good;
+    (void)is_damaged;
+    CONTRACT_REQUIRE(ars_e2e_supervision_holds(self), "ars_e2e_supervise requires: self is within its invariant");
+}
+
+static inline void ars_e2e_supervise_ensures(const ars_e2e_supervision_t *self, bool is_good, bool is_damaged, ars_e2e_state_t result, const ars_e2e_supervision_t *self_before)
+{
+    (void)self;
+    (void)is_good;
+    (void)is_damaged;
+    (void)result;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_e2e_supervision_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(result == self->state, "the result is kept");
+}
+
+static inline void ars_can_not_available_requires(void)
+{
+}
+
+static inline void ars_can_not_available_ensures(float result)
+{
+    (void)result;
+    CONTRACT_ENSURE(result != result, "it is NaN");
+}
+
+static inline void ars_can_unpack_vehicle_motion_requires(const uint8_t data[8], const ars_vehicle_motion_t *signals)
+{
+    (void)data;
+    (void)signals;
+}
+
+static inline void ars_can_unpack_vehicle_motion_ensures(const uint8_t data[8], const ars_vehicle_motion_t *signals)
+{
+    (void)data;
+    (void)signals;
+    CONTRACT_ENSURE(((signals->speed != signals->speed) || lies_between(signals->speed, -163.84f, 163.84f)), "speed is in the range of its frame, or NaN");
+    CONTRACT_ENSURE(((signals->front_angle != signals->front_angle) || lies_between(signals->front_angle, -1.6384f, 1.6384f)), "front_angle is in the range of its frame, or NaN");
+    CONTRACT_ENSURE(((signals->yaw_rate != signals->yaw_rate) || lies_between(signals->yaw_rate, -6.5536f, 6.5536f)), "yaw_rate is in the range of its frame, or NaN");
+}
+
+static inline void ars_can_pack_vehicle_motion_requires(const ars_vehicle_motion_t *signals, const uint8_t data[8])
+{
+    (void)signals;
+    (void)data;
+}
+
+static inline void ars_can_pack_vehicle_motion_ensures(const ars_vehicle_motion_t *signals, const uint8_t data[8])
+{
+    (void)signals;
+    (void)data;
+}
+
+static inline void ars_can_unpack_vehicle_conditions_requires(const uint8_t data[8], const ars_vehicle_conditions_t *signals)
+{
+    (void)data;
+    (void)signals;
+}
+
+static inline void ars_can_unpack_vehicle_conditions_ensures(const uint8_t data[8], const ars_vehicle_conditions_t *signals)
+{
+    (void)data;
+    (void)signals;
+    CONTRACT_ENSURE(((signals->rear_angle != signals->rear_angle) || lies_between(signals->rear_angle, -1.6384f, 1.6384f)), "rear_angle is in the range of its frame, or NaN");
+    CONTRACT_ENSURE(((signals->friction != signals->friction) || lies_between(signals->friction, -0.01f, 2.55f)), "friction is in the range of its frame, or NaN");
+    CONTRACT_ENSURE(((signals->lateral_acceleration != signals->lateral_acceleration) || lies_between(signals->lateral_acceleration, -32.768f, 32.768f)), "lateral_acceleration is in the range of its frame, or NaN");
+}
+
+static inline void ars_can_pack_vehicle_conditions_requires(const ars_vehicle_conditions_t *signals, const uint8_t data[8])
+{
+    (void)signals;
+    (void)data;
+}
+
+static inline void ars_can_pack_vehicle_conditions_ensures(const ars_vehicle_conditions_t *signals, const uint8_t data[8])
+{
+    (void)signals;
+    (void)data;
+}
+
+static inline void ars_can_unpack_rear_steer_command_requires(const uint8_t data[8], const ars_rear_steer_command_t *signals)
+{
+    (void)data;
+    (void)signals;
+}
+
+static inline void ars_can_unpack_rear_steer_command_ensures(const uint8_t data[8], const ars_rear_steer_command_t *signals)
+{
+    (void)data;
+    (void)signals;
+    CONTRACT_ENSURE(((signals->rear_angle != signals->rear_angle) || lies_between(signals->rear_angle, -1.6384f, 1.6384f)), "rear_angle is in the range of its frame, or NaN");
+    CONTRACT_ENSURE(((signals->yaw_rate_reference != signals->yaw_rate_reference) || lies_between(signals->yaw_rate_reference, -6.5536f, 6.5536f)), "yaw_rate_reference is in the range of its frame, or NaN");
+}
+
+static inline void ars_can_pack_rear_steer_command_requires(const ars_rear_steer_command_t *signals, const uint8_t data[8])
+{
+    (void)signals;
+    (void)data;
+}
+
+static inline void ars_can_pack_rear_steer_command_ensures(const ars_rear_steer_command_t *signals, const uint8_t data[8])
+{
+    (void)signals;
+    (void)data;
+}
+
+static inline void ars_task_init_requires(const ars_task_t *self, const ars_parameters_t *parameters)
+{
+    (void)self;
+    (void)parameters;
+    CONTRACT_REQUIRE(ars_parameters_holds(parameters), "ars_task_init requires: parameters is within its invariant");
+}
+
+static inline void ars_task_init_ensures(const ars_task_t *self, const ars_parameters_t *parameters)
+{
+    (void)self;
+    (void)parameters;
+    CONTRACT_ENSURE(ars_task_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(self->parameters == parameters, "the parameters are those given");
+}
+
+static inline void ars_task_on_can_frame_requires(const ars_task_t *self, uint32_t id, const uint8_t data[8], uint8_t length)
+{
+    (void)self;
+    (void)id;
+    (void)data;
+    (void)length;
+    CONTRACT_REQUIRE(ars_task_holds(self), "ars_task_on_can_frame requires: self is within its invariant");
+}
+
+static inline void ars_task_on_can_frame_ensures(const ars_task_t *self, uint32_t id, const uint8_t data[8], uint8_t length, const ars_task_t *self_before)
+{
+    (void)self;
+    (void)id;
+    (void)data;
+    (void)length;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_task_holds(self), "self is within its invariant");
+}
+
+static inline void ars_task_10ms_requires(const ars_task_t *self, const uint8_t data[8])
+{
+    (void)self;
+    (void)data;
+    CONTRACT_REQUIRE(ars_task_holds(self), "ars_task_10ms requires: self is within its invariant");
+}
+
+static inline void ars_task_10ms_ensures(const ars_task_t *self, const uint8_t data[8], uint32_t result, const ars_task_t *self_before)
+{
+    (void)self;
+    (void)data;
+    (void)result;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_task_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(result == (uint32_t)ARS_CAN_ID_REAR_STEER_COMMAND, "it is the frame of the command");
+    CONTRACT_ENSURE(((data[1] & 0x0Fu) == (uint32_t)self_before->counter) && (self->counter == (((uint32_t)self_before->counter + 1u) % 15u)), "the frame has the counter, and the counter advances");
+    CONTRACT_ENSURE(ars_e2e_crc((uint16_t)ARS_CAN_DATA_ID_REAR_STEER_COMMAND, data) == data[0], "the frame has the right CRC");
+}
+
+#endif /* ARS_CONTRACTS_H */
