@@ -14,7 +14,7 @@ from typing import Any
 
 from codegen.configuration.can import RealSignal
 from codegen.configuration.signals import STATUSES
-from codegen.emit.can_view import CanView, Frame
+from codegen.emit.can_view import CanView, Frame, TaskView
 from codegen.emit.constants import Constant
 from codegen.emit.contracts.contract import Argument, Claim, Invariant, Lemma, Unit
 from codegen.emit.controller_view import ControllerView
@@ -68,6 +68,7 @@ class _Table:
         self.inputs: InputsView = context["inputs"]
         self.limiter: LimiterView = context["limiter"]
         self.can: CanView = context["can"]
+        self.task: TaskView = context["task"]
         self.model: ReferenceModelView | None = context["model"]
         self.constants: tuple[Constant, ...] = context["constants"]
 
@@ -121,7 +122,7 @@ class _Table:
         yield Invariant(own("e2e_receiver_t"), (*receiver, "is_flag(value->waits_for_first)"))
         yield Invariant(own("e2e_supervision_t"), (self.is_code("value->state", 3),))
         states = (f"{own(f'e2e_{name}_holds')}(&value->{name})" for name in ("receiver", "supervision"))
-        counts = ("(value->causes <= 7u)", "(value->advance <= 7u)")
+        counts = (f"(value->causes <= {(1 << self.can.reception_bits) - 1}u)", "(value->advance <= 7u)")
         yield Invariant(own("task_input_t"), (*states, *counts, "is_flag(value->disturbed)", "is_flag(value->usable)"))
         yield Invariant(own("task_t"), tuple(self._task()))
 
@@ -247,6 +248,8 @@ class _Table:
         limited = (self.argument("parameters", "limiter_parameters_t", "in"), number["speed"])
         yield Lemma("lemma_opposite_phase", limited, unit=self.own("limiter"))
         yield Lemma("lemma_magnitude", (number["value"],), unit=self.own("limiter"))
+        bounds = (Argument(name, "int32_t") for name in ("low", "high"))
+        yield Lemma("lemma_code", (number["value"], self.scalar("scale"), *bounds), unit=self.own("can"))
         if self.has_plain_map:
             unit, searched = self.own("map"), (number["speed"], number["front_angle"])
             yield Lemma("lemma_axes", before=("assume_breakpoints();",), unwind=self._rounds())
@@ -285,12 +288,12 @@ class _Table:
     def scalar(self, name: str) -> Argument:
         return Argument(name, self.real)
 
-    def validity(self, unit: str, parameters: str, **more: Any) -> Unit:
+    def validity(self, unit: str, parameters: str, *more_claims: Claim, **more: Any) -> Unit:
         holds = f"!result || {self.own(parameters.removesuffix('_t'))}_holds(parameters)"
         argument = self.argument("parameters", parameters, "in")
-        claim = Claim("valid parameters are in range", holds)
+        claims = (Claim("valid parameters are in range", holds), *more_claims)
         function = self.own(f"{parameters.removesuffix('_t')}_valid")
-        return Unit(function, self.own(unit), (argument,), "bool", ensures=(claim,), **more)
+        return Unit(function, self.own(unit), (argument,), "bool", ensures=claims, **more)
 
     def _limiter_units(self) -> Iterator[Unit]:
         own, unit, zero, one = self.own, self.own("limiter"), self.number(0.0), self.number(1.0)
@@ -417,13 +420,7 @@ class _Table:
             yield Unit(own("map_reference"), unit, arguments, own("map_reference_t"), True, ensures=bounds, **more)
 
     def _map_valid(self) -> Unit:
-        """Validity of the map: what holds for the breakpoint and the cell that the proof looks at holds for any."""
         own, view = self.own, self.map
-        axes = f"{view.speed.breakpoints}_hold(any_row) && {view.front_angle.breakpoints}_hold(any_column)"
-        ensures = (
-            Claim("the axes of a valid map are in range and increasing", f"!result || ({axes})"),
-            Claim("the numbers of a valid map are in range", f"!result || {own('map_cell_holds')}(any_row, any_column)"),
-        )
         inside = f"(any_row < (uint32_t){view.speed.points}) && (any_column < (uint32_t){view.front_angle.points})"
         checks = ["are_between", "are_increasing", *(["are_even"] if view.speed.even or view.front_angle.even else [])]
         return Unit(
@@ -431,7 +428,7 @@ class _Table:
             own("map"),
             (),
             "bool",
-            ensures=ensures,
+            ensures=self._map_holds(),
             includes=True,
             before=(f"CONTRACT_ASSUME({inside});",),
             stand_in="checks_of_lemma",
@@ -439,8 +436,17 @@ class _Table:
             unwind=self._rounds(),
         )
 
+    def _map_holds(self) -> tuple[Claim, ...]:
+        """Claims of a valid map: what holds for the breakpoint and the cell that the proof looks at holds for any."""
+        axes = f"{self.map.speed.breakpoints}_hold(any_row) && {self.map.front_angle.breakpoints}_hold(any_column)"
+        cell = f"{self.own('map_cell_holds')}(any_row, any_column)"
+        return (
+            Claim("the axes of a valid map are in range and increasing", f"!result || ({axes})"),
+            Claim("the numbers of a valid map are in range", f"!result || {cell}"),
+        )
+
     def _look_up(self) -> dict[str, Any]:
-        """Proof of a look-up in any valid map."""
+        """Proof of a look-up in any valid map, which callers have from valid parameters."""
         return {
             "includes": True,
             "before": ("lemma_axes();", "lemma_constants();", "lemma_place(speed, front_angle);"),
@@ -513,7 +519,8 @@ class _Table:
     def _controller_units(self) -> Iterator[Unit]:
         own, unit = self.own, self.own("controller")
         judges = ("inputs_parameters_valid", "limiter_parameters_valid", "map_valid")
-        yield self.validity("parameters", "parameters_t", callees=tuple(own(each) for each in judges))
+        valid_map = self._map_holds() if self.has_plain_map else ()
+        yield self.validity("parameters", "parameters_t", *valid_map, callees=tuple(own(each) for each in judges))
         grip = ("init", "friction", "update", "recover") if self.model else ()
         init = tuple(own(each) for each in ("inputs_init", "limiter_init", "law_init", *(f"grip_{name}" for name in grip[:1])))
         bound = self.within("self->rear_angle", self.controller.actuator_angle_max)
@@ -599,8 +606,13 @@ class _Table:
         yield Unit(own("task_on_can_frame"), unit, (state, Argument("id", "uint32_t"), data, length), **more)
         identifier = f"result == (uint32_t){self.upper}_CAN_ID_REAR_STEER_COMMAND"
         crc = f"{own('e2e_crc')}((uint16_t){self.upper}_CAN_DATA_ID_REAR_STEER_COMMAND, data) == data[0]"
+        before = "(uint32_t)self_before->counter"
+        counted = f"((data[1] & 0x0Fu) == {before}) && (self->counter == (({before} + 1u) % {E2E_COUNTER_MAX + 1}u))"
         sent = (
             Claim("it is the frame of the command", identifier),
-            Claim("the frame has a counter and the right CRC", f"((data[1] & 0x0Fu) <= {E2E_COUNTER_MAX}u) && ({crc})"),
+            Claim("the frame has the counter, and the counter advances", counted),
+            Claim("the frame has the right CRC", crc),
         )
-        yield Unit(own("task_10ms"), unit, (state, Argument("data", "uint8_t", "bytes out")), "uint32_t", ensures=sent, **more)
+        yield Unit(
+            own(self.task.function), unit, (state, Argument("data", "uint8_t", "bytes out")), "uint32_t", ensures=sent, **more
+        )

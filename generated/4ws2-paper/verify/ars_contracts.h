@@ -232,7 +232,8 @@ static inline bool ars_task_holds(const ars_task_t *value)
     return holds;
 }
 
-/* What ars_map_valid() finds out about any breakpoint and any cell. Objects without a definition have any value. */
+/* What ars_map_valid() finds out about any breakpoint and any cell. Objects without a definition have any value.
+ * The look-ups are proved for a valid map: their callers have one with valid parameters. */
 extern const uint32_t any_row;
 extern const uint32_t any_column;
 static inline bool ars_map_speed_breakpoints_hold(uint32_t k)
@@ -533,6 +534,8 @@ static inline void ars_parameters_valid_ensures(const ars_parameters_t *paramete
     (void)parameters;
     (void)result;
     CONTRACT_ENSURE(!result || ars_parameters_holds(parameters), "valid parameters are in range");
+    CONTRACT_ENSURE(!result || (ars_map_speed_breakpoints_hold(any_row) && ars_map_front_angle_breakpoints_hold(any_column)), "the axes of a valid map are in range and increasing");
+    CONTRACT_ENSURE(!result || ars_map_cell_holds(any_row, any_column), "the numbers of a valid map are in range");
 }
 
 static inline void ars_controller_init_requires(const ars_controller_t *self, float rear_angle)
@@ -810,7 +813,8 @@ static inline void ars_task_10ms_ensures(const ars_task_t *self, const uint8_t d
     (void)self_before;
     CONTRACT_ENSURE(ars_task_holds(self), "self is within its invariant");
     CONTRACT_ENSURE(result == (uint32_t)ARS_CAN_ID_REAR_STEER_COMMAND, "it is the frame of the command");
-    CONTRACT_ENSURE(((data[1] & 0x0Fu) <= 14u) && (ars_e2e_crc((uint16_t)ARS_CAN_DATA_ID_REAR_STEER_COMMAND, data) == data[0]), "the frame has a counter and the right CRC");
+    CONTRACT_ENSURE(((data[1] & 0x0Fu) == (uint32_t)self_before->counter) && (self->counter == (((uint32_t)self_before->counter + 1u) % 15u)), "the frame has the counter, and the counter advances");
+    CONTRACT_ENSURE(ars_e2e_crc((uint16_t)ARS_CAN_DATA_ID_REAR_STEER_COMMAND, data) == data[0], "the frame has the right CRC");
 }
 
 #endif /* ARS_CONTRACTS_H */

@@ -20,11 +20,12 @@ bool are_between_of_lemma(const float *numbers, uint32_t count, float low, float
 {
     bool result;
 
-    (void)count;
-    CONTRACT_ASSUME(!result || (numbers != ars_map_yaw_rate_table[any_row]) || lies_between(ars_map_yaw_rate_table[any_row][any_column], low, high));
-    CONTRACT_ASSUME(!result || (numbers != ars_map_rear_angle_table[any_row]) || lies_between(ars_map_rear_angle_table[any_row][any_column], low, high));
-    CONTRACT_ASSUME(!result || (numbers != ars_map_speed_breakpoints) || lies_between(ars_map_speed_breakpoints[any_row], low, high));
-    CONTRACT_ASSUME(!result || (numbers != ars_map_front_angle_breakpoints) || lies_between(ars_map_front_angle_breakpoints[any_column], low, high));
+    CONTRACT_ASSUME(!result || (any_column >= count) || (numbers != ars_map_yaw_rate_table[any_row])
+        || lies_between(ars_map_yaw_rate_table[any_row][any_column], low, high));
+    CONTRACT_ASSUME(!result || (any_column >= count) || (numbers != ars_map_rear_angle_table[any_row])
+        || lies_between(ars_map_rear_angle_table[any_row][any_column], low, high));
+    CONTRACT_ASSUME(!result || (any_row >= count) || (numbers != ars_map_speed_breakpoints) || lies_between(ars_map_speed_breakpoints[any_row], low, high));
+    CONTRACT_ASSUME(!result || (any_column >= count) || (numbers != ars_map_front_angle_breakpoints) || lies_between(ars_map_front_angle_breakpoints[any_column], low, high));
     return result;
 }
 
@@ -32,9 +33,10 @@ bool are_increasing_of_lemma(const float *numbers, uint32_t count)
 {
     bool result;
 
-    (void)count;
-    CONTRACT_ASSUME(!result || (numbers != ars_map_speed_breakpoints) || (any_row == 0u) || (ars_map_speed_breakpoints[any_row - 1u] < ars_map_speed_breakpoints[any_row]));
-    CONTRACT_ASSUME(!result || (numbers != ars_map_front_angle_breakpoints) || (any_column == 0u) || (ars_map_front_angle_breakpoints[any_column - 1u] < ars_map_front_angle_breakpoints[any_column]));
+    CONTRACT_ASSUME(!result || (any_row >= count) || (numbers != ars_map_speed_breakpoints) || (any_row == 0u)
+        || (ars_map_speed_breakpoints[any_row - 1u] < ars_map_speed_breakpoints[any_row]));
+    CONTRACT_ASSUME(!result || (any_column >= count) || (numbers != ars_map_front_angle_breakpoints) || (any_column == 0u)
+        || (ars_map_front_angle_breakpoints[any_column - 1u] < ars_map_front_angle_breakpoints[any_column]));
     return result;
 }
 
