@@ -24,7 +24,7 @@ from codegen.verify.packages import MissingTool
 
 Verdict = Literal["proved", "failed", "open", "not run"]
 TIME_LIMIT_S, QUICK_TIME_LIMIT_S = 300.0, 20.0
-"""Time limit of each run of CBMC; the longest takes some 100 s."""
+"""Time limit of each run of CBMC; the longest takes some 100 s on an idle machine with two cores."""
 HARNESSES = "verify/prove_*.c"
 END = "check_end.assertion.1"
 """The assertion at the end of each harness, which must fail: properties that are never reached would count as proved."""
@@ -133,7 +133,7 @@ class _Run:
         try:
             messages: list[dict[str, Any]] = json.loads(output[output.find(b"[") :])
         except ValueError:
-            return [{"messageType": "ERROR", "messageText": output.decode(errors="replace")[-200:]}]
+            return [{"messageType": "ERROR", "messageText": f"CBMC ended early, with exit code {process.returncode}"}]
         return messages
 
 

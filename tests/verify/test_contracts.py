@@ -55,6 +55,13 @@ def test_verdicts(stand_in: Path, answer: object, end: object, verdict: str, det
     assert result.verdict == verdict and detail in result.detail
 
 
+def test_an_answer_that_is_cut_off_proves_nothing(stand_in: Path) -> None:
+    (stand_in / "answer").write_text(json.dumps(SUCCESS)[:-1])
+    (stand_in / "more").write_text("exit 6")
+    (result,) = prove(stand_in)
+    assert (result.verdict, result.detail) == ("open", "CBMC ended early, with exit code 6")
+
+
 def test_the_time_limit_ends_the_solver_too(stand_in: Path) -> None:
     (stand_in / "answer").write_text("")
     (stand_in / "more").write_text(f"sleep 60 & echo $! > {stand_in}/child; wait")
