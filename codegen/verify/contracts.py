@@ -194,5 +194,5 @@ def check(subject: Subject, effort: Effort) -> Outcome:
             "properties": sum(each.properties for each in results if each.verdict == "proved"),
         },
         limits=(*LIMITS, *(f"{each.harness} is open: {each.detail}." for each in open_)),
-        tools={"CBMC": version(), "Bitwuzla": "PyPI"},
+        tools={"CBMC": version()},
     )

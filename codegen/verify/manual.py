@@ -308,8 +308,8 @@ TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {
     "budgets": (_instructions, _stack, _memory),
     "law": (_ran(("compared", "number"), LAW_FIGURES), _pairs(("samples that ended in", "samples"), "statuses")),
     "proof": (_obligations, _invariants),
+    "sanitizers": (_ran(("what ran", "result"), SUITES), _fuzzed),
     "contracts": (_pairs(("contract of, or lemma", "result"), "harnesses"),),
     "memory": (_pairs(("alarms of the kind", "number"), "alarms"),),
-    "sanitizers": (_ran(("what ran", "result"), SUITES), _fuzzed),
 }
 """Tables by name of the check."""

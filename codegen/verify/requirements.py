@@ -173,7 +173,8 @@ REQUIREMENTS = (
 
 def rows(outcomes: Mapping[str, Outcome], prefix: str) -> Iterator[tuple[str, ...]]:
     """Yield a row for each requirement, in the order of `HEADER`; contracts that a kind does not have are left out."""
-    harnesses = outcomes["contracts"].figures.get("harnesses", {}) if "contracts" in outcomes else {}
+    recorded = outcomes["contracts"].figures.get("harnesses") if "contracts" in outcomes else None
+    harnesses = recorded if isinstance(recorded, Mapping) else {}
     for each in REQUIREMENTS:
         proofs = {name: harnesses[f"{prefix}_{name}"] for name in each.contracts if f"{prefix}_{name}" in harnesses}
         checks = {name: str(outcomes[name].verdict) for name in each.checks if name in outcomes}
