@@ -55,6 +55,13 @@ def test_verdicts(stand_in: Path, answer: object, end: object, verdict: str, det
     assert result.verdict == verdict and detail in result.detail
 
 
+def test_a_contract_that_is_named_as_open_is_not_run(stand_in: Path) -> None:
+    harness = stand_in / "verify" / "prove_x.c"
+    harness.write_text(harness.read_text().replace("/*\n", "/*\n * Open: no lemma.\n", 1))
+    (result,) = prove(stand_in)
+    assert (result.verdict, result.detail) == ("open", "no lemma")
+
+
 def test_an_answer_that_is_cut_off_proves_nothing(stand_in: Path) -> None:
     (stand_in / "answer").write_text(json.dumps(SUCCESS)[:-1])
     (stand_in / "more").write_text("exit 6")

@@ -113,6 +113,7 @@ class Unit:
         linked: further units of the build whose C is part of the proof.
         unwind: loop rounds, one more than the longest loop has.
         conversions: conversions from float to integer are checked; signed numbers that become unsigned would count as faults.
+        open: reason why the contract is not proved; "" for one that is.
     """
 
     function: str
@@ -133,6 +134,7 @@ class Unit:
     linked: tuple[str, ...] = ()
     unwind: int = 16
     conversions: bool = True
+    open: str = ""
 
     @property
     def name(self) -> str:

@@ -407,8 +407,9 @@ class _Table:
     def _map_units(self) -> Iterator[Unit]:
         own, unit, view = self.own, self.own("map"), self.map
         arguments = tuple(self.scalar(name) for name in ("speed", "front_angle", "friction"))
-        yield self._map_valid() if self.has_plain_map else Unit(own("map_valid"), unit, (), "bool")
-        more: dict[str, Any] = self._look_up() if self.has_plain_map else {}
+        missing: dict[str, Any] = {"open": "the lemmas on maps are for one table of real numbers without a table of grip"}
+        yield self._map_valid() if self.has_plain_map else Unit(own("map_valid"), unit, (), "bool", **missing)
+        more: dict[str, Any] = self._look_up() if self.has_plain_map else missing
         bound = Claim("the yaw rate is in range", self.within("result", MAP_YAW_RATE_MAX_RAD_S))
         yield Unit(own("map_yaw_rate_on_road"), unit, arguments, self.real, ensures=(bound,), **more)
         if view.with_rear_angle:

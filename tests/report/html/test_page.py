@@ -62,7 +62,14 @@ def test_an_incomplete_or_outdated_verification_record_is_named(tmp_path: Path) 
     tables = [block for block in build.verification_blocks(GENERATED / "4ws2-paper") if isinstance(block, Table)]
     assert [row[3] for row in tables[0].rows] == ["passed"] * len(CHECKS)
     captions = [block.caption.partition(" (")[0] for block in tables[1:]]
-    assert captions == ["Requirements", "Budgets on a Cortex-M4F", "Stack", "Memory map", "What the caller provides", "What is not shown"]
+    assert captions == [
+        "Requirements",
+        "Budgets on a Cortex-M4F",
+        "Stack",
+        "Memory map",
+        "What the caller provides",
+        "What is not shown",
+    ]
     folder = shutil.copytree(GENERATED / "4ws2-paper", tmp_path / "4ws2")
     with (folder / "manifest.json").open("ab") as file:
         file.write(b"\n")
