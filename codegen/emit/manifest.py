@@ -110,6 +110,11 @@ class _Inputs(_Read):
     map: _MapSource
 
 
+class _File(_Read):
+    sha256: str
+    bytes: Annotated[int, Field(ge=0)]
+
+
 class _Symbol(_Read):
     type: str
     shape: list[int]
@@ -131,6 +136,7 @@ class _Manifest(_Read):
     tools: dict[str, str]
     inputs: _Inputs
     dynamics_library_functions: list[str]
+    files: dict[str, _File]
     configuration: dict[str, Any]
     symbols: dict[str, _Symbol] = Field(default_factory=dict)
 
