@@ -150,7 +150,7 @@ def live_view(setup: Setup, kind: str, *, quiet: bool) -> Iterator[Observer | No
         yield observe
 
 
-def note_edited(build: Path, edited: Sequence[str], *, quiet: bool) -> None:
+def note_edited(build: Path, edited: Sequence[str], *, quiet: bool = False) -> None:
     """Warn about generated files that were edited."""
     for path in () if quiet else edited:
         console.note(f"{build / path} was changed after the build; the changed file is used")

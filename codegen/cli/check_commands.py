@@ -77,6 +77,7 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     tests it with faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1
     if a check fails or none can run. A check whose tool is missing is reported as not run.
     """
+    from codegen.cli.bench_report import note_edited
     from codegen.emit.outputs import check_output
     from codegen.files import write_atomically
     from codegen.sil.software import require_can_side
@@ -88,8 +89,7 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     subject = Subject.read(build)
     require_can_side(subject.manifest, build)
     record.require_place(build)
-    for path in subject.edited:
-        console.note(f"{build / path} was changed after the build; the changed file is verified")
+    note_edited(build, subject.edited)
     with console.progress(f"verifying {build}") as progress:
         report = runner.run(subject, Effort(quick), progress)
     if json_file is not None:

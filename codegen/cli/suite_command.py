@@ -117,6 +117,7 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
         CheckFailed: a requirement is missed; everything is printed and written before.
         CodegenError: solving, tuning, building, compiling or writing fails.
     """
+    from codegen.cli.bench_report import note_edited
     from codegen.report.suite_tables import failures, sections
     from hil_sim.suite.candidate import of_folder, recommended
     from hil_sim.suite.full_suite import run_full_suite
@@ -133,8 +134,7 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
         console.print_json({**facts, **result.to_dict(), **notes})
     else:
         _say(f"suite tracking: {candidate.title}", sections(result), written)
-        for path in whole.edited:
-            console.note(f"{path} was changed after the build; the changed file was tested")
+        note_edited(build_path or Path(), whole.edited)
         for text in whole.notes:
             console.note(text)
     if missed:

@@ -88,12 +88,12 @@ def _refuse(what: str, given: dict[str, Any]) -> None:
 
 
 def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | None, spec: Path, as_json: bool) -> None:
+    from codegen.cli.bench_report import note_edited
     from codegen.sweep.campaign import run_campaign
     from codegen.sweep.summary import summarise
 
     for controller in plan.controllers:
-        for edited in controller.edited if controller.controlled else ():
-            console.note(f"{controller.folder}/{edited} was changed after the build; the changed file is used")
+        note_edited(Path(controller.folder), controller.edited, quiet=not controller.controlled)
     engine = _engine(scheduler, workers)
     with engine if scheduler is not None else nullcontext(engine) as chosen, console.progress("runs") as progress:
         path = run_campaign(plan, folder, chosen, progress)

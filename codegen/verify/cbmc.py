@@ -10,8 +10,9 @@ from __future__ import annotations
 import os
 import shlex
 import shutil
-import subprocess
 import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.cache import cache_folder
@@ -54,24 +55,30 @@ exec {loader} --library-path {libraries} {program} "$@"
 """
 
 
-def programs() -> Path:
-    """Return the folder of the installed commands, to stand first on the path.
+@dataclass(frozen=True)
+class Cbmc:
+    """An installed CBMC with its solver.
 
-    Raises:
-        MissingTool: CBMC or Bitwuzla is not installed.
+    Attributes:
+        environment: variables of a process that finds the commands.
     """
-    folder = cache_folder() / "cbmc" / "bin"
-    path = os.pathsep.join((str(folder), os.environ.get("PATH", "")))
+
+    environment: Mapping[str, str]
+
+    @property
+    def version(self) -> str:
+        """Version of CBMC."""
+        program = shutil.which("cbmc", path=self.environment["PATH"]) or "cbmc"
+        return run_program([program, "--version"]).stdout.split(" ")[0].strip()
+
+
+def installed() -> Cbmc:
+    """Return the installed CBMC. Raises MissingTool: one of its programs, or Bitwuzla, is not installed."""
+    path = os.pathsep.join((str(cache_folder() / "cbmc" / "bin"), os.environ.get("PATH", "")))
     for name in (*PROGRAMS, "bitwuzla"):
         if shutil.which(name, path=path) is None:
             raise MissingTool("it is not installed", where=name, remedy=INSTALL)
-    return folder
-
-
-def version() -> str:
-    """Return the version of the installed CBMC. Raises MissingTool."""
-    path = os.pathsep.join((str(programs()), os.environ.get("PATH", "")))
-    return run_program([shutil.which("cbmc", path=path) or "cbmc", "--version"]).stdout.split(" ")[0].strip()
+    return Cbmc({**os.environ, "PATH": path})
 
 
 def install(folder: Path) -> None:
@@ -91,7 +98,8 @@ def install(folder: Path) -> None:
         words = {**paths, "program": str(root / "usr/bin" / name)}
         _write_command(commands / name, _LAUNCHER.format(**{key: shlex.quote(word) for key, word in words.items()}))
     _run(sys.executable, "-m", "pip", "install", "--quiet", "--upgrade", "--target", str(wheels), "bitwuzla")
-    _write_command(commands / "bitwuzla", _SHIM.format(python=sys.executable, packages=str(wheels)))
+    # Links are followed: a virtual environment may be removed, the Python that it links to stays.
+    _write_command(commands / "bitwuzla", _SHIM.format(python=Path(sys.executable).resolve(), packages=str(wheels)))
 
 
 def _unpack(folder: Path, root: Path) -> None:
@@ -113,7 +121,7 @@ def _unpack(folder: Path, root: Path) -> None:
     }
     apt = ["apt-get", "--quiet=2", *(f"--option={key}={value}" for key, value in places.items())]
     _run(*apt, "update")
-    _run(*apt, "--option=APT::Sandbox::User=root", "download", *PACKAGES, cwd=downloads)
+    _run(*apt, "--option=APT::Sandbox::User=root", "download", *PACKAGES, folder=downloads)
     for package in sorted(downloads.glob("*.deb")):
         _run("dpkg", "-x", str(package), str(root))
 
@@ -140,13 +148,16 @@ def _write_command(path: Path, text: str) -> None:
     path.chmod(0o755)
 
 
-def _run(*command: str, cwd: Path | None = None) -> str:
+def _run(*command: str, folder: Path | None = None) -> str:
+    remedy = "check the network and try again"
     try:
-        return subprocess.run(command, cwd=cwd, check=True, capture_output=True, text=True).stdout
-    except (OSError, subprocess.CalledProcessError) as error:
-        reason = getattr(error, "stderr", "") or str(error)
-        what = reason.strip().splitlines()[-1]
-        raise CodegenError(what, where=command[0], remedy="check the network and try again") from error
+        result = run_program(command, folder)
+    except OSError as error:
+        raise CodegenError(f"cannot be started ({error.strerror})", where=command[0], remedy=remedy) from None
+    if result.returncode != 0:
+        last = (result.stderr.strip() or f"exit code {result.returncode}").splitlines()[-1]
+        raise CodegenError(last, where=command[0], remedy=remedy)
+    return result.stdout
 
 
 if __name__ == "__main__":

@@ -131,14 +131,14 @@ class Subject:
 
 
 @contextlib.contextmanager
-def stored(files: Mapping[str, bytes]) -> Iterator[Path]:
+def stored(files: Mapping[str, str | bytes]) -> Iterator[Path]:
     """Store files, content by path, in a temporary folder. Raises BuildError if the disk is full."""
     try:
         with tempfile.TemporaryDirectory(prefix="ars-verify-") as scratch:
             folder = Path(scratch)
             for path, content in files.items():
                 (folder / path).parent.mkdir(parents=True, exist_ok=True)
-                (folder / path).write_bytes(content)
+                (folder / path).write_bytes(content.encode() if isinstance(content, str) else content)
             yield folder
     except OSError as error:
         raise BuildError(

@@ -17,12 +17,10 @@ from typing import Any, Literal
 
 from codegen.emit.contracts.files import FOLDER
 from codegen.errors import BuildError
-from codegen.verify.cbmc import programs, version
-from codegen.verify.check import Effort, Outcome, Subject, stored
-from codegen.verify.check import Verdict as CheckVerdict
-from codegen.verify.packages import MissingTool
+from codegen.verify.cbmc import Cbmc, installed
+from codegen.verify.check import Effort, Outcome, Subject, Verdict, stored
 
-Verdict = Literal["proved", "failed", "open", "not run"]
+Proof = Literal["proved", "failed", "open"]
 TIME_LIMIT_S, QUICK_TIME_LIMIT_S = 300.0, 20.0
 """Time limit of each run of CBMC; the longest takes some 100 s on an idle machine with two cores."""
 HARNESSES = "verify/prove_*.c"
@@ -41,17 +39,19 @@ class Result:
     Attributes:
         seconds: run time.
         properties: number of properties that were checked.
-        detail: what failed and where, why it is open, or the line that installs what is missing.
+        detail: what failed and where, or why it is open.
     """
 
     harness: str
-    verdict: Verdict
+    verdict: Proof
     seconds: float = 0.0
     properties: int = 0
     detail: str = ""
 
 
-def prove(build: Path, limit_s: float = TIME_LIMIT_S, wanted: Callable[[str], bool] = lambda _: True) -> list[Result]:
+def prove(
+    build: Path, cbmc: Cbmc, limit_s: float = TIME_LIMIT_S, wanted: Callable[[str], bool] = lambda _: True
+) -> list[Result]:
     """Run the harnesses of a build in parallel, on all processors.
 
     Args:
@@ -64,14 +64,9 @@ def prove(build: Path, limit_s: float = TIME_LIMIT_S, wanted: Callable[[str], bo
     """
     names = {path: path.stem.removeprefix("prove_") for path in sorted(build.glob(HARNESSES))}
     harnesses = {path: name for path, name in names.items() if wanted(name)}
-    try:
-        first = programs()
-    except MissingTool as error:
-        return [Result(name, "not run", detail=str(error)) for name in harnesses.values()]
-    environment = {**os.environ, "PATH": f"{first}{os.pathsep}{os.environ.get('PATH', '')}"}
 
     def run(path: Path) -> Result:
-        return _Run(build, environment, limit_s).prove(path, harnesses[path])
+        return _Run(build, cbmc, limit_s).prove(path, harnesses[path])
 
     # The longest commands have the most callees and take the longest time: they come first, so that none is left for the end.
     order = sorted(harnesses, key=lambda path: -len(command_of(path)))
@@ -94,7 +89,7 @@ def command_of(harness: Path) -> str:
 @dataclass(frozen=True)
 class _Run:
     build: Path
-    environment: dict[str, str]
+    cbmc: Cbmc
     limit_s: float
 
     def prove(self, path: Path, name: str) -> Result:
@@ -121,7 +116,7 @@ class _Run:
             subprocess.Popen(
                 ["sh", "-c", command],
                 cwd=self.build,
-                env={**self.environment, "TMPDIR": folder},
+                env={**self.cbmc.environment, "TMPDIR": folder},
                 start_new_session=True,
                 **streams,
             ) as process,
@@ -144,7 +139,7 @@ def _results(messages: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     return [result for message in messages for result in message.get("result", [])]
 
 
-def _verdict(messages: list[dict[str, Any]], properties: list[dict[str, Any]]) -> tuple[Verdict, str]:
+def _verdict(messages: list[dict[str, Any]], properties: list[dict[str, Any]]) -> tuple[Proof, str]:
     """Accept only CBMC's own success: a run that ends in an error can list all properties as not failed."""
     if not messages:
         return "open", "time limit"
@@ -183,21 +178,21 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         MissingTool: CBMC or its solver is not installed.
     """
     if not subject.is_single:
-        return Outcome(SHOWS, "", CheckVerdict.NOT_RUN, ("the contracts are of single precision",), limits=LIMITS)
-    programs()
+        return Outcome(SHOWS, "", Verdict.NOT_RUN, ("the contracts are of single precision",), limits=LIMITS)
+    cbmc = installed()
     with stored(subject.sources("include", "src", FOLDER)) as folder:
-        results = prove(folder, QUICK_TIME_LIMIT_S if effort.quick else TIME_LIMIT_S)
+        results = prove(folder, cbmc, QUICK_TIME_LIMIT_S if effort.quick else TIME_LIMIT_S)
     failed, open_ = ([each for each in results if each.verdict == verdict] for verdict in ("failed", "open"))
     proved = len(results) - len(failed) - len(open_)
     return Outcome(
         shows=SHOWS,
         figure=f"{proved} of {len(results)} contracts and lemmas proved{f', {len(open_)} open' if open_ else ''}",
-        verdict=CheckVerdict.FAILED if failed or not proved else CheckVerdict.PASSED,
+        verdict=Verdict.FAILED if failed or not proved else Verdict.PASSED,
         findings=tuple(f"{each.harness}: {each.detail}" for each in failed),
         figures={
             "harnesses": {each.harness: each.verdict for each in results},
             "properties": sum(each.properties for each in results if each.verdict == "proved"),
         },
         limits=(*LIMITS, *(f"{each.harness} is open: {each.detail}." for each in open_)),
-        tools={"CBMC": version()},
+        tools={"CBMC": cbmc.version},
     )

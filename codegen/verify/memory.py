@@ -13,6 +13,7 @@ import os
 import re
 import shlex
 import shutil
+import subprocess
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -84,8 +85,11 @@ def _analyse(files: Mapping[str, bytes], prefix: str) -> tuple[str | None, str]:
     with stored(files) as folder:
         sources = sorted(path for path in files if path.startswith("src/") and path.endswith(".c"))
         command = shlex.split(frama_c_command(prefix, sources, REPORT))
-        # Frama-C takes the current folder from PWD.
-        result = run_program(command, folder, timeout=TIME_LIMIT_S, environment={**os.environ, "PWD": str(folder)})
+        try:
+            # Frama-C takes the current folder from PWD.
+            result = run_program(command, folder, timeout=TIME_LIMIT_S, environment={**os.environ, "PWD": str(folder)})
+        except subprocess.TimeoutExpired:
+            return None, f"Frama-C did not end within {TIME_LIMIT_S:.0f} s"
         report = folder / REPORT
         if result.returncode == 0 and report.is_file():
             return report.read_text(encoding="utf-8"), ""

@@ -179,9 +179,7 @@ def rows(outcomes: Mapping[str, Outcome], prefix: str) -> Iterator[tuple[str, ..
         proofs = {name: harnesses[f"{prefix}_{name}"] for name in each.contracts if f"{prefix}_{name}" in harnesses}
         checks = {name: str(outcomes[name].verdict) for name in each.checks if name in outcomes}
         evidence = [*(f"contract of {name}" for name in each.contracts), *(f"check {name}" for name in each.checks)]
-        result = _result(
-            [*proofs.values(), *checks.values()], complete=len(proofs) == len(each.contracts) or not each.contracts
-        )
+        result = _result([*proofs.values(), *checks.values()], complete=len(proofs) == len(each.contracts))
         yield each.id, each.text, ", ".join(evidence), ", ".join(each.tests), result
 
 

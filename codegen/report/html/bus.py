@@ -35,7 +35,7 @@ ANSWER = "Command after the motion frame"
 
 @dataclass(frozen=True)
 class BusTimes:
-    """Times in a log, in ms.
+    """Periods and response times of the frames in a log, in ms.
 
     Attributes:
         name: name of the log.
@@ -71,7 +71,7 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
     received: dict[int, list[float]] = {message.id: [] for message in messages}
     require_regular(path, LOG_BYTES_MAX, "give a shorter log")
     if path.suffix.lower() in TEXT_LOGS:
-        _check_lines(path)
+        _check_text(path)
     try:
         from can import LogReader
 
@@ -87,8 +87,6 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
     if path.stat().st_size < whole:
         what = f"it ends early: {path.stat().st_size} of {whole} bytes"
         raise CodegenError(what, where=path, remedy="copy it again, or let the tool that writes it close it")
-    if path.suffix.lower() == ".asc":
-        _check_asc_times(path)
     # On some buses, such as udp_multicast, a node also receives its own frames; the time of sending counts.
     times = {key: sent[key] or received[key] for key in sent}
     if not any(times.values()):
@@ -110,32 +108,34 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
     return BusTimes(name, periods, 1e3 * delay[own], cycle)
 
 
-def _check_lines(path: Path) -> None:
-    """Reject a text log with a line of megabytes, which the reader would hold in memory. Raises CodegenError."""
+def _check_text(path: Path) -> None:
+    """Check the lines of a text log: their lengths, as the reader holds each in memory, and the times of an ASC.
+
+    python-can skips a frame with an invalid time. Raises CodegenError.
+    """
+    is_asc = path.suffix.lower() == ".asc"
     try:
         with path.open("rb") as file:
-            size = file.readinto(block := bytearray(LINE_BYTES_MAX))
-            while size == LINE_BYTES_MAX:
-                if b"\n" not in block:
+            for number, line in enumerate(iter(lambda: file.readline(LINE_BYTES_MAX + 1), b""), start=1):
+                if len(line) > LINE_BYTES_MAX:
                     raise CodegenError("not a log of a CAN bus: a line is over 1 MiB", where=path, remedy="give another log")
-                size = file.readinto(block)
+                frame = ASC_FRAME.match(line.decode("utf-8", "replace")) if is_asc else None
+                if frame is not None and _is_invalid_time(frame[1]):
+                    what = f"a frame has an invalid time, {one_line(frame[1], 40)}"
+                    raise CodegenError(what, where=f"{path}, line {number}", remedy=REMEDY)
     except OSError as error:
         raise CodegenError(f"cannot be read ({reason_of(error)})", where=path, remedy="check its permissions") from None
 
 
-def _check_asc_times(path: Path) -> None:
-    """Raise CodegenError for the first frame of an ASC with an invalid time. python-can skips such frames."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for number, text in enumerate(file, start=1):
-            frame = ASC_FRAME.match(text)
-            if frame is None or re.fullmatch(r"-?\d+\.\d+", frame[1]):
-                continue
-            try:
-                float(frame[1])
-            except ValueError:
-                continue  # a comment
-            what = f"a frame has an invalid time, {one_line(frame[1], 40)}"
-            raise CodegenError(what, where=f"{path}, line {number}", remedy=REMEDY)
+def _is_invalid_time(word: str) -> bool:
+    """Return whether the word is a number, but not one that an ASC has as time; other words begin comments."""
+    if re.fullmatch(r"-?\d+\.\d+", word):
+        return False
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def bus_blocks(logs: Sequence[BusTimes]) -> Iterator[Block]:

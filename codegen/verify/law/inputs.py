@@ -44,7 +44,7 @@ class Signal:
 
 
 class SecondInputs:
-    """Input monitoring of all kinds. `happened` records the branches taken."""
+    """Input monitoring of all kinds."""
 
     def __init__(self, parameters: Any, real: Any, is_trusted: bool = True) -> None:
         self.p = parameters
@@ -56,7 +56,6 @@ class SecondInputs:
         self.lateral_is_known = self.lateral_is_proven = False
         self.against = 0  # samples with a yaw rate opposite to the other signals
         self.friction = real(FRICTION_UNKNOWN)
-        self.happened: set[str] = set()
 
     def parameter(self, name: str) -> Any:
         return self.real(getattr(self.p, name))
@@ -94,7 +93,6 @@ class SecondInputs:
             quality = Quality.MISSING
         if not (self.front_angle.is_measured or self.yaw_rate.is_measured):
             quality = Quality.UNUSABLE
-        self.happened.add(quality.name)
         yaw_rate = self._without_offset(gain) if self.yaw_rate.is_measured else self.yaw_rate.value
         speed = self.speed.value
         lateral = speed * (yaw_rate if self.lateral is None else self.lateral)
@@ -120,7 +118,6 @@ class SecondInputs:
             signal.against += 1
             if signal.against >= 5 * self.p.recovery_samples:
                 signal.source, signal.value, signal.against = Source.WRONG, self._within(shown, p("speed_max")), 0
-                self.happened.add("speed refuted")
         else:
             signal.against = 0
 
@@ -147,7 +144,6 @@ class SecondInputs:
             is_contradicted = witness is not None and is_less and bool(abs(witness - yaw_rate) <= p("yaw_rate_agreement"))
             if is_contradicted and apart - self.least_of_front > p("yaw_rate_frozen"):
                 step = self.real(-1.0)
-                self.happened.add("front angle frozen")
         return self._take("front_angle", measured, abs(measured) <= p("front_angle_max"), confirmed, step)
 
     def _witness(self) -> Any:
@@ -166,7 +162,6 @@ class SecondInputs:
                 self._check_speed(angle)
         elif abs(apart) > near + near and self.speed.is_measured:
             self.lateral_is_proven = False
-            self.happened.add("lateral acceleration refuted")
 
     def _without_offset(self, gain: Any) -> Any:
         p, measured = self.parameter, self.yaw_rate.value
@@ -226,7 +221,6 @@ class SecondInputs:
             signal.source = Source.WRONG
         if signal.source is not before:
             signal.against = 0
-            self.happened.add(f"{name} {signal.source.name}")
         return bool(is_there) or not signal.is_measured
 
     def _prove(self, signal: Signal, measured: Any, speaks_for_it: bool) -> None:

@@ -142,5 +142,5 @@ def state_of(value: Any) -> Hashable:
     if isinstance(value, dict):
         return tuple((key, state_of(each)) for key, each in value.items())
     if type(value).__module__.startswith(STATEFUL) and not getattr(value, "is_constant", False):
-        return tuple(state_of(each) for name, each in vars(value).items() if name != "happened")
+        return tuple(state_of(each) for name, each in vars(value).items())
     return id(value)

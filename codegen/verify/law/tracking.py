@@ -185,7 +185,7 @@ class Sample:
 
 
 class SecondTracking(SecondController):
-    """Feedforward, reference model, and scheduled feedback of bounded authority. `happened` records the branches taken."""
+    """Feedforward, reference model, and scheduled feedback of bounded authority."""
 
     def __init__(self, parameters: Any, lookup: Lookup, road: Road, config: Config, angle: float) -> None:
         real: Any = lookup.real
@@ -200,14 +200,12 @@ class SecondTracking(SecondController):
         self.previous_model_yaw_rate = self.state[1]
         self.trim = self.integral = self.last_front = self.front_rate = self.last_yaw_rate = self.reached = real(0.0)
         self.starting = False
-        self.happened: set[str] = set()
 
     def car_state(self, speed: Any, yaw_rate: Any) -> Any:
         start = [np.asarray(value, dtype=self.real) for value in (speed, yaw_rate, self.angle)]
         return tuple(self.real(value) for value in self.car.start(*start))
 
     def start(self, m: Measurement) -> None:
-        self.happened.add("start")
         zero = self.real(0.0)
         self.last_front, self.front_rate, self.last_yaw_rate, self.trim = m.front_angle, zero, m.yaw_rate, zero
         self.state = self.car_state(m.speed, m.yaw_rate)
@@ -235,8 +233,6 @@ class SecondTracking(SecondController):
         rear_angle = rear_angle - self.scheduled("response_gain", m.speed) * (yaw_rate - expected)
         bound = p("rear_angle_max")
         road = self.lookup.lateral_acceleration(friction)
-        self.note("lead at its bound", abs(lead) == most)
-        self.note("estimate below what was seen", estimated < seen)
         return Sample(yaw_rate, clip(rear_angle, -bound, bound), road, friction)
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
@@ -260,9 +256,6 @@ class SecondTracking(SecondController):
             limited = True
             if (demand > reachable and integral > self.integral) or (demand < reachable and integral < self.integral):
                 integral = self.integral
-                self.note("the rate limit holds the integral", True)
-        self.note("limited while inhibited", limited and m.inhibit)
-        self.note("free", not limited)
         self.integral, self.angle = integral, reachable
         if not m.inhibit and self.quality is Quality.GOOD:
             self.update_grip(m, reference)
@@ -280,15 +273,11 @@ class SecondTracking(SecondController):
         missing = clip(sample.yaw_rate - own, -bound, bound)
         self.trim = self.trim + p("trim_rate") * self.period * (missing - self.trim)
         limit = self.real(REFERENCE_OVERSHOOT) * (sample.lateral_acceleration / speed)
-        self.note("reference at the road's limit", abs(own + self.trim) > limit)
-        self.note("trim bounded", abs(missing) == bound)
         return clip(own + self.trim, -limit, limit)
 
     def scheduled(self, name: str, speed: Any) -> Any:
         """Interpolate a parameter over speed linearly, constant beyond the breakpoints."""
         speeds, values = ([self.real(value) for value in getattr(self.p, field)] for field in ("schedule_speed", name))
-        self.note("below the schedule", speed < speeds[0])
-        self.note("beyond the schedule", speed > speeds[-1])
         k = max([0, *(k for k in range(len(speeds)) if speeds[k] <= speed)])
         if speed < speeds[0]:
             return values[0]
@@ -304,10 +293,8 @@ class SecondTracking(SecondController):
         two = (m.yaw_rate, self.last_yaw_rate)
         if max(two) > 0.0 and low < feedforward - more:
             low = clip(feedforward - more, low, high)
-            self.note("authority to the left", True)
         if min(two) < 0.0 and high > feedforward + more:
             high = clip(feedforward + more, low, high)
-            self.note("authority to the right", True)
         return low - feedforward, high - feedforward
 
     def update_grip(self, m: Measurement, reference: Any) -> None:
@@ -315,19 +302,10 @@ class SecondTracking(SecondController):
         side = self.real(1.0 if reference > 0.0 else -1.0)
         asked, turning = side * reference * m.speed, side * m.yaw_rate * m.speed
         idle = asked < self.real(0.5) * self.grip
-        self.note("idle", idle)
         self.reached = max(abs(turning), self.reached - p("grip_forgetting") * self.period * self.reached)
         grip = self.grip + p("grip_recovery_idle" if idle else "grip_recovery") * self.period
         if turning > 0.0 and asked - turning > p("grip_shortfall"):
             grip = self.grip - p("grip_loss_rate") * self.period * (asked - turning - p("grip_shortfall"))
-            self.note("grip lost", True)
-        self.note("grip held by what was reached", grip < self.reached)
         grip = max(grip, self.reached)
         least = p("friction_min") / self.friction_per_grip
-        self.note("grip at its least", grip < least)
-        self.note("grip recovers", self.grip < self.full_grip and grip > self.grip)
         self.grip = clip(grip, least, self.full_grip)
-
-    def note(self, what: str, happens: Any) -> None:
-        if happens:
-            self.happened.add(what)

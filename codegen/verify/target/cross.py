@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from codegen.errors import BuildError
 from codegen.programs import run_program
 from codegen.sil.toolchain import require_success
+from codegen.verify.check import stored
 from codegen.verify.packages import require
 
 
@@ -145,17 +144,8 @@ def preprocess(sources: Mapping[str, str | bytes], units: Sequence[str]) -> dict
 @contextlib.contextmanager
 def source_tree(sources: Mapping[str, str | bytes]) -> Iterator[Path]:
     """Store the sources and the bare headers in a folder; its parent is for outputs. Raises BuildError if the disk is full."""
-    try:
-        with tempfile.TemporaryDirectory(prefix="ars-cross-") as scratch:
-            tree = Path(scratch, "tree")
-            for path, content in {**BARE_HEADERS, **sources}.items():
-                (tree / path).parent.mkdir(parents=True, exist_ok=True)
-                (tree / path).write_bytes(content.encode() if isinstance(content, str) else content)
-            yield tree
-    except OSError as error:
-        raise BuildError(
-            f"the sources cannot be stored: {error.strerror or error}", remedy="free space for temporary files"
-        ) from error
+    with stored({f"tree/{path}": content for path, content in {**BARE_HEADERS, **sources}.items()}) as scratch:
+        yield scratch / "tree"
 
 
 def zig(arguments: Sequence[str], folder: Path) -> str:
