@@ -142,7 +142,7 @@ EXTRAS = {
     "tools": "files of other tools: A2L of a linked program (codegen a2l), MF4 and Parquet (-o, --log), XCP (hil --xcp), the "
     "check of FMUs",
     "crosscheck": "a second plant, a third party's multi-body car, in codegen sil --suite",
-    "verify": "codegen verify: compilers for ECU cores, emulated processors, MISRA checks, proofs; --run of codegen firmware "
+    "verify": "codegen verify: compilers for ECU cores, emulated processors, MISRA checks; --run of codegen firmware "
     "without a cross compiler",
     "report": "codegen report and codegen explore: plots that can be turned, cut and read",
     "sweep": "codegen sweep: campaigns in Parquet, and clusters by Dask",

@@ -29,7 +29,6 @@ Formatted = TypeVar("Formatted")
 
 OFF = "off"
 TOOL_NAMES = {
-    "z3": "Z3",
     "cppcheck": "Cppcheck",
     "unicorn": "Unicorn",
     "capstone": "Capstone",
@@ -277,17 +276,6 @@ def _memory(figures: Figures) -> Table:
     return Table(("memory", "size", "budget"), tuple(formatted))
 
 
-def _obligations(figures: Figures) -> Table:
-    kinds = figures["obligations"]
-    proved = ("**proved**", f"{figures['proved']:,} of {sum(kinds.values()):,}")
-    return Table(("obligations", "number"), (*((_text(kind), _text(count)) for kind, count in kinds.items()), proved))
-
-
-def _invariants(figures: Figures) -> Table:
-    rows = ((f"`{name}`", "; ".join(map(_text, each))) for name, each in figures["invariants"].items() if each)
-    return Table(("state", "invariant (SI units)"), tuple(rows))
-
-
 def _ran(heading: tuple[str, str], texts: Mapping[str, str]) -> Callable[[Figures], Table]:
     """Return a formatter for the available figures."""
     return lambda figures: Table(
@@ -307,7 +295,6 @@ TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {
     "processor-in-the-loop": (_streams, _pairs(("random steps that ended in", "steps"), "statuses"), _dynamics),
     "budgets": (_instructions, _stack, _memory),
     "law": (_ran(("compared", "number"), LAW_FIGURES), _pairs(("samples that ended in", "samples"), "statuses")),
-    "proof": (_obligations, _invariants),
     "sanitizers": (_ran(("what ran", "result"), SUITES), _fuzzed),
     "contracts": (_pairs(("contract of, or lemma", "result"), "harnesses"),),
     "memory": (_pairs(("alarms of the kind", "number"), "alarms"),),

@@ -28,10 +28,10 @@ SHOWS = (
 )
 LIMITS = (
     "EVA keeps NaN as a possible value after a comparison. Its alarms about the conversion of a float to an integer are left "
-    "to the proof, which covers each conversion.",
+    "to the contracts, which cover each conversion.",
     "Types have the sizes of a 32-bit little-endian target. The tables of the map have the values of this build.",
 )
-EXPLAINED = {"is_nan_or_infinite": "a float converted to an integer may be NaN for EVA; the proof shows that it is not"}
+EXPLAINED = {"is_nan_or_infinite": "a float converted to an integer may be NaN for EVA; the contracts show that it is not"}
 """Kinds of alarms that another check decides, with the reason."""
 INSTALL = "apt install frama-c-base"
 REPORT = "alarms.csv"

@@ -85,12 +85,6 @@ CHECKS = (
         quick=True,
     ),
     Registered(
-        "proof",
-        "proof",
-        "codegen.verify.proof.check",
-        "For every input, state and valid parameter set the command is finite and within its limit, and nothing is undefined",
-    ),
-    Registered(
         "sanitizers",
         "sanitizers",
         "codegen.verify.sanitizers.check",
@@ -110,7 +104,7 @@ CHECKS = (
     ),
 )
 SLOWEST_FIRST = (
-    *("contracts", "proof", "sanitizers", "law", "compiles", "processor-in-the-loop", "static-analysis", "memory", "budgets"),
+    *("contracts", "sanitizers", "law", "compiles", "processor-in-the-loop", "static-analysis", "memory", "budgets"),
 )
 
 

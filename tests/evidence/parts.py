@@ -133,7 +133,7 @@ VERIFY = ("codegen/verify/**/*", "templates/verify/*")
 FUZZING = ("templates/verify/*", "codegen/verify/sanitizers/*")
 ALL_CHECKS = (
     "all checks of `codegen verify` pass on both committed builds: compilers, static analysis, processor in the loop, budgets, "
-    "control law, proof, sanitizers"
+    "control law, sanitizers, contracts, abstract interpretation"
 )
 MUTATION = "the tests of the C detect every small fault in it, or an argument shows that no input can reveal it"
 FAULTS = "each fault planted in the C fails exactly the responsible checks of `codegen verify`"

@@ -31,7 +31,7 @@ PIECES = 8
 FINDINGS_MAX = 3
 """Wrong inputs reported per claim."""
 
-SEVERAL = "takes several numbers that vary: the proof and the tests cover it"
+SEVERAL = "takes several numbers that vary: the contracts and the tests cover it"
 CONTINUES = "continues a CRC: covered by the CRC of one number; tests compare that of the whole calibration"
 OTHERS: Mapping[str, str] = {
     **{f"checksum: {name}": CONTINUES for name in ("crc_step", "@_checksum_whole")},

@@ -15,7 +15,7 @@ from codegen.verify.runner import CHECKS
 from tests.verify import builds, planted
 
 MODULES = {check.name: check.module for check in CHECKS}
-LONG = ("contracts", "proof", "static-analysis", "sanitizers")
+LONG = ("contracts", "static-analysis", "sanitizers")
 """Checks that run only in the long form."""
 
 
@@ -61,7 +61,7 @@ BUILDS = {
     "other frames": other_frames,
     "placed": placed,
 }
-NOT_RUN = {(check, name) for check in ("budgets", "contracts", "proof") for name in ("double", "double stack")}
+NOT_RUN = {(check, name) for check in ("budgets", "contracts") for name in ("double", "double stack")}
 """Checks that support single precision only."""
 
 

@@ -1,19 +1,15 @@
 """Planted faults that only some cores, harnesses or searches find. tests/verify has one faulty build for each check."""
 
 import re
-import sys
 from dataclasses import replace
 
 import pytest
 
-from codegen.verify import packages
 from codegen.verify.budgets import check as budgets
 from codegen.verify.budgets.measure import CYCLE, measure_step
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.check import Effort, Subject, Verdict
 from codegen.verify.compilation import check as compiles
 from codegen.verify.pil import check as pil
-from codegen.verify.proof import check as proof
-from codegen.verify.proof import claims
 from codegen.verify.sanitizers import check as sanitizers
 from codegen.verify.sanitizers import fuzzing, program, sanitized
 from codegen.verify.target.cross import POWERPC_BE
@@ -228,55 +224,3 @@ def test_an_input_with_an_endless_loop_is_found(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(fuzzing, "SECONDS_MAX", 1.0)
     endless = planted.limiter(TRACKING, "    while (input->demand > 0.05f) {\n        result += 0.0f;\n    }")
     assert fuzzed(endless, "step") == ("step: an input does not end",)
-
-
-# Proof: the claims about the limiter and the controller.
-
-CLAIMS = [
-    ("limiter", "rear_rate_max * sampling_time", "rear_rate_max * 0.02f", "it rises by at most rear_rate_max"),
-    ("limiter", "self->speed = magnitude(input->speed);", "self->speed = input->speed;", "speed is the one given"),
-    ("limiter", "-1.0f, 1.0f) ? rear_angle : 0.0f", "-1.0f, 0.5f) ? rear_angle : 0.0f", "it starts from the angle given"),
-    ("limiter", "limited_demand = demand;", "limited_demand = 1.5f * demand;", "it is not above its last value"),
-    (
-        "limiter",
-        "bounded(limited_demand, parameters->rear_angle_max);",
-        "limited_demand;",
-        "|rear angle| is at most ",
-    ),
-    ("controller", "fail_safe_rate * sampling_time", "fail_safe_rate * 0.02f", "in fail-safe the angle moves by at most "),
-    ("controller", "    result = value - step;", "    result = value + step;", "in fail-safe |rear_angle| does not grow"),
-    (
-        "law",
-        "(law_rate_max < limiter_rate_max) ? law_rate_max : limiter_rate_max",
-        "limiter_rate_max",
-        "the command moves by at most the lower of both rates",
-    ),
-]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("unit", "old", "new", "claim"), CLAIMS)
-def test_a_broken_claim_is_not_proved(unit: str, old: str, new: str, claim: str) -> None:
-    outcome = proof.check(changed(unit, old, new), Effort())
-    assert outcome.verdict is Verdict.FAILED
-    assert any(each.startswith(f"src/ars_{unit}.c") and claim in each for each in outcome.findings), outcome.findings
-
-
-def test_what_cannot_be_proved_is_not_passed(monkeypatch: pytest.MonkeyPatch) -> None:
-    units = ("include/", "src/ars_e2e.c", "src/ars_map.c", "src/ars_calibration.c")
-    small = {path: text for path, text in PI.files.items() if path.startswith(units)}
-    counter = "*counter = (*counter < counter_max) ? (uint8_t)(*counter + 1u) : 0u;"
-
-    def checked(new: str) -> Outcome:
-        text = {"src/ars_e2e.c": builds.with_text(PI, "src/ars_e2e.c", counter, new)["src/ars_e2e.c"]}
-        return proof.check(Subject("sample", {**small, **text}, PI.manifest), Effort())
-
-    with monkeypatch.context() as patch:
-        patch.setattr(claims, "CLAIMED", ("e2e_protect",))
-        loop = checked(f"do {{ data[0]++; }} while (data[0] == 7u);\n    {counter}")
-        assert any("cannot be judged: the statement DoWhile" in finding for finding in loop.findings)
-        broken = checked("this is no C;")
-        assert (broken.verdict, broken.figure) == (Verdict.FAILED, "could not be completed")
-    monkeypatch.setitem(sys.modules, "z3", None)
-    with pytest.raises(packages.MissingTool, match="z3-solver"):
-        proof.check(planted.subject_of(PI), Effort())
