@@ -76,10 +76,9 @@ def candidates(shape: Shape, files: Mapping[str, bytes], prefix: str = "ars") ->
 
 
 def _generated(files: Mapping[str, bytes], prefix: str) -> dict[str, str | bytes]:
-    own = f"{prefix}_reference_model"
     call = "float curve(float x);\nfloat curve(float x)\n{\n    return front_curve(x).value;\n}\n"
-    headers = (f"include/{own}.h", f"include/{prefix}_sections.h")
-    return {**{name: files[name] for name in headers}, "curve.c": files[f"src/{own}.c"].decode("ascii") + call}
+    headers = {name: text for name, text in files.items() if name.startswith("include/")}
+    return {**headers, "curve.c": files[f"src/{prefix}_reference_model.c"].decode("ascii") + call}
 
 
 def _library(shape: Shape) -> dict[str, str | bytes]:

@@ -25,7 +25,7 @@ from hil_sim.manoeuvres import Settings
 from hil_sim.scenarios import Scenario
 
 SPEED_KM_H, FRONT_ANGLE_DEG = 65.0, 4.0
-STEER_TIME, START, DURATION = 0.2, 0.4, 3.0
+STEER_TIME, START, DURATION = 0.2, 0.3, 3.0
 """Start of steering, start of the fault and end of the run, in s."""
 
 SAFE_WITHIN = 0.05
