@@ -1,4 +1,4 @@
-"""A kind of controller that is added to the tables is built, driven and compared with a second implementation."""
+"""A kind of controller that is added to the tables is built, driven, proved and compared with a second implementation."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ LAW = """        Law(
             kind="share",
             title="a share of the front angle",
             parameters=lambda config: (Parameter("front_share", 0.2, "of the front angle", 0.0, 0.5),),
-            state=(Field("real", "smoothed", "rad, of rear angle"),),
+            state=(Field("real", "smoothed", "rad, of rear angle", 2.0),),
         ),
 """
 SECOND = """class SecondShare(SecondController):
@@ -62,8 +62,11 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.map_file import map as npz
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, compile_build
-from codegen.verify.check import Effort, Subject, Verdict
+from codegen.verify import cbmc
+from codegen.verify.check import Effort, Subject, Verdict, stored
+from codegen.verify.contracts import prove
 from codegen.verify.law import check as law
+from codegen.verify.packages import MissingTool
 from hil_sim.scenarios import find
 
 data = preset("recommended").model_dump()
@@ -81,6 +84,15 @@ assert abs(rear - 0.2 * front) < 1e-4 and abs(front) > 0.01
 manifest = {"files": {}, **folder.manifest}
 outcome = law.check(Subject("share", folder.files, manifest), Effort(quick=True))
 assert outcome.verdict is Verdict.PASSED, outcome.findings
+
+try:
+    engine = cbmc.installed()
+except MissingTool as error:
+    print(error)
+else:
+    with stored(folder.files) as place:
+        results = prove(place, engine, wanted=lambda name: name.startswith("ars_law_"))
+    assert [each.verdict for each in results] == ["proved", "proved"], results
 """
 
 
