@@ -80,9 +80,14 @@ def planted_faults() -> str:
     for name, fault in Record.read(part).runs["full"]["figures"].items():
         kinds.setdefault(fault["kind"], {})[name] = set(fault["found by"])
     engines = {check.title: {check.name} for check in CHECKS}
-    engines |= {"contracts and abstract interpretation": {"contracts", "memory"}, "all checks": {check.name for check in CHECKS}}
-    rows = [[kind, len(faults), *(sum(map(bool, map(names.__and__, faults.values()))) for names in engines.values())]
-            for kind, faults in kinds.items()]
+    engines |= {
+        "contracts and abstract interpretation": {"contracts", "memory"},
+        "all checks": {check.name for check in CHECKS},
+    }
+    rows = [
+        [kind, len(faults), *(sum(map(bool, map(names.__and__, faults.values()))) for names in engines.values())]
+        for kind, faults in kinds.items()
+    ]
     rows.append(["all kinds", *map(sum, list(zip(*rows, strict=True))[1:])])
     text = _table(["kind", "faults", *engines], [list(map(str, row)) for row in rows])
     return "\n".join([text, *(f"- **{title}**: {_missed(kinds, names)}." for title, names in engines.items())]) + "\n"

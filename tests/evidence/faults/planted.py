@@ -13,6 +13,7 @@ from typing import NamedTuple
 from codegen.emit.contracts.files import FOLDER
 from codegen.errors import CodegenError
 from codegen.verify import contracts
+from codegen.verify.cbmc import installed
 from codegen.verify.check import Effort, Outcome, Subject, Verdict, stored
 from codegen.verify.runner import CHECKS
 from codegen.verify.runner import run as run_checks
@@ -44,9 +45,7 @@ def read_faults(text: str) -> list[Fault]:
         for fault in _FAULT.finditer(section):
             changes = _CHANGE.findall(fault["changes"])
             pairs = tuple((_code(old), _code(new)) for old, new in changes)
-            faults.append(
-                Fault(section.splitlines()[0], fault["name"], fault["unit"], tuple(fault["found"].split()), pairs)
-            )
+            faults.append(Fault(section.splitlines()[0], fault["name"], fault["unit"], tuple(fault["found"].split()), pairs))
     return faults
 
 
@@ -64,13 +63,17 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     """Plant each fault in the last build; a quick run plants one, because the tests of each check plant others."""
     subject = Subject.read(folders[-1])
     faults = [fault for fault in FAULTS if fault.name == QUICK or not effort.quick]
-    found = {fault.name: progress.once(fault.name, lambda fault=fault: verdicts(planted(subject, fault), fault)) for fault in faults}
+    found = {
+        fault.name: progress.once(fault.name, lambda fault=fault: verdicts(planted(subject, fault), fault)) for fault in faults
+    }
     findings: list[str] = []
     for fault in faults:
         findings += [f"{fault.name}: {name} was not run: {reason}" for name, reason in found[fault.name]["not run"].items()]
         failed = found[fault.name]["failed"]
         if failed != sorted(fault.found_by):
-            findings.append(f"{fault.name}: found by {' '.join(failed) or 'none'} instead of {' '.join(fault.found_by) or 'none'}")
+            findings.append(
+                f"{fault.name}: found by {' '.join(failed) or 'none'} instead of {' '.join(fault.found_by) or 'none'}"
+            )
     figure = f"{len(faults)} of {len(FAULTS)} faults of {len({fault.kind for fault in FAULTS})} kinds planted, {len(findings)} findings"
     verdict = Verdict.FAILED if findings else Verdict.PASSED
     figures = {fault.name: {"kind": fault.kind, "found by": found[fault.name]["failed"]} for fault in faults}
@@ -96,8 +99,7 @@ def verdicts(subject: Subject, fault: Fault) -> dict[str, object]:
     source = f"src/{subject.prefix}_{fault.unit}.c".encode()
     with stored(subject.sources("include", "src", FOLDER)) as folder:
         results = contracts.prove(
-            folder, CONTRACT_TIME_LIMIT_S, lambda name: source in subject.files[f"{FOLDER}/prove_{name}.c"]
+            folder, installed(), CONTRACT_TIME_LIMIT_S, lambda name: source in subject.files[f"{FOLDER}/prove_{name}.c"]
         )
-    missing |= {"contracts": one.detail for one in results if one.verdict == "not run"}
     failed = [*report.failed, *(["contracts"] if any(one.verdict == "failed" for one in results) else [])]
     return {"failed": sorted(failed), "not run": missing}
