@@ -63,9 +63,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     """Plant each fault in the last build; a quick run plants one, because the tests of each check plant others."""
     subject = Subject.read(folders[-1])
     faults = [fault for fault in FAULTS if fault.name == QUICK or not effort.quick]
-    found = {
-        fault.name: progress.once(fault.name, lambda fault=fault: verdicts(planted(subject, fault), fault)) for fault in faults
-    }
+    found = {each.name: progress.once(each.name, lambda each=each: verdicts(planted(subject, each), each)) for each in faults}
     findings: list[str] = []
     for fault in faults:
         findings += [f"{fault.name}: {name} was not run: {reason}" for name, reason in found[fault.name]["not run"].items()]
@@ -74,7 +72,8 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
             findings.append(
                 f"{fault.name}: found by {' '.join(failed) or 'none'} instead of {' '.join(fault.found_by) or 'none'}"
             )
-    figure = f"{len(faults)} of {len(FAULTS)} faults of {len({fault.kind for fault in FAULTS})} kinds planted, {len(findings)} findings"
+    kind_count = len({fault.kind for fault in faults})
+    figure = f"{len(faults)} of {len(FAULTS)} faults planted, of {kind_count} kinds, {len(findings)} findings"
     verdict = Verdict.FAILED if findings else Verdict.PASSED
     figures = {fault.name: {"kind": fault.kind, "found by": found[fault.name]["failed"]} for fault in faults}
     return Outcome(SHOWS, figure, verdict, tuple(findings), figures)
