@@ -75,9 +75,10 @@ def details() -> str:
 
 def planted_faults() -> str:
     """Return a table of the planted faults that each check finds, by kind, and a list of those that it misses."""
-    (part,) = (part for part in PARTS if part.name == "faults")
+    (record,) = (Record.read(part) for part in PARTS if part.name == "faults")
+    run = record.runs.get(record.best or "", {"figure": "no record", "figures": {}})
     kinds: dict[str, dict[str, set[str]]] = {}
-    for name, fault in Record.read(part).runs["full"]["figures"].items():
+    for name, fault in run["figures"].items():
         kinds.setdefault(fault["kind"], {})[name] = set(fault["found by"])
     engines = {check.title: {check.name} for check in CHECKS}
     engines |= {
@@ -89,8 +90,11 @@ def planted_faults() -> str:
         for kind, faults in kinds.items()
     ]
     rows.append(["all kinds", *map(sum, list(zip(*rows, strict=True))[1:])])
-    text = _table(["kind", "faults", *engines], [list(map(str, row)) for row in rows])
-    return "\n".join([text, *(f"- **{title}**: {_missed(kinds, names)}." for title, names in engines.items())]) + "\n"
+    table = _table(["kind", "faults", *engines], [list(map(str, row)) for row in rows])
+    head = f"The last {record.best} run: {run['figure']}."
+    return (
+        "\n".join([head, "", table, *(f"- **{title}**: {_missed(kinds, names)}." for title, names in engines.items())]) + "\n"
+    )
 
 
 def _missed(kinds: dict[str, dict[str, set[str]]], checks: set[str]) -> str:

@@ -41,9 +41,11 @@ def test_the_table_counts_the_faults_that_each_check_finds(monkeypatch: pytest.M
         "two": {"kind": "bounds", "found by": ["memory"]},
         "three": {"kind": "NaN", "found by": []},
     }
-    monkeypatch.setattr(evidence_tables.Record, "read", lambda part: Record(part, {"full": {"figures": figures}}))
+    run = {"figure": "3 of 3", "figures": figures, "verdict": "passed", "hashes": {}}
+    monkeypatch.setattr(evidence_tables.Record, "read", lambda part: Record(part, {"full": run}))
     text = evidence_tables.planted_faults()
-    head, _, bounds, nan, total, *_ = text.splitlines()
+    assert text.startswith("The last full run: 3 of 3.\n")
+    head, _, bounds, nan, total, *_ = text.splitlines()[2:]
     column = head.split(" | ").index("contracts")
     assert [row.split(" | ")[column] for row in (bounds, nan, total)] == ["1", "0", "1"]
     assert "- **contracts**: every fault of the kinds NaN; two." in text
