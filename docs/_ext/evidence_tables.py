@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
+from codegen.verify.runner import CHECKS
 from tests.evidence.parts import PARTS
 from tests.evidence.record import Record
 
@@ -70,3 +71,36 @@ def details() -> str:
     """Return a section for each part with its findings, all figures of its run, the tools and the hashes of what it ran on."""
     records = map(Record.read, PARTS)
     return "\n".join(_section(record, form) for record in records if (form := record.best))
+
+
+def planted_faults() -> str:
+    """Return a table of the planted faults that each check finds, by kind, and a list of those that it misses."""
+    (record,) = (Record.read(part) for part in PARTS if part.name == "faults")
+    run = record.runs.get(record.best or "", {"figure": "no record", "figures": {}})
+    kinds: dict[str, dict[str, set[str]]] = {}
+    for name, fault in run["figures"].items():
+        kinds.setdefault(fault["kind"], {})[name] = set(fault["found by"])
+    engines = {check.title: {check.name} for check in CHECKS}
+    engines |= {
+        "contracts and abstract interpretation": {"contracts", "memory"},
+        "all checks": {check.name for check in CHECKS},
+    }
+    rows = [
+        [kind, len(faults), *(sum(map(bool, map(names.__and__, faults.values()))) for names in engines.values())]
+        for kind, faults in kinds.items()
+    ]
+    rows.append(["all kinds", *map(sum, list(zip(*rows, strict=True))[1:])])
+    table = _table(["kind", "faults", *engines], [list(map(str, row)) for row in rows])
+    head = f"The last {record.best} run: {run['figure']}."
+    return (
+        "\n".join([head, "", table, *(f"- **{title}**: {_missed(kinds, names)}." for title, names in engines.items())]) + "\n"
+    )
+
+
+def _missed(kinds: dict[str, dict[str, set[str]]], checks: set[str]) -> str:
+    """Return the faults that none of some checks finds: the kinds of which they find none, then single faults."""
+    missed = {kind: [name for name, found in faults.items() if not found & checks] for kind, faults in kinds.items()}
+    whole = [kind for kind, names in missed.items() if len(names) == len(kinds[kind])]
+    single = [name for kind, names in missed.items() if kind not in whole for name in names]
+    texts = [f"every fault of the kinds {'; '.join(whole)}"] * bool(whole) + single
+    return "; ".join(texts) or "none"

@@ -48,5 +48,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("c-functions", _directive(interface_tables.c_functions, arguments=1))
     app.add_directive("evidence-summary", _directive(evidence_tables.summary))
     app.add_directive("evidence-details", _directive(evidence_tables.details))
+    app.add_directive("planted-faults", _directive(evidence_tables.planted_faults))
     app.connect("builder-inited", _draw)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,52 @@
+"""The planted faults of the evidence: each fits the committed build, and their table counts them by check."""
+
+import pytest
+
+from codegen.verify.check import Subject
+from codegen.verify.runner import CHECKS
+from tests.evidence.faults.planted import FAULTS, QUICK, planted, read_faults
+from tests.evidence.parts import FOLDERS, ROOT
+from tests.evidence.record import Record
+
+
+def test_each_fault_fits_the_committed_build() -> None:
+    subject = Subject.read(FOLDERS[-1])
+    names = [fault.name for fault in FAULTS]
+    assert len(set(names)) == len(names) >= 40 and QUICK in names
+    assert len({fault.kind for fault in FAULTS}) >= 8
+    known = {check.name for check in CHECKS}
+    for fault in FAULTS:
+        assert planted(subject, fault).files != subject.files
+        assert set(fault.found_by) <= known, fault.name
+
+
+def test_every_block_of_the_file_is_a_fault() -> None:
+    text = (ROOT / "tests/evidence/faults/planted.txt").read_text(encoding="ascii")
+    blocks = [block for block in text.split("\n\n")[1:] if not block.startswith("## ")]
+    assert [fault.name for fault in FAULTS] == [block.partition(" (")[0] for block in blocks]
+
+
+def test_a_fault_may_replace_several_texts_of_several_lines() -> None:
+    (fault,) = read_faults("\n## a kind\n\na fault (unit): law memory\n- a;\n-     b;\n+ c;\n- d;\n+ e;\n+ \n+ f;\n")
+    assert (fault.kind, fault.name, fault.unit, fault.found_by) == ("a kind", "a fault", "unit", ("law", "memory"))
+    assert fault.replacements == (("a;\n    b;", "c;"), ("d;", "e;\n\nf;"))
+
+
+def test_the_table_counts_the_faults_that_each_check_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "_ext"))
+    import evidence_tables
+
+    figures = {
+        "one": {"kind": "bounds", "found by": ["contracts", "law"]},
+        "two": {"kind": "bounds", "found by": ["memory"]},
+        "three": {"kind": "NaN", "found by": []},
+    }
+    run = {"figure": "3 of 3", "figures": figures, "verdict": "passed", "hashes": {}}
+    monkeypatch.setattr(evidence_tables.Record, "read", lambda part: Record(part, {"full": run}))
+    text = evidence_tables.planted_faults()
+    assert text.startswith("The last full run: 3 of 3.\n")
+    head, _, bounds, nan, total, *_ = text.splitlines()[2:]
+    column = head.split(" | ").index("contracts")
+    assert [row.split(" | ")[column] for row in (bounds, nan, total)] == ["1", "0", "1"]
+    assert "- **contracts**: every fault of the kinds NaN; two." in text
+    assert "- **contracts and abstract interpretation**: every fault of the kinds NaN." in text
