@@ -36,6 +36,8 @@ class Requirement:
     tests: tuple[str, ...] = ()
 
 
+_PACKED = ("can_pack_vehicle_motion", "can_pack_vehicle_conditions", "can_pack_rear_steer_command")
+
 REQUIREMENTS = (
     Requirement(
         "ARS-CTL-1",
@@ -74,14 +76,42 @@ REQUIREMENTS = (
     Requirement(
         "ARS-CTL-6",
         "The fail-safe starts and ends after the configured numbers of lost and good samples.",
-        (),
+        ("controller_step", "inputs_step"),
         ("law", "sanitizers"),
         ("sil/checks_supervision.py",),
+    ),
+    Requirement(
+        "ARS-CTL-7",
+        "The status follows from the quality of the sample and the speed; only a speed below enable_speed leads to standby.",
+        ("controller_step",),
+        ("law",),
+        ("sil/checks_supervision.py",),
+    ),
+    Requirement(
+        "ARS-CTL-8",
+        "Without control the magnitude of the command does not grow; in standby and fail-safe it returns to zero.",
+        ("controller_step", "limiter_step"),
+        ("law",),
+        ("sil/checks_supervision.py",),
+    ),
+    Requirement(
+        "ARS-CTL-9",
+        "From the first sample of control on, the command leaves zero by at most the lower of both rear_rate_max in a sample.",
+        ("controller_step", "law_step"),
+        ("law",),
+        ("sil/checks_tracking.py",),
     ),
     Requirement(
         "ARS-INP-1",
         "The checked sample is finite and within its ranges, whatever was measured.",
         ("inputs_init", "inputs_step"),
+        ("law",),
+        ("sil/checks_inputs.py",),
+    ),
+    Requirement(
+        "ARS-INP-2",
+        "A signal is not used after missing_samples_max missing samples, until there were recovery_samples good ones in a row.",
+        ("inputs_step",),
         ("law",),
         ("sil/checks_inputs.py",),
     ),
@@ -128,9 +158,30 @@ REQUIREMENTS = (
         ("hil_sim/test_e2e.py",),
     ),
     Requirement(
+        "ARS-E2E-3",
+        "After the first frame, data are used only if the counter advances within its window, in sequence after a silence.",
+        ("e2e_check", "e2e_no_new_data"),
+        ("sanitizers",),
+        ("hil_sim/test_e2e.py",),
+    ),
+    Requirement(
+        "ARS-E2E-4",
+        "The state of a message follows the thresholds of AUTOSAR's E2E state machine over the last cycles.",
+        ("e2e_supervise", "e2e_supervision_init"),
+        ("sanitizers",),
+        ("hil_sim/test_e2e.py",),
+    ),
+    Requirement(
         "ARS-CAN-1",
         "A received signal is within the range of its frame, or NaN for not available.",
         ("can_unpack_vehicle_motion", "can_unpack_vehicle_conditions"),
+        ("processor-in-the-loop",),
+        ("hil_sim/test_codec.py",),
+    ),
+    Requirement(
+        "ARS-CAN-2",
+        "Each signal is sent in the bits that the DBC states, by the code nearest to its value, on cores of either byte order.",
+        (*_PACKED, *(f"{name}_big_endian" for name in _PACKED)),
         ("processor-in-the-loop",),
         ("hil_sim/test_codec.py",),
     ),

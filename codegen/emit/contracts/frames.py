@@ -1,0 +1,186 @@
+"""Contracts of the frames: E2E protection, packing, and the task that receives and sends them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from codegen.configuration.can import RealSignal
+from codegen.emit.can_view import Frame
+from codegen.emit.contracts.conditions import E2E_COUNTER_MAX, Conditions
+from codegen.emit.contracts.contract import Argument, Claim, Unit
+
+_ADVANCED = "self_before->max_delta_counter"
+_ADVANCE = f"(({_ADVANCED} < {E2E_COUNTER_MAX}u) ? ({_ADVANCED} + 1u) : {E2E_COUNTER_MAX}u)"
+"""Largest accepted advance of the counter in a cycle."""
+
+
+class FrameUnits(Conditions):
+    """Contracts of E2E protection, CAN and task."""
+
+    def units(self) -> Iterator[Unit]:
+        """Yield the contracts."""
+        yield from self._e2e_units()
+        yield from self._can_units()
+        yield from self._task_units()
+
+    def _e2e_units(self) -> Iterator[Unit]:
+        own, unit = self.own, self.own("e2e")
+        identifier, data = Argument("data_id", "uint16_t"), Argument("data", "uint8_t", "bytes in")
+        new, state = (self.argument("self", "e2e_receiver_t", role) for role in ("new", "state"))
+        status = own("e2e_status_t")
+        yield Unit(own("e2e_receiver_init"), unit, (new,))
+        code = Claim("the result is one of its enumerators", self.is_code("result", 7))
+        yield Unit(own("e2e_check"), unit, (state, identifier, data), status, ensures=(code, *self._checked()))
+        none = Claim("it returns NO_NEW_DATA", f"result == {self.upper}_E2E_NO_NEW_DATA")
+        silent = Claim("the accepted advance of the counter grows by one", f"self->max_delta_counter == {_ADVANCE}")
+        yield Unit(own("e2e_no_new_data"), unit, (state,), status, ensures=(none, silent))
+        arguments = (identifier, Argument("counter", "uint8_t", "state"), Argument("data", "uint8_t", "bytes out"))
+        sent = (
+            Claim("the counter for the next frame is at most 14", f"*counter <= {E2E_COUNTER_MAX}u"),
+            Claim("the frame carries the counter", "(data[1] & 0x0Fu) == (*counter_before & 0x0Fu)"),
+            Claim("the frame has the right CRC", f"{own('e2e_crc')}(data_id, data) == data[0]"),
+        )
+        yield Unit(own("e2e_protect"), unit, arguments, ensures=sent)
+        new, state = (self.argument("self", "e2e_supervision_t", role) for role in ("new", "state"))
+        yield Unit(own("e2e_supervision_init"), unit, (new,))
+        arguments = (state, Argument("is_good", "bool"), Argument("is_damaged", "bool"))
+        kept = Claim("the result is kept", "result == self->state")
+        yield Unit(own("e2e_supervise"), unit, arguments, own("e2e_state_t"), ensures=(kept, *self._supervised()))
+
+    def _checked(self) -> Iterator[Claim]:
+        """Yield the result of a check as AUTOSAR's profile 1 states it, by the advance of the counter."""
+        result, counter, span = f"result == {self.upper}_E2E", "(data[1] & 0x0Fu)", E2E_COUNTER_MAX + 1
+        damaged = f"(({self.own('e2e_crc')}(data_id, data) != data[0]) || ({counter} == {span}u))"
+        counted = f"(!{damaged} && !self_before->waits_for_first)"
+        advance = f"(({counter} + {span}u - self_before->last_counter) % {span}u)"
+        within = f"({advance} <= {_ADVANCE})"
+        silence = f"(self_before->no_new_or_repeated_data_counter > {self.can.max_no_new_or_repeated_data}u)"
+        in_sequence = f"({counted} && !{silence} && (self_before->sync_counter == 0u))"
+        old = f"(({result}_WRONG_CRC) || ({result}_REPEATED))"
+        renewed = f"(self->sync_counter == {self.can.sync_counter_init}u)"
+        table = {
+            "a wrong CRC is found": f"({result}_WRONG_CRC) == {damaged}",
+            "only the first intact frame may have any counter": f"({result}_INITIAL)"
+            f" == (!{damaged} && self_before->waits_for_first)",
+            "the first intact frame ends the wait for it": "self->waits_for_first"
+            f" == (({result}_WRONG_CRC) && self_before->waits_for_first)",
+            "a repeated counter is found": f"({result}_REPEATED) == ({counted} && ({advance} == 0u))",
+            "a counter beyond the window is found": f"({result}_WRONG_SEQUENCE)"
+            f" == ({counted} && ({advance} > 0u) && !{within})",
+            "a frame is accepted if its counter advances by one": f"({result}_OK)"
+            f" == ({in_sequence} && ({advance} == 1u) && {within})",
+            "after lost frames, one is accepted within the window only": f"({result}_OK_SOME_LOST)"
+            f" == ({in_sequence} && ({advance} > 1u) && {within})",
+            "the window grows until a new frame": "self->max_delta_counter"
+            f" == ({old} ? {_ADVANCE} : {self.can.max_delta_counter_init}u)",
+            "the last counter is that of the last new frame": "self->last_counter"
+            f" == ({old} ? self_before->last_counter : {counter})",
+            "after a jump, frames must be in sequence": f"!({result}_WRONG_SEQUENCE) || {renewed}",
+        }
+        yield from (Claim(text, condition) for text, condition in table.items())
+
+    def _supervised(self) -> Iterator[Claim]:
+        """Yield the transitions of AUTOSAR's E2E state machine, with the cycles of the window counted bit by bit."""
+        state, can, size = f"{self.upper}_E2E_STATE", self.can, self.can.window_size
+        was, is_, mask = f"self_before->state == {state}", f"self->state == {state}", f"0x{(1 << size) - 1:X}u"
+        good, damaged = (" + ".join(f"((self->window >> {first + k}u) & 1u)" for k in range(size)) for first in (0, 16))
+        started = f"({was}_NO_DATA)"
+        first_state = f"(self->state == (is_good ? {state}_INIT : {state}_NO_DATA))"
+        yield Claim("the first good frame ends NO_DATA", f"!{started} || {first_state}")
+        yield Claim("NO_DATA does not return", f"{started} || !({is_}_NO_DATA)")
+        for words, first in (("good", 0), ("damaged", 16)):
+            moved = f"((((self_before->window >> {first}u) << 1u) | (is_{words} ? 1u : 0u)) & {mask})"
+            kept = f"(((self->window >> {first}u) & {mask}) == {moved})"
+            yield Claim(f"the window has the last {words} cycles", f"{started} || {kept}")
+        for name in ("INIT", "VALID", "INVALID"):
+            least, most = (getattr(can, f"{each}_state_{name.lower()}") for each in ("min_ok", "max_error"))
+            few, enough = f"(({damaged}) <= {most}u)", f"(({good}) >= {least}u)"
+            decided = f"(({is_}_VALID) == ({enough} && {few}))"
+            yield Claim(f"from {name}, the thresholds decide on VALID", f"!({was}_{name}) || {decided}")
+            stays = f"(({is_}_INIT) == ({few} && !{enough}))" if name == "INIT" else f"!({is_}_INIT)"
+            words = "INIT stays until there are enough good or too many damaged cycles"
+            words = words if name == "INIT" else f"from {name}, INIT does not return"
+            yield Claim(words, f"!({was}_{name}) || {stays}")
+
+    def _can_units(self) -> Iterator[Unit]:
+        unit = self.own("can")
+        absent = Claim("it is NaN", "result != result")
+        yield Unit(self.own("can_not_available"), unit, (), self.real, ensures=(absent,))
+        for frame in self.can.messages:
+            signals, ensures = f"{frame.role}_t", self.signals_in_range(frame, "signals->")
+            data = Argument("data", "uint8_t", "bytes in")
+            out = self.argument("signals", signals, "out")
+            yield Unit(self.own(f"can_unpack_{frame.role}"), unit, (data, out), ensures=tuple(ensures))
+            arguments = (self.argument("signals", signals, "in"), Argument("data", "uint8_t", "bytes out"))
+            received = (f"{self.own(signals)} unpacked;", f"{self.own(f'can_unpack_{frame.role}')}(data, &unpacked);")
+            more: dict[str, Any] = {"facts": received, "more": tuple(self._packed(frame)), "includes": True, "unwind": 26}
+            more |= {"stand_in": "to_code_of_lemma", "replaced": ("to_code",)}
+            pack = Unit(self.own(f"can_pack_{frame.role}"), unit, arguments, conversions=False, **more)
+            yield pack
+            # Code that reads the bytes of a number is right for one byte order only. A program of goto-cc has that of the host.
+            yield replace(pack, part="_big_endian", options="--big-endian", stand_in="", replaced=())
+
+    def _packed(self, frame: Frame) -> Iterator[Claim]:
+        """Yield for each signal that its code is in its bits of the frame, and that the receiver gets its value."""
+        codes: dict[str, str] = {}
+        for signal in frame.reals:
+            layout = signal.layout
+            assert isinstance(layout, RealSignal)
+            limits = f"{layout.raw_low}, {layout.raw_high}, {layout.raw_not_available}"
+            codes[signal.definition.role] = f"to_code({signal.value.replace('->', '.')}, {signal.scale}, {limits})"
+        for signal in frame.signals:
+            role, layout, mask = signal.definition.role, signal.layout, f"0x{signal.mask:X}u"
+            place = f"code_in(data, {layout.start_bit}u, {layout.length}u, {str(signal.byte_order == 'motorola').lower()})"
+            received = ""
+            if isinstance(layout, RealSignal):
+                value = f"((({self.real}){codes[role]} {self.can.to_value.split()[0]} {signal.scale}){signal.offset})"
+                code = f"((uint32_t){codes[role]} & {mask})"
+                absent = f"({codes[role]} == {layout.raw_not_available})"
+                received = f"{absent} ? (unpacked.{role} != unpacked.{role}) : (unpacked.{role} == {value})"
+            elif role == "qualifier":
+                present = (
+                    f"(({codes[each.definition.role]} != {each.layout.raw_not_available}) ? {each.qualifier_bit}u : 0u)"
+                    for each in frame.reals
+                    if isinstance(each.layout, RealSignal)
+                )
+                code = f"({' | '.join(present)})"
+            elif signal.field_type == "bool":
+                code = f"(signals.{role} ? 1u : 0u)"
+                received = f"(unpacked.{role} ? 1u : 0u) == {code}"
+            else:
+                code = f"((uint32_t)signals.{role} & {mask})"
+                received = f"(uint32_t)unpacked.{role} == {code}"
+            yield Claim(f"the code of {role} is in its bits of the frame", f"{place} == {code}")
+            if received:
+                yield Claim(f"{role} is received as its code says", received)
+
+    def _task_units(self) -> Iterator[Unit]:
+        own, unit, init = self.own, self.own("task"), self.own("controller_init")
+        new, state = (self.argument("self", "task_t", role) for role in ("new", "state"))
+        kept = Claim("the parameters are those given", "self->parameters == parameters")
+        frames = (own("e2e"), own("can"))
+        more: dict[str, Any] = {"linked": frames, "conversions": False}
+        parameters = self.argument("parameters", "parameters_t", "parameter")
+        yield Unit(own("task_init"), unit, (new, parameters), ensures=(kept,), callees=(init,), **more)
+        more["before"] = (
+            f"{own('parameters_t')} parameters;",
+            "self.parameters = &parameters;",
+            f"CONTRACT_ASSUME({own('parameters_holds')}(&parameters));",
+        )
+        more["callees"] = (init, own("controller_step"))
+        data, length = Argument("data", "uint8_t", "bytes in"), Argument("length", "uint8_t")
+        yield Unit(own("task_on_can_frame"), unit, (state, Argument("id", "uint32_t"), data, length), **more)
+        identifier = f"result == (uint32_t){self.upper}_CAN_ID_REAR_STEER_COMMAND"
+        crc = f"{own('e2e_crc')}((uint16_t){self.upper}_CAN_DATA_ID_REAR_STEER_COMMAND, data) == data[0]"
+        before = "(uint32_t)self_before->counter"
+        counted = f"((data[1] & 0x0Fu) == {before}) && (self->counter == (({before} + 1u) % {E2E_COUNTER_MAX + 1}u))"
+        sent = (
+            Claim("it is the frame of the command", identifier),
+            Claim("the frame has the counter, and the counter advances", counted),
+            Claim("the frame has the right CRC", crc),
+        )
+        yield Unit(
+            own(self.task.function), unit, (state, Argument("data", "uint8_t", "bytes out")), "uint32_t", ensures=sent, **more
+        )

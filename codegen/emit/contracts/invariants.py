@@ -1,0 +1,154 @@
+"""Invariants: what holds for every valid parameter set and for every state that the code leaves behind."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+
+from codegen.configuration.signals import STATUSES
+from codegen.emit.contracts.conditions import E2E_COUNTER_MAX, REFERENCE_MAX_RAD_S, Conditions
+from codegen.emit.contracts.contract import Invariant
+from codegen.emit.inputs_view import FRICTION_UNKNOWN
+from codegen.emit.parameters import ParameterView
+
+TASK_COUNT_MAX = 64
+"""Bound of the counts of disturbances in the task."""
+GOOD_SAMPLES_MAX = 10_000
+MISSING_SAMPLES_MAX = 100
+"""Largest missing_samples_max; a count is at most one above it."""
+
+
+class Invariants(Conditions):
+    """The invariants of a build. Their bounds leave room for rounding, which makes them provable."""
+
+    def invariants(self) -> Iterator[Invariant]:
+        """Yield the invariants, each after those that it names."""
+        own = self.own
+        yield self._parameters("limiter_parameters_t", self.limiter.parameters, ())
+        yield self._parameters("inputs_parameters_t", self.inputs.parameters, ())
+        yield self._parameters("parameters_t", self.controller.parameters, self._parameter_relations())
+        yield Invariant(
+            own("limiter_t"),
+            (
+                self.within("value->rear_angle", 1.0),
+                self.between("value->speed", 0.0, 200.0),
+                self.within("value->front_angle", 1.5),
+                "is_flag(value->speed_known)",
+            ),
+        )
+        yield self._inputs()
+        if model := self.model:
+            bounds = {"sideslip_angle": model.sideslip_max, "yaw_rate": model.yaw_rate_max, "rear_angle": model.rear_angle_max}
+            yield Invariant(
+                own("reference_model_t"), tuple(self.within(f"value->{name}", each) for name, each in bounds.items())
+            )
+            yield Invariant(own("grip_t"), self._grip())
+        yield Invariant(own("law_t"), tuple(self._law()))
+        yield Invariant(own("controller_t"), tuple(self._controller()))
+        counters = ("last_counter", "max_delta_counter", "no_new_or_repeated_data_counter")
+        receiver = (
+            *(f"(value->{name} <= {E2E_COUNTER_MAX}u)" for name in counters),
+            f"(value->sync_counter <= {self.can.sync_counter_init}u)",
+        )
+        yield Invariant(own("e2e_receiver_t"), (*receiver, "is_flag(value->waits_for_first)"))
+        yield Invariant(own("e2e_supervision_t"), (self.is_code("value->state", 3),))
+        states = (f"{own(f'e2e_{name}_holds')}(&value->{name})" for name in ("receiver", "supervision"))
+        counts = (f"(value->causes <= {(1 << self.can.reception_bits) - 1}u)", "(value->advance <= 7u)")
+        yield Invariant(own("task_input_t"), (*states, *counts, "is_flag(value->disturbed)", "is_flag(value->usable)"))
+        yield Invariant(own("task_t"), tuple(self._task()))
+
+    def _parameters(self, ctype: str, views: Iterable[ParameterView], relations: Iterable[str]) -> Invariant:
+        """Ranges of the parameters, and the relations between them that proofs use."""
+        single, arrays = [], defaultdict(list)
+        for view in views:
+            if view.points:
+                arrays[view.points].append(f"lies_between(value->{view.name}[k], {view.low}, {view.high})")
+                if view.increasing:
+                    arrays[view.points].append(f"((k == 0u) || (value->{view.name}[k - 1u] < value->{view.name}[k]))")
+            elif view.is_count:
+                low = [f"(value->{view.name} >= {view.low})"] if view.low != "0u" else []
+                single += [*low, f"(value->{view.name} <= {view.high})"]
+            else:
+                single.append(f"lies_between(value->{view.name}, {view.low}, {view.high})")
+        if ctype == "limiter_parameters_t":
+            arrays[f"{self.upper}_LIMITER_POINTS"].append("(value->opposite_phase_max[k] <= value->rear_angle_max)")
+        return Invariant(self.own(ctype), (*single, *relations), tuple((name, tuple(each)) for name, each in arrays.items()))
+
+    def _parameter_relations(self) -> Iterator[str]:
+        yield "(value->rear_angle_max <= value->inputs.rear_angle_max)"
+        yield "(value->disable_speed < value->enable_speed)"
+        yield "(value->inputs.speed_max <= value->limiter.speed_max)"
+        yield "(value->inputs.front_angle_max <= value->limiter.front_angle_max)"
+        yield "(value->limiter.rear_angle_max <= value->rear_angle_max)"
+        yield f"{self.own('inputs_parameters_holds')}(&value->inputs)"
+        yield f"{self.own('limiter_parameters_holds')}(&value->limiter)"
+
+    def _inputs(self) -> Invariant:
+        yaw, twice = self.high("yaw_rate_max"), f"({self.number(2.0)} * {self.high('yaw_rate_max')})"
+        signals = {"speed": self.high("speed_max"), "front_angle": self.high("front_angle_max"), "yaw_rate": yaw}
+        claims = [self.within(f"value->{name}.value", each) for name, each in signals.items()]
+        claims += [self.is_code(f"value->{name}.source", 2) for name in signals]
+        claims += [f"(value->{name}.missing <= {MISSING_SAMPLES_MAX + 1}u)" for name in signals]
+        claims += [
+            f"(!{self.is_measured(f'value->{name}')} || (value->{name}.missing <= {MISSING_SAMPLES_MAX}u))" for name in signals
+        ]
+        claims += [f"(!{self.is_measured('value->front_angle')} || (value->front_angle.good == 0u))"]
+        claims += [f"(value->{name}.good <= {GOOD_SAMPLES_MAX}u)" for name in ("front_angle", "yaw_rate")]
+        claims += [self.within(f"value->{name}", yaw) for name in ("expected_yaw_rate", "beyond_linear")]
+        claims += [f"lies_between(value->{name}, {self.number(0.0)}, {twice})" for name in ("least", "least_of_front")]
+        claims += [self.within("value->yaw_rate_offset", self.high("yaw_rate_offset_max"))]
+        claims += [self.between("value->friction", 0.0, FRICTION_UNKNOWN)]
+        claims += [f"is_flag(value->{name})" for name in ("lateral_is_known", "lateral_is_proven")]
+        return Invariant(self.own("inputs_t"), tuple(claims))
+
+    def _law(self) -> Iterator[str]:
+        for field in self.controller.law_state:
+            name = f"value->{field.name}"
+            if field.kind == "bool":
+                yield f"is_flag({name})"
+            elif self.model and field.name == "previous_model_yaw_rate":
+                yield self.within(name, self.model.yaw_rate_max)
+            elif field.kind == "real":
+                yield self.within(name, field.bound)
+            elif field.name == "model":
+                yield f"{self.own('reference_model_holds')}(&{name})"
+
+    def _grip(self) -> tuple[str, ...]:
+        constants = {each.name: each.values[0] for each in self.constants}
+        friction_min = next(view.low for view in self.controller.parameters if view.name == "friction_min")
+        least = 0.5 * float(friction_min.rstrip("f")) / constants["friction_per_grip"]
+        available = self.between("value->available", least, constants["grip_max"])
+        return self.between("value->reached", 0.0, 4000.0), available
+
+    def _controller(self) -> Iterator[str]:
+        own, status = self.own, f"{self.upper}_STATUS"
+        yield f"{own('law_holds')}(&value->law)"
+        yield f"{own('inputs_holds')}(&value->inputs)"
+        yield f"{own('limiter_holds')}(&value->limiter)"
+        if self.model:
+            yield f"{own('grip_holds')}(&value->grip)"
+        yield self.within("value->rear_angle", self.controller.actuator_angle_max)
+        yield self.within("value->yaw_rate_reference", REFERENCE_MAX_RAD_S)
+        yield self.within("value->yaw_rate_error", 2.0 * REFERENCE_MAX_RAD_S)
+        yield f"(value->initialised == 0x{self.controller.initialised:X}u)"
+        yield from (claim.condition for claim in self.checked_sample("value->sample."))
+        yield self.is_code("value->quality", 3)
+        yield self.is_code("value->status", len(STATUSES) - 1)
+        yield "is_flag(value->enabled)"
+        yield f"((value->status > {status}_LIMITED) || value->enabled)"
+        yield f"(((value->status != {status}_STANDBY) && (value->status != {status}_FAIL_SAFE)) || !value->enabled)"
+        yield "(value->rear_angle == value->limiter.rear_angle)"
+        unused = " && ".join(f"!{self.is_measured(f'value->inputs.{name}')}" for name in ("front_angle", "yaw_rate"))
+        fails = f"((value->status == {status}_FAIL_SAFE) && {unused})"
+        yield f"((value->quality != {self.upper}_QUALITY_UNUSABLE) || {fails})"
+
+    def _task(self) -> Iterator[str]:
+        yield f"{self.own('controller_holds')}(&value->controller)"
+        for name in ("motion", "conditions"):
+            yield f"{self.own('task_input_holds')}(&value->{name}_input)"
+            frame = next(each for each in self.can.messages if each.role == f"vehicle_{name}")
+            yield from (claim.condition for claim in self.signals_in_range(frame, f"value->{name}."))
+        yield f"(value->counter <= {E2E_COUNTER_MAX}u)"
+        yield f"((value->backlog <= {TASK_COUNT_MAX}u) && (value->disturbance <= {TASK_COUNT_MAX}u))"
+        yield self.within("value->expected_angle", self.high("rear_angle_max"))
+        yield from (f"is_flag(value->{name})" for name in ("conditions.inhibit", "conditions_close", "started"))
