@@ -4,8 +4,8 @@ EVA analyses `verify/every_function.c` with all sources. It covers what CBMC doe
 objects whose block has ended, overlapping copies, and objects that several units define differently. It keeps NaN as a possible
 value after a comparison, so most claims about numbers are left to the proofs of the contracts.
 
-EVA evaluates the contracts in ACSL on the way. It assumes none of them: every clause becomes a check, so a wrong contract hides no
-alarm, and a clause counts as confirmed without the help of another one.
+EVA evaluates the contracts in ACSL on the way. It assumes none of them, because every clause becomes a check. A wrong contract
+hides no alarm, and no clause is confirmed with the help of another one.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ INSTALL = "apt install frama-c-base"
 REPORT = "alarms.csv"
 TIME_LIMIT_S = 600.0
 _FAULT = re.compile(
-    r"^\[kernel(?:\] (\S+:\d+):\s+(?=User Error|syntax error)|:annot-error\] (\S+:\d+): Warning:\s+)(.*)", re.MULTILINE
+    r"^\[kernel(?:\] (\S+:\d+):\s+(?=User Error|syntax error)|:annot-error\] (\S+:\d+): (?=Warning))((?:[\w ]+:\s+)?.*)",
+    re.MULTILINE,
 )
 """Message about C, or about an annotation, that Frama-C cannot read."""
 _CLAUSE = re.compile(rb"^    (?=(?:requires|ensures) )", re.MULTILINE)
@@ -60,7 +61,7 @@ class Property:
 
     @property
     def is_alarm(self) -> bool:
-        """Whether it is undefined behaviour in the code that EVA could not exclude, or a contract that is broken for certain."""
+        """Whether it is undefined behaviour that EVA could not exclude, or a clause that is false for certain."""
         if self.is_clause or self.kind.startswith("precondition of "):
             return "Invalid" in self.status
         return self.file.startswith(("src/", "include/")) and not self.is_valid
@@ -131,7 +132,12 @@ def _analyse(files: Mapping[str, bytes], prefix: str, effort: Effort) -> tuple[s
             result = run_program(shlex.split(command), folder, timeout=TIME_LIMIT_S, environment=environment)
             if result.returncode:
                 fault = _FAULT.search(result.stdout)
-                return None, f"{fault[1] or fault[2]}: {fault[3]}" if fault else f"Frama-C ended with exit code {result.returncode}"
+                return (
+                    None,
+                    f"{fault[1] or fault[2]}: {' '.join(fault[3].split())}"
+                    if fault
+                    else f"Frama-C ended with exit code {result.returncode}",
+                )
         return (folder / REPORT).read_text(encoding="utf-8"), ""
 
 

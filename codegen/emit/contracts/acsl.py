@@ -1,8 +1,8 @@
 """Contracts in ACSL, the specification language of Frama-C, translated from the conditions in C.
 
-ACSL computes with real numbers and with integers of any size. The translation states what C computes: the result of an operation
-on floats is rounded by a cast, floats are compared as IEEE 754 does (every comparison with NaN is false), and unsigned sums wrap.
-A condition that calls a C function without a counterpart in ACSL is left out by name.
+ACSL computes with real numbers and with integers of any size. The translation states what C computes: a cast rounds the result of
+each operation on floats, floats are compared as in IEEE 754 (every comparison with NaN is false), and unsigned sums wrap. A
+condition that calls a C function without a counterpart in ACSL is left out, with the reason.
 """
 
 from __future__ import annotations
@@ -82,13 +82,13 @@ def acsl_header(context: Mapping[str, Any], headers: Iterable[bytes]) -> bytes:
         headers: of the build and of its contracts in C. They define the structs, tables and helpers that the conditions name.
     """
     contracts = context["contracts"]
-    translation = _Translation(context["real"], b"\n".join(headers).decode("ascii"), contracts.invariants)
+    translation = Translation(context["real"], b"\n".join(headers).decode("ascii"), contracts.invariants)
     predicates = [*map(translation.predicate_of, contracts.invariants.values()), *translation.helpers()]
     functions = [translation.contract_of(unit) for unit in contracts.units if not unit.part]
     return render("contracts/acsl.h.j2", {**context, "predicates": predicates, "functions": functions})
 
 
-class _Translation:
+class Translation:
     def __init__(self, real: str, headers: str, invariants: dict[str, Invariant]) -> None:
         self.real = real
         self.invariants = invariants
@@ -105,7 +105,7 @@ class _Translation:
 
     def predicate_of(self, invariant: Invariant) -> Predicate:
         """Return the predicate of an invariant."""
-        conditions = _Conditions(self, {"value": invariant.ctype, "k": "integer"})
+        conditions = Conditions(self, {"value": invariant.ctype, "k": "integer"})
         arrays = tuple((points, conditions.conjunction(claims)) for points, claims in invariant.arrays)
         head = f"{invariant.predicate}{{L}}({invariant.ctype} *value)"
         return Predicate(head, conditions.conjunction(invariant.claims), arrays)
@@ -118,7 +118,7 @@ class _Translation:
             scope = {each: "integer" if ctype == "uint32_t" else ctype for ctype, _, each in _PARAMETER.findall(parameters)}
             given = ", ".join(f"{scope[each]} {star}{each}" for _, star, each in _PARAMETER.findall(parameters))
             try:
-                translated = _Conditions(self, scope).translated(condition)
+                translated = Conditions(self, scope).translated(condition)
             except NotExpressibleError:
                 continue
             self.predicates.add(name)
@@ -127,14 +127,14 @@ class _Translation:
     def contract_of(self, unit: Unit) -> Contract:
         """Return the contract of a function."""
         arguments = unit.arguments
-        conditions = _Conditions(self, {**{each.name: each.ctype for each in arguments}, "result": unit.result})
+        conditions = Conditions(self, {**{each.name: each.ctype for each in arguments}, "result": unit.result})
         written = [_object(each) for each in unit.written]
         requires = (*self._memory(unit), *conditions.clauses((*unit.invariants(self.invariants, True), *unit.requires)))
         ensures = conditions.clauses((*unit.invariants(self.invariants, False), *unit.ensures))
         return Contract(unit.prototype, requires, ", ".join(written) or r"\nothing", ensures, unit.open)
 
     def _memory(self, unit: Unit) -> Iterator[Clause]:
-        """Yield what the proofs assume of pointers: valid objects that do not overlap. A pointer in a state leads to one too."""
+        """Yield what the proofs assume of pointers, including those in a state: valid objects that do not overlap."""
         pointers = [each for each in unit.arguments if each.is_pointer]
         names, places = {each.name for each in unit.arguments}, [_place(each) for each in pointers]
         for argument, place in zip(pointers, places, strict=True):
@@ -168,10 +168,10 @@ class _Term(NamedTuple):
     is_open: bool = False
 
 
-class _Conditions:
+class Conditions:
     """Conditions over the names of `scope`, with their types."""
 
-    def __init__(self, known: _Translation, scope: dict[str, str]) -> None:
+    def __init__(self, known: Translation, scope: dict[str, str]) -> None:
         self.known = known
         self.scope = {**known.tables, **dict.fromkeys(ANY_INDEX, "integer"), **scope}
 
@@ -249,7 +249,10 @@ class _Conditions:
         return f"({self.known.real}){term.text}" if term.text.lstrip("-")[0].isdigit() else term.text
 
     def _cases(self, nodes: Iterable[Any], make: Callable[..., str]) -> str:
-        """Return a predicate over terms, for each choice of the conditional expressions in them: ACSL has none over predicates."""
+        """Return a predicate for each choice of the conditional expressions in its terms.
+
+        The condition of a conditional expression is a term in ACSL, which a predicate is not.
+        """
         cases = []
         for choices in product(*(list(self._choices(each)) for each in nodes)):
             guards = " && ".join(guard for given, _ in choices for guard in given)
@@ -349,7 +352,7 @@ class _Conditions:
     def _before(self, node: Any, root: str) -> _Term:
         """Return the value of an lvalue before the call; its indices must not depend on the state."""
         name = root.removesuffix("_before")
-        inner = _Conditions(self.known, {root: self.scope[name], "k": "integer"})._plain(node, root)
+        inner = Conditions(self.known, {root: self.scope[name], "k": "integer"})._plain(node, root)
         return _Term(rf"\old({inner.text.replace(root, name)})", inner.ctype)
 
     def _plain(self, node: Any, root: str) -> _Term:
