@@ -1,7 +1,7 @@
 """Contracts in ACSL, the specification language of Frama-C, translated from the conditions in C.
 
-ACSL computes with real numbers and with integers of any size. The translation states what C computes: a cast rounds the result of
-each operation on floats, floats are compared as in IEEE 754 (every comparison with NaN is false), and unsigned sums wrap. A
+ACSL computes with real numbers and with integers of any size. The translation states what C computes: a cast rounds the result
+of each operation on floats, floats are compared as in IEEE 754 (every comparison with NaN is false), and unsigned sums wrap. A
 condition that calls a C function without a counterpart in ACSL is left out, with the reason.
 """
 
@@ -201,9 +201,9 @@ class Conditions:
 
     # Predicates
 
-    def _predicate(self, node: Any) -> str:
+    def _predicate(self, node: Any, operator: str = "") -> str:
         match node:
-            case c_ast.BinaryOp(op="||", left=c_ast.UnaryOp(op="!", expr=premise)):
+            case c_ast.BinaryOp(op="||", left=c_ast.UnaryOp(op="!", expr=premise)) if operator != "||":
                 return f"{self._inner(premise)} ==> {self._inner(node.right)}"
             case c_ast.BinaryOp(op="&&" | "||"):
                 return f"{self._inner(node.left, node.op)} {node.op} {self._inner(node.right, node.op)}"
@@ -226,8 +226,8 @@ class Conditions:
 
     def _inner(self, node: Any, operator: str = "") -> str:
         """Return a predicate as an operand of another one; a chain of the same operator needs no parentheses."""
-        text = self._predicate(node)
-        chained = isinstance(node, c_ast.BinaryOp) and node.op == operator and "==>" not in text
+        text = self._predicate(node, operator)
+        chained = isinstance(node, c_ast.BinaryOp) and node.op == operator
         return text if chained or not re.search(r"&&|\|\||==>", text) else f"({text})"
 
     def _comparison(self, node: Any) -> str:
