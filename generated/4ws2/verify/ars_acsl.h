@@ -2,10 +2,12 @@
  * Contracts of the functions in ACSL, for Frama-C, TrustInSoft Analyzer and other tools that read it.
  *
  * Not part of the ECU software. The conditions are those of ars_contracts.h, which the harnesses prove_*.c prove with CBMC. Claims of a
- * harness that call static functions stay there. Floats are compared by IEEE 754, and sums and products are rounded as in C. Put this
- * file before the sources. In the folder of the build, with Frama-C:
+ * harness that call static functions stay there. Floats are compared as in IEEE 754, and sums and products are rounded as in C. Give this
+ * file to the tool with the sources. In the folder of the build, with Frama-C:
  *
  * frama-c -machdep x86_32 -cpp-extra-args=-Iinclude -kernel-warn-key annot-error=abort verify/ars_acsl.h src/ars_calibration.c src/ars_checksum.c src/ars_map.c src/ars_inputs.c src/ars_limiter.c src/ars_parameters.c src/ars_law.c src/ars_controller.c src/ars_dynamics.c src/ars_e2e.c src/ars_can.c src/ars_task.c src/ars_selftest.c src/ars_grip.c src/ars_reference_model.c
+ *
+ * With this file in its list of sources, the command in the head of every_function.c evaluates the contracts with EVA.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
