@@ -23,8 +23,7 @@ from codegen.optimum.stack import solve_stack
 from codegen.verify.budgets.measure import Count, measure_step
 from codegen.verify.check import Effort, Subject
 from codegen.verify.packages import module
-from codegen.verify.target.cross import compile_image
-from codegen.verify.target.emulator import DATA, CortexM4
+from codegen.verify.target import DATA, CortexM4, compile_image
 
 CASE = "4ws-2"
 STEP_MAX = 1_500

@@ -8,9 +8,8 @@ import functools
 import pytest
 
 from codegen.errors import BuildError
-from codegen.verify.target import emulator
-from codegen.verify.target.cross import CORTEX_M4F, POWERPC_BE, Core, compile_image
-from codegen.verify.target.emulator import CortexM4, Processor
+from codegen.verify import target
+from codegen.verify.target import CORTEX_M4F, POWERPC_BE, Core, CortexM4, Processor, compile_image
 
 
 def assembled(name: str, *lines: str) -> str:
@@ -62,6 +61,6 @@ def test_wild_jumps_and_endless_code_are_reported(core: Core, monkeypatch: pytes
         with pytest.raises(BuildError, match=rf"^{name}: the code on the {core.name} ended at 0x"):
             processor.call(name)
 
-    monkeypatch.setattr(emulator, "CALL_SECONDS", 0.05)
+    monkeypatch.setattr(target, "CALL_SECONDS", 0.05)
     with pytest.raises(BuildError, match=rf"^stay: the code on the {core.name} did not return within 0\.05 s$"):
         processor.call("stay")

@@ -1,7 +1,7 @@
 """Settings for which the fault catalogue's outcomes are defined."""
 
 from codegen.configuration import preset
-from codegen.verify.suites import are_faults_defined_for
+from codegen.verify.drives import are_faults_defined_for
 from hil_sim.suite.plants import changed
 
 

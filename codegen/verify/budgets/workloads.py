@@ -16,7 +16,6 @@ import numpy.typing as npt
 from codegen.arrays import IntArray
 from codegen.configuration import Config
 from codegen.units import KM_H
-from codegen.verify.budgets.counting import EVENT, RECEIVED, START, TASK
 from codegen.verify.drives import COLUMNS, Samples, Thresholds, drawn
 from codegen.verify.traffic import Cycle
 from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
@@ -30,6 +29,10 @@ PLACE_COLUMNS = ("speed", "front_angle", "friction")
 STEP_COLUMNS = (*COLUMNS, "restart")
 MOTION_SIGNALS, CONDITIONS_SIGNALS = COLUMNS[:3], COLUMNS[3:6]
 DEMAND_COLUMNS = ("speed", "front_angle", "demand", "restart")
+
+EVENT = np.dtype([("kind", "<u4"), ("id", "<u4"), ("length", "<u4"), ("data", "S8")])
+START, TASK, RECEIVED = range(3)
+"""Kinds of events, as in `templates/verify/budget.c.j2`."""
 
 Parts = tuple[tuple[int, Mapping[str, float]], ...]
 """Parts of a drive: numbers of samples, and the values that differ from the usual ones in them."""

@@ -23,16 +23,15 @@ from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.sil.software import Measurement, Status
 from codegen.sil.toolchain import compiler_command, compiler_identity
-from codegen.verify import suites, traffic
+from codegen.verify import traffic
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.drives import GAPS, Thresholds, drawn, measurements_of, recorded
+from codegen.verify.drives import GAPS, Thresholds, drawn, drives_of, measurements_of, recorded
 from codegen.verify.law import parameters as sets
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.drive_cycle import cycles_of, drive, restart_cycles
 from codegen.verify.law.kinds import SECOND, second_controller
 from codegen.verify.law.long_drives import LongDrives
-from codegen.verify.law.pairs import ControllerPair, TaskPair, text_of
-from codegen.verify.law.repetition import Pair, Stretch, compare
+from codegen.verify.law.pairs import ControllerPair, Pair, Stretch, TaskPair, compare, text_of
 from codegen.verify.law.task import SecondTask
 from codegen.verify.map_reference import lookup_of
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
@@ -201,7 +200,7 @@ class _Comparison:
     def _runs(self) -> Iterator[_Run]:
         software, size = self._software, self._size
         defaults, starts = software.parameters(), itertools.cycle(STARTS)
-        for number, samples in enumerate(suites.drives(self._thresholds, size.drive)):
+        for number, samples in enumerate(drives_of(self._thresholds, size.drive)):
             yield _Run(f"drive {number}", next(starts), defaults, measurements_of(samples))
         for seed in range(2):
             yield _Run(f"drive cycle {seed}", next(starts), defaults, self._drive_cycle(seed))

@@ -17,8 +17,7 @@ import numpy as np
 from codegen.sil.software import Measurement, Software
 from codegen.verify.law.controller import NUMBERS, SecondController
 from codegen.verify.law.inputs import SecondInputs, Signal
-from codegen.verify.law.pairs import ControllerPair, InputsPair, LimiterPair, ReceiverPair, TaskPair
-from codegen.verify.law.repetition import Pair, Stretch
+from codegen.verify.law.pairs import ControllerPair, InputsPair, LimiterPair, Pair, ReceiverPair, Stretch, TaskPair
 from codegen.verify.traffic import Cycle
 from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
 from hil_sim.e2e import protect

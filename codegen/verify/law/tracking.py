@@ -18,9 +18,8 @@ from codegen.sil.software import Measurement
 from codegen.vehicle.dynamics import single_track_step
 from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
-from codegen.verify.law.controller import SecondController
+from codegen.verify.law.controller import SecondController, clip
 from codegen.verify.law.inputs import Quality
-from codegen.verify.law.limiter import clip
 
 SIDESLIP_MAX = math.radians(20.0)
 SPEED_MIN = 1.0

@@ -1,20 +1,15 @@
-"""Batches of calls of the generated C, with the same C and the same input and output words on the host and on an emulated
-core.
+"""Batches of calls of the generated C, run by the same C on the host and on an emulated core, with the same words in and out.
 
 A row of a batch is one call, starting from the state that the previous row left. Numbers are passed as words with their bits,
 so that nothing converts them on the way. The outputs are all results of the call and every field of the state after it,
 without padding and pointers.
-
-A row of a batch is one call; it starts from the state that the row before it left. All numbers travel as words that hold
-their bits, so that nothing between Python and the call looks at them as numbers. What comes out is everything that the call
-gives, and every field of the state behind it: no padding, and no pointer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +18,10 @@ from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.emit.can_view import task_view
 from codegen.emit.render import render
 from codegen.emit.text import c_type
+from codegen.sil.compile import compile_library
 from codegen.sil.software import Software
+from codegen.verify.on_host import HOST_FLAGS
+from codegen.verify.target import CORTEX_M4F, DATA, DATA_BYTES, Core, Processor, compile_image
 from codegen.verify.traffic import FRAMES, Cycle
 
 Word = type[np.uint32] | type[np.uint64]
@@ -245,3 +243,83 @@ def rows_of_cycles(cycles: Sequence[Cycle], batch: Batch, word: Word, restarts: 
             data = int.from_bytes(frame.data.ljust(8, b"\0"), "little")
             row[2 + 4 * place : 6 + 4 * place] = (frame.id, len(frame.data), data & 0xFFFF_FFFF, data >> 32)
     return rows
+
+
+class Runner(Protocol):
+    """Runner of batches."""
+
+    name: str
+
+    def run(self, batch: Batch, rows: Rows) -> Rows:
+        """Run rows (n, inputs) and return rows (n, outputs)."""
+
+
+class OnHost:
+    """Runner in this process, compiled by the user's compiler. All runners of one program share its states.
+
+    Raises:
+        BuildError: no compiler, or C that does not compile.
+    """
+
+    name = "this machine"
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        library = compile_library(
+            f"{program.prefix}_batches",
+            program.sources,
+            [f"{FOLDER}/batches.h"],
+            include_folders=("include", FOLDER),
+            flags=HOST_FLAGS,
+        )
+        self._ffi, self._lib = library.ffi, library.lib
+
+    def run(self, batch: Batch, rows: Rows) -> Rows:
+        """Run rows (n, inputs) and return rows (n, outputs)."""
+        ffi, word = self._ffi, self._program.word
+        given = np.ascontiguousarray(rows, dtype=word)
+        results = np.empty((len(rows), len(batch.outputs)), dtype=word)
+        getattr(self._lib, f"verify_batch_{batch.name}")(
+            ffi.cast("verify_word_t *", ffi.from_buffer(given)),
+            ffi.cast("verify_word_t *", ffi.from_buffer(results, require_writable=True)),
+            len(rows),
+        )
+        return results
+
+
+class OnTarget:
+    """Runner on an emulated core.
+
+    Args:
+        sources: additional sources, such as a library.
+
+    Attributes:
+        name: name of the core.
+        processor: the core.
+
+    Raises:
+        CodegenError: a package of the extra is missing.
+        BuildError: C that does not compile; in `run`, C that leaves its memory or does not return.
+    """
+
+    def __init__(self, program: Program, core: Core = CORTEX_M4F, sources: Mapping[str, bytes] | None = None) -> None:
+        entries = [f"verify_batch_{name}" for name in program.batches] + list(program.entries)
+        self.name, self._program = core.name, program
+        self.processor = Processor(compile_image({**program.sources, **(sources or {})}, entries, ("-O2",), core), core)
+        self._word = np.dtype(f"{self.processor.byte_order}u{np.dtype(program.word).itemsize}")
+
+    def run(self, batch: Batch, rows: Rows) -> Rows:
+        """Run rows (n, inputs) and return rows (n, outputs)."""
+        return np.concatenate([self._chunk(batch, part) for part in self._chunks(batch, rows)])
+
+    def _chunks(self, batch: Batch, rows: Rows) -> Iterator[Rows]:
+        size = DATA_BYTES // ((len(batch.inputs) + len(batch.outputs)) * self._word.itemsize)
+        for start in range(0, max(len(rows), 1), size):
+            yield rows[start : start + size]
+
+    def _chunk(self, batch: Batch, rows: Rows) -> Rows:
+        given, results = rows.astype(self._word).tobytes(), len(rows) * len(batch.outputs) * self._word.itemsize
+        self.processor.write(DATA, given)
+        self.processor.call(f"verify_batch_{batch.name}", DATA, DATA + len(given), len(rows))
+        words = np.frombuffer(self.processor.read(DATA + len(given), results), dtype=self._word)
+        return words.astype(self._program.word).reshape(len(rows), len(batch.outputs))

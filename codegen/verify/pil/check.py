@@ -20,10 +20,9 @@ from codegen.verify.drives import Thresholds, recorded
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
 from codegen.verify.packages import module, require
 from codegen.verify.pil import dynamics_bound
-from codegen.verify.pil.batches import Program, Rows, dynamics_program_of, program_of, rows_of_cycles
-from codegen.verify.pil.runners import OnHost, OnTarget
+from codegen.verify.pil.batches import OnHost, OnTarget, Program, Rows, dynamics_program_of, program_of, rows_of_cycles
 from codegen.verify.pil.streams import Source, Stream, differences
-from codegen.verify.target.cross import CORTEX_M4F, CORTEX_M7, POWERPC_BE, Core
+from codegen.verify.target import CORTEX_M4F, CORTEX_M7, POWERPC_BE, Core
 
 CORES: Mapping[bool, tuple[Core, ...]] = {True: (CORTEX_M4F, CORTEX_M7, POWERPC_BE), False: (POWERPC_BE,)}
 """Cores whose emulated FPU supports single (True) or double (False) precision builds."""

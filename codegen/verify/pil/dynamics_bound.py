@@ -17,8 +17,7 @@ import numpy.typing as npt
 
 from codegen.emit.render import render
 from codegen.emit.text import Precision, c_type, literal, numpy_type
-from codegen.verify.pil.batches import Batch, Program, Rows
-from codegen.verify.pil.runners import Runner
+from codegen.verify.pil.batches import Batch, Program, Rows, Runner
 
 FloatArray = npt.NDArray[np.floating[Any]]
 

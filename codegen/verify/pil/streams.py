@@ -18,8 +18,7 @@ from codegen.configuration import Config
 from codegen.configuration.signals import CARRIED, SignalDefinition
 from codegen.units import KM_H
 from codegen.verify.drives import COLUMNS, GAPS, HELD, Samples, Thresholds, drawn, moving
-from codegen.verify.pil.batches import WHOLE, Batch, Rows, Word
-from codegen.verify.pil.runners import Runner
+from codegen.verify.pil.batches import WHOLE, Batch, Rows, Runner, Word
 
 REPLACED_FRACTIONS = (0.0, 0.01, 0.0, 0.3, 0.0, 1.0)
 """Fraction of the numbers that are replaced by arbitrary ones, in consecutive stretches: each kind of damage, and time to
