@@ -81,7 +81,7 @@ def cut() -> Figure:
 def step() -> Figure:
     """The paper's step steer: both kinds of controller, and the passive car."""
     from codegen.sil.software import load
-    from hil_sim.runs import run
+    from hil_sim.bench import run
     from hil_sim.scenarios import find
 
     paper, tracking = load(BUILD), load(RECOMMENDED)

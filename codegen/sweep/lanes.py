@@ -1,6 +1,6 @@
 """Convert the factors of samples to the inputs of the batch.
 
-Factors change only what they name. A change of the tyre peak keeps the slope at zero slip, as in `hil_sim.suite.plants`.
+Factors change only what they name. A change of the tyre peak keeps the slope at zero slip, as in `hil_sim.suite.conditions`.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Software
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim.frames import Frame
+from hil_sim.codec import Frame
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import SCENARIOS
 

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.sil.software import Software
-from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
+from hil_sim.codec import Codec, Frame, VehicleConditions, VehicleMotion
 from hil_sim.e2e import next_counter, protect
-from hil_sim.frames import Frame
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import DEFAULT, SCENARIOS
 

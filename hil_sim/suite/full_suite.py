@@ -12,9 +12,9 @@ from typing import Any
 from codegen.errors import CodegenError
 from hil_sim.suite import third_party
 from hil_sim.suite.background import Background
-from hil_sim.suite.candidate import Candidate, Steps
-from hil_sim.suite.limits import Limits
+from hil_sim.suite.requirements import Limits
 from hil_sim.suite.runs import CellResult
+from hil_sim.suite.subjects import Candidate, Steps
 from hil_sim.suite.tracking import ExternalFigures, SuiteResult, run_suite
 
 Stage = Callable[[str], AbstractContextManager[Steps]]

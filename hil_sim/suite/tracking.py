@@ -12,14 +12,19 @@ from codegen.configuration import Case, Config
 from codegen.design.family import members
 from hil_sim.suite.cells import Cell, c1, cells
 from hil_sim.suite.conditions import LAGS, NOMINAL, Condition, conditions
-from hil_sim.suite.cost import RiseTime, SineTracking, rise_times, sine_tracking
-from hil_sim.suite.limits import Limits
-from hil_sim.suite.loop_margins import FamilyMargins, margins_of
-from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
-from hil_sim.suite.runs import FEEDFORWARD, CellResult, drive, map_yaw_rate, path_errors, run_table
-from hil_sim.suite.sample_timing import TimingError, timing_errors
+from hil_sim.suite.controller_properties import (
+    FamilyMargins,
+    RiseTime,
+    SineTracking,
+    TimingError,
+    margins_of,
+    rise_times,
+    sine_tracking,
+    timing_errors,
+)
+from hil_sim.suite.requirements import Limits, Measured, Requirement, all_passed, requirements
+from hil_sim.suite.runs import FEEDFORWARD, CellResult, Summary, drive, map_yaw_rate, path_errors, run_table, summarise
 from hil_sim.suite.subjects import DELAY_SAMPLES, PASSIVE, Subject, passive_of
-from hil_sim.suite.summary import Summary, summarise
 from hil_sim.suite.third_party import CONDITION
 
 SHOWN = ((60.0, 0.75), (100.0, 0.75), (120.0, 1.0))

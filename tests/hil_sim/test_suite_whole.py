@@ -21,12 +21,20 @@ from codegen.errors import BuildError, CodegenError, ConfigError
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.stack import solve_stack
 from hil_sim import second_plant
-from hil_sim.suite import candidate, full_suite, third_party
+from hil_sim.suite import full_suite, subjects, third_party
 from hil_sim.suite.background import Background
-from hil_sim.suite.candidate import Candidate, Comparison, of_folder, recommended
+from hil_sim.suite.conditions import changed
 from hil_sim.suite.full_suite import run_full_suite
-from hil_sim.suite.plants import changed
-from hil_sim.suite.subjects import PASSIVE, baseline_configs, of_config, recommended_config
+from hil_sim.suite.subjects import (
+    PASSIVE,
+    Candidate,
+    Comparison,
+    baseline_configs,
+    of_config,
+    of_folder,
+    recommended,
+    recommended_config,
+)
 from hil_sim.suite.tracking import SuiteResult
 from tests import builds
 
@@ -48,7 +56,7 @@ def written(at: Path, reference_map: ReferenceMap, config: Config) -> Path:
 def tuned(monkeypatch: pytest.MonkeyPatch) -> None:
     """Replace the gain design by a fixed schedule."""
     tracking = {"controller": {"tracking": {"schedule": builds.SCHEDULE}}}
-    for module in (candidate, third_party):
+    for module in (subjects, third_party):
         monkeypatch.setattr(module, "tuned", lambda _, config, steps=None: changed(config, tracking))
 
 
@@ -94,7 +102,7 @@ def test_a_build_is_tested_with_its_own_files_and_gains(tmp_path: Path, monkeypa
     folder = written(tmp_path, builds.paper_map(), ready)
     source = folder / "src" / "ars_controller.c"
     source.write_text(source.read_text(encoding="ascii") + "/* by hand */\n", encoding="ascii")
-    monkeypatch.setattr(candidate, "tuned", lambda *given: pytest.fail("tuned again"))
+    monkeypatch.setattr(subjects, "tuned", lambda *given: pytest.fail("tuned again"))
     comparison = of_folder(folder).comparison()
     generated = comparison.build.generated
     assert generated.files["src/ars_controller.c"].endswith(b"/* by hand */\n")

@@ -26,7 +26,7 @@ from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import excess_warning
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, single_track, two_track
 from codegen.vehicle.tyre import AxleTyres
-from hil_sim.suite.random_cars import DEVELOPMENT_SEED, random_cars
+from hil_sim.suite.cars import DEVELOPMENT_SEED, random_cars
 from tests import shared
 from tests.optimum.cars import CASE, PAPER, changed, nonlinear, paper_map
 

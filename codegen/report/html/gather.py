@@ -25,13 +25,12 @@ from codegen.report.html.report import Material, to_compare
 from codegen.report.html.runs import is_passive
 from codegen.sil.software import load
 from codegen.sweep.region import Region, confirm, region
+from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
 from hil_sim.metrics.step import STEADY_WINDOW
-from hil_sim.runs import run, run_through_can
 from hil_sim.scenario_files import of_run
 from hil_sim.scenarios import DEFAULT, Scenario, find
-from hil_sim.suite.candidate import of_folder
-from hil_sim.suite.subjects import Build, Subject, around_folder
+from hil_sim.suite.subjects import Build, Subject, around_folder, of_folder
 
 Steps = Callable[[int, int], None]
 

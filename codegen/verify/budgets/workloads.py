@@ -18,9 +18,8 @@ from codegen.configuration import Config
 from codegen.units import KM_H
 from codegen.verify.drives import COLUMNS, Samples, Thresholds, drawn
 from codegen.verify.traffic import Cycle
-from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
+from hil_sim.codec import Codec, Frame, VehicleConditions, VehicleMotion
 from hil_sim.e2e import next_counter, protect
-from hil_sim.frames import Frame
 
 Rows = npt.NDArray[np.float32]
 """Inputs of successive calls, (calls, fields)."""

@@ -15,9 +15,8 @@ from codegen.sil.software import Measurement
 from codegen.verify.drives import gaps_of
 from codegen.verify.law.controller import NUMBERS
 from codegen.verify.traffic import Cycle
-from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
+from hil_sim.codec import Codec, Frame, VehicleConditions, VehicleMotion
 from hil_sim.e2e import next_counter, protect
-from hil_sim.frames import Frame
 
 
 def drive(

@@ -19,9 +19,8 @@ from codegen.verify.law.controller import NUMBERS, SecondController
 from codegen.verify.law.inputs import SecondInputs, Signal
 from codegen.verify.law.pairs import ControllerPair, InputsPair, LimiterPair, Pair, ReceiverPair, Stretch, TaskPair
 from codegen.verify.traffic import Cycle
-from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
+from hil_sim.codec import Codec, Frame, VehicleConditions, VehicleMotion
 from hil_sim.e2e import protect
-from hil_sim.frames import Frame
 
 HOUR_S = 3_600.0
 OVERFLOW = 70_000

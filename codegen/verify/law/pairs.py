@@ -23,9 +23,8 @@ from codegen.verify.law.controller import NUMBERS, SecondController, SecondLimit
 from codegen.verify.law.inputs import Quality, SecondInputs
 from codegen.verify.law.task import SecondTask
 from codegen.verify.traffic import Cycle
-from hil_sim.codec import Codec
+from hil_sim.codec import Codec, Frame
 from hil_sim.e2e import Receiver, Supervision, next_counter, protect
-from hil_sim.frames import Frame
 
 STATEFUL = ("codegen.verify.law.", "hil_sim.e2e", "codegen.configuration.signals")
 """Modules of the classes whose attributes are the state. Other objects, such as parameters and the map, do not change."""
