@@ -18,8 +18,7 @@ from codegen.design.tune import tune
 from codegen.ecu_map.placement import Request
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
-from codegen.optimum.solve import solve_case
-from codegen.optimum.stack import solve_stack
+from codegen.optimum.solve import solve_case, solve_stack
 from codegen.verify.budgets.measure import Count, measure_step
 from codegen.verify.check import Effort, Subject
 from codegen.verify.packages import module

@@ -20,9 +20,17 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.sil.plant import Plant, PlantInput, PlantSample
 from codegen.sil.software import Software
-from codegen.vehicle.expressions import Model, clamp, magic_formula, make_model
+from codegen.vehicle.dynamics import (
+    PLANT_INPUTS,
+    PLANT_OUTPUTS,
+    PLANT_STATES,
+    RELAXATION_STATES,
+    Model,
+    clamp,
+    magic_formula,
+    make_model,
+)
 from codegen.vehicle.plant_car import PlantCar
-from codegen.vehicle.two_track import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, RELAXATION_STATES
 from codegen.vehicle.tyre import WHEEL_SPEED_MIN
 from hil_sim.bench import refuse_bus
 from hil_sim.plant_node import SensorModel

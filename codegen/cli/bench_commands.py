@@ -115,7 +115,7 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
 def plant(config_path: Path | None, **given: Any) -> None:
     """Run the simulated car on a bus for any ECU: send its frames, obey the commands."""
     from codegen.cli.bench_report import live_view
-    from codegen.map_file.choose import choose_config
+    from codegen.map_file.map import choose_config
     from hil_sim.session import passive, run_plant
 
     chosen = Choices(**given)

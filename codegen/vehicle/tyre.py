@@ -16,8 +16,7 @@ import numpy.typing as npt
 from codegen.arrays import FloatArray
 from codegen.configuration import Config, Tyre
 from codegen.errors import ConfigError
-from codegen.vehicle.curves import CURVES, MAGIC_FORMULA, TyreCurve
-from codegen.vehicle.roots import bracketed_root
+from codegen.vehicle.curves import CURVES, MAGIC_FORMULA, TyreCurve, bracketed_root
 
 SLIP_SEARCH_MAX = math.radians(45.0)
 SLIP_SEARCH_POINTS = 2000

@@ -11,8 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from codegen.configuration import parse_toml
-from codegen.configuration.faults import first_fault
-from codegen.configuration.section import Range, Section
+from codegen.configuration.section import Range, Section, first_fault
 from codegen.errors import CodegenError
 from codegen.files import read_text
 from hil_sim.suite.conditions import FRICTIONS, LAGS, MASSES, NOMINAL, SLIPPERY, Condition

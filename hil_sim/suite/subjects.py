@@ -19,8 +19,7 @@ from codegen.emit.text import Precision
 from codegen.errors import BuildError, ConfigError, within
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.solve import solve_case
-from codegen.optimum.stack import solve_stack
+from codegen.optimum.solve import solve_case, solve_stack
 from codegen.sil.batch import BatchSoftware, compile_batch
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import Software, compile_build, require_can_side

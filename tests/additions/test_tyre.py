@@ -32,10 +32,10 @@ import numpy as np
 from codegen.configuration import parse, preset
 from codegen.emit.reference_model_view import tabulate
 from codegen.map_file.map import from_bytes, to_bytes
-from codegen.map_file.road import on_road
+from codegen.map_file.map import on_road
 from codegen.optimum.solve import solve_case
 from codegen.vehicle.plant_car import plant_parameters
-from codegen.vehicle.two_track import two_track, two_track_of_parameters
+from codegen.vehicle.dynamics import two_track, two_track_of_parameters
 from codegen.vehicle.tyre import AxleTyres
 
 data = preset().model_dump()

@@ -8,8 +8,7 @@ from scipy.optimize import brentq
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.design.family import Member
-from codegen.design.linearised import linearised
-from codegen.design.sampled import frequency_grid, sample
+from codegen.design.sampled import frequency_grid, linearised, sample
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, two_track
 from hil_sim.suite import conditions
 

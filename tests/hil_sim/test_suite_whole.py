@@ -19,7 +19,7 @@ from codegen.configuration import Config, Kind
 from codegen.emit.write import write_folder
 from codegen.errors import BuildError, CodegenError, ConfigError
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.stack import solve_stack
+from codegen.optimum.solve import solve_stack
 from hil_sim import second_plant
 from hil_sim.suite import full_suite, subjects, third_party
 from hil_sim.suite.background import Background

@@ -19,9 +19,8 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.map_file.map import Binding, ReferenceMap, load
 from codegen.optimum import ipopt
-from codegen.optimum.nonlinear import NonlinearTurns
+from codegen.optimum.nonlinear import ABOVE, NonlinearTurns, slip_use
 from codegen.optimum.problem import breakpoints
-from codegen.optimum.slip_use import ABOVE, slip_use
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import excess_warning
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, single_track, two_track

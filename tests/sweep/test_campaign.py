@@ -21,9 +21,8 @@ from codegen.sil.software import compile_build
 from codegen.sweep import chunk as chunks
 from codegen.sweep import plan as planning
 from codegen.sweep import store
-from codegen.sweep.campaign import run_campaign
 from codegen.sweep.chunk import replay, run_chunk, software
-from codegen.sweep.engine import Threads
+from codegen.sweep.engine import Threads, run_campaign
 from codegen.sweep.plan import Plan
 from codegen.sweep.store import RUNS, part_path
 from hil_sim.suite import conditions

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from codegen.configuration import Config
-from codegen.sweep.draw import BLOCK, draw, noise
-from codegen.sweep.lanes import cars
+from codegen.sweep.lanes import BLOCK, cars, draw, noise
 from codegen.sweep.spec import Spec, parse
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters
 from hil_sim.suite import conditions

@@ -15,8 +15,7 @@ from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.map_file import map as npz
-from codegen.map_file.choose import choose_config
-from codegen.map_file.map import ReferenceMap
+from codegen.map_file.map import ReferenceMap, choose_config
 from codegen.report.fault_table import fault_data
 from codegen.report.html.handling import HANDLING, RESPONSE
 from codegen.report.html.inputs import Files, read_files

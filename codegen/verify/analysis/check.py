@@ -7,8 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from codegen.emit.c_outline import Unit, units
-from codegen.emit.deviations import FILE, Deviation, category_of, excerpt, read_deviations
+from codegen.emit.deviations import FILE, Deviation, Unit, category_of, excerpt, read_deviations, units
 from codegen.emit.misra_rules import RULES
 from codegen.errors import BuildError, CodegenError
 from codegen.verify import on_host

@@ -1,8 +1,8 @@
 """The generated code under AddressSanitizer and UndefinedBehaviorSanitizer on this machine, in processes of its own.
 
-One program is compiled. Behind a pipe (see `served_ecu`) it runs its self-test, drives from everywhere, look-ups against the
+One program is compiled. Behind a pipe (see `sanitized`) it runs its self-test, drives from everywhere, look-ups against the
 NumPy reference, every built-in scenario in closed loop, and every fault of the catalogue, whose outcome must be as defined.
-Two more processes of it run the fuzz harnesses (see `fuzzing`).
+Two more processes of it run the fuzz harnesses (see `program`).
 """
 
 from __future__ import annotations
