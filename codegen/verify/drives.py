@@ -99,11 +99,7 @@ def recorded(software: Software) -> tuple[Samples, ...]:
     Scenarios that this car cannot drive are omitted.
     """
     drives = []
-    for scenario in SCENARIOS.values():
-        try:
-            inputs = scenario.inputs(software.config)
-        except CodegenError:
-            continue
+    for _, inputs in loops(software.config):
         loop = ClosedLoop(software, LoopOptions(delay_samples=DELAY_SAMPLES))
         record, samples = loop.run(inputs), inputs[:: loop.steps_per_sample]
         drives.append(measured(record, samples))

@@ -192,76 +192,45 @@ class Machine:
     """Emulation of a kind of core: names of unicorn's constants, and the calling convention.
 
     Attributes:
-        architecture, mode: arguments for opening unicorn.
-        prefix: prefix of the architecture's constants.
+        architecture: prefix of the architecture's constants.
+        mode: arguments for opening unicorn.
         model: constant of the core.
         arguments: registers of the first four words; the result is in the first.
-        stack, link: registers.
+        stack: register of the stack pointer.
         linkage: bytes above the stack pointer that a function may overwrite.
-        thumb: whether an address of code has its lowest bit set.
         byte_order: as in a NumPy dtype, "<" or ">".
         fpu_on: register -> bits that enable the FPU.
     """
 
     architecture: str
     mode: tuple[str, ...]
-    prefix: str
     model: str
     arguments: tuple[str, str, str, str]
     stack: str
-    link: str
     linkage: int
-    thumb: bool
     byte_order: str
     fpu_on: Mapping[str, int]
 
+    @property
+    def is_thumb(self) -> bool:
+        """Whether an address of code has its lowest bit set."""
+        return self.architecture == "ARM"
+
 
 def _cortex_m(model: str) -> Machine:
-    return Machine(
-        "ARM",
-        ("THUMB", "MCLASS"),
-        "ARM",
-        f"CPU_ARM_CORTEX_{model}",
-        ("R0", "R1", "R2", "R3"),
-        "SP",
-        "LR",
-        0,
-        True,
-        "<",
-        {"C1_C0_2": 0xF << 20, "FPEXC": 0x4000_0000},  # coprocessors 10 and 11
-    )
+    fpu_on = {"C1_C0_2": 0xF << 20, "FPEXC": 0x4000_0000}  # coprocessors 10 and 11
+    return Machine("ARM", ("THUMB", "MCLASS"), f"CPU_ARM_CORTEX_{model}", ("R0", "R1", "R2", "R3"), "SP", 0, "<", fpu_on)
 
-
-_POWERPC = Machine(
-    "PPC",
-    ("PPC32", "BIG_ENDIAN"),
-    "PPC",
-    "CPU_PPC32_7457A_V1_2",
-    ("3", "4", "5", "6"),
-    "1",
-    "LR",
-    16,
-    False,
-    ">",
-    {"MSR": 0x2000},
-)
 
 MACHINES: Mapping[str, Machine] = {
     CORTEX_M4F.name: _cortex_m("M4"),
     CORTEX_M7.name: _cortex_m("M7"),
     CORTEX_M33.name: _cortex_m("M33"),
-    POWERPC_BE.name: _POWERPC,
+    POWERPC_BE.name: Machine(
+        "PPC", ("PPC32", "BIG_ENDIAN"), "CPU_PPC32_7457A_V1_2", ("3", "4", "5", "6"), "1", 16, ">", {"MSR": 0x2000}
+    ),
 }
 """Cores that can be emulated, by their names."""
-
-
-@dataclass(frozen=True)
-class Function:
-    """A function of the image: its code and the constants within it, from `start` to before `end`."""
-
-    name: str
-    start: int
-    end: int
 
 
 @dataclass(frozen=True)
@@ -276,7 +245,6 @@ class Processor:
     """One core with its memory. Not shared between threads.
 
     Attributes:
-        functions: of the image, by address.
         name: of the core.
         byte_order: of its numbers, as in a NumPy dtype: "<" or ">".
 
@@ -287,7 +255,7 @@ class Processor:
     def __init__(self, image: bytes, core: Core = CORTEX_M4F) -> None:
         self._machine = machine = MACHINES[core.name]
         self._unicorn = unicorn = module("unicorn", "unicorn")
-        self._constants = module(f"unicorn.{machine.prefix.lower()}_const", "unicorn")
+        self._constants = module(f"unicorn.{machine.architecture.lower()}_const", "unicorn")
         elf = module("elftools.elf.elffile", "pyelftools").ELFFile(io.BytesIO(image))
         mode = sum(getattr(unicorn, f"UC_MODE_{name}") for name in machine.mode)
         self._core = unicorn.Uc(getattr(unicorn, f"UC_ARCH_{machine.architecture}"), mode)
@@ -298,17 +266,19 @@ class Processor:
         for register, bits in machine.fpu_on.items():
             self._set(register, self._get(register) | bits)
         symbols = list(elf.get_section_by_name(".symtab").iter_symbols())
-        self.functions = _functions(symbols)
         self.name, self.byte_order = core.name, machine.byte_order
         self._addresses = {symbol.name: int(symbol["st_value"]) for symbol in symbols if symbol.name}
         self._trace: list[int] = []
         self._known: dict[int, int] = {}
 
     def _get(self, register: str) -> int:
-        return int(self._core.reg_read(getattr(self._constants, f"UC_{self._machine.prefix}_REG_{register}")))
+        return int(self._core.reg_read(self._register(register)))
 
     def _set(self, register: str, value: int) -> None:
-        self._core.reg_write(getattr(self._constants, f"UC_{self._machine.prefix}_REG_{register}"), value)
+        self._core.reg_write(self._register(register), value)
+
+    def _register(self, name: str) -> int:
+        return int(getattr(self._constants, f"UC_{self._machine.architecture}_REG_{name}"))
 
     def _load(self, elf: Any) -> None:
         segments = [each for each in elf.iter_segments() if each["p_type"] == "PT_LOAD" and each["p_memsz"]]
@@ -323,16 +293,16 @@ class Processor:
             self._core.mem_write(start, segment.data())
 
     def call(self, name: str, *arguments: int) -> int:
-        """Call a function with up to four words; the word that it gives back.
+        """Call a function with up to four words and return the word that it returns.
 
         Raises:
-            BuildError: the code goes where there is no memory, or does not come back.
+            BuildError: the code leaves the memory, or does not return.
         """
-        machine, thumb = self._machine, int(self._machine.thumb)
+        machine, thumb = self._machine, int(self._machine.is_thumb)
         for register, value in zip(machine.arguments, arguments, strict=False):
             self._set(register, value)
         self._set(machine.stack, STACK_TOP - machine.linkage)
-        self._set(machine.link, RETURN | thumb)
+        self._set("LR", RETURN | thumb)
         try:
             self._core.emu_start(self._addresses[name] | thumb, RETURN, timeout=round(CALL_SECONDS * 1e6))
         except self._unicorn.UcError as error:
@@ -343,7 +313,7 @@ class Processor:
 
     def traced(self, work: Callable[[], object]) -> Blocks:
         """Trace every basic block that runs during `work`. Raises ValueError for a core without Thumb instructions."""
-        if not self._machine.thumb:
+        if not self._machine.is_thumb:
             raise ValueError(f"the instructions of a {self.name} are not counted")
         self._trace.clear()
         # Blocks that were translated before would not call the hook.
@@ -381,13 +351,6 @@ class Processor:
         return bytes(self._core.mem_read(address, size))
 
 
-class CortexM4(Processor):
-    """A Cortex-M4F."""
-
-    def __init__(self, image: bytes) -> None:
-        super().__init__(image, CORTEX_M4F)
-
-
 def instructions_in(code: bytes) -> int:
     """Count Thumb instructions: 32 bits if the first five are 0b11101 to 0b11111 (Armv7-M ARM, A5.1)."""
     place = count = 0
@@ -395,12 +358,3 @@ def instructions_in(code: bytes) -> int:
         place += 4 if code[place + 1] >> 3 in (0b11101, 0b11110, 0b11111) else 2
         count += 1
     return count
-
-
-def _functions(symbols: Sequence[Any]) -> tuple[Function, ...]:
-    found = (
-        Function(symbol.name, int(symbol["st_value"]) & ~1, (int(symbol["st_value"]) & ~1) + int(symbol["st_size"]))
-        for symbol in symbols
-        if symbol["st_info"]["type"] == "STT_FUNC" and symbol["st_size"]
-    )
-    return tuple(sorted(found, key=lambda function: function.start))

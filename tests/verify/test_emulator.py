@@ -9,7 +9,8 @@ import pytest
 
 from codegen.errors import BuildError
 from codegen.verify import target
-from codegen.verify.target import CORTEX_M4F, POWERPC_BE, Core, CortexM4, Processor, compile_image
+from codegen.verify.budgets.program import Program
+from codegen.verify.target import CORTEX_M4F, POWERPC_BE, Core, Processor, compile_image
 
 
 def assembled(name: str, *lines: str) -> str:
@@ -45,11 +46,10 @@ def image(core: Core = CORTEX_M4F) -> bytes:
 
 def test_instructions_are_counted_exactly_where_they_run() -> None:
     """Covers narrow and wide instructions, a loop, an IT block with a skipped branch, and nested calls."""
-    core = CortexM4(image())
-    function = {function.name: function for function in core.functions}
+    core, counted = Processor(image()), Program(image()).named("counted")
     assert core.call("counted") == 3  # set to 1 in the round with r1 = 3, incremented in the two rounds after it
     blocks = core.traced(lambda: core.call("caller"))  # includes code that already ran uncounted
-    inside = (blocks.address >= function["counted"].start) & (blocks.address < function["counted"].end)
+    inside = (blocks.address >= counted.start) & (blocks.address < counted.end)
     assert blocks.instructions[inside].sum() == 2 * IN_COUNTED
     assert blocks.instructions.sum() == 4 + 2 * IN_COUNTED
 

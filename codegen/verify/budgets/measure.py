@@ -24,7 +24,7 @@ from codegen.verify.budgets.program import STACK_FLAG, Depth, Program, Routine, 
 from codegen.verify.budgets.workloads import START, TASK
 from codegen.verify.check import Effort, Subject
 from codegen.verify.drives import Samples, Thresholds, recorded
-from codegen.verify.target import DATA, DATA_BYTES, STACK_BYTES, STACK_TOP, Blocks, CortexM4, compile_image
+from codegen.verify.target import DATA, DATA_BYTES, STACK_BYTES, STACK_TOP, Blocks, Processor, compile_image
 from codegen.verify.traffic import disturbed, restarts_of
 
 FLAGS = ("-O2", STACK_FLAG)
@@ -79,7 +79,7 @@ class Counter:
         headers = {path: content for path, content in sources.items() if path.endswith(".h")}
         entries = [FRAME_PREFIX + name for name in (*FRAME_FUNCTIONS, *self.lookups)]
         image = compile_image({**headers, **linked, FRAME: frame}, entries, FLAGS)
-        self.program, self._core = Program(image), CortexM4(image)
+        self.program, self._core = Program(image), Processor(image)
         self.stack: dict[str, int] = {}
         routines = self.program.routines.values()
         self._frame = [each for each in routines if each.name.startswith(FRAME_PREFIX)]

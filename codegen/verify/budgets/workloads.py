@@ -17,9 +17,9 @@ from codegen.arrays import IntArray
 from codegen.configuration import Config
 from codegen.units import KM_H
 from codegen.verify.drives import COLUMNS, Samples, Thresholds, drawn
-from codegen.verify.traffic import Cycle
-from hil_sim.codec import Codec, Frame, VehicleConditions, VehicleMotion
-from hil_sim.e2e import next_counter, protect
+from codegen.verify.traffic import Cycle, frames_of
+from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
+from hil_sim.e2e import next_counter
 
 Rows = npt.NDArray[np.float32]
 """Inputs of successive calls, (calls, fields)."""
@@ -143,8 +143,7 @@ def cycles_of(config: Config, steps: Rows) -> list[Cycle]:
         sample = dict(zip(STEP_COLUMNS, row, strict=True))
         motion = VehicleMotion(**{name: sample[name] for name in MOTION_SIGNALS})
         conditions = VehicleConditions(**{name: sample[name] for name in CONDITIONS_SIGNALS}, inhibit=sample["inhibit"] > 0.0)
-        sent = ((can.vehicle_motion, motion), (can.vehicle_conditions, conditions))
-        found.append(tuple(Frame(each.id, protect(each.e2e_data_id, counter, codec.encode(payload))) for each, payload in sent))
+        found.append(frames_of(can, codec, counter, motion, conditions))
         counter = next_counter(next_counter(counter) if math.isnan(motion.speed) else counter)
     return found
 

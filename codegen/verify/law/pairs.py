@@ -24,7 +24,7 @@ from codegen.verify.law.inputs import Quality, SecondInputs
 from codegen.verify.law.task import SecondTask
 from codegen.verify.traffic import Cycle
 from hil_sim.codec import Codec, Frame
-from hil_sim.e2e import Receiver, Supervision, next_counter, protect
+from hil_sim.e2e import Receiver, Supervision, protect
 
 STATEFUL = ("codegen.verify.law.", "hil_sim.e2e", "codegen.configuration.signals")
 """Modules of the classes whose attributes are the state. Other objects, such as parameters and the map, do not change."""
@@ -299,10 +299,7 @@ class ReceiverPair(Pair):
             software.function, ("e2e_check", "e2e_no_new_data", "e2e_supervise")
         )
         self._counters = [0, 0]  # of the sender to each implementation
-        counter, frames = 0, []
-        for _ in range(15):
-            frames.append(protect(self._data_id, counter, bytes(FRAME_BYTES)))
-            counter = next_counter(counter)
+        frames = [protect(self._data_id, counter, bytes(FRAME_BYTES)) for counter in range(15)]
         self._frames = (*frames, bytes((frames[0][0] ^ 1, *frames[0][1:])))
         software.function("e2e_receiver_init")(self._c_receiver)
         software.function("e2e_supervision_init")(self._c_supervision)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -161,16 +161,11 @@ class SecondReferenceModel:
         )
 
 
-class Road(Protocol):
-    """Road for which the map was made, such as a TotalMap."""
+class Road(NamedTuple):
+    """Road for which the map was made: peak friction, and the lateral acceleration in m/s^2 that the map allows on it."""
 
-    @property
-    def friction(self) -> float:
-        """Peak friction."""
-
-    @property
-    def lateral_acceleration_cap(self) -> float:
-        """m/s^2 that the map allows on it."""
+    friction: float
+    lateral_acceleration_cap: float
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,7 @@ from codegen.verify.target import CORTEX_M4F, DATA, DATA_BYTES, Core, Processor,
 from codegen.verify.traffic import FRAMES, Cycle
 
 Word = type[np.uint32] | type[np.uint64]
+Real = type[np.float32] | type[np.float64]
 Rows = npt.NDArray[Any]
 """Words, (rows, columns), of the width of the build's numbers and in the byte order of this machine."""
 
@@ -133,16 +134,12 @@ def program_of(software: Software, files: Mapping[str, bytes]) -> Program:
 def dynamics_program_of(software: Software, files: Mapping[str, bytes], functions: Sequence[str]) -> Program:
     """Return the program of the vehicle dynamics, which call library functions: batches "dynamics" and "library"."""
     source = f"src/{software.prefix}_dynamics.c"
-    outputs = tuple(
-        Column(f"{name}.{place}", expression)
-        for name, kind in (
-            ("linear", "state"),
-            ("linear_jacobian", "jacobian"),
-            ("magic_formula", "state"),
-            ("magic_formula_jacobian", "jacobian"),
-        )
-        for place, expression in _leaves(software, f"dynamics_{kind}_t", f"{name}.")
-    )
+    outputs = [
+        column
+        for model in ("linear", "magic_formula")
+        for name, kind in ((model, "state"), (f"{model}_jacobian", "jacobian"))
+        for column in _columns(software, f"dynamics_{kind}_t", name)
+    ]
     batches = {
         "dynamics": Batch("dynamics", _INPUTS["dynamics"], (*outputs, Column("calls", "(verify_word_t)calls"))),
         "library": Batch("library", ("x",), tuple(Column(name, f"bits({name})") for name in functions)),
@@ -168,6 +165,11 @@ def word_of(software: Software) -> Word:
     return np.uint32 if software.precision == "single" else np.uint64
 
 
+def real_of(word: Word) -> Real:
+    """Return the NumPy type of the numbers whose bits are in words."""
+    return np.float32 if word is np.uint32 else np.float64
+
+
 def _context(software: Software, batches: Mapping[str, Batch]) -> dict[str, Any]:
     return {
         "build": {"prefix": software.prefix, "PREFIX": software.prefix.upper()},
@@ -181,8 +183,7 @@ def _context(software: Software, batches: Mapping[str, Batch]) -> dict[str, Any]
 
 def _batches(software: Software, files: Mapping[str, bytes]) -> Iterator[Batch]:
     def batch(name: str, results: Sequence[Column], state: str = "") -> Batch:
-        fields = _leaves(software, f"{state}_t", "state.") if state else ()
-        return Batch(name, _INPUTS[name], (*results, *(Column(f"state.{place}", text) for place, text in fields)))
+        return Batch(name, _INPUTS[name], (*results, *(_columns(software, f"{state}_t", "state") if state else ())))
 
     command = _columns(software, "command_t", "command")
     yield batch("controller", command, "controller")
@@ -205,31 +206,26 @@ def _data_columns(name: str) -> list[Column]:
     return [Column(f"{name}[{first}..{first + 3}]", f"bytes(&{name}[{first}])") for first in (0, 4)]
 
 
-def _columns(software: Software, kind: str, variable: str) -> list[Column]:
-    return [Column(f"{variable}.{place}", text) for place, text in _leaves(software, kind, f"{variable}.")]
-
-
 def _has(software: Software, kind: str) -> bool:
     return f"{software.prefix}_{kind}" in software.ffi.list_types()[0]
 
 
-def _leaves(software: Software, kind: str, variable: str) -> list[tuple[str, str]]:
-    """Return path and C expression of every number in a struct, in order, without pointers."""
-    found: list[tuple[str, str]] = []
+def _columns(software: Software, kind: str, variable: str) -> list[Column]:
+    """Return every number in a struct, in order, without pointers."""
+    found: list[Column] = []
 
     def visit(declared: Any, place: str) -> None:
         if declared.kind == "struct":
             for name, field in declared.fields:
-                visit(field.type, f"{place}.{name}" if place else name)
+                visit(field.type, f"{place}.{name}")
         elif declared.kind == "array":
             for index in range(declared.length):
                 visit(declared.item, f"{place}[{index}]")
         elif declared.kind != "pointer":
-            make = "bits" if declared.cname in ("float", "double") else "(verify_word_t)"
-            text = f"{variable}{place}"
-            found.append((place, f"{make}({text})" if make == "bits" else f"{make}{text}"))
+            is_real = declared.cname in ("float", "double")
+            found.append(Column(place, f"bits({place})" if is_real else f"(verify_word_t){place}"))
 
-    visit(software.ffi.typeof(f"{software.prefix}_{kind}"), "")
+    visit(software.ffi.typeof(f"{software.prefix}_{kind}"), variable)
     return found
 
 
@@ -243,15 +239,6 @@ def rows_of_cycles(cycles: Sequence[Cycle], batch: Batch, word: Word, restarts: 
             data = int.from_bytes(frame.data.ljust(8, b"\0"), "little")
             row[2 + 4 * place : 6 + 4 * place] = (frame.id, len(frame.data), data & 0xFFFF_FFFF, data >> 32)
     return rows
-
-
-class Runner(Protocol):
-    """Runner of batches."""
-
-    name: str
-
-    def run(self, batch: Batch, rows: Rows) -> Rows:
-        """Run rows (n, inputs) and return rows (n, outputs)."""
 
 
 class OnHost:
@@ -323,3 +310,7 @@ class OnTarget:
         self.processor.call(f"verify_batch_{batch.name}", DATA, DATA + len(given), len(rows))
         words = np.frombuffer(self.processor.read(DATA + len(given), results), dtype=self._word)
         return words.astype(self._program.word).reshape(len(rows), len(batch.outputs))
+
+
+Runner = OnHost | OnTarget
+"""Runner of batches."""
