@@ -372,7 +372,7 @@ def _computed(reference_map: ReferenceMap, config: Config) -> LossOfFunction:
         only = feasible & ~passively_feasible(turns, reference_map.speed, reference_map.front_angle)
         share = float(only.sum() / max(int(feasible.sum()), 1))
         passive = turns.without_rear_steering().at(points.speed, points.front_angle).feasible
-    ramp_rate = _ramp_rate(points.speed, config)
+    ramp_rate = np.full_like(points.speed, math.radians(config.controller.fail_safe.rate_deg_s))
     simulated = simulate(points, ramp_rate, config)
     return LossOfFunction(
         only_with_rear_steer=only,
@@ -388,11 +388,6 @@ def _computed(reference_map: ReferenceMap, config: Config) -> LossOfFunction:
         spins=simulated.spins,
         horizon=simulated.horizon,
     )
-
-
-def _ramp_rate(speed: FloatArray, config: Config) -> FloatArray:
-    """Return the rate of the fail-safe in rad/s at speeds (k,)."""
-    return np.full_like(speed, math.radians(config.controller.fail_safe.rate_deg_s))
 
 
 def _rows(reference_map: ReferenceMap, config: Config) -> npt.NDArray[np.intp]:

@@ -142,12 +142,8 @@ def table(report: VerificationReport, columns: int | None = None) -> str:
 def findings(report: VerificationReport) -> Iterator[str]:
     """Return one line for each check that failed or lacks a tool. Checks that `--quick` skips are omitted."""
     for name, outcome in report.outcomes.items():
-        if outcome.verdict is not Verdict.PASSED and not _was_left_out(outcome):
+        if outcome.verdict is not Verdict.PASSED and outcome.findings != (LEFT_OUT,):
             for finding in outcome.findings[:FINDINGS_PRINTED_MAX]:
                 yield f"{TITLES.get(name, name)}: {finding}"
             if len(outcome.findings) > FINDINGS_PRINTED_MAX:
                 yield f"{TITLES.get(name, name)}: and {len(outcome.findings) - FINDINGS_PRINTED_MAX} more"
-
-
-def _was_left_out(outcome: Outcome) -> bool:
-    return outcome.findings == (LEFT_OUT,)

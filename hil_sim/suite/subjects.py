@@ -216,7 +216,7 @@ class Candidate:
         if best.controller.kind != own:
             found[best.controller.kind] = best
         for name, config in baseline_configs(self.config).items():
-            if not _same_controller(config, self.config):
+            if (config.controller, config.limiter) != (self.config.controller, self.config.limiter):
                 found[f"{name} (paper)" if name == own else name] = config
         return found
 
@@ -265,10 +265,6 @@ class Comparison:
     def build(self) -> Build:
         """Build under test."""
         return self.tested.around
-
-
-def _same_controller(one: Config, other: Config) -> bool:
-    return (one.controller, one.limiter) == (other.controller, other.limiter)
 
 
 def recommended() -> Candidate:
