@@ -225,6 +225,13 @@ class Summary:
         return asdict(self)
 
 
+LARGEST = (
+    *("overshoot_percent", "rise_time_s", "settling_time_s", "sideslip_max_deg", "map_overshoot_percent", "slip_percent"),
+    "sideslip_excess_deg",
+)
+"""Figures of a summary that are the largest of their cells."""
+
+
 def summarise(subject: str, condition: str, results: Sequence[CellResult]) -> Summary:
     """Return the figures of one table."""
     on_road = [result for result in results if not result.spun]
@@ -236,14 +243,8 @@ def summarise(subject: str, condition: str, results: Sequence[CellResult]) -> Su
         spins=tuple(result.cell for result in results if result.spun),
         unsettled=tuple(result.cell for result in on_road if not result.settled),
         overshoot_mean_percent=sum(overshoots) / len(overshoots) if overshoots else None,
-        overshoot_percent=extreme(on_road, "overshoot_percent"),
-        rise_time_s=extreme(on_road, "rise_time_s"),
-        settling_time_s=extreme(on_road, "settling_time_s"),
-        sideslip_max_deg=extreme(on_road, "sideslip_max_deg"),
         map_error_percent=extreme(on_road, "map_error_percent", functools.partial(max, key=abs)),
-        map_overshoot_percent=extreme(on_road, "map_overshoot_percent"),
-        slip_percent=extreme(on_road, "slip_percent"),
-        sideslip_excess_deg=extreme(on_road, "sideslip_excess_deg"),
+        **{name: extreme(on_road, name) for name in LARGEST},
     )
 
 
