@@ -36,7 +36,7 @@ from hil_sim.bench import refuse_bus
 from hil_sim.plant_node import SensorModel
 from hil_sim.scenarios import Scenario
 from hil_sim.second_plant.run import drive
-from hil_sim.suite.conditions import load_sensitivity, stiffness, together
+from hil_sim.suite.cells import load_sensitivity, stiffness, together
 
 STATES = (*PLANT_STATES, "roll", "roll_rate", "motor_angle", "motor_rate", *RELAXATION_STATES)
 """States: those of our own plant, the roll angle in rad (positive to the right), and the rear actuator's motor in rad,

@@ -49,7 +49,7 @@ class Tyre(Section):
     """
 
     curve: ClassVar[str] = "magic-formula"
-    """Name in `vehicle.curves.CURVES`; with a second curve this becomes a key."""
+    """Name in `vehicle.tyre.CURVES`; with a second curve this becomes a key."""
     cornering_stiffness_n_per_rad: Annotated[
         Annotated[float, Range(3_000.0, 2_000_000.0, "N/rad for one tyre")] | None,
         Meaning("one tyre, slope at zero slip; or give stiffness_factor_b_per_rad"),

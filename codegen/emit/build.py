@@ -26,13 +26,12 @@ from codegen.emit.contracts.files import contract_files
 from codegen.emit.controller_view import controller_view
 from codegen.emit.deviations import FILE as DEVIATIONS
 from codegen.emit.deviations import deviations
-from codegen.emit.dynamics_view import DynamicsView, dynamics_view
+from codegen.emit.dynamics_view import DynamicsView, dynamics_view, reference_model_view
 from codegen.emit.evidence import Evidence, grip_facts, margins_text, placement_facts, placement_text, request_facts
 from codegen.emit.inputs_view import inputs_view
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import cut_text, limiter_view
 from codegen.emit.map_view import MapView, map_view
-from codegen.emit.reference_model_view import reference_model_view
 from codegen.emit.render import render, verbatim
 from codegen.emit.symbols import symbols_of
 from codegen.emit.take_over import FILE as SBOM

@@ -8,7 +8,7 @@ from itertools import groupby
 from codegen.configuration import Config
 from codegen.configuration.can import NODES, QUALIFIED, Can, Message, RealSignal, Signal
 from codegen.configuration.signals import SIGNALS, SignalDefinition
-from codegen.emit.filters import decimal
+from codegen.emit.render import decimal
 from codegen.emit.text import Precision, lines_of, literal
 
 

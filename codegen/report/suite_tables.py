@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from codegen.text_table import text_table
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cars import SHARES, SPEEDS_KM_H
-from hil_sim.suite.conditions import LAGS, NOMINAL
+from hil_sim.suite.cells import LAGS, NOMINAL
 from hil_sim.suite.controller_properties import TIMINGS, compare_rise
 from hil_sim.suite.tracking import STRUCTURE_SET
 

@@ -1,7 +1,7 @@
 """Samples of a campaign (cars and roads), and their factors as inputs of the batch.
 
 A sample depends only on the spec and its number, so each can be drawn alone. It is the same for all controllers and scenarios.
-Factors change only what they name. A change of the tyre peak keeps the slope at zero slip, as in `hil_sim.suite.conditions`.
+Factors change only what they name. A change of the tyre peak keeps the slope at zero slip, as in `hil_sim.suite.cells`.
 All runs share the input profile of a scenario; each run scales its speed and steering amplitude.
 """
 

@@ -1,6 +1,6 @@
 """Test set for rear-steering controllers: step steers of the configured car and of cars that differ from it.
 
-- `cells`: operating points. `conditions`: named combinations of a change of the car and a road.
+- `cells`: operating points, and conditions: named combinations of a change of the car and a road.
 - `subjects`: systems under test, a compiled controller or the passive car.
 - `runs`: a step steer and its figures, and figures over all cells.
 - `controller_properties`: rise times and tracking of a sine, margins, sample timing.

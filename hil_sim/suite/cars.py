@@ -20,8 +20,7 @@ from codegen.errors import CodegenError
 from codegen.optimum.solve import solve_case
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.background import Background
-from hil_sim.suite.cells import cells
-from hil_sim.suite.conditions import NOMINAL, changed
+from hil_sim.suite.cells import NOMINAL, cells, changed
 from hil_sim.suite.controller_properties import FamilyMargins, margins_of
 from hil_sim.suite.requirements import Limits, Requirement, all_passed, car_requirements
 from hil_sim.suite.runs import Summary, run_table, summarise

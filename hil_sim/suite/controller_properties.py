@@ -26,8 +26,7 @@ from hil_sim.faults import Fault
 from hil_sim.metrics.run import Run, column, spin_time
 from hil_sim.metrics.steering_response import FrequencyResponse, frequency_response
 from hil_sim.scenarios import Scenario, find
-from hil_sim.suite.cells import Cell
-from hil_sim.suite.conditions import NOMINAL, Condition
+from hil_sim.suite.cells import NOMINAL, Cell, Condition
 from hil_sim.suite.runs import CellResult, software_of
 from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
 

@@ -14,7 +14,7 @@ from codegen.configuration import parse_toml
 from codegen.configuration.section import Range, Section, first_fault
 from codegen.errors import CodegenError
 from codegen.files import read_text
-from hil_sim.suite.conditions import FRICTIONS, LAGS, MASSES, NOMINAL, SLIPPERY, Condition
+from hil_sim.suite.cells import FRICTIONS, LAGS, MASSES, NOMINAL, SLIPPERY, Condition
 from hil_sim.suite.controller_properties import IN_STEP, TIMINGS, FamilyMargins, TimingError, finite_or_none
 from hil_sim.suite.runs import FEEDFORWARD, CellResult, Extreme, Summary
 

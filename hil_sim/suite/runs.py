@@ -21,8 +21,7 @@ from hil_sim.metrics import evaluate
 from hil_sim.metrics.run import spin_time
 from hil_sim.metrics.step import StepMetrics, slip_bounds, step_metrics
 from hil_sim.scenarios import PATH_SCENARIOS
-from hil_sim.suite.cells import DURATION, STEER_TIME, Cell, front_angle
-from hil_sim.suite.conditions import Condition
+from hil_sim.suite.cells import DURATION, STEER_TIME, Cell, Condition, front_angle
 from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
 
 
@@ -170,6 +169,8 @@ def map_yaw_rate(subject: Subject, condition: Condition, cell: Cell) -> float:
 
 FEEDFORWARD = "feedforward"
 """Baseline of controllers with feedback."""
+THIRD_PARTY = "third-party"
+"""Condition of the cells on the third party's plant."""
 
 
 def path_errors(subject: Subject) -> dict[str, float | None]:

@@ -13,7 +13,7 @@ from codegen.optimum.solve import solve_case
 from codegen.plausibility.car import car_warnings
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim.suite.conditions import changed
+from hil_sim.suite.cells import changed
 
 FIXED = [50.0, 62.0, 80.0, 110.0, 160.0, 400.0]
 """km/h: breakpoints of a table that is independent of the car."""

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from codegen.arrays import FloatArray
-from codegen.emit.reference_model_view import SIDESLIP_MAX, tabulate
+from codegen.emit.dynamics_view import SIDESLIP_MAX, tabulate
 from codegen.errors import BuildError
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre

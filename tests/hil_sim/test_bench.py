@@ -26,7 +26,7 @@ from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode, Received, SensorModel
 from hil_sim.scenarios import Scenario, find
 from hil_sim.session import Setup, passive, run_hil
-from hil_sim.suite.conditions import changed
+from hil_sim.suite.cells import changed
 
 
 def short(duration: float = 2.0, *faults: Fault) -> Scenario:

@@ -16,7 +16,7 @@ from hil_sim.faults import Fault
 from hil_sim.logs import load_csv, save_csv, to_csv
 from hil_sim.metrics import Run, RunMetrics, evaluate, others, sine_with_dwell, spin_time, steering_response, step_metrics
 from hil_sim.scenarios import SCENARIOS, find
-from hil_sim.suite.conditions import changed
+from hil_sim.suite.cells import changed
 from tests import builds
 from tests.hil_sim.made import record
 

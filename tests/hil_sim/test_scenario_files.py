@@ -13,7 +13,7 @@ from hil_sim.bench import run
 from hil_sim.faults import Fault
 from hil_sim.logs import save_csv
 from hil_sim.scenarios import Scenario, find
-from hil_sim.suite.conditions import changed
+from hil_sim.suite.cells import changed
 from tests import builds
 
 CONFIG = builds.CONFIG

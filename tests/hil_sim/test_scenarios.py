@@ -16,7 +16,7 @@ from hil_sim import manoeuvres
 from hil_sim.bench import run
 from hil_sim.metrics import evaluate
 from hil_sim.scenarios import SCENARIOS, find
-from hil_sim.suite.conditions import changed
+from hil_sim.suite.cells import changed
 from tests import builds
 
 CONFIG = builds.CONFIG

@@ -21,9 +21,9 @@ from codegen.errors import BuildError, CodegenError, ConfigError
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_stack
 from hil_sim import second_plant
-from hil_sim.suite import full_suite, subjects, third_party
+from hil_sim.suite import full_suite, subjects
 from hil_sim.suite.background import Background
-from hil_sim.suite.conditions import changed
+from hil_sim.suite.cells import changed
 from hil_sim.suite.full_suite import run_full_suite
 from hil_sim.suite.subjects import (
     PASSIVE,
@@ -56,7 +56,7 @@ def written(at: Path, reference_map: ReferenceMap, config: Config) -> Path:
 def tuned(monkeypatch: pytest.MonkeyPatch) -> None:
     """Replace the gain design by a fixed schedule."""
     tracking = {"controller": {"tracking": {"schedule": builds.SCHEDULE}}}
-    for module in (subjects, third_party):
+    for module in (subjects, full_suite):
         monkeypatch.setattr(module, "tuned", lambda _, config, steps=None: changed(config, tracking))
 
 
@@ -151,8 +151,8 @@ def test_a_job_uses_its_own_car(monkeypatch: pytest.MonkeyPatch, kind: Kind) -> 
         seen.append((reference_map.config, config.controller.kind, software == config, controlled))
         return ("driven",)
 
-    monkeypatch.setattr(third_party, "third_party_cells", drive)
-    jobs = third_party.jobs({kind: of_kind(BEST, kind)}, "4ws-2")
+    monkeypatch.setattr(full_suite, "third_party_cells", drive)
+    jobs = full_suite.third_party_jobs({kind: of_kind(BEST, kind)}, "4ws-2")
     assert list(jobs) == [kind, PASSIVE]
     assert [job() for job in jobs.values()] == [("driven",), ("driven",)]
     assert seen == [(heavy, kind, True, True), (heavy, "pi", True, False)]  # a passive car needs no tuning
@@ -180,8 +180,8 @@ def test_the_whole_collects_its_parts(monkeypatch: pytest.MonkeyPatch, installed
     monkeypatch.setattr(Candidate, "comparison", lambda self, steps: Comparison(tested, (), PAPER.case("4ws-2"), ("a note",)))
     monkeypatch.setattr(full_suite, "Background", SynchronousBackground)
     monkeypatch.setattr(full_suite, "run_suite", lambda *given, progress: (progress("x", 0, 1), bare)[1])
-    monkeypatch.setattr(third_party, "available", lambda: installed)
-    monkeypatch.setattr(third_party, "jobs", lambda contenders, case: {"pi": refuse})
+    monkeypatch.setattr(full_suite, "has_third_party", lambda: installed)
+    monkeypatch.setattr(full_suite, "third_party_jobs", lambda contenders, case: {"pi": refuse})
     stages: dict[str, list[tuple[int, int]]] = {}
 
     @contextmanager

@@ -17,7 +17,7 @@ from hil_sim.faults import Fault
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import SCENARIOS, Scenario, find
-from hil_sim.suite.conditions import changed
+from hil_sim.suite.cells import changed
 from tests import builds
 
 BIT = {name: 1 << bit for bit, (name, _) in DIAGNOSTICS.items()}

@@ -15,7 +15,7 @@ from hil_sim import third_plant
 from hil_sim.faults import Fault
 from hil_sim.metrics import column
 from hil_sim.scenarios import find
-from hil_sim.suite.conditions import changed
+from hil_sim.suite.cells import changed
 from hil_sim.third_plant import BIASES, DEFAULT, NONE, SPEED_FACTOR, Errors, RollPlant, Sensors
 from tests import builds
 

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from hil_sim.scenarios import PATH_SCENARIOS
-from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell
-from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
+from hil_sim.suite.cells import CONDITIONS, DURATION, LAGS, NOMINAL, SHARES, SPEEDS_KM_H, STEER_TIME, Cell
 from hil_sim.suite.controller_properties import (
     SINE_FREQUENCIES_HZ,
     TIMINGS,

@@ -11,7 +11,7 @@ from codegen.configuration import Config
 from codegen.sweep.lanes import BLOCK, cars, draw, noise
 from codegen.sweep.spec import Spec, parse
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters
-from hil_sim.suite import conditions
+from hil_sim.suite import cells
 from tests import builds
 
 ROUNDING = 1e-13
@@ -68,7 +68,7 @@ def test_distributions() -> None:
 
 VEHICLE = builds.CONFIG.vehicle
 CG_SHIFT = {"cg_to_front_axle_m": VEHICLE.cg_to_front_axle_m - 0.1, "cg_to_rear_axle_m": VEHICLE.cg_to_rear_axle_m + 0.1}
-BY_B = conditions.changed(
+BY_B = cells.changed(
     builds.CONFIG,
     {"tyre": {axle: {"stiffness_factor_b_per_rad": 18.0, "cornering_stiffness_n_per_rad": None} for axle in ("front", "rear")}},
 )
@@ -80,11 +80,11 @@ INERTIA = {"yaw_inertia_kg_m2": 1.3 * VEHICLE.yaw_inertia_kg_m2}
 @pytest.mark.parametrize(
     ("factors", "change"),
     [
-        ({}, conditions.unchanged),
-        ({"yaw_inertia_percent": 30.0}, lambda config: conditions.changed(config, {"vehicle": INERTIA})),
+        ({}, cells.unchanged),
+        ({"yaw_inertia_percent": 30.0}, lambda config: cells.changed(config, {"vehicle": INERTIA})),
         # With the same tyre slopes.
-        ({"cg_shift_m": 0.1}, lambda config: conditions.changed(conditions.stiffness(0.0, 0.0)(config), {"vehicle": CG_SHIFT})),
-        ({"rear_lag_s": 0.1}, conditions.actuator_lag(0.1)),
+        ({"cg_shift_m": 0.1}, lambda config: cells.changed(cells.stiffness(0.0, 0.0)(config), {"vehicle": CG_SHIFT})),
+        ({"rear_lag_s": 0.1}, cells.actuator_lag(0.1)),
         (
             {
                 "mass_percent": 20.0,
@@ -92,7 +92,7 @@ INERTIA = {"yaw_inertia_kg_m2": 1.3 * VEHICLE.yaw_inertia_kg_m2}
                 "rear_stiffness_percent": 15.0,
                 "tyre_peak_percent": -10.0,
             },
-            conditions.together(conditions.mass(20.0), conditions.stiffness(-20.0, 15.0), conditions.peak(-10.0)),
+            cells.together(cells.mass(20.0), cells.stiffness(-20.0, 15.0), cells.peak(-10.0)),
         ),
     ],
 )

@@ -12,7 +12,7 @@ from hil_sim.bench import run
 from hil_sim.metrics import evaluate
 from hil_sim.metrics.step import slip_bounds
 from hil_sim.scenarios import SCENARIOS
-from hil_sim.suite.conditions import changed
+from hil_sim.suite.cells import changed
 from tests import builds
 
 ROUNDING = 1e-9

@@ -2,7 +2,7 @@
 
 from codegen.configuration import preset
 from codegen.verify.drives import are_faults_defined_for
-from hil_sim.suite.conditions import changed
+from hil_sim.suite.cells import changed
 
 
 def test_faults_are_defined_for_any_rate_of_the_fail_safe_that_tune_sets() -> None:

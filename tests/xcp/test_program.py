@@ -8,7 +8,7 @@ import pytest
 
 from codegen.configuration import parse
 from codegen.emit.can_view import xcp_timing
-from codegen.emit.filters import hexadecimal
+from codegen.emit.render import hexadecimal
 from codegen.errors import BuildError, CodegenError, ConfigError
 from codegen.sil.toolchain import compiler_command
 from hil_sim import ecu_process

@@ -18,12 +18,12 @@ from codegen.emit.can_view import CanView, Frame, TaskView
 from codegen.emit.constants import Constant
 from codegen.emit.contracts.contract import Argument, Claim, Invariant, Lemma, Unit
 from codegen.emit.controller_view import ControllerView
+from codegen.emit.dynamics_view import ReferenceModelView
 from codegen.emit.inputs_view import FRICTION_UNKNOWN, InputsView
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S
 from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView
 from codegen.emit.parameters import ParameterView
-from codegen.emit.reference_model_view import ReferenceModelView
 from codegen.emit.text import Precision, literal
 
 MAP_YAW_RATE_MAX_RAD_S = 16.0

@@ -13,7 +13,7 @@ import numpy as np
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
-from codegen.emit.reference_model_view import tabulate
+from codegen.emit.dynamics_view import tabulate
 from codegen.sil.software import Measurement
 from codegen.vehicle.dynamics import single_track_step
 from codegen.vehicle.plant_car import load_transfer_losses
