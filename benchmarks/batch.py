@@ -24,7 +24,7 @@ from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.software import load
 from codegen.sil.vector import FLAGS, ISAS, Isa, compiler_offers, machine_runs
-from codegen.vehicle.dynamics import plant_parameters
+from codegen.vehicle.plant_car import plant_parameters
 
 REQUIRED: dict[Isa, float | None] = {"x86-64-v4": 5000.0, "x86-64-v3": 2500.0, "none": None}
 """Required multiple of real time on one core, for the whole loop with the PI controller."""

@@ -51,7 +51,7 @@ spec, kind, first, workers = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[first : first + workers])
 from codegen.sweep.plan import read
-from codegen.sweep.campaign import run_campaign
+from codegen.sweep.engine import run_campaign
 from codegen.sweep.chunk import Work, software
 from codegen.sweep.engine import Dask, Threads
 from codegen.sweep.store import to_arrow

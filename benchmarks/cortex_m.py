@@ -18,13 +18,12 @@ from codegen.design.tune import tune
 from codegen.ecu_map.placement import Request
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
-from codegen.optimum.solve import solve_case
-from codegen.optimum.stack import solve_stack
+from codegen.optimum.solve import solve_case, solve_stack
 from codegen.verify.budgets.measure import Count, measure_step
+from codegen.verify.budgets.program import Program
 from codegen.verify.check import Effort, Subject
 from codegen.verify.packages import module
-from codegen.verify.target.cross import compile_image
-from codegen.verify.target.emulator import DATA, CortexM4
+from codegen.verify.target import DATA, Processor, compile_image
 
 CASE = "4ws-2"
 STEP_MAX = 1_500
@@ -130,7 +129,7 @@ def step_row(name: str, step: Count, at_most: int | None) -> Row:
 
 def _curve_row(candidate: Candidate, shape: Shape, points: int) -> Row:
     image = compile_image({**candidate.sources, "frame.c": FRAME}, ("frame", "curve"), ("-O2", "-fdata-sections"))
-    core = CortexM4(image)
+    core, program = Processor(image), Program(image)
     place = np.linspace(0.0, 1.0, points, endpoint=False)
     x = (2.0 * place / (1.0 - place)).astype(np.float32)
     results = DATA + x.nbytes
@@ -140,10 +139,9 @@ def _curve_row(candidate: Candidate, shape: Shape, points: int) -> Row:
     exact = shape(x.astype(np.float64))
     error, small = float(np.abs(y - exact).max()), (x > 0.0) & (x < SMALL_SLIP)
     slope = 100.0 * float(np.abs(y[small] / exact[small] - 1.0).max())
-    start = {function.name: function for function in core.functions}
-    frame = start["frame"]
+    frame = program.named("frame")
     inside = (blocks.address < frame.start) | (blocks.address >= frame.end)
-    call = np.cumsum(blocks.address == start["curve"].start) - 1
+    call = np.cumsum(blocks.address == program.named("curve").start) - 1
     counts = np.bincount(call[inside], weights=blocks.instructions[inside])
     flash = _flash_bytes(image) - (frame.end - frame.start)
     return Row(

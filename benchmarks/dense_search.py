@@ -20,8 +20,8 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.optimum.ipopt import without_shifts
 from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
-from codegen.vehicle.dynamics import WHEEL_SPEED_MIN, Model, two_track
-from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
+from codegen.vehicle.dynamics import Model, two_track
+from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres, MagicFormulaTyre
 
 BEYOND = 1.25
 """Largest slip angle of the search as a multiple of its bound, so that turns just beyond it are found too."""

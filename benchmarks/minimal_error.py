@@ -23,9 +23,8 @@ from codegen.units import KM_H
 from codegen.vehicle.dynamics import PLANT_OUTPUTS, PLANT_STATES, two_track
 from hil_sim.metrics.run import column
 from hil_sim.metrics.step import slip_bounds
-from hil_sim.suite.candidate import recommended
 from hil_sim.suite.cells import STEER_TIME, Cell, cells
-from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
+from hil_sim.suite.subjects import DELAY_SAMPLES, Subject, recommended
 
 SPEEDS_KM_H, QUICK_SHARES = (80.0, 100.0, 120.0), (0.75,)
 AFTER_S = 2.0

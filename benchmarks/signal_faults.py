@@ -18,8 +18,8 @@ from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Measurement, Software
 from codegen.units import KM_H
 from hil_sim.metrics.run import SPIN_REAR_SLIP, SPIN_SIDESLIP
-from hil_sim.suite.candidate import recommended
 from hil_sim.suite.cells import cells, front_angle
+from hil_sim.suite.subjects import recommended
 
 STEER_TIME, FAULT_TIME, DRIVER_TIME, DURATION = 0.3, 2.0, 2.2, 5.0
 """s: the driver steers in, the signal fails, the driver acts, the run ends."""

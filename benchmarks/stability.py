@@ -16,10 +16,8 @@ from codegen.optimum.solve import solve_case
 from codegen.sweep.region import ALONE_UNSTABLE, MODEL_UNSTABLE, UNEXPLAINED, confirm, region
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.background import Background
-from hil_sim.suite.candidate import RECOMMENDED_CASE
-from hil_sim.suite.cars import TYRE_MODEL
-from hil_sim.suite.random_cars import TEST_SEED, random_cars
-from hil_sim.suite.subjects import around, tuned
+from hil_sim.suite.cars import TEST_SEED, TYRE_MODEL, random_cars
+from hil_sim.suite.subjects import RECOMMENDED_CASE, around, tuned
 
 CARS, QUICK_CARS = 10, 2
 SEED = TEST_SEED

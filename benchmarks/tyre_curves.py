@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 
 from codegen.arrays import FloatArray
 from codegen.emit.text import literal
-from codegen.verify.target.cross import CORTEX_M4F, source_tree, zig
+from codegen.verify.target import CORTEX_M4F, source_tree, zig
 
 GRID = 400
 COMPRESSIONS = (0.5, 1.0, 2.0, 4.0, 8.0)

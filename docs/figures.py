@@ -28,8 +28,8 @@ from codegen.ecu_map.extend import extend  # noqa: E402
 from codegen.ecu_map.total import RULE_TEXT, Rule  # noqa: E402
 from codegen.files import write_atomically  # noqa: E402
 from codegen.map_file import map as npz  # noqa: E402
+from codegen.optimum.nonlinear import slip_use  # noqa: E402
 from codegen.optimum.problem import SteadyTurnProblem  # noqa: E402
-from codegen.optimum.slip_use import slip_use  # noqa: E402
 from codegen.optimum.solve import solve_case  # noqa: E402
 from codegen.report import style as look  # noqa: E402
 from codegen.report.plots import (  # noqa: E402
@@ -81,7 +81,7 @@ def cut() -> Figure:
 def step() -> Figure:
     """The paper's step steer: both kinds of controller, and the passive car."""
     from codegen.sil.software import load
-    from hil_sim.runs import run
+    from hil_sim.bench import run
     from hil_sim.scenarios import find
 
     paper, tracking = load(BUILD), load(RECOMMENDED)

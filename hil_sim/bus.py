@@ -16,7 +16,7 @@ from typing import Any, Self
 import can
 
 from codegen.errors import CodegenError, one_line
-from hil_sim.frames import Frame
+from hil_sim.codec import Frame
 
 LOCAL_INTERFACES = ("virtual", "socketcan", "udp_multicast")
 """Interfaces without hardware, or whose bit rate is set elsewhere."""

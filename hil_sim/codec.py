@@ -9,6 +9,8 @@ is not. With this, bench and controller see the same bits.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,7 +22,27 @@ from codegen.configuration.signals import RearSteerCommand as RearSteerCommand
 from codegen.configuration.signals import VehicleConditions as VehicleConditions
 from codegen.configuration.signals import VehicleMotion as VehicleMotion
 from codegen.configuration.signals import signals_of
+from codegen.emit import can_view
 from codegen.emit.text import Precision, numpy_type
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A classical CAN frame.
+
+    Attributes:
+        id: 11 or 29 bits.
+        data: 0 to 8 bytes.
+        time: s since the start of the run; 0.0 if unknown.
+        extended, remote, error: kind of the frame; all false for frames between controller and car.
+    """
+
+    id: int
+    data: bytes
+    time: float = 0.0
+    extended: bool = False
+    remote: bool = False
+    error: bool = False
 
 
 class _Codes:
@@ -142,3 +164,13 @@ class Codec:
         """Return the contents of a frame by its 11-bit id; None for a frame of another node or with other than eight bytes."""
         role = self._roles.get(identifier)
         return None if role is None or len(data) != FRAME_BYTES else self._layouts[role].decode(data)
+
+
+DIAGNOSTICS: Mapping[int, tuple[str, str]] = {cause.bit: (cause.name, cause.words) for cause in can_view.DIAGNOSTICS}
+"""Bit: name as in the generated C, and a few words."""
+
+
+def causes(diagnostics: int) -> tuple[str, ...]:
+    """Return the texts of the bits that are set, from the lowest; "bit 20" for one without a name."""
+    bits = [bit for bit in range(diagnostics.bit_length()) if diagnostics >> bit & 1]
+    return tuple(DIAGNOSTICS[bit][1] if bit in DIAGNOSTICS else f"bit {bit}" for bit in bits)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from codegen.sil.software import Software, Task
 from hil_sim.bus import Bus
-from hil_sim.frames import Frame
+from hil_sim.codec import Frame
 
 SILENCE_PERIODS = 4
 """Periods without a frame of the car after which the timer synchronises with the next complete set."""

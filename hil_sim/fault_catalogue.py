@@ -19,7 +19,7 @@ from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim import manoeuvres
 from hil_sim.bench import BenchResult
 from hil_sim.clocks import FREE_RUNNING, IN_STEP, Clocks
-from hil_sim.diagnostics import causes
+from hil_sim.codec import causes
 from hil_sim.faults import Fault, FaultKind
 from hil_sim.manoeuvres import Settings
 from hil_sim.scenarios import Scenario

@@ -11,8 +11,8 @@ from typing import Literal
 
 from codegen.configuration.can import Can, Message, RealSignal
 from codegen.errors import CodegenError, suggestion
+from hil_sim.codec import Frame
 from hil_sim.e2e import protect
-from hil_sim.frames import Frame
 
 FaultKind = Literal[
     "drop",

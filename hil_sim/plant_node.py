@@ -9,17 +9,53 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from codegen.configuration import Config
+import numpy as np
+
+from codegen.configuration import Config, Sensor, Sensors
 from codegen.configuration.signals import RECORDED, signals_of
 from codegen.emit.text import Precision
 from codegen.sil.plant import Plant, PlantInput, PlantSample
 from codegen.sil.software import RECORD_COLUMNS, Status
-from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
+from hil_sim.codec import Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.e2e import E2eStatus, Receiver, next_counter, protect
 from hil_sim.faults import Injector
-from hil_sim.frames import Frame
 from hil_sim.scenarios import Scenario
-from hil_sim.sensors import SensorModel
+
+SIGNALS = ("speed", "front_angle", "yaw_rate", "rear_angle", "lateral_acceleration")
+
+
+class SensorModel:
+    """All sensors of one run.
+
+    Args:
+        sensors: their settings.
+        seed: of the noise; the same seed gives the same run.
+    """
+
+    def __init__(self, sensors: Sensors, seed: int = 0) -> None:
+        streams = np.random.default_rng(seed).spawn(
+            len(SIGNALS)
+        )  # so that the settings of one sensor do not affect the noise of others
+        self._models = {name: _Model(getattr(sensors, name), stream) for name, stream in zip(SIGNALS, streams, strict=True)}
+
+    def measure(self, name: str, value: float) -> float:
+        """Return the measured value of the signal `name` in SI units. Call it once a sample."""
+        return self._models[name].measure(value)
+
+
+class _Model:
+    def __init__(self, sensor: Sensor, stream: np.random.Generator) -> None:
+        self._noise, self._step = sensor.noise, sensor.resolution
+        self._stream = stream
+        self._waiting: deque[float] = deque(maxlen=sensor.delay_samples + 1)
+
+    def measure(self, value: float) -> float:
+        self._waiting.append(value)
+        result = self._waiting[0]  # until the queue is full: the first one
+        if self._noise > 0.0:
+            result += self._noise * float(self._stream.standard_normal())
+        return self._step * round(result / self._step) if self._step > 0.0 else result
+
 
 USABLE = (E2eStatus.OK, E2eStatus.INITIAL, E2eStatus.OK_SOME_LOST)
 """Checks after which the data of a frame are used, as in the generated task."""

@@ -30,8 +30,7 @@ from pydantic import AfterValidator, Field, ValidationError
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config, parse_toml
-from codegen.configuration.faults import Location, first_fault
-from codegen.configuration.section import Range, Section, check_name
+from codegen.configuration.section import Location, Range, Section, check_name, first_fault
 from codegen.errors import CodegenError, suggestion
 from codegen.files import read_text
 from codegen.sil.software import RECORD_COLUMNS

@@ -17,11 +17,10 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import CodegenError, suggestion
 from codegen.sil.closed_loop import INPUT_COLUMNS
-from hil_sim import manoeuvres, paths
+from hil_sim import manoeuvres
 from hil_sim.clocks import IN_STEP, Clocks
 from hil_sim.faults import Fault
-from hil_sim.manoeuvres import Manoeuvre, Settings
-from hil_sim.paths import PathOf, PreviewDriver, RoadPath
+from hil_sim.manoeuvres import Manoeuvre, PathOf, PreviewDriver, RoadPath, Settings
 
 DEFAULT = "step-steer"
 
@@ -276,7 +275,7 @@ PATH_SCENARIOS: Mapping[str, Scenario] = {
             settings=Settings(speed_km_h=60.0),
             angle_text="by a driver",
             adjustable=_FOLLOWED,
-            path=paths.double_lane_change,
+            path=manoeuvres.double_lane_change,
         ),
         Scenario(
             name="slalom",
@@ -290,7 +289,7 @@ PATH_SCENARIOS: Mapping[str, Scenario] = {
             settings=Settings(speed_km_h=80.0),
             angle_text="by a driver",
             adjustable=_FOLLOWED,
-            path=paths.slalom,
+            path=manoeuvres.slalom,
         ),
     )
 }

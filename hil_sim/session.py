@@ -157,10 +157,10 @@ def ecu_of(build: Path, address: BusAddress, kind: EcuKind, *, lock_step: bool, 
     check_xcp(kind, xcp=xcp)
     if kind == "native":
         check_native(address)
-        from hil_sim import native
+        from hil_sim import ecu_process
 
         options = {"lock_step": lock_step, "xcp": xcp}
-        return EcuProcess(native.command(build, address.channel, parent=os.getpid(), **options))
+        return EcuProcess(ecu_process.command(build, address.channel, parent=os.getpid(), **options))
     if address.interface == "virtual":
         from codegen.sil.software import load
 

@@ -21,8 +21,7 @@ from codegen.emit.folder import Folder, render_manifest
 from codegen.emit.text import Precision
 from codegen.map_file import map as refmap
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.solve import solve_case
-from codegen.optimum.stack import solve_stack
+from codegen.optimum.solve import solve_case, solve_stack
 from codegen.sil.software import Measurement, Software, compile_build
 from tests import shared
 

@@ -32,9 +32,9 @@ from codegen.sil.software import RECORD_COLUMNS
 from codegen.sil.toolchain import compiler_command
 from codegen.sweep import spec
 from hil_sim import scenario_files
-from hil_sim.frames import Frame
+from hil_sim.codec import Frame
 from hil_sim.logs import BusLog
-from hil_sim.suite import limits
+from hil_sim.suite import requirements
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "generated" / "4ws2-paper"
@@ -132,7 +132,7 @@ def loaders() -> Mapping[str, Loader]:
         "text table": Loader("table.csv", _table(), _map),
         "tyre": Loader("tyre.tir", tyre, _tyre),
         "MATLAB file": Loader("map.mat", _mat(), _map, 0.02),
-        "limits": Loader("limits.toml", b"overshoot_percent = 5.0\ninstructions = 1320\n", limits.load),
+        "limits": Loader("limits.toml", b"overshoot_percent = 5.0\ninstructions = 1320\n", requirements.load),
         "faults": Loader("faults.json", _faults(), _report_input),
         "program": Loader("program", _written("program", _program), Elf.read, 0.5),
     }

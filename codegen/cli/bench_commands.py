@@ -115,7 +115,7 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
 def plant(config_path: Path | None, **given: Any) -> None:
     """Run the simulated car on a bus for any ECU: send its frames, obey the commands."""
     from codegen.cli.bench_report import live_view
-    from codegen.map_file.choose import choose_config
+    from codegen.map_file.map import choose_config
     from hil_sim.session import passive, run_plant
 
     chosen = Choices(**given)
@@ -155,10 +155,10 @@ def ecu(build_path: Path, bus: str, kind: str | None, lock_step: bool, xcp: bool
         kind = "native" if address.interface == "socketcan" and sys.platform == "linux" else "cffi"
     check_xcp(kind, xcp=xcp)
     if kind == "native":
-        from hil_sim import native
+        from hil_sim import ecu_process
 
         check_native(address)
-        command = native.command(build_path, address.channel, lock_step=lock_step, xcp=xcp)
+        command = ecu_process.command(build_path, address.channel, lock_step=lock_step, xcp=xcp)
         sys.stdout.flush()
         os.execv(command[0], command)  # replaces this process
     _serve(build_path, address, lock_step, parent)
@@ -212,10 +212,9 @@ def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: boo
     from codegen.report.fault_table import HEADER, fault_data, fault_rows
     from codegen.sil.software import load
     from codegen.text_table import text_table
-    from hil_sim.bench import BenchResult
+    from hil_sim.bench import BenchResult, run_through_can
     from hil_sim.bus import BusAddress
     from hil_sim.fault_catalogue import run_all
-    from hil_sim.runs import run_through_can
     from hil_sim.scenarios import Scenario
     from hil_sim.session import BuildFacts, Setup, run_hil
 

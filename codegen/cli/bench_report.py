@@ -93,8 +93,8 @@ class Outputs:
         from codegen.report.bench_summary import bus_facts, bus_lines
         from codegen.report.summary import metric_rows
         from codegen.text_table import text_table
+        from hil_sim.logs import save_csv
         from hil_sim.metrics import Run, evaluate, verdict
-        from hil_sim.recording import save_csv
 
         evaluation, period = evaluate(scenario, config, runs, look_up), config.controller.sampling_time_s
         controlled = next(iter(evaluation.runs.values()))

@@ -81,7 +81,7 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     from codegen.emit.outputs import check_output
     from codegen.files import write_atomically
     from codegen.sil.software import require_can_side
-    from codegen.verify import record, requirements, runner, table
+    from codegen.verify import record, requirements, runner
     from codegen.verify.check import Effort, Subject, Verdict
 
     check_output(json_file, ".json", (build,))
@@ -96,8 +96,8 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
         write_atomically(json_file, record.render(report))
     if requirements_file is not None:
         write_atomically(requirements_file, requirements.table(report.outcomes, subject.prefix))
-    console.say(table.table(report))
-    for line in table.findings(report):
+    console.say(record.table(report))
+    for line in record.findings(report):
         console.say(line)
     if record.write(report, build):
         console.say(f"written: {build / record.JSON}, {build / record.MANUAL}")

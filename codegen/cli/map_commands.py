@@ -75,9 +75,8 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
     """Solve the optimisation of one case on the configured grid and write the map."""
     from codegen.emit.outputs import check_output
     from codegen.map_file import map as npz
-    from codegen.map_file.choose import choose_config
-    from codegen.optimum.solve import Method, solve_case
-    from codegen.optimum.stack import solve_stack
+    from codegen.map_file.map import choose_config
+    from codegen.optimum.solve import Method, solve_case, solve_stack
     from codegen.plausibility.car import Handling, car_warnings
     from codegen.plausibility.map import MapFacts, map_warnings
     from codegen.report.summary import map_summary
@@ -148,9 +147,9 @@ def build(
     as_json: bool,
 ) -> None:
     """Generate the C of a map: controller, lookup, dynamics, CMake, README, manifest."""
+    from codegen.emit.evidence import placement_line, placement_summary
     from codegen.emit.folder import differences
     from codegen.emit.from_files import prepare
-    from codegen.emit.placement import placement_line, placement_summary
     from codegen.emit.text import Precision
     from codegen.emit.write import check_target, write_folder
     from codegen.plausibility.check import all_warnings

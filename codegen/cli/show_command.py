@@ -83,7 +83,7 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
 def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: Path | None, as_json: bool) -> None:
     """Print the changes from one map to another."""
     from codegen.map_file import map as npz
-    from codegen.optimum.slip_use import slip_use
+    from codegen.optimum.nonlinear import slip_use
     from codegen.report.map_difference import CAR_HEADER, DIFFERENCE_HEADER, POINT_HEADER, caveats, map_difference, same_car
     from codegen.text_table import text_table
 
@@ -127,7 +127,7 @@ def _show_flash(
     """Print the flash size of chosen breakpoints, for the kind of controller of the configuration."""
     from codegen.ecu_map.placement_sweep import flash_table
     from codegen.emit.laws import law_of
-    from codegen.map_file.choose import choose_config
+    from codegen.map_file.map import choose_config
     from codegen.report.flash import HEADER, flash_dict, flash_figure, flash_headline, flash_rows
     from codegen.text_table import text_table
 

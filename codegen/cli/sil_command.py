@@ -67,7 +67,7 @@ class Choices:
     def drive(self, software: Software, scenario: Scenario) -> tuple[Record, BenchResult | None]:
         """Return a recording of a controller, and the bus statistics if the run uses frames."""
         from hil_sim import third_plant
-        from hil_sim.runs import run, run_through_can
+        from hil_sim.bench import run, run_through_can
 
         if self.plant == "roll":
             return third_plant.run(software, software.config, scenario, seed=self.seed), None
@@ -79,7 +79,7 @@ class Choices:
     def passive(self, software: Software, scenario: Scenario) -> Record:
         """Return a recording of the same car with its rear wheels straight."""
         from hil_sim import third_plant
-        from hil_sim.runs import run
+        from hil_sim.bench import run
 
         if self.plant == "roll":
             return third_plant.run(None, software.config, scenario, seed=self.seed)
@@ -221,7 +221,7 @@ def _run_scenario(chosen: Choices) -> None:
 
 def _baselines(chosen: Choices, software: Software, scenario: Scenario) -> dict[str, Record]:
     """Return name -> recording of the baselines, built in memory for the build's car and simulated on the car of `software`."""
-    from hil_sim.suite.candidate import of_folder
+    from hil_sim.suite.subjects import of_folder
 
     with console.progress("baselines") as steps:
         comparison = of_folder(chosen.build_path).comparison(steps)

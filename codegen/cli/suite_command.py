@@ -13,7 +13,7 @@ from codegen.files import resolved
 
 if TYPE_CHECKING:
     from hil_sim.suite.cars import CarsResult
-    from hil_sim.suite.limits import Limits
+    from hil_sim.suite.requirements import Limits
     from hil_sim.suite.tracking import SuiteResult
 
 SUITES = ("tracking", "cars")
@@ -72,9 +72,9 @@ def check_suite(suite: str) -> None:
 
 def _limits(path: Path | None) -> Limits:
     """Return the limits of a file, or the defaults. Raises CodegenError."""
-    from hil_sim.suite import limits
+    from hil_sim.suite import requirements
 
-    return limits.Limits() if path is None else limits.load(path)
+    return requirements.Limits() if path is None else requirements.load(path)
 
 
 def run_cars_command(
@@ -87,8 +87,7 @@ def run_cars_command(
         CodegenError: an option that this suite does not support.
     """
     from codegen.report.suite_tables import car_failures, car_sections
-    from hil_sim.suite.cars import run_cars
-    from hil_sim.suite.random_cars import DEVELOPMENT_SEED
+    from hil_sim.suite.cars import DEVELOPMENT_SEED, run_cars
 
     if build_path is not None:
         raise CodegenError("the cars of this suite have builds of their own", where="--build", remedy="leave it out")
@@ -119,8 +118,8 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
     """
     from codegen.cli.bench_report import note_edited
     from codegen.report.suite_tables import failures, sections
-    from hil_sim.suite.candidate import of_folder, recommended
     from hil_sim.suite.full_suite import run_full_suite
+    from hil_sim.suite.subjects import of_folder, recommended
 
     outputs.check()
     limits = _limits(limits_path)

@@ -89,7 +89,7 @@ def _refuse(what: str, given: dict[str, Any]) -> None:
 
 def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | None, spec: Path, as_json: bool) -> None:
     from codegen.cli.bench_report import note_edited
-    from codegen.sweep.campaign import run_campaign
+    from codegen.sweep.engine import run_campaign
     from codegen.sweep.summary import summarise
 
     for controller in plan.controllers:

@@ -20,9 +20,8 @@ if TYPE_CHECKING:
     from codegen.design.margins import Weakest
     from codegen.design.tune import Design
     from codegen.map_file.map import ReferenceMap
-    from codegen.tuning.fail_safe import FailSafeRate
     from codegen.tuning.transient import Response
-    from codegen.tuning.tune import Tuned
+    from codegen.tuning.tune import FailSafeRate, Tuned
 
 MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid")
 """Tables of the configuration from which a map is solved. Storing other ones in the map would misdescribe it."""
@@ -62,7 +61,7 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     from codegen.design.margins import gains_of, weakest
     from codegen.emit.outputs import check_output
     from codegen.map_file import map as npz
-    from codegen.map_file.choose import choose_config
+    from codegen.map_file.map import choose_config
     from codegen.plausibility.build import schedule_warnings
     from codegen.plausibility.car import car_warnings
     from codegen.plausibility.map import map_warnings
@@ -126,7 +125,7 @@ def _check_same_origin(reference_map: ReferenceMap, config: Config, config_path:
 def _stability_note(made: Tuned) -> str:
     """Return a warning if computed and simulated stability of the tuned loop disagree; else, or without a simulation, ""."""
     from codegen.sweep.region import confirm_with, region
-    from codegen.tuning.fail_safe import tuned_parameters
+    from codegen.tuning.tune import tuned_parameters
 
     linear = region(made.config)
     if made.software is None or linear is None:

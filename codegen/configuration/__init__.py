@@ -14,11 +14,22 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, mo
 
 from codegen.configuration.budgets import Budgets
 from codegen.configuration.can import Can, RealSignal
-from codegen.configuration.car import Case, Grid, Limits, Plant, RearActuator, Road, Steering, Tyre, Tyres, Vehicle
+from codegen.configuration.car import (
+    Case,
+    Grid,
+    Limits,
+    Plant,
+    RearActuator,
+    Road,
+    Sensor,
+    Sensors,
+    Steering,
+    Tyre,
+    Tyres,
+    Vehicle,
+)
 from codegen.configuration.controller import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
-from codegen.configuration.faults import first_fault
-from codegen.configuration.section import Meaning, Section, check_name
-from codegen.configuration.sensors import Sensor, Sensors
+from codegen.configuration.section import Meaning, Section, check_name, first_fault
 from codegen.errors import CodegenError, ConfigError, suggestion
 from codegen.files import read_text
 from codegen.units import KM_H

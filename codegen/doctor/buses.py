@@ -82,7 +82,7 @@ def multicast() -> Finding:
     )
     try:
         from hil_sim.bus import Bus, BusAddress
-        from hil_sim.frames import Frame
+        from hil_sim.codec import Frame
 
         sent = Frame(FRAME_ID, os.urandom(8), extended=True)
         address = BusAddress.parse(f"udp_multicast:{GROUP}")

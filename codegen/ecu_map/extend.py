@@ -28,7 +28,7 @@ from codegen.configuration import Config
 from codegen.ecu_map.total import RULE_TEXT, CapSteering, Rule, TotalMap
 from codegen.errors import MapError
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.stack import layer_configs
+from codegen.optimum.solve import layer_configs
 from codegen.optimum.turns import Edge, SteadyTurns, turns_behind
 from codegen.vehicle.single_track import SingleTrack
 

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.arrays import FloatArray
-from codegen.ecu_map.axis import Axis
+from codegen.ecu_map.storage import Axis
 from codegen.ecu_map.total import CapSteering, TotalMap
 
 Real = type[np.float32] | type[np.float64]

@@ -19,7 +19,7 @@ from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.storage import Real
 from codegen.ecu_map.total import TotalMap
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.stack import layer_configs
+from codegen.optimum.solve import layer_configs
 from codegen.optimum.turns import turns_of
 from codegen.units import KM_H
 from codegen.vehicle.dynamics import single_track

@@ -15,11 +15,20 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.ecu_map.placement_axes import POINTS_MAX, Axes, Cost, Search, Spacing
+from codegen.ecu_map.placement_axes import (
+    POINTS_MAX,
+    Axes,
+    Cost,
+    Search,
+    Spacing,
+    TableLayout,
+    grip_layout,
+    reference_layout,
+    yaw_rate_layout,
+)
 from codegen.ecu_map.placement_error import ErrorEstimator, MeasuredError
 from codegen.ecu_map.reference_surface import Origin, ReferenceSurface, SurfaceLayer, reference_surface_of, rule_at
 from codegen.ecu_map.storage import Real, Scales, Storage, raw_of, scale_of, table_bytes, values_of
-from codegen.ecu_map.table_layout import TableLayout, grip_layout, reference_layout, yaw_rate_layout
 from codegen.ecu_map.total import GripTable, TotalMap
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap

@@ -11,10 +11,9 @@ import numpy.typing as npt
 
 from codegen.arrays import FloatArray
 from codegen.ecu_map.lookup import Lookup
-from codegen.ecu_map.placement_axes import Axes, Lattice
+from codegen.ecu_map.placement_axes import Axes, Lattice, gain_of
 from codegen.ecu_map.reference_surface import Pair, ReferenceSurface, above_zero
 from codegen.ecu_map.storage import Real
-from codegen.ecu_map.table_layout import gain_of
 from codegen.ecu_map.total import TotalMap
 
 PLACES, ROUNDS, SIDE, CLOSER = 24, 3, 9, 0.25

@@ -31,7 +31,7 @@ from codegen.map_file.tables import PLAUSIBLE
 from codegen.optimum import exact
 from codegen.optimum.nonlinear import NonlinearTurns
 from codegen.optimum.problem import SteadyTurnProblem
-from codegen.optimum.stack import layer_configs
+from codegen.optimum.solve import layer_configs
 from codegen.optimum.turns import Edge, LinearTurns, Solution, SteadyTurns, passively_feasible, turns_of
 
 Pair = tuple[FloatArray, FloatArray]

@@ -13,13 +13,12 @@ from codegen.configuration.signals import STATUSES, signals_of
 from codegen.ecu_map.storage import RAW_MAX
 from codegen.emit.can_view import CanView
 from codegen.emit.controller_view import ControllerView
-from codegen.emit.filters import unit as unit_before
 from codegen.emit.inputs_view import InputsView
 from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView, TableView
 from codegen.emit.parameters import Field, ParameterView
-from codegen.emit.text import Precision
-from codegen.emit.units import NONE, UNITS, Unit, unit_of_comment
+from codegen.emit.render import unit as unit_before
+from codegen.emit.text import NONE, UNITS, Precision, Unit, unit_of_comment
 
 REAL_FORMAT, COUNT_FORMAT = "%12.6", "%10.0"
 REACH = {"m/s": 1000.0, "rad": math.tau, "rad/s": 100.0, "m/s^2": 1000.0}

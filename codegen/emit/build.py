@@ -19,30 +19,25 @@ from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import Lookup, error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
 from codegen.emit.a2l_view import a2l_view
-from codegen.emit.can_view import can_view, task_view
+from codegen.emit.can_view import can_view, task_view, xcp_timing
 from codegen.emit.checksum_view import ChecksumView, checksum_view
 from codegen.emit.constants import constants_of
 from codegen.emit.contracts.files import contract_files
 from codegen.emit.controller_view import controller_view
 from codegen.emit.deviations import FILE as DEVIATIONS
 from codegen.emit.deviations import deviations
-from codegen.emit.dynamics_view import DynamicsView, dynamics_view
-from codegen.emit.evidence import Evidence, margins_text
+from codegen.emit.dynamics_view import DynamicsView, dynamics_view, reference_model_view
+from codegen.emit.evidence import Evidence, grip_facts, margins_text, placement_facts, placement_text, request_facts
 from codegen.emit.inputs_view import inputs_view
 from codegen.emit.laws import law_of
-from codegen.emit.limiter_cut import cut_text
-from codegen.emit.limiter_view import limiter_view
+from codegen.emit.limiter_view import cut_text, limiter_view
 from codegen.emit.map_view import MapView, map_view
-from codegen.emit.placement import grip_facts, placement_facts, placement_text, request_facts
-from codegen.emit.reference_model_view import reference_model_view
 from codegen.emit.render import render, verbatim
-from codegen.emit.sbom import FILE as SBOM
-from codegen.emit.sbom import sbom
 from codegen.emit.symbols import symbols_of
-from codegen.emit.take_over import take_over_files
+from codegen.emit.take_over import FILE as SBOM
+from codegen.emit.take_over import sbom, take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.write import Folder
-from codegen.emit.xcp_timing import xcp_timing
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
 from codegen.units import KM_H

@@ -11,11 +11,11 @@ import numpy as np
 
 from codegen.configuration import Config
 from codegen.emit.controller_view import ControllerView, controller_parameters
+from codegen.emit.dynamics_view import ReferenceModelView
 from codegen.emit.inputs_view import InputsView, inputs_parameters
 from codegen.emit.limiter_view import LimiterView, limiter_parameters
 from codegen.emit.map_view import MapView
 from codegen.emit.parameters import Parameter, ParameterView
-from codegen.emit.reference_model_view import ReferenceModelView
 from codegen.emit.text import Precision, numpy_type
 
 

@@ -14,8 +14,7 @@ from codegen.emit.text import Precision
 from codegen.errors import within
 from codegen.map_file import archive
 from codegen.map_file import map as npz
-from codegen.map_file.choose import Chosen, choose_config
-from codegen.map_file.map import ReferenceMap
+from codegen.map_file.map import Chosen, ReferenceMap, choose_config
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from codegen.ecu_map.axis import Axis
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import AxisConstants, Lookup
-from codegen.ecu_map.storage import raw_of
+from codegen.ecu_map.storage import Axis, raw_of
 from codegen.emit.text import Precision, c_type, lines_of, literal
 from codegen.errors import MapError
 from codegen.map_file.tables import PLAUSIBLE

@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from codegen.configuration import Config, parse
 from codegen.configuration.section import Range
 from codegen.errors import CodegenError, ConfigError
-from codegen.map_file.road import on_road
+from codegen.map_file.map import on_road
 from codegen.units import KM_H
 
 Group = Literal["map", "controller", "step"]

@@ -4,7 +4,7 @@
 |---|---|---|---|
 | `.mf4` | asammdf, ASAM MDF 4.1 | unit and comment of the channel | uint8, with a conversion from value to text |
 | `.parquet` | pyarrow | the file's metadata, key `columns`, JSON | uint8, its names in the metadata |
-| `.csv` | `hil_sim.recording` | the unit in the name | whole number |
+| `.csv` | `hil_sim.logs` | the unit in the name | whole number |
 
 All other columns are float64. The scenario's title is in the comment of the MF4's channel group and in the metadata of a
 Parquet file, key `scenario`. Files contain no clock time and no path, so equal runs give equal bytes with the same packages.
@@ -29,8 +29,7 @@ from codegen.configuration.signals import RECORDED
 from codegen.errors import CodegenError
 from codegen.files import write_atomically
 from codegen.sil.software import RECORD_COLUMNS, Status
-from hil_sim.log_formats import EPOCH
-from hil_sim.recording import to_csv
+from hil_sim.logs import EPOCH, to_csv
 
 
 @dataclass(frozen=True)

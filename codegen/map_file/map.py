@@ -22,16 +22,42 @@ from typing import Any
 
 import numpy as np
 
-from codegen import __version__
+from codegen import __version__, configuration
 from codegen.arrays import AnyArray, BoolArray, FloatArray
-from codegen.configuration import Config, check_name, parse
+from codegen.configuration import Config, Controller, check_name, parse
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.files import write_atomically
 from codegen.map_file import archive, tables
 from codegen.map_file.bounds import Binding
-from codegen.map_file.road import on_road
 from codegen.map_file.tables import KEYS, UNITS, BindingArray
 from codegen.units import GRAVITY
+from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
+
+
+def on_road(config: Config, friction: float) -> Config:
+    """Return the configuration of the same car for a map with the design friction `friction`.
+
+    The tyre itself must not change with the road: B stays what it is at the friction of `config` and the peak D goes with the
+    friction, so cornering stiffness goes with it too, and the slip bound stays. Another `road.friction` alone would give a tyre
+    of given cornering stiffness another B; so the tyres are given by B here. On the road of `config` the forces are the same.
+
+    Raises:
+        ConfigError: the friction (or B) is none that a configuration may have.
+    """
+    tyres = {}
+    for axle, load in zip(("front", "rear"), static_wheel_loads(config), strict=True):
+        tyre = getattr(config.tyre, axle)
+        factor = MagicFormulaTyre.from_config(tyre, load, config.road.friction).stiffness_factor
+        tyres[axle] = tyre.model_copy(update={"cornering_stiffness_n_per_rad": None, "stiffness_factor_b_per_rad": factor})
+    changed = config.model_copy(
+        update={
+            "road": config.road.model_copy(update={"friction": friction}),
+            "tyre": config.tyre.model_copy(update=tyres),
+        }
+    )
+    # Copies are unchecked, and this one may end in a file.
+    return parse(changed.model_dump(mode="json"), f"on a road of friction {friction:g}")
+
 
 __all__ = ["Binding", "FrictionLayer", "ReferenceMap", "from_arrays", "from_bytes", "load", "make_meta", "save", "to_bytes"]
 
@@ -233,7 +259,7 @@ def _stacked(reference_map: ReferenceMap, where: object) -> dict[str, AnyArray]:
             raise MapError(
                 "this layer does not have the axes and the tables of the map",
                 where=f"{where}: friction[{index}]",
-                remedy="make it with optimum.stack.solve_stack",
+                remedy="make it with optimum.solve.solve_stack",
             )
     arrays = {"friction": np.array([layer.friction for layer in reference_map.layers], dtype=np.float64)}
     for key, name in attributes.items():
@@ -301,3 +327,40 @@ def _check_case(case: object, place: str) -> None:
     except ValueError as error:
         what, _, remedy = str(error).partition("; ")
         raise MapError(what, where=place, remedy=remedy) from error
+
+
+PRESET_NOTE = "the map brings no configuration: the paper's car and the paper's PI, with a rate limit, are taken"
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The chosen configuration, its source ("map", "preset" or a file name), and notes for the user."""
+
+    config: Config
+    source: str
+    notes: tuple[str, ...] = ()
+
+
+def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) -> Chosen:
+    """Return the configuration of the given file, else the map's own, else the paper's preset. Raises ConfigError."""
+    own = reference_map.config if reference_map is not None else None
+    if config_path is not None:
+        config = configuration.load(config_path)
+        notes = _borrowed(config)
+        if own is not None and (own.vehicle, own.tyre, own.road) != (config.vehicle, config.tyre, config.road):
+            notes += (f"{config_path.name} describes another car than the map was solved for; the map is taken as it is",)
+        return Chosen(config, config_path.name, notes)
+    if own is not None:
+        return Chosen(own, "map")
+    paper = configuration.preset()
+    if reference_map is None:
+        return Chosen(paper, "preset")
+    # The paper's controller belongs to the paper's maps; another table gets the one with its rate limit on.
+    return Chosen(paper.model_copy(update={"controller": Controller(kind="pi")}), "preset", (PRESET_NOTE,))
+
+
+def _borrowed(config: Config) -> tuple[str, ...]:
+    """Return a note if data of the car are missing and replaced by those of the paper's car."""
+    missing = [f"vehicle.{key}" for key in type(config.vehicle).model_fields if key not in config.vehicle.model_fields_set]
+    missing += [f"tyre.{axle}" for axle in type(config.tyre).model_fields if axle not in config.tyre.model_fields_set]
+    return (f"not given, so the paper's car stands in: {', '.join(missing)}",) if missing else ()

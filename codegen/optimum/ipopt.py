@@ -23,7 +23,8 @@ from codegen.map_file.bounds import BOUNDS, TurnQuantities
 from codegen.optimum.exact import Solution, binding
 from codegen.optimum.problem import STABILITY_MARGIN, SteadyTurnProblem
 from codegen.units import KM_H
-from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, WHEEL_SPEED_MIN, TyreModel, single_track, two_track
+from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, TyreModel, single_track, two_track
+from codegen.vehicle.tyre import WHEEL_SPEED_MIN
 
 STABILITY_SCALE = 100.0
 """Divisor of the stability constraint, in determinants of a neutral car. It exceeds every turn's, so only one side binds."""

@@ -22,8 +22,7 @@ import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray, IndexArray
 from codegen.configuration import Config
-from codegen.optimum.brackets import shrink
-from codegen.optimum.nonlinear_arrays import Slips, Turns, replace_turns
+from codegen.optimum.nonlinear_arrays import Slips, Turns, replace_turns, shrink
 from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
 from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres, MagicFormulaTyre, load_transfer_per_lateral_acceleration
 

@@ -1,17 +1,24 @@
-"""Solve one case of a configuration on its grid: the entry to both solvers."""
+"""Solve one case of a configuration on its grid, for the friction of the road or a stack of maps for several frictions.
+
+The map itself is the one for `road.friction`; the layers of a stack are for lower frictions (see `map_file.map`), each solved
+as if the road were like that (see `map_file.map.on_road`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import Config
-from codegen.errors import MapError
-from codegen.map_file.map import ReferenceMap, make_meta
+from codegen.errors import CodegenError, ConfigError, MapError
+from codegen.map_file import archive, tables
+from codegen.map_file.map import FrictionLayer, ReferenceMap, make_meta, on_road
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import Solution, passively_feasible, turns_of
 
@@ -79,3 +86,105 @@ def _keep(solution: Solution, kept: npt.NDArray[np.bool_]) -> Solution:
     )
     active = np.where(kept, solution.active, np.uint8(0))
     return replace(solution, yaw_rate=yaw_rate, sideslip=sideslip, rear_angle=rear_angle, feasible=kept, active=active)
+
+
+__all__ = ["layer_configs", "lower_frictions", "on_road", "solve_stack"]
+
+CELL_BYTES = 3 * 8 + 2
+"""Size of a solved cell in a file: three tables of float64 and two of one byte."""
+
+DESIGN_TOLERANCE = 1e-9
+
+OPTION = "--friction"
+
+
+def solve_stack(
+    config: Config,
+    case: str,
+    friction: Sequence[float],
+    method: Method = "exact",
+    progress: Callable[[int, int], None] | None = None,
+) -> ReferenceMap:
+    """The optimal maps of a case for several frictions: the map of `road.friction` with the others as its layers.
+
+    Args:
+        friction: in any order, two or more; the largest is `road.friction` (see `lower_frictions`).
+        method, progress: as for `solve_case`; progress counts the cells of all maps.
+
+    Raises:
+        ConfigError: bad frictions; no such case; or a grid beyond the critical speed that an oversteering car has on one of the
+            roads (it falls with the friction).
+        MapError: no operating point of the grid is feasible at one of the frictions, or the file would be too large.
+    """
+    lower = lower_frictions(config, friction)
+    speed, front_angle = breakpoints(config)
+    maps = len(lower) + 1
+    archive.check_size(maps * speed.size * front_angle.size * CELL_BYTES, archive.UNPACKED_BYTES_MAX, OPTION)
+
+    def part(index: int) -> Callable[[int, int], None] | None:
+        return None if progress is None else lambda done, total: progress(index * total + done, maps * total)
+
+    base = solve_case(config, case, method, part(0))
+    layers = tuple(
+        FrictionLayer(value, _solve_layer(config, case, value, method, part(index)))
+        for index, value in enumerate(lower, start=1)
+    )
+    return replace(base, layers=layers)
+
+
+def _solve_layer(
+    config: Config, case: str, friction: float, method: Method, progress: Callable[[int, int], None] | None
+) -> ReferenceMap:
+    try:
+        return solve_case(on_road(config, friction), case, method, progress)
+    except CodegenError as error:
+        remedy = f"{error.remedy}, or leave this friction out"
+        raise type(error)(error.what, where=f"friction {friction:g}: {error.where}", remedy=remedy) from error
+
+
+def lower_frictions(config: Config, friction: Sequence[float]) -> tuple[float, ...]:
+    """Return the frictions of the layers in rising order: all but the largest, which is that of the map itself.
+
+    Raises:
+        ConfigError: fewer than two or too many, one outside the plausible range, two too close together, or the largest is not
+            `road.friction`.
+    """
+    rising = sorted(friction, key=lambda value: (math.isnan(value), value))
+    design, limits = config.road.friction, tables.PLAUSIBLE["friction"]
+    if len(rising) < 2:
+        remedy = f"list lower ones with the map's own, such as 0.5,{design:g}, or leave {OPTION} out"
+        raise ConfigError(f"{len(rising) or 'no'} friction, where two or more make a stack", where=OPTION, remedy=remedy)
+    if len(rising) > tables.MAX_LAYERS + 1:
+        raise ConfigError(f"{len(rising)} frictions", where=OPTION, remedy=f"list at most {tables.MAX_LAYERS + 1}")
+    for value in rising:
+        if not limits.low <= value <= limits.high:
+            raise ConfigError(f"{value:g} is outside {limits.low:g} to {limits.high:g}", where=OPTION, remedy=limits.if_low)
+    for left, right in pairwise(rising):
+        if right - left < tables.FRICTION_STEP_MIN - tables.FRICTION_STEP_SLACK:
+            what = f"{right:.9g} is there twice" if left == right else f"{left:.9g} and {right:.9g} are too close together"
+            raise ConfigError(what, where=OPTION, remedy=f"leave {tables.FRICTION_STEP_MIN:g} or more between two frictions")
+    if abs(rising[-1] - design) > DESIGN_TOLERANCE:
+        raise ConfigError(
+            f"the largest friction, {rising[-1]:.9g}, is not the one that the map itself is for, road.friction = {design:.9g}",
+            where=OPTION,
+            remedy=f"set road.friction to {rising[-1]:.9g}, or let the list end with {design:.9g}",
+        )
+    return tuple(rising[:-1])
+
+
+def roads(config: Config, frictions: Sequence[float]) -> list[Config]:
+    """Return the configuration for each friction; the last is its own. Raises ConfigError: see `on_road`."""
+    return [*(on_road(config, friction) for friction in frictions[:-1]), config]
+
+
+def layer_configs(reference_map: ReferenceMap, config: Config) -> tuple[Config, ...]:
+    """The configuration of each layer: its own, or for a map that brings none the car of `config` on the layer's road.
+
+    Raises:
+        MapError: a layer is not below the friction of `config`.
+        ConfigError: see `on_road`.
+    """
+    chosen = reference_map.config or config
+    friction = np.array([layer.friction for layer in reference_map.layers], dtype=np.float64)
+    tables.check_below_design(friction, chosen.road.friction, "the map")
+    return tuple(on_road(chosen, layer.friction) for layer in reference_map.layers)

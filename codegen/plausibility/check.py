@@ -11,14 +11,12 @@ from codegen import configuration
 from codegen.configuration import Config
 from codegen.emit.build import BuildInputs, BuildOptions, build, check_inputs
 from codegen.emit.laws import is_untuned
-from codegen.emit.limiter_cut import LimiterCut
+from codegen.emit.limiter_view import LimiterCut
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.map_file import map as npz
-from codegen.map_file.choose import choose_config
-from codegen.map_file.map import ReferenceMap
-from codegen.optimum.solve import solve_case
-from codegen.optimum.stack import solve_stack
+from codegen.map_file.map import ReferenceMap, choose_config
+from codegen.optimum.solve import solve_case, solve_stack
 from codegen.plausibility.build import build_warnings, folder_notes, folder_warnings, margins_line, schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings
 from codegen.plausibility.map import MapFacts, beyond_grip, cut_warning, map_warnings

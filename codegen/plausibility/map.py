@@ -11,11 +11,11 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.emit.limiter_cut import LimiterCut, cut_text
+from codegen.emit.limiter_view import LimiterCut, cut_text
 from codegen.errors import MapError
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.slip_use import slip_use
+from codegen.optimum.nonlinear import slip_use
 from codegen.optimum.turns import turns_behind
 from codegen.plausibility.car import distinct, is_limit_beyond_actuator
 from codegen.units import GRAVITY, KM_H

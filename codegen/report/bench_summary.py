@@ -44,7 +44,7 @@ def status_counts(result: BenchResult) -> dict[str, int]:
 
 def diagnostics_counts(result: BenchResult) -> dict[str, int]:
     """Return the number of cycles in which each bit of `Diagnostics` was set; bits that never were are omitted."""
-    from hil_sim.diagnostics import DIAGNOSTICS
+    from hil_sim.codec import DIAGNOSTICS
 
     bits = {name: 1 << bit for bit, (name, _) in DIAGNOSTICS.items()}
     return {name: int(count) for name, mask in bits.items() if (count := np.count_nonzero(result.diagnostics & mask))}

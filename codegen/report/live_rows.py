@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from rich.text import Text
 
 from codegen.sil.software import Status
-from hil_sim.diagnostics import causes
+from hil_sim.codec import causes
 
 BINS = 200
 DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
@@ -167,7 +167,7 @@ class LiveSample:
         sideslip: rad.
         rear_angle_command, rear_angle: rad, commanded and achieved.
         status: code of `Status`.
-        diagnostics: bits of hil_sim.diagnostics.
+        diagnostics: bits of hil_sim.codec.
         cycle_time: duration of the last cycle (s).
         lost_frames, late_cycles: since the start.
     """

@@ -16,7 +16,7 @@ from codegen.arrays import BoolArray, FloatArray
 from codegen.errors import MapError
 from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.slip_use import ABOVE, SlipUse, slip_use
+from codegen.optimum.nonlinear import ABOVE, SlipUse, slip_use
 from codegen.report.summary import TYRE, map_summary
 from codegen.units import KM_H
 

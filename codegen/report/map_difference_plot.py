@@ -11,7 +11,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import one_line
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.slip_use import ABOVE, SlipUse
+from codegen.optimum.nonlinear import ABOVE, SlipUse
 from codegen.report.map_difference import on_axes_of
 from codegen.report.run_plots import YAW_RATE_SIGNAL, column, draw_signal, looks_of, run_handles, run_window
 from codegen.report.style import (

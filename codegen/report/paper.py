@@ -34,10 +34,10 @@ from codegen.report.summary import metric_rows
 from codegen.sil.compile import find_compiler
 from codegen.sil.software import load
 from codegen.text_table import text_table
+from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
+from hil_sim.logs import save_csv
 from hil_sim.metrics import Evaluation, StepMetrics, evaluate, step_metrics
-from hil_sim.recording import save_csv
-from hil_sim.runs import run, run_through_can
 from hil_sim.scenarios import DEFAULT, find
 from hil_sim.suite.subjects import recommended_config, tuned
 

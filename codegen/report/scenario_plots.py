@@ -127,7 +127,7 @@ def _dwell_marks(scenario: Scenario, config: Config, runs: Mapping[str, FloatArr
 
 def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], title: str) -> Figure:
     """Draw gain and phase of the yaw rate over the steering wheel angle; a car that spins has neither."""
-    from hil_sim.metrics import frequency, spin_time
+    from hil_sim.metrics import spin_time, steering_response
 
     looks = looks_of(runs)
     with style():
@@ -135,7 +135,7 @@ def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArra
         gain, phase = figure.subplots(2, 1, sharex=True)
         lowest = -90.0
         for name, run in _runs(scenario, config, runs).items():
-            found = None if spin_time(run.record) is not None else frequency.frequency_response(run)
+            found = None if spin_time(run.record) is not None else steering_response.frequency_response(run)
             if found is None:
                 gain.plot([], [], label=f"{RUN_NAMES.get(name, plain(name))}: none", **looks[name])
                 continue
@@ -143,16 +143,16 @@ def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArra
             gain.plot(found.frequency, level, label=RUN_NAMES.get(name, plain(name)), **looks[name])
             phase.plot(found.frequency, degrees, **looks[name])
             lowest = min(lowest, float(degrees.min()))
-            _dot(gain, found.where_gain_falls(frequency.BANDWIDTH_SHARE), -3.0, looks[name])
-            _dot(phase, found.where_phase_falls(frequency.BANDWIDTH_PHASE), -45.0, looks[name])
+            _dot(gain, found.where_gain_falls(steering_response.BANDWIDTH_SHARE), -3.0, looks[name])
+            _dot(phase, found.where_phase_falls(steering_response.BANDWIDTH_PHASE), -45.0, looks[name])
         gain.axhline(-3.0, **GUIDE)
         phase.axhline(-45.0, **GUIDE)
-        gain.set(ylabel=f"Yaw rate / steering wheel,\ngain over that at {frequency.LOW:g} Hz (dB)")
+        gain.set(ylabel=f"Yaw rate / steering wheel,\ngain over that at {steering_response.LOW:g} Hz (dB)")
         phase.set(ylabel="Phase (deg)", yticks=np.arange(45.0 * math.floor(lowest / 45.0), 46.0, 45.0), xlabel="Frequency (Hz)")
         phase.set_xscale("log")
         phase.set_xticks(FREQUENCY_TICKS, [f"{tick:g}" for tick in FREQUENCY_TICKS])
         phase.set_xticks([], minor=True)
-        phase.set_xlim(frequency.LOW, frequency.HIGH)
+        phase.set_xlim(steering_response.LOW, steering_response.HIGH)
         _finish(figure, (gain, phase), gain, title, [_dot_handle()])
     return figure
 
@@ -170,7 +170,7 @@ def _dot_handle() -> Any:
 
 def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], title: str) -> Figure:
     """Draw front angle, sideslip and rear angle over lateral acceleration, with the lines whose slopes are the gradients."""
-    from hil_sim.metrics import ramp
+    from hil_sim.metrics import steering_response
 
     looks = looks_of(runs)
     with style():
@@ -184,9 +184,9 @@ def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, F
             for axes, angle in zip(panels, ("front_angle_rad", "sideslip_rad", "rear_angle_rad"), strict=True):
                 shown = RUN_NAMES.get(name, plain(name))
                 axes.plot(lateral[run.after], run.degrees(angle)[run.after], label=shown, zorder=3, **looks[name])
-                line = ramp.fit(run, run[angle]) if angle != "rear_angle_rad" else None
+                line = steering_response.fit(run, run[angle]) if angle != "rear_angle_rad" else None
                 if line is not None:
-                    ends = np.array([ramp.FIT_FROM, ramp.FIT_TO])
+                    ends = np.array([steering_response.FIT_FROM, steering_response.FIT_TO])
                     fitted = np.degrees(line.slope * ends + line.offset)
                     axes.plot(
                         ends, fitted, color=looks[name]["color"], label="_", marker="|", markersize=9, zorder=3.5, **FIT_LINE
@@ -197,7 +197,7 @@ def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, F
         panels[0].set(ylabel=f"Front angle {FRONT_ANGLE} (deg)")
         panels[1].set(ylabel=r"Sideslip $\beta$ (deg)")
         panels[2].set(ylabel=f"Rear angle {REAR_ANGLE} (deg)", xlabel="Lateral acceleration (m/s²)")
-        _finish(figure, panels, panels[0], title, [_fit_handle(ramp.FIT_FROM, ramp.FIT_TO)])
+        _finish(figure, panels, panels[0], title, [_fit_handle(steering_response.FIT_FROM, steering_response.FIT_TO)])
     return figure
 
 

@@ -11,19 +11,15 @@ from typing import TYPE_CHECKING
 from codegen.text_table import text_table
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cars import SHARES, SPEEDS_KM_H
-from hil_sim.suite.conditions import LAGS, NOMINAL
-from hil_sim.suite.cost import compare_rise
-from hil_sim.suite.sample_timing import TIMINGS
+from hil_sim.suite.cells import LAGS, NOMINAL
+from hil_sim.suite.controller_properties import TIMINGS, compare_rise
 from hil_sim.suite.tracking import STRUCTURE_SET
 
 if TYPE_CHECKING:
     from hil_sim.suite.cars import CarResult, CarsResult
-    from hil_sim.suite.cost import SineTracking
-    from hil_sim.suite.limits import Limits
-    from hil_sim.suite.loop_margins import MarginPoint
-    from hil_sim.suite.requirements import Requirement
-    from hil_sim.suite.runs import CellResult
-    from hil_sim.suite.summary import Extreme, Summary
+    from hil_sim.suite.controller_properties import MarginPoint, SineTracking
+    from hil_sim.suite.requirements import Limits, Requirement
+    from hil_sim.suite.runs import CellResult, Extreme, Summary
     from hil_sim.suite.tracking import SuiteResult
 
 WIDTH = 120

@@ -23,17 +23,18 @@ from codegen import configuration
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.configuration.signals import CARRIED, RECORDED
+from codegen.emit.casadi_c import staged_body
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.render import render
-from codegen.emit.staged_c import staged_body
 from codegen.emit.text import Precision, c_type, literal
 from codegen.errors import BuildError
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.compile import Mode, compile_library
 from codegen.sil.software import RECORD_COLUMNS, Software, require_can_side
 from codegen.sil.vector import FLAGS, FUNCTIONS, ISAS, Isa, best_isa, compiler_offers, is_vectorised, machine_runs
-from codegen.vehicle.dynamics import PLANT_PARAMETERS, ParametricModel, two_track_of_parameters
+from codegen.vehicle.dynamics import ParametricModel, two_track_of_parameters
+from codegen.vehicle.plant_car import PLANT_PARAMETERS
 
 LANES = 8
 """Number of runs that are computed together: the doubles of one AVX-512 vector.

@@ -17,10 +17,9 @@ from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.sil.vector import best_isa, machine_runs
 from codegen.sweep import lanes
-from codegen.sweep.draw import draw
+from codegen.sweep.lanes import Profile, draw
 from codegen.sweep.metrics import COLUMNS, Figures, Runs, figures
 from codegen.sweep.plan import Controller, Plan, RunKey
-from codegen.sweep.profile import Profile
 from codegen.sweep.spec import MAX_CONTROLLERS
 from codegen.units import KM_H
 from codegen.vehicle.plant_car import PLANT_PARAMETERS

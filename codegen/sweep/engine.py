@@ -14,10 +14,13 @@ import re
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, ThreadPoolExecutor, wait
+from pathlib import Path
 from typing import Any, Protocol
 
 from codegen.errors import BuildError, CheckFailed, CodegenError
-from codegen.sweep.versions import versions
+from codegen.sweep import store
+from codegen.sweep.chunk import Work, software
+from codegen.sweep.plan import Plan, versions
 
 ADDRESS, PORT_MAX = re.compile(r"[a-z]+://[^\s/]+:(?P<port>\d{1,9})\Z"), 65_535
 AHEAD = 2
@@ -32,13 +35,13 @@ CLOSINGS_MAX = 10
 TALKATIVE = ("distributed", "tornado", "asyncio")
 """Loggers that report a lost connection with tracebacks. They and their children are silenced; one line states the remedy."""
 
-Work = Callable[[int], Any]
+Call = Callable[[int], Any]
 
 
 class Engine(Protocol):
     """Runs a function for each number."""
 
-    def run(self, work: Work, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
+    def run(self, work: Call, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
         """Yield (number, work(number)) for all numbers, in any order."""
 
 
@@ -53,7 +56,7 @@ class Threads:
     def __init__(self, workers: int | None = None) -> None:
         self.workers = cores() if workers is None else workers
 
-    def run(self, work: Work, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
+    def run(self, work: Call, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
         """See `Engine`. Exceptions of the work are raised here."""
         waiting = iter(numbers)
         with ThreadPoolExecutor(self.workers) as pool:
@@ -112,7 +115,7 @@ class Dask:
                 ) from None
             self._silence = silence.pop_all()
 
-    def run(self, work: Work, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
+    def run(self, work: Call, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
         """See `Engine`. If a worker dies, its chunks go to other workers.
 
         Raises:
@@ -130,7 +133,7 @@ class Dask:
                 raise
             raise self._gone() from error
 
-    def _run(self, work: Work, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
+    def _run(self, work: Call, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
         client = self._client
         # Builds and plan are sent once to each worker, as a task and not as data: if all workers that have it die, it is sent
         # again. The scheduler also serves other clients, so the keys must differ from those of all clients and earlier runs.
@@ -233,11 +236,11 @@ def _knock(address: str) -> None:
         pool.submit(asyncio.run, asyncio.wait_for(knock(), 1.5 * CONNECT_TIMEOUT)).result()
 
 
-def _itself(work: Work) -> Work:
+def _itself(work: Call) -> Call:
     return work
 
 
-def _call(work: Work, number: int, wanted: Mapping[str, str]) -> Any:
+def _call(work: Call, number: int, wanted: Mapping[str, str]) -> Any:
     from distributed import get_worker
 
     try:
@@ -270,3 +273,52 @@ def _result(future: Any, number: int) -> Any:
             where="--scheduler",
             remedy="see the workers' logs; run the same command to resume",
         ) from error
+
+
+Progress = Callable[[int, int], None]
+
+
+def run_campaign(plan: Plan, folder: Path, engine: Engine, progress: Progress | None = None) -> Path:
+    """Simulate the runs that the folder does not contain yet and merge all runs into one file.
+
+    Each chunk is complete on disk before it counts as done. After Ctrl-C, a kill or a loss of power, the same call resumes.
+
+    Args:
+        progress: called with (runs done, total runs).
+
+    Returns:
+        The path of the Parquet file, with one row for each run, by run number.
+
+    Raises:
+        CodegenError: see `store.open_folder`, `chunk.run_chunk` and the engine.
+        KeyboardInterrupt: Ctrl-C; its text names the number of chunks kept.
+    """
+    store.require_pyarrow()
+    for controller in plan.controllers:
+        software(plan, controller)  # report compile errors before anything is written
+    store.prepare(folder)
+    with store.locked(folder):
+        there = store.open_folder(folder, plan)
+        try:
+            return _drive(plan, folder, there, engine, progress)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(_what_is_kept(store.kept(folder, plan), plan.chunk_count)) from None
+
+
+def _what_is_kept(kept: int, of: int) -> str:
+    if kept == 0:
+        return f"no chunk of {of} was finished; run the same command to start again"
+    return f"{kept} of {of} chunks {'is' if kept == 1 else 'are'} kept; run the same command to resume"
+
+
+def _drive(plan: Plan, folder: Path, there: set[int], engine: Engine, progress: Progress | None) -> Path:
+    total, done = plan.spec.run_count, sum(len(plan.runs_of(chunk)) for chunk in there)
+    if progress is not None and total:
+        progress(done, total)
+    missing = (chunk for chunk in range(plan.chunk_count) if chunk not in there)
+    for chunk, table in engine.run(Work(plan), missing):
+        store.save_part(folder, chunk, table, plan)
+        done += len(plan.runs_of(chunk))
+        if progress is not None:
+            progress(done, total)
+    return store.merge(folder, plan)

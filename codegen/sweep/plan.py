@@ -10,24 +10,34 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from codegen import configuration
+from codegen import __version__, configuration
 from codegen.configuration import Config
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, ConfigError, suggestion, within
 from codegen.sil.batch import Isa, best_isa
 from codegen.sweep import spec as specification
-from codegen.sweep.lanes import cars
+from codegen.sweep.lanes import Profile, cars, profile_of
 from codegen.sweep.metrics import MEASURES
-from codegen.sweep.profile import Profile, profile_of
 from codegen.sweep.spec import Spec
 from codegen.units import KM_H
 from hil_sim.scenarios import SCENARIOS, Scenario, find
+
+PACKAGES = ("numpy", "scipy", "casadi")
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return name -> version of this package and of PACKAGES."""
+    return {"codegen": __version__, **{name: version(name) for name in PACKAGES}}
+
 
 RUNS_PER_CHUNK_MAX = 512
 """Approximate runs in a chunk: enough to hide the interpreter's overhead, few enough to repeat after an interruption."""

@@ -1,6 +1,6 @@
 """Stability region of a controller's loop over speed, friction and mass: from the linearised plant, confirmed by simulation.
 
-`design.linearised` gives gain and phase margin of the loop around the two-track plant, straight ahead and in a turn. Two things
+`design.sampled` gives gain and phase margin of the loop around the two-track plant, straight ahead and in a turn. Two things
 are confirmed straight ahead with the generated C and the nonlinear plant. In every cell, the response to a small steering pulse
 must decay if and only if the loop is stable. In every third cell, the plant's rear angle command is multiplied by just less and
 just more than the gain margin, which multiplies the gain of the loop exactly, whatever the controller. A build is the only
@@ -21,9 +21,8 @@ from codegen import configuration
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.configuration.controller import SPEED_MAX_LEAST_KM_H
-from codegen.design.linearised import SteadyTurns, linearised
 from codegen.design.margins import Margins, loop_margins
-from codegen.design.sampled import SampledCar, frequency_grid
+from codegen.design.sampled import SampledCar, SteadyTurns, frequency_grid, linearised
 from codegen.emit.laws import law_of
 from codegen.sil.batch import BatchSoftware, Isa, Lanes, compile_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS

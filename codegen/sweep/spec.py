@@ -30,8 +30,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from codegen.configuration import parse_toml
-from codegen.configuration.faults import first_fault, shown
-from codegen.configuration.section import Range, Section, check_name, check_number
+from codegen.configuration.section import Range, Section, check_name, check_number, first_fault, shown
 from codegen.errors import ConfigError, suggestion
 from codegen.files import read_text
 

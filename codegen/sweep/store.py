@@ -25,8 +25,7 @@ from codegen.files import read_file, replace_durably, require_regular, write_ato
 from codegen.interrupts import deferred
 from codegen.sil.vector import ISAS
 from codegen.sweep.chunk import Table
-from codegen.sweep.plan import Plan
-from codegen.sweep.versions import versions
+from codegen.sweep.plan import Plan, versions
 
 WHOLE = ("run", "sample")
 YES_NO = ("settled", "meets_fmvss_126")

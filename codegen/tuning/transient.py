@@ -19,7 +19,7 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config, Schedule
 from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
-from codegen.design.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
+from codegen.design.loss import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.problem import breakpoints

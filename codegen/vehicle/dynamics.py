@@ -13,50 +13,251 @@ Every function is pure SX: `emit.casadi_c` turns it into C.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import casadi as ca
 
 from codegen.configuration import Config
-from codegen.vehicle.expressions import Model, axle_curve, curve_argument, magic_formula, make_model
 from codegen.vehicle.plant_car import (
     PLANT_PARAMETERS,
+    PlantCar,
     load_shares_per_lateral_acceleration,
     load_transfer_losses,
-    plant_parameters,
+    plant_symbols,
 )
-from codegen.vehicle.two_track import (
-    PLANT_INPUTS,
-    PLANT_OUTPUTS,
-    PLANT_STATES,
-    RELAXATION_STATES,
-    ParametricModel,
-    two_track,
-    two_track_of_parameters,
-)
-from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres, load_transfer_per_lateral_acceleration
+from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres, MagicFormulaTyre
 
-__all__ = [
-    "PLANT_INPUTS",
-    "PLANT_OUTPUTS",
-    "PLANT_PARAMETERS",
-    "PLANT_STATES",
-    "RELAXATION_STATES",
-    "SINGLE_TRACK_INPUTS",
-    "SINGLE_TRACK_STATES",
-    "WHEEL_SPEED_MIN",
-    "Model",
-    "ParametricModel",
-    "SingleTrackStep",
-    "TyreModel",
-    "load_transfer_per_lateral_acceleration",
-    "plant_parameters",
-    "single_track",
-    "single_track_step",
-    "two_track",
-    "two_track_of_parameters",
-]
+
+@dataclass(frozen=True)
+class Model:
+    """A dynamic model x' = f(x, u), y = h(x, u) with its Jacobians, as CasADi functions of column vectors.
+
+    Attributes:
+        name: also the name of the C function.
+        states, inputs, outputs: the names of the elements of x, u and y, in order, SI units.
+        derivative: (x, u) -> x'.
+        jacobian: (x, u) -> (df/dx, df/du).
+        output: (x, u) -> y, None if the model has no outputs.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    derivative: Any
+    jacobian: Any
+    output: Any | None
+
+
+def is_zero(value: Any) -> bool:
+    """Whether a quantity of a car is the number zero; a symbol is not."""
+    return isinstance(value, int | float) and value == 0.0
+
+
+def curve_argument(tyre: MagicFormulaTyre, slip: Any) -> Any:
+    """X: the slip angle as the formula's curve takes it."""
+    return tyre.stiffness_factor * (slip - tyre.horizontal_shift)
+
+
+def curve(tyre: MagicFormulaTyre, x: Any) -> Any:
+    """The formula's curve, from -1 to 1."""
+    return tyre.curve.value(tyre, x, ca)
+
+
+def axle_curve(tyre: MagicFormulaTyre, x: Any, loss: float) -> Any:
+    """The curve of an axle with a loss by load transfer, see `plant_car.load_transfer_losses`: c = s - loss s c^2."""
+    value = curve(tyre, x)
+    return 2.0 * value / (1.0 + ca.sqrt(ca.fmax(1.0 + 4.0 * loss * value * value, 0.0))) if loss else value
+
+
+def magic_formula(tyre: MagicFormulaTyre, slip: Any, load: Any, friction: Any) -> Any:
+    """F in N for one wheel; see `tyre.MagicFormulaTyre.force`."""
+    relative: Any = tyre.peak_factor
+    if not is_zero(tyre.peak_load_sensitivity):
+        relative = ca.fmax(tyre.peak_factor + tyre.peak_load_sensitivity * (load / tyre.static_load - 1.0), 0.0)
+    return friction * relative * load * curve(tyre, curve_argument(tyre, slip)) + tyre.vertical_shift
+
+
+def clamp(value: Any, limit: Any) -> Any:
+    """The value, kept within plus and minus the limit."""
+    return ca.fmin(ca.fmax(value, -limit), limit)
+
+
+def make_model(
+    name: str,
+    names: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]],
+    x: Any,
+    u: Any,
+    derivative: Any,
+    output: Any | None,
+) -> Model:
+    """The model of these expressions over the symbols x and u; `names` of states, inputs and outputs."""
+    states, inputs, outputs = names
+    return Model(
+        name=name,
+        states=states,
+        inputs=inputs,
+        outputs=outputs,
+        derivative=ca.Function(f"{name}_derivative", [x, u], [derivative], ["x", "u"], ["dx"]),
+        jacobian=ca.Function(
+            f"{name}_jacobian",
+            [x, u],
+            [ca.densify(ca.jacobian(derivative, x)), ca.densify(ca.jacobian(derivative, u))],
+            ["x", "u"],
+            ["dfdx", "dfdu"],
+        ),
+        output=None if output is None else ca.Function(f"{name}_output", [x, u], [output], ["x", "u"], ["y"]),
+    )
+
+
+PLANT_STATES = (
+    "lateral_speed",  # m/s, of the centre of gravity, to the left
+    "yaw_rate",  # rad/s
+    "steering_wheel_angle",  # rad
+    "rear_angle",  # rad
+    "position_x",  # m, in the road frame
+    "position_y",  # m
+    "heading",  # rad
+)
+RELAXATION_STATES = (
+    "slip_front_left",  # rad, of each tyre: what its force follows from
+    "slip_front_right",
+    "slip_rear_left",
+    "slip_rear_right",
+)
+"""Further states of the plant where its tyres have a relaxation length."""
+
+PLANT_INPUTS = (
+    "speed",  # m/s, forward, above zero
+    "steering_wheel_command",  # rad
+    "rear_angle_command",  # rad
+    "friction",  # peak friction of the road
+    "yaw_moment",  # N m, from outside: split friction, a gust
+)
+PLANT_OUTPUTS = (
+    "sideslip_angle",  # rad
+    "lateral_acceleration",  # m/s^2, of the centre of gravity
+    "front_angle",  # rad, road wheel
+    "slip_front",  # rad, at the middle of the axle, from the motion: ahead of the tyres where they have a relaxation length
+    "slip_rear",
+)
+
+
+@dataclass(frozen=True)
+class ParametricModel:
+    """A dynamic model whose car is left open: x' = f(x, u, p), y = h(x, u, p), as CasADi functions of column vectors.
+
+    Attributes:
+        states, inputs, parameters, outputs: the names of the elements of x, u, p and y, in order, SI units.
+        derivative: (x, u, p) -> x'.
+        output: (x, u, p) -> y.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    outputs: tuple[str, ...]
+    derivative: Any
+    output: Any
+
+
+def two_track(config: Config) -> Model:
+    """The plant: four wheels, lateral load transfer, Magic Formula at each wheel, steering and rear actuator.
+
+    Planar motion at a given forward speed (Rajamani, section 8.3, without longitudinal forces). The load transfer takes the
+    quasi-steady lateral acceleration vx r, as the paper does, and saturates where the inner wheel lifts, so the four loads
+    always sum to m g. Actuators: first-order lag with a rate limit; the rear command saturates at the actuator's angle.
+    Where `plant.relaxation_length_m` (sigma) is above zero, the force of each tyre follows its slip angle with a first-order
+    lag over the distance rolled, alpha' = v/sigma (alpha_steady - alpha) with v of that wheel (H. B. Pacejka, Tire and Vehicle
+    Dynamics, the single-point contact model). States, inputs and outputs: PLANT_STATES and, with a relaxation length,
+    RELAXATION_STATES after them; PLANT_INPUTS, PLANT_OUTPUTS.
+    """
+    AxleTyres.from_config(config)  # refuses a tyre that has no slip bound
+    x, u, derivative, output = _two_track(PlantCar.from_config(config))
+    return make_model("two_track", (_plant_states(config), PLANT_INPUTS, PLANT_OUTPUTS), x, u, derivative, output)
+
+
+def two_track_of_parameters(config: Config) -> ParametricModel:
+    """Return `two_track` for any car. The configuration only decides whether the tyres have a relaxation length.
+
+    With p = `plant_parameters(config)` its functions are those of `two_track(config)`.
+    """
+    p = plant_symbols()
+    car = PlantCar.from_symbols(p, config.tyre)
+    if config.plant.relaxation_length_m <= 0.0:
+        car = replace(car, chassis=replace(car.chassis, relaxation_length=0.0))
+    x, u, derivative, output = _two_track(car)
+    names = ["x", "u", "p"]
+    return ParametricModel(
+        states=_plant_states(config),
+        inputs=PLANT_INPUTS,
+        parameters=PLANT_PARAMETERS,
+        outputs=PLANT_OUTPUTS,
+        derivative=ca.Function("two_track_of_parameters_derivative", [x, u, p], [derivative], names, ["dx"]),
+        output=ca.Function("two_track_of_parameters_output", [x, u, p], [output], names, ["y"]),
+    )
+
+
+def _plant_states(config: Config) -> tuple[str, ...]:
+    return (*PLANT_STATES, *RELAXATION_STATES) if config.plant.relaxation_length_m > 0.0 else PLANT_STATES
+
+
+def _two_track(car: PlantCar) -> tuple[Any, Any, Any, Any]:
+    """x, u, x' and y of the plant."""
+    chassis = car.chassis
+    relaxed = not is_zero(chassis.relaxation_length)
+    x = ca.SX.sym("x", len(PLANT_STATES) + (len(RELAXATION_STATES) if relaxed else 0))
+    u = ca.SX.sym("u", len(PLANT_INPUTS))
+    lateral_speed, yaw_rate, wheel_angle, rear, _, _, heading = (x[i] for i in range(len(PLANT_STATES)))
+    speed, wheel_command, rear_command, friction, yaw_moment = (u[i] for i in range(len(PLANT_INPUTS)))
+    front = wheel_angle / chassis.steering_ratio
+
+    load_front, load_rear = car.front.static_load, car.rear.static_load
+    lateral_acceleration_steady = speed * yaw_rate
+    moved_front = clamp(chassis.load_transfer_front * lateral_acceleration_steady, load_front)
+    moved_rear = clamp(chassis.load_transfer_rear * lateral_acceleration_steady, load_rear)
+
+    half_track = 0.5 * chassis.track
+    axles = (
+        (car.front, chassis.cg_to_front_axle, front, load_front, moved_front),
+        (car.rear, -chassis.cg_to_rear_axle, rear, load_rear, moved_rear),
+    )
+    force_y: Any = 0.0
+    moment: Any = yaw_moment
+    slips: list[Any] = []
+    slip_rates: list[Any] = []
+    lagged = [x[i] for i in range(len(PLANT_STATES), x.numel())]
+    for tyre, arm, angle, load, moved in axles:
+        axle_lateral_speed = lateral_speed + arm * yaw_rate
+        slips.append(ca.atan(axle_lateral_speed / ca.fmax(speed, WHEEL_SPEED_MIN)) - angle)
+        along, across = ca.cos(angle), ca.sin(angle)
+        for side in (1.0, -1.0):  # left (inner in a left turn), right
+            wheel_speed = ca.fmax(speed - side * half_track * yaw_rate, WHEEL_SPEED_MIN)
+            slip = ca.atan(axle_lateral_speed / wheel_speed) - angle
+            if lagged:
+                held = lagged[len(slip_rates)]
+                slip_rates.append(wheel_speed / chassis.relaxation_length * (slip - held))
+                slip = held
+            force = -magic_formula(tyre, slip, load - side * moved, friction)
+            force_y += force * along
+            moment += arm * force * along + side * half_track * force * across
+
+    acceleration = force_y / chassis.mass
+    rear_demand = clamp(rear_command, chassis.rear_angle_max)
+    derivative = ca.vertcat(
+        acceleration - speed * yaw_rate,
+        moment / chassis.yaw_inertia,
+        clamp((wheel_command - wheel_angle) / chassis.steering_lag, chassis.steering_rate_max),
+        clamp((rear_demand - rear) / chassis.rear_lag, chassis.rear_rate_max),
+        speed * ca.cos(heading) - lateral_speed * ca.sin(heading),
+        speed * ca.sin(heading) + lateral_speed * ca.cos(heading),
+        yaw_rate,
+        *slip_rates,
+    )
+    output = ca.vertcat(ca.atan(lateral_speed / ca.fmax(speed, WHEEL_SPEED_MIN)), acceleration, front, slips[0], slips[1])
+    return x, u, derivative, output
+
 
 TyreModel = Literal["linear", "magic-formula", "load-transfer"]
 

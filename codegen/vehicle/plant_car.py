@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config, Tyres
-from codegen.vehicle.curves import CURVES
-from codegen.vehicle.tyre import MagicFormulaTyre, load_transfer_per_lateral_acceleration, static_wheel_loads
+from codegen.vehicle.tyre import CURVES, MagicFormulaTyre, load_transfer_per_lateral_acceleration, static_wheel_loads
 
 _TYRE = tuple(field.name for field in fields(MagicFormulaTyre) if field.name not in ("nominal_friction", "curve"))
 """Factors of a tyre that the plant uses; the stiffness factor already includes the nominal friction."""

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.ecu_map.axis import Axis
 from codegen.ecu_map.lookup import AxisConstants, GripConstants, Lookup, SteeringConstants
+from codegen.ecu_map.storage import Axis
 from codegen.ecu_map.total import CapSteering
 from codegen.emit.laws import LAWS
 from codegen.errors import BuildError
-from codegen.optimum.stack import roads
+from codegen.optimum.solve import roads
 from codegen.sil.software import Software
 from codegen.verify.check import Subject
 

@@ -1,11 +1,14 @@
-"""Checks before the C of a build runs unguarded on this machine."""
+"""Use of this machine: its C compilers, and the C of a build, which is checked before it runs here unguarded."""
 
 from __future__ import annotations
+
+import functools
+import shutil
 
 from codegen.errors import BuildError, CodegenError
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.software import Software, compile_build
-from codegen.sil.toolchain import find_compiler
+from codegen.sil.toolchain import compiler_identity, find_compiler, run
 from codegen.verify.budgets.bounded_loops import complaints
 from codegen.verify.check import Subject
 from codegen.verify.packages import MissingTool
@@ -42,3 +45,21 @@ def compiled(subject: Subject) -> Software:
     if found:
         raise MightNotReturn(f"it might never return: {found[0]}")
     return software
+
+
+MISSING = "gcc: it is not on the PATH, so its part was not run; install it, e.g. apt install gcc"
+
+
+@functools.cache
+def gcc() -> str | None:
+    """Return the path of gcc, or None if there is none."""
+    program = shutil.which("gcc")
+    if program is None:
+        return None
+    macros = run([program, "-dM", "-E", "-xc", "/dev/null"])
+    return program if macros.returncode == 0 and "__clang__" not in macros.stdout else None
+
+
+def gcc_version(program: str) -> str:
+    """Return the version line of gcc."""
+    return compiler_identity((program,), ())[0]

@@ -6,11 +6,11 @@ import random
 from collections.abc import Sequence
 
 from codegen.configuration import Config
+from codegen.configuration.can import Can
 from codegen.errors import CodegenError
 from codegen.sil.software import Software
-from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
+from hil_sim.codec import Codec, Frame, VehicleConditions, VehicleMotion
 from hil_sim.e2e import next_counter, protect
-from hil_sim.frames import Frame
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import DEFAULT, SCENARIOS
 
@@ -32,6 +32,12 @@ SHARES = dict.fromkeys((*STANDING, "silent", "half", "late", "garbage"), 1) | {"
 
 FAULT = 0.15
 """Probability of a fault for a frame of noisy traffic."""
+
+
+def frames_of(can: Can, codec: Codec, counter: int, motion: VehicleMotion, conditions: VehicleConditions) -> Cycle:
+    """Return the protected frames of a cycle."""
+    sent = ((can.vehicle_motion, motion), (can.vehicle_conditions, conditions))
+    return tuple(Frame(each.id, protect(each.e2e_data_id, counter, codec.encode(contents))) for each, contents in sent)
 
 
 def closed_loop(software: Software) -> tuple[str, list[Cycle]]:

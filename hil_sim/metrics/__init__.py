@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from hil_sim.metrics import frequency, others, ramp, sine_with_dwell, step
+from hil_sim.metrics import others, sine_with_dwell, steering_response, step
 from hil_sim.metrics.run import LookUp, Metric, Run, column, spin_time
 from hil_sim.metrics.step import StepMetrics, step_metrics
 from hil_sim.metrics.verdict import coverage, verdict
@@ -33,9 +33,9 @@ __all__ = [
 
 MEASURES: Mapping[Kind, Callable[[Run], list[Metric]]] = {
     "step": step.measure,
-    "ramp": ramp.measure,
+    "ramp": steering_response.measure_ramp,
     "sine-with-dwell": sine_with_dwell.measure,
-    "frequency": frequency.measure,
+    "frequency": steering_response.measure_frequency_response,
     "speed-ramp": others.measure_speed_ramp,
     "straight": others.measure_straight,
     "corner": others.measure_corner,

@@ -10,7 +10,7 @@ import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.ecu_map.total import Rule
-from codegen.emit.limiter_cut import limiter_bounds
+from codegen.emit.limiter_view import limiter_bounds
 from codegen.sil.software import Status
 from codegen.units import KM_H
 from hil_sim.metrics.others import CONE_CLEARANCE

@@ -1,18 +1,28 @@
-"""Operating points: step steers over speed and amplitude."""
+"""The cells of the test set, which are step steers over speed and amplitude, and the conditions for every cell.
+
+A condition is a change of the simulated car, as a function from a configuration to another, and a road. Only the plant is made
+from the result; controller and map are those of the original. Properties that a change does not name are kept. Changes of mass
+and peak keep the slope of the tyres at zero slip, their cornering stiffness. Otherwise the factor B would be kept, the slope
+would follow load or peak, and a change of the mass would not affect the motion of the linear car at all. On a road of another
+friction it is B that is kept, as intended; the scenario sets that friction.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from codegen import configuration
 from codegen.configuration import Case, Config
 from codegen.errors import CodegenError
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
 from codegen.units import KM_H
+from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 from hil_sim import manoeuvres
 from hil_sim.manoeuvres import Settings
 from hil_sim.scenarios import Scenario
@@ -103,3 +113,185 @@ def c1(config: Config) -> Cell:
 def front_angle(cell: Cell) -> float:
     """Return the front angle at the road wheels in rad."""
     return math.radians(cell.front_angle_deg)
+
+
+Change = Callable[[Config], Config]
+AXLES = ("front", "rear")
+
+
+def unchanged(config: Config) -> Config:
+    """Return the car as configured."""
+    return config
+
+
+def changed(config: Config, tables: Mapping[str, Any]) -> Config:
+    """Return a configuration with some keys replaced, tables merged, and validated as a whole. Raises ConfigError."""
+    return configuration.parse(_merged(config.model_dump(), tables), "varied plant")
+
+
+def _merged(base: dict[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        **base,
+        **{
+            key: _merged(base[key], value) if isinstance(value, Mapping) and isinstance(base.get(key), dict) else value
+            for key, value in tables.items()
+        },
+    }
+
+
+def _tyres(config: Config, factors: tuple[float, float] = (1.0, 1.0), **keys: float) -> dict[str, Any]:
+    """Return tables of both tyres with slopes scaled by a factor each, and further keys for both."""
+    tables = {}
+    loads = static_wheel_loads(config)
+    for axle, load, factor in zip(AXLES, loads, factors, strict=True):
+        slope = MagicFormulaTyre.from_config(getattr(config.tyre, axle), load, config.road.friction).cornering_stiffness
+        tables[axle] = {"cornering_stiffness_n_per_rad": factor * slope, "stiffness_factor_b_per_rad": None, **keys}
+    return tables
+
+
+def mass(percent: float) -> Change:
+    """Return a change of the mass (in %), with the yaw inertia and the same centre of gravity."""
+    factor = 1.0 + percent / 100.0
+
+    def change(config: Config) -> Config:
+        vehicle = config.vehicle
+        heavier = {"mass_kg": factor * vehicle.mass_kg, "yaw_inertia_kg_m2": factor * vehicle.yaw_inertia_kg_m2}
+        return changed(config, {"vehicle": heavier, "tyre": _tyres(config)})
+
+    return change
+
+
+def actuator_lag(seconds: float) -> Change:
+    """Return a change of the rear actuator's lag."""
+    return lambda config: changed(config, {"rear_actuator": {"lag_s": seconds}})
+
+
+def stiffness(front_percent: float, rear_percent: float) -> Change:
+    """Return a change of the tyres' slope (in %) at the same peak."""
+    factors = (1.0 + front_percent / 100.0, 1.0 + rear_percent / 100.0)
+    return lambda config: changed(config, {"tyre": _tyres(config, factors)})
+
+
+def peak(percent: float) -> Change:
+    """Return a change of the peak force (p1, in %) at the same slope."""
+
+    def change(config: Config) -> Config:
+        tables = _tyres(config)
+        for axle in AXLES:
+            tables[axle]["peak_factor_p1"] = (1.0 + percent / 100.0) * getattr(config.tyre, axle).peak_factor_p1
+        return changed(config, {"tyre": tables})
+
+    return change
+
+
+def load_sensitivity(p2: float) -> Change:
+    """Return a change that lowers peak friction (p2 below zero) with wheel load above the static load."""
+    return lambda config: changed(config, {"tyre": _tyres(config, peak_load_sensitivity_p2=p2)})
+
+
+def relaxation(length: float) -> Change:
+    """Return a change that adds a relaxation length (m) to the tyres."""
+    return lambda config: changed(config, {"plant": {"relaxation_length_m": length}})
+
+
+def together(*changes: Change) -> Change:
+    """Return several changes as one."""
+
+    def change(config: Config) -> Config:
+        for each in changes:
+            config = each(config)
+        return config
+
+    return change
+
+
+Group = Literal["nominal", "lag", "mass", "tyre", "combined", "friction"]
+
+LAGS_S = (0.02, 0.05, 0.1)
+FRICTIONS = (0.6, 0.4)
+ESTIMATE_ERROR = 0.2
+"""Largest overestimate of the friction."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A car and a road.
+
+    Attributes:
+        name, title: key, and name in tables.
+        group: varied property.
+        plant: change of the configuration for the plant.
+        friction: friction of the road; None for the configured one.
+        estimate: friction estimate for the controller; None for unknown.
+        what: details beyond the title.
+    """
+
+    name: str
+    title: str
+    group: Group
+    plant: Change = unchanged
+    friction: float | None = None
+    estimate: float | None = None
+    what: str = ""
+
+    @property
+    def estimate_or_nan(self) -> float:
+        """Friction estimate as passed to the C."""
+        return math.nan if self.estimate is None else self.estimate
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return JSON values, without the function."""
+        names = ("name", "title", "group", "friction", "estimate", "what")
+        return {name: getattr(self, name) for name in names}
+
+
+NOMINAL = Condition("nominal", "as configured", "nominal")
+LAGS = tuple(Condition(f"lag-{1e3 * lag:.0f}", f"actuator lag {1e3 * lag:.0f} ms", "lag", actuator_lag(lag)) for lag in LAGS_S)
+MASSES = (
+    Condition("mass-minus-20", "mass -20 %", "mass", mass(-20.0)),
+    Condition("mass-plus-20", "mass +20 %", "mass", mass(20.0)),
+)
+TYRES = (
+    Condition("stiffness-minus-20", "tyre stiffness -20 %", "tyre", stiffness(-20.0, -20.0)),
+    Condition("stiffness-plus-15", "tyre stiffness +15 %", "tyre", stiffness(15.0, 15.0)),
+    Condition("rear-stiffness-minus-20", "rear tyre stiffness -20 %", "tyre", stiffness(0.0, -20.0)),
+    Condition("peak-minus-10", "tyre peak -10 %", "tyre", peak(-10.0)),
+    Condition("peak-plus-10", "tyre peak +10 %", "tyre", peak(10.0)),
+    Condition("load-sensitivity", "load sensitivity p2 = -0.1", "tyre", load_sensitivity(-0.1)),
+    Condition("relaxation-300", "relaxation length 0.3 m", "tyre", relaxation(0.3)),
+    Condition("relaxation-600", "relaxation length 0.6 m", "tyre", relaxation(0.6)),
+)
+COMBINED = Condition(
+    "combined",
+    "many at once",
+    "combined",
+    together(
+        actuator_lag(0.1),
+        mass(20.0),
+        stiffness(-20.0, -20.0),
+        peak(-10.0),
+        load_sensitivity(-0.1),
+        relaxation(0.6),
+    ),
+    what="actuator lag 100 ms, mass +20 %, tyre stiffness -20 %, peak -10 %, p2 = -0.1 and relaxation length 0.6 m",
+)
+
+
+def _on_road(friction: float) -> tuple[Condition, ...]:
+    key, road = f"friction-{100.0 * friction:.0f}", f"friction {friction:g}"
+    wrong = round(friction + ESTIMATE_ERROR, 9)
+    return (
+        Condition(key, f"{road}, no estimate", "friction", friction=friction),
+        Condition(f"{key}-exact", f"{road}, estimated {friction:g}", "friction", friction=friction, estimate=friction),
+        Condition(f"{key}-wrong", f"{road}, estimated {wrong:g}", "friction", friction=friction, estimate=wrong),
+    )
+
+
+SLIPPERY = tuple(condition for friction in FRICTIONS for condition in _on_road(friction))
+
+CONDITIONS = (NOMINAL, *LAGS, *MASSES, *TYRES, COMBINED, *SLIPPERY)
+
+
+def conditions(config: Config) -> tuple[Condition, ...]:
+    """Return the conditions that apply to a configuration: no road with more friction than its map assumes."""
+    return tuple(each for each in CONDITIONS if each.friction is None or each.friction < config.road.friction)

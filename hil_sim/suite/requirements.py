@@ -1,18 +1,80 @@
-"""Requirements of the controller under test: required and measured figures."""
+"""Requirements of the controller under test: required and measured figures, and the limits of the suites with their reasons."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from hil_sim.suite.conditions import FRICTIONS, LAGS, MASSES, NOMINAL, SLIPPERY, Condition
-from hil_sim.suite.limits import Limits
-from hil_sim.suite.loop_margins import FamilyMargins, finite_or_none
-from hil_sim.suite.runs import FEEDFORWARD, CellResult
-from hil_sim.suite.sample_timing import IN_STEP, TIMINGS, TimingError
-from hil_sim.suite.summary import Extreme, Summary
+from pydantic import Field, ValidationError
+
+from codegen.configuration import parse_toml
+from codegen.configuration.section import Range, Section, first_fault
+from codegen.errors import CodegenError
+from codegen.files import read_text
+from hil_sim.suite.cells import FRICTIONS, LAGS, MASSES, NOMINAL, SLIPPERY, Condition
+from hil_sim.suite.controller_properties import IN_STEP, TIMINGS, FamilyMargins, TimingError, finite_or_none
+from hil_sim.suite.runs import FEEDFORWARD, CellResult, Extreme, Summary
+
+LIMITS_BYTES_MAX = 2**16
+
+Percent = Annotated[float, Range(0.0, 1_000.0, "%")]
+Seconds = Annotated[float, Range(0.0, 60.0, "s")]
+Degrees = Annotated[float, Range(0.0, 90.0, "deg")]
+
+
+class Limits(Section):
+    """Limits of `codegen sil --suite`, keys of the file of `--limits`. Each description gives the reason."""
+
+    c1_overshoot_percent: Percent = Field(default=2.0, description="the paper's step C1: a driver hardly notices 2 %")
+    c1_settling_s: Seconds = Field(default=0.5, description="of an ideal actuator; twice the actuator's lag is added")
+    c1_rise_s: Seconds = Field(default=0.28, description="of an ideal actuator; twice the actuator's lag is added")
+    overshoot_percent: Percent = Field(default=3.0, description="over all cells of the configured car and of its mass range")
+    settling_s: Seconds = Field(default=1.0, description="over all cells; twice the actuator's lag is added")
+    sideslip_excess_deg: Degrees = Field(
+        default=0.2, description="beyond the map's bound, which a lighter car exceeds at the map's yaw rate"
+    )
+    map_error_percent: Percent = Field(default=1.0, description="of the steady yaw rate; a goal: linear maps demand too much")
+    slip_percent: Percent = Field(default=101.0, description="of the slip bound in steady state; 1 % for the table")
+    other_lag_overshoot_percent: Percent = Field(default=5.0, description="with an actuator of 0.4 and 2 times the lag")
+    feedforward_factor: Annotated[float, Range(0.0, 10.0)] = Field(
+        default=0.75, description="of the feedforward's overshoot in the same cell, where that is more than the limit"
+    )
+    gain_margin_db: Annotated[float, Range(0.0, 40.0, "dB")] = Field(
+        default=8.0, description="worst car of the family: [tuning] demands it"
+    )
+    phase_margin_deg: Degrees = Field(default=45.0, description="worst car of the family: [tuning] demands it")
+    sensitivity: Annotated[float, Range(1.0, 20.0)] = Field(
+        default=1.8, description="peak, worst car of the family: [tuning] demands it"
+    )
+    third_party_overshoot_percent: Percent = Field(default=3.0, description="on a third party's multi-body car, as on our own")
+    wet_sideslip_deg: Degrees = Field(default=3.5, description="on friction 0.6; the map's bound is 3 deg")
+    snow_sideslip_deg: Degrees = Field(default=5.5, description="on friction 0.4 with an estimate")
+    snow_spins_without_estimate: Annotated[int, Field(ge=0, le=100)] = Field(
+        default=1, description="on friction 0.4 without an estimate"
+    )
+    instructions: Annotated[int, Field(ge=1, le=100_000)] = Field(default=1_320, description="worst step with the limiter")
+    timing_factor: Annotated[float, Range(1.0, 10.0)] = Field(
+        default=1.05, description="of the error with frames in step, and one code"
+    )
+    car_overshoot_percent: Percent = Field(default=5.0, description="every random car")
+    car_settling_s: Seconds = Field(default=1.1, description="every random car")
+
+    def why(self, key: str) -> str:
+        """Return the description of a limit."""
+        return type(self).model_fields[key].description or ""
+
+
+def load(path: Path) -> Limits:
+    """Read limits from a TOML file; keys that it leaves out keep their defaults. Raises CodegenError."""
+    text = read_text(path, LIMITS_BYTES_MAX, "name a TOML file of limits, such as overshoot_percent = 5.0")
+    try:
+        return Limits.model_validate(parse_toml(text, path, CodegenError))
+    except ValidationError as error:
+        raise first_fault(error, path, Limits, CodegenError) from None
+
 
 Sense = Literal["at most", "at least"]
 
@@ -21,7 +83,6 @@ LAG_FACTOR = 2.0
 TIMING_RESOLUTION_RAD_S = 2e-4
 """Resolution of the yaw rate on the bus; with frames in step, the error is smaller."""
 
-SLIP = "slip of its bound, steady"
 NOT_MEASURED = "not measured in this run"
 ROUNDING = 1e-9
 """Tolerance for differences of sample times: 1.6 s - 1 s is a little more than 0.6 s."""
@@ -104,81 +165,77 @@ def _row(
     matter: str,
     figure: str,
     unit: str,
-    asked: tuple[Sense, float],
+    limit: float,
     measured: float | None,
     note: str = "",
+    *,
+    sense: Sense = "at most",
     stretch: bool = False,
     key: str = "",
 ) -> Requirement:
-    sense, limit = asked
+    """Return a row. A missing figure fails, unless it was not measured (`NOT_MEASURED`)."""
     if measured is None:
-        return Requirement(matter, figure, unit, sense, limit, None, False, stretch, note, key)
-    passed = measured <= limit + ROUNDING if sense == "at most" else measured >= limit - ROUNDING
+        passed = None if note == NOT_MEASURED else False
+    else:
+        passed = measured <= limit + ROUNDING if sense == "at most" else measured >= limit - ROUNDING
     return Requirement(matter, figure, unit, sense, limit, measured, passed, stretch, note, key)
-
-
-def _absent(
-    matter: str, figure: str, unit: str, asked: tuple[Sense, float], stretch: bool = False, key: str = ""
-) -> Requirement:
-    return Requirement(matter, figure, unit, *asked, measured=None, passed=None, stretch=stretch, note=NOT_MEASURED, key=key)
 
 
 def _c1(measured: Measured) -> list[Requirement]:
     rows, limits = [], measured.limits
     for condition in LAGS:
-        matter = f"C1, {condition.title}"
+        result = measured.c1.get(condition.name)
+        overshoot = _overshoot_limit(limits, limits.c1_overshoot_percent, measured.feedforward_c1.get(condition.name))
         figures = (
-            ("overshoot", "%", limits.c1_overshoot_percent, "overshoot_percent", "c1_overshoot_percent"),
+            ("overshoot", "%", overshoot, "overshoot_percent", "c1_overshoot_percent"),
             ("settling time to 2 %", "s", measured.time_limit(limits.c1_settling_s), "settling_time_s", "c1_settling_s"),
             ("rise time to 90 %", "s", measured.time_limit(limits.c1_rise_s), "rise_time_s", "c1_rise_s"),
         )
-        result = measured.c1.get(condition.name)
-        beside = measured.feedforward_c1.get(condition.name)
-        for figure, unit, limit, name, key in figures:
-            most = _overshoot_limit(limits, limit, beside) if name == "overshoot_percent" else limit
-            asked: tuple[Sense, float] = ("at most", most)
-            if result is None:
-                rows.append(_absent(matter, figure, unit, asked, key=key))
-                continue
+        if result is None:
+            note = NOT_MEASURED
+        else:
             note = "the car spins" if result.spun else "" if result.settled else "it does not settle"
-            rows.append(_row(matter, figure, unit, asked, getattr(result, name), note, key=key))
+        for figure, unit, limit, name, key in figures:
+            rows.append(_row(f"C1, {condition.title}", figure, unit, limit, getattr(result, name, None), note, key=key))
     return rows
 
 
 def _worst(
-    summary: Summary | None, matter: str, figure: str, unit: str, limit: float, name: str, key: str, **more: bool
+    limits: Limits,
+    summary: Summary | None,
+    matter: str,
+    figure: str,
+    unit: str,
+    name: str,
+    key: str,
+    limit: float | None = None,
 ) -> Requirement:
-    """Return the row of the worst cell; a cell without the figure fails."""
-    asked: tuple[Sense, float] = ("at most", limit)
+    """Return the row of the worst cell; a cell without the figure fails. The limit is by default the one of the key."""
+    limit = getattr(limits, key) if limit is None else limit
     if summary is None:
-        return _absent(matter, figure, unit, asked, key=key, **more)
+        return _row(matter, figure, unit, limit, None, NOT_MEASURED, key=key)
     found: Extreme | None = getattr(summary, name)
     settling = name == "settling_time_s"
     without = len(summary.spins) + (len(summary.unsettled) if settling else 0)
     value, title = (None, "") if found is None else (found.value, found.cell.title)
-    row = _row(matter, figure, unit, asked, value, title, key=key, **more)
+    row = _row(matter, figure, unit, limit, value, title, key=key)
     if not without:
         return row
     why = f"none in {without} of {summary.cells} cells, which spin{' or do not settle' if settling else ''}"
     return replace(row, passed=False, note=why)
 
 
-def _map_error(limits: Limits, summary: Summary | None, matter: str, stretch: bool = True) -> Requirement:
-    """Return the row of the largest magnitude over the cells; spins fail elsewhere."""
-    figure, found = "|error to the map|, steady", None if summary is None else summary.map_error_percent
-    asked: tuple[Sense, float] = ("at most", limits.map_error_percent)
-    if found is None:
-        return _absent(matter, figure, "%", asked, stretch, "map_error_percent")
-    note = f"{found.value:+.1f} %: {found.cell.title}"
-    return _row(matter, figure, "%", asked, abs(found.value), note, stretch, "map_error_percent")
-
-
-def _slip(limits: Limits, summary: Summary | None, matter: str, stretch: bool = True) -> Requirement:
-    found = None if summary is None else summary.slip_percent
-    asked: tuple[Sense, float] = ("at most", limits.slip_percent)
-    if found is None:
-        return _absent(matter, SLIP, "%", asked, stretch, "slip_percent")
-    return _row(matter, SLIP, "%", asked, found.value, found.cell.title, stretch, "slip_percent")
+def _steady(limits: Limits, summary: Summary | None, matter: str, stretch: bool = True) -> list[Requirement]:
+    """Return the rows of the largest error to the map, by magnitude, and slip over the cells; spins fail elsewhere."""
+    rows = []
+    for figure, key in (("|error to the map|, steady", "map_error_percent"), ("slip of its bound, steady", "slip_percent")):
+        found: Extreme | None = getattr(summary, key, None)
+        value, note = None, NOT_MEASURED
+        if found is not None:
+            value = abs(found.value)
+            note = f"{found.value:+.1f} %: {found.cell.title}" if key == "map_error_percent" else found.cell.title
+        rows.append(_row(matter, figure, "%", getattr(limits, key), value, note, stretch=stretch, key=key))
+    return rows
 
 
 def _overshoot_limit(limits: Limits, least: float, feedforward: CellResult | None) -> float:
@@ -201,19 +258,14 @@ def _other_lag(measured: Measured, condition: Condition) -> Requirement:
         worst, limit = max(found, key=lambda each: each[0].value - each[1])
         summary = replace(summary, overshoot_percent=worst)
     matter, key = f"all cells, {condition.title}", "other_lag_overshoot_percent"
-    return _worst(summary, matter, "overshoot", "%", limit, "overshoot_percent", key)
+    return _worst(measured.limits, summary, matter, "overshoot", "%", "overshoot_percent", key, limit)
 
 
 def _spins(summary: Summary | None, matter: str, limit: int, key: str = "") -> Requirement:
-    asked: tuple[Sense, float] = ("at most", float(limit))
     if summary is None:
-        return _absent(matter, "spins", "", asked, key=key)
-    return _row(matter, f"spins in {summary.cells} cells", "", asked, float(len(summary.spins)), _titles(summary), key=key)
-
-
-def _titles(summary: Summary) -> str:
-    shown = [cell.title for cell in summary.spins[:3]]
-    return "; ".join(shown) + (", ..." if len(summary.spins) > 3 else "")
+        return _row(matter, "spins", "", float(limit), None, NOT_MEASURED, key=key)
+    titles = "; ".join(cell.title for cell in summary.spins[:3]) + (", ..." if len(summary.spins) > 3 else "")
+    return _row(matter, f"spins in {summary.cells} cells", "", float(limit), float(len(summary.spins)), titles, key=key)
 
 
 def _over_cells(measured: Measured) -> list[Requirement]:
@@ -221,37 +273,30 @@ def _over_cells(measured: Measured) -> list[Requirement]:
     settling = measured.time_limit(limits.settling_s)
     for condition in (NOMINAL, *MASSES):
         matter, summary = f"all cells, {condition.title}", measured.summaries.get(condition.name)
+        sideslip = ("|sideslip| beyond its bound", "deg", "sideslip_excess_deg", "sideslip_excess_deg")
         rows += [
             _spins(summary, matter, 0),
-            _worst(summary, matter, "overshoot", "%", limits.overshoot_percent, "overshoot_percent", "overshoot_percent"),
-            *([_map_error(limits, summary, matter), _slip(limits, summary, matter)] if condition == NOMINAL else []),
-            _worst(summary, matter, "settling time to 2 %", "s", settling, "settling_time_s", "settling_s"),
-            _worst(
-                summary,
-                matter,
-                "|sideslip| beyond its bound",
-                "deg",
-                limits.sideslip_excess_deg,
-                "sideslip_excess_deg",
-                "sideslip_excess_deg",
-            ),
+            _worst(limits, summary, matter, "overshoot", "%", "overshoot_percent", "overshoot_percent"),
+            *(_steady(limits, summary, matter) if condition == NOMINAL else []),
+            _worst(limits, summary, matter, "settling time to 2 %", "s", "settling_time_s", "settling_s", settling),
+            _worst(limits, summary, matter, *sideslip),
         ]
     return [*rows, _other_lag(measured, LAGS[0]), _other_lag(measured, LAGS[-1])]
 
 
 def _margins(limits: Limits, margins: FamilyMargins | None, matter: str = "margins over the family") -> list[Requirement]:
-    figures: tuple[tuple[str, str, Sense, float, str], ...] = (
-        ("gain margin", "dB", "at least", limits.gain_margin_db, "gain_margin_db"),
-        ("phase margin", "deg", "at least", limits.phase_margin_deg, "phase_margin_deg"),
-        ("peak sensitivity", "", "at most", limits.sensitivity, "sensitivity"),
+    figures: tuple[tuple[str, str, Sense, str], ...] = (
+        ("gain margin", "dB", "at least", "gain_margin_db"),
+        ("phase margin", "deg", "at least", "phase_margin_deg"),
+        ("peak sensitivity", "", "at most", "sensitivity"),
     )
     rows = []
-    for figure, unit, sense, limit, name in figures:
-        if margins is None:
-            rows.append(_absent(matter, figure, unit, (sense, limit), key=name))
-            continue
-        note = f"at {margins.speed_of(name):g} km/h" if all(p.stable for p in margins.points) else "an unstable loop"
-        rows.append(_row(matter, figure, unit, (sense, limit), getattr(margins, name), note, key=name))
+    for figure, unit, sense, name in figures:
+        value, note = None, NOT_MEASURED
+        if margins is not None:
+            value = getattr(margins, name)
+            note = f"at {margins.speed_of(name):g} km/h" if all(p.stable for p in margins.points) else "an unstable loop"
+        rows.append(_row(matter, figure, unit, getattr(limits, name), value, note, sense=sense, key=name))
     return rows
 
 
@@ -278,23 +323,15 @@ def _on_slippery_roads(limits: Limits, summaries: Mapping[str, Summary]) -> list
             rows.append(_spins(summary, condition.title, spins, "snow_spins_without_estimate"))
             continue
         rows.append(_spins(summary, condition.title, 0))
-        rows.append(_worst(summary, condition.title, "|sideslip|", "deg", getattr(limits, key), "sideslip_max_deg", key))
+        rows.append(_worst(limits, summary, condition.title, "|sideslip|", "deg", "sideslip_max_deg", key))
     return rows
 
 
 def _third_party(limits: Limits, summary: Summary | None) -> list[Requirement]:
-    matter = "third party's plant"
+    matter, key = "third party's plant", "third_party_overshoot_percent"
     return [
         _spins(summary, matter, 0),
-        _worst(
-            summary,
-            matter,
-            "overshoot",
-            "%",
-            limits.third_party_overshoot_percent,
-            "overshoot_percent",
-            "third_party_overshoot_percent",
-        ),
+        _worst(limits, summary, matter, "overshoot", "%", "overshoot_percent", key),
     ]
 
 
@@ -303,13 +340,12 @@ def _timing(limits: Limits, errors: Mapping[str, TimingError]) -> list[Requireme
     for name in TIMINGS:
         if name == IN_STEP:
             continue
-        matter, figure, unit = f"yaw moment, {name}", "yaw-rate error, rms", "deg/s"
+        row: tuple[str, str, str] = (f"yaw moment, {name}", "yaw-rate error, rms", "deg/s")
         if not errors:
-            rows.append(_absent(matter, figure, unit, ("at most", round(math.degrees(TIMING_RESOLUTION_RAD_S), 3))))
+            rows.append(_row(*row, round(math.degrees(TIMING_RESOLUTION_RAD_S), 3), None, NOT_MEASURED))
             continue
         limit = round(math.degrees(limits.timing_factor * errors[IN_STEP].settled_rad_s + TIMING_RESOLUTION_RAD_S), 3)
-        measured = math.degrees(errors[name].settled_rad_s)
-        rows.append(_row(matter, figure, unit, ("at most", limit), measured, key="timing_factor"))
+        rows.append(_row(*row, limit, math.degrees(errors[name].settled_rad_s), key="timing_factor"))
     return rows
 
 
@@ -319,17 +355,15 @@ def _path_errors(errors: Mapping[str, tuple[float | None, float | None]]) -> lis
         if beside is None:
             continue  # no limit, as the feedforward spins
         measured, note = (None, "the car spins") if own is None else (round(own, 3), "")
-        asked: tuple[Sense, float] = ("at most", round(beside, 3))
-        rows.append(_row(f"{name}, with a driver", f"path error, rms, beside {FEEDFORWARD}", "m", asked, measured, note))
+        figure = f"path error, rms, beside {FEEDFORWARD}"
+        rows.append(_row(f"{name}, with a driver", figure, "m", round(beside, 3), measured, note))
     return rows
 
 
 def _instructions(limits: Limits, count: int | None) -> Requirement:
-    matter, figure = "Cortex-M4F", "instructions of the worst step"
-    asked: tuple[Sense, float] = ("at most", float(limits.instructions))
-    if count is None:
-        return _absent(matter, figure, "", asked, key="instructions")
-    return _row(matter, figure, "", asked, float(count), key="instructions")
+    measured, note = (None, NOT_MEASURED) if count is None else (float(count), "")
+    limit = float(limits.instructions)
+    return _row("Cortex-M4F", "instructions of the worst step", "", limit, measured, note, key="instructions")
 
 
 def requirements(measured: Measured) -> tuple[Requirement, ...]:
@@ -350,10 +384,9 @@ def car_requirements(matter: str, summary: Summary, margins: FamilyMargins | Non
     """Return the rows of one car of `codegen sil --suite cars`."""
     return (
         _spins(summary, matter, 0),
-        _worst(summary, matter, "overshoot", "%", limits.car_overshoot_percent, "overshoot_percent", "car_overshoot_percent"),
-        _worst(summary, matter, "settling time to 2 %", "s", limits.car_settling_s, "settling_time_s", "car_settling_s"),
-        _map_error(limits, summary, matter, stretch=False),
-        _slip(limits, summary, matter, stretch=False),
+        _worst(limits, summary, matter, "overshoot", "%", "overshoot_percent", "car_overshoot_percent"),
+        _worst(limits, summary, matter, "settling time to 2 %", "s", "settling_time_s", "car_settling_s"),
+        *_steady(limits, summary, matter, stretch=False),
         *_margins(limits, margins, matter)[:2],
     )
 

@@ -10,17 +10,30 @@ from typing import Any
 from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.design.family import members
-from hil_sim.suite.cells import Cell, c1, cells
-from hil_sim.suite.conditions import LAGS, NOMINAL, Condition, conditions
-from hil_sim.suite.cost import RiseTime, SineTracking, rise_times, sine_tracking
-from hil_sim.suite.limits import Limits
-from hil_sim.suite.loop_margins import FamilyMargins, margins_of
-from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
-from hil_sim.suite.runs import FEEDFORWARD, CellResult, drive, map_yaw_rate, path_errors, run_table
-from hil_sim.suite.sample_timing import TimingError, timing_errors
+from hil_sim.suite.cells import LAGS, NOMINAL, Cell, Condition, c1, cells, conditions
+from hil_sim.suite.controller_properties import (
+    FamilyMargins,
+    RiseTime,
+    SineTracking,
+    TimingError,
+    margins_of,
+    rise_times,
+    sine_tracking,
+    timing_errors,
+)
+from hil_sim.suite.requirements import Limits, Measured, Requirement, all_passed, requirements
+from hil_sim.suite.runs import (
+    FEEDFORWARD,
+    THIRD_PARTY,
+    CellResult,
+    Summary,
+    drive,
+    map_yaw_rate,
+    path_errors,
+    run_table,
+    summarise,
+)
 from hil_sim.suite.subjects import DELAY_SAMPLES, PASSIVE, Subject, passive_of
-from hil_sim.suite.summary import Summary, summarise
-from hil_sim.suite.third_party import CONDITION
 
 SHOWN = ((60.0, 0.75), (100.0, 0.75), (120.0, 1.0))
 """Speed (km/h) and share of the cells that are kept for pictures."""
@@ -117,7 +130,7 @@ class SuiteResult:
 
     def third_party_summary(self, subject: str) -> Summary:
         """Return the figures over the third party's cells. Raises KeyError if they were not run."""
-        return summarise(subject, CONDITION, self.third_party[subject])
+        return summarise(subject, THIRD_PARTY, self.third_party[subject])
 
     def with_outside(self, outside: ExternalFigures, limits: Limits | None = None) -> SuiteResult:
         """Return the result with external figures and the requirements evaluated on all; `limits` None keeps its own."""

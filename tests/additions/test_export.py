@@ -20,7 +20,7 @@ from codegen.emit.controller_view import controller_parameters
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import limiter_parameters
 from codegen.emit.manifest import read_build
-from codegen.emit.units import unit_of_comment
+from codegen.emit.text import unit_of_comment
 
 COLUMNS = ("struct", "name", "value", "low", "high", "unit")
 

@@ -30,12 +30,12 @@ import math
 import numpy as np
 
 from codegen.configuration import parse, preset
-from codegen.emit.reference_model_view import tabulate
+from codegen.emit.dynamics_view import tabulate
 from codegen.map_file.map import from_bytes, to_bytes
-from codegen.map_file.road import on_road
+from codegen.map_file.map import on_road
 from codegen.optimum.solve import solve_case
 from codegen.vehicle.plant_car import plant_parameters
-from codegen.vehicle.two_track import two_track, two_track_of_parameters
+from codegen.vehicle.dynamics import two_track, two_track_of_parameters
 from codegen.vehicle.tyre import AxleTyres
 
 data = preset().model_dump()
@@ -90,10 +90,10 @@ assert table.values[-1] == 1.0
 
 def test_a_tyre_curve_is_one_entry_of_the_list(tree: Copy) -> None:
     car = "codegen/configuration/car.py"
-    meaning = '    """Name in `vehicle.curves.CURVES`; with a second curve this becomes a key."""\n'
+    meaning = '    """Name in `vehicle.tyre.CURVES`; with a second curve this becomes a key."""\n'
     old = f'    curve: ClassVar[str] = "magic-formula"\n{meaning}'
     tree.replace(car, old, KEY)
-    curves = "codegen/vehicle/curves.py"
+    curves = "codegen/vehicle/tyre.py"
     tree.replace(curves, "\nCURVES = {", CURVE + "\nCURVES = {")
     tree.replace(curves, '"magic-formula": MAGIC_FORMULA}', '"magic-formula": MAGIC_FORMULA, "tanh": TANH}')
     tree.run("-c", CHECK)

@@ -136,5 +136,5 @@ def test_the_extra_with_a_missing_package_is_named(
     found = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == package else found(name, *more))
     monkeypatch.setitem(sys.modules, package, None)
-    monkeypatch.setattr("hil_sim.runs.run", lambda *_, **__: pytest.fail("it ran"))
+    monkeypatch.setattr("hil_sim.bench.run", lambda *_, **__: pytest.fail("it ran"))
     assert f'pip install "ars-codegen[{extra}]"' in refused(*command.split())

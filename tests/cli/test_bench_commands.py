@@ -11,7 +11,7 @@ import can
 import pytest
 from pyarrow import parquet
 
-from hil_sim.recording import load_csv
+from hil_sim.logs import load_csv
 
 from .conftest import BUILD, MAIN, ROOT, TRACKING, Run, program
 

@@ -10,12 +10,11 @@ import pytest
 from codegen import configuration
 from codegen.errors import CodegenError
 from hil_sim.suite import cars, full_suite
-from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.cars import CarResult, CarsResult
 from hil_sim.suite.full_suite import FullSuite
-from hil_sim.suite.limits import Limits, load
-from hil_sim.suite.requirements import car_requirements
-from hil_sim.suite.summary import summarise
+from hil_sim.suite.requirements import Limits, car_requirements, load
+from hil_sim.suite.runs import summarise
+from hil_sim.suite.subjects import Candidate
 from hil_sim.suite.tracking import ExternalFigures, SuiteResult
 from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, margins, with_table
 

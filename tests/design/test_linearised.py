@@ -8,13 +8,12 @@ from scipy.optimize import brentq
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.design.family import Member
-from codegen.design.linearised import linearised
-from codegen.design.sampled import frequency_grid, sample
+from codegen.design.sampled import frequency_grid, linearised, sample
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, two_track
-from hil_sim.suite import plants
+from hil_sim.suite import cells
 
 CONFIG = configuration.preset()
-RELAXED = plants.relaxation(0.4)(CONFIG)
+RELAXED = cells.relaxation(0.4)(CONFIG)
 FREQUENCY = frequency_grid(CONFIG.controller.sampling_time_s)
 SPEEDS = np.array([6.0, 15.0, 33.0, 70.0])
 
@@ -38,7 +37,7 @@ def test_straight_ahead_it_is_the_single_track_car(config: Config, mass: float, 
 def test_in_a_turn_it_is_the_slope_of_the_plant() -> None:
     """The reference is the Jacobian of the configuration's plant (see `tests/vehicle`) at the same turn, sampled the same
     way."""
-    change, factor = plants.mass(20.0), 1.2
+    change, factor = cells.mass(20.0), 1.2
     speed, friction, share = 20.0, 0.7, 0.5
     turns = linearised(CONFIG, speed, friction, factor, share)
     assert turns.found.all()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from codegen.configuration import Config
-from codegen.design import loss_simulation
+from codegen.design import loss
 from codegen.design.loss import MODES, LossOfFunction, loss_of_function
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
@@ -146,7 +146,7 @@ def test_the_step_is_short_enough_for_a_stiff_car(monkeypatch: pytest.MonkeyPatc
     config = changed(PAPER, plant={"relaxation_length_m": 0.05}, rear_actuator={"lag_s": 0.002})
     usual = loss_of_function(small(config), config)
     assert usual.settles.all()
-    monkeypatch.setattr(loss_simulation, "STEP_MAX", 0.001)
+    monkeypatch.setattr(loss, "STEP_MAX", 0.001)
     # Another name for the same case, because results are cached.
     renamed = changed(config, cases={"other": config.cases["4ws-2"].model_dump()})
     fine = loss_of_function(small(renamed, "other"), renamed)

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
 from codegen.arrays import FloatArray
-from codegen.ecu_map.axis import Axis
 from codegen.ecu_map.extend import TotalMap, extend
 from codegen.ecu_map.lookup import AxisConstants, Lookup, Real, error_bound
+from codegen.ecu_map.storage import Axis
 from codegen.map_file import map as npz
 from tests.optimum.cars import PAPER, paper_total
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from codegen.configuration import Kind
 from codegen.emit.deviations import ENTRIES, FILE, deviations, read_deviations
-from codegen.optimum.stack import solve_stack
+from codegen.optimum.solve import solve_stack
 from tests import builds
 from tests.emit.rendered import KINDS, rendered
 

@@ -2,9 +2,9 @@
 
 import doctest
 
-from codegen.emit import filters
+from codegen.emit import render
 
 
 def test_the_examples_in_the_docstrings() -> None:
-    result = doctest.testmod(filters)
+    result = doctest.testmod(render)
     assert result.failed == 0 < result.attempted

@@ -8,13 +8,12 @@ import pytest
 
 from codegen import configuration
 from codegen.configuration import Config
-from codegen.emit.limiter_cut import LimiterCut, cut_text
-from codegen.emit.limiter_view import opposite_phase_max, opposite_phase_speeds_km_h
+from codegen.emit.limiter_view import LimiterCut, cut_text, opposite_phase_max, opposite_phase_speeds_km_h
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.car import car_warnings
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim.suite.plants import changed
+from hil_sim.suite.cells import changed
 
 FIXED = [50.0, 62.0, 80.0, 110.0, 160.0, 400.0]
 """km/h: breakpoints of a table that is independent of the car."""

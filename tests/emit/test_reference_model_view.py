@@ -9,12 +9,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from codegen.arrays import FloatArray
-from codegen.emit.reference_model_view import SIDESLIP_MAX, tabulate
+from codegen.emit.dynamics_view import SIDESLIP_MAX, tabulate
 from codegen.errors import BuildError
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 from codegen.verify.law.tracking import SecondReferenceModel, TableCurve
-from hil_sim.suite.random_cars import DEVELOPMENT_SEED, random_cars
+from hil_sim.suite.cars import DEVELOPMENT_SEED, random_cars
 from tests import builds
 
 CONFIG = builds.TRACKING_CONFIG

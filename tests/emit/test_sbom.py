@@ -8,7 +8,7 @@ from cyclonedx.model.component import ComponentType
 from cyclonedx.schema import SchemaVersion
 from cyclonedx.validation.json import JsonStrictValidator
 
-from codegen.emit.sbom import FILE
+from codegen.emit.take_over import FILE
 from tests.emit.rendered import rendered
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import casadi as ca
 import pytest
 
-from codegen.emit.staged_c import staged_body
+from codegen.emit.casadi_c import staged_body
 
 SIZES = {"p": 3, "u": 2, "x": 2}
 STAGES = {"car": ["p"], "step": ["u"], "rate": ["x"]}

@@ -10,8 +10,7 @@ from codegen.design.margins import family_margins, nominal_margins
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.laws import law_of
 from codegen.explore.explorer import Explorer
-from codegen.map_file.map import Binding
-from codegen.map_file.road import on_road
+from codegen.map_file.map import Binding, on_road
 from codegen.optimum.solve import solve_case
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import compile_build

@@ -5,12 +5,9 @@ from dataclasses import replace
 import pytest
 
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim.suite.cars import SHARES, SPEEDS_KM_H, examine
-from hil_sim.suite.cells import cells
-from hil_sim.suite.conditions import CONDITIONS
-from hil_sim.suite.limits import Limits
-from hil_sim.suite.plants import changed
-from hil_sim.suite.random_cars import DEVELOPMENT_SEED, MASS_KG, TEST_SEED, random_cars
+from hil_sim.suite.cars import DEVELOPMENT_SEED, MASS_KG, SHARES, SPEEDS_KM_H, TEST_SEED, examine, random_cars
+from hil_sim.suite.cells import CONDITIONS, cells, changed
+from hil_sim.suite.requirements import Limits
 from hil_sim.suite.runs import drive, judge, map_yaw_rate, run_table
 from hil_sim.suite.subjects import of_config, passive_of
 from tests import builds

@@ -12,13 +12,12 @@ from codegen.configuration import Config
 from codegen.configuration.can import Can
 from codegen.errors import CodegenError
 from codegen.sil.software import RECORD_COLUMNS, Software, Status
-from hil_sim.bench import BenchResult
+from hil_sim.bench import BenchResult, run_through_can
+from hil_sim.codec import Frame
 from hil_sim.e2e import protect
 from hil_sim.fault_catalogue import catalogue, judge, scenario
 from hil_sim.faults import FRAME_BITS_MAX, Fault, FaultKind, Injector
-from hil_sim.frames import Frame
 from hil_sim.metrics import column
-from hil_sim.runs import run_through_can
 from tests import builds
 
 CAN = Can()

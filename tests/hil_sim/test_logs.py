@@ -19,7 +19,7 @@ import pytest
 from cantools.logreader import Parser
 
 from codegen.errors import CodegenError
-from hil_sim.frames import Frame
+from hil_sim.codec import Frame
 from hil_sim.logs import BusLog
 
 START = 1_700_000_000.123

@@ -11,12 +11,12 @@ from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.sil.software import RECORD_COLUMNS, Software
 from hil_sim import manoeuvres
+from hil_sim.bench import run
 from hil_sim.faults import Fault
-from hil_sim.metrics import Run, RunMetrics, evaluate, frequency, others, sine_with_dwell, spin_time, step_metrics
-from hil_sim.recording import load_csv, save_csv, to_csv
-from hil_sim.runs import run
+from hil_sim.logs import load_csv, save_csv, to_csv
+from hil_sim.metrics import Run, RunMetrics, evaluate, others, sine_with_dwell, spin_time, steering_response, step_metrics
 from hil_sim.scenarios import SCENARIOS, find
-from hil_sim.suite.plants import changed
+from hil_sim.suite.cells import changed
 from tests import builds
 from tests.hil_sim.made import record
 
@@ -170,7 +170,7 @@ def test_frequency_response_of_a_known_filter() -> None:
     for index in range(1, len(wheel)):
         response[index] = pole * response[index - 1] + gain * (1.0 - pole) * wheel[max(index - 1 - rows, 0)]
     made = record(len(wheel) * 0.01, front_angle_rad=wheel / RATIO, yaw_rate_rad_s=response)
-    found = frequency.frequency_response(run_of("sine-sweep", made))
+    found = steering_response.frequency_response(run_of("sine-sweep", made))
     assert found is not None
     z = np.exp(2j * np.pi * found.frequency * 0.01)
     exact = gain * (1.0 - pole) * z ** -(1.0 + rows) / (1.0 - pole / z)
@@ -180,7 +180,7 @@ def test_frequency_response_of_a_known_filter() -> None:
     fine = np.geomspace(0.2, 3.5, 10_000)
     values = gain * (1.0 - pole) / np.abs(1.0 - pole * np.exp(-2j * np.pi * fine * 0.01))
     bandwidth = fine[np.argmax(values < values[0] * 10.0 ** (-3.0 / 20.0))]
-    assert found.where_gain_falls(frequency.BANDWIDTH_SHARE) == pytest.approx(bandwidth, rel=2e-3)
+    assert found.where_gain_falls(steering_response.BANDWIDTH_SHARE) == pytest.approx(bandwidth, rel=2e-3)
     # A car with a constant gain has no bandwidth, and one at rest has no gain.
     rigid = record(len(wheel) * 0.01, front_angle_rad=wheel / RATIO, yaw_rate_rad_s=0.3 * wheel)
     check(figures("sine-sweep", rigid), bandwidth_3_db_hz=None, yaw_rate_gain_per_s=0.3)

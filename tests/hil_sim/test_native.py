@@ -11,7 +11,7 @@ import pytest
 
 from codegen.errors import BuildError, CodegenError
 from codegen.sil.toolchain import compiler_command
-from hil_sim import native
+from hil_sim import ecu_process
 from hil_sim.ecu_process import EcuProcess
 from tests.cli.conftest import edit
 
@@ -42,11 +42,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, build_folder: Path) 
     ids=str,
 )
 def test_bad_usage(build_folder: Path, words: list[str], message: str) -> None:
-    assert run(native.compile_ecu(build_folder), *words) == (2, "", f"error: {message}\n")
+    assert run(ecu_process.compile_ecu(build_folder), *words) == (2, "", f"error: {message}\n")
 
 
 def test_help_and_an_interface_that_is_missing(build_folder: Path) -> None:
-    program = native.compile_ecu(build_folder)
+    program = ecu_process.compile_ecu(build_folder)
     code, output, errors = run(program, "--help")
     assert (code, output.partition(" [")[0], errors) == (0, "usage: ars_ecu", "")
     code, output, errors = run(program, "nosuchcan0")  # the message depends on whether the kernel has SocketCAN
@@ -59,13 +59,13 @@ def test_help_and_an_interface_that_is_missing(build_folder: Path) -> None:
 
 def test_a_failed_self_test_comes_before_the_bus(folder: Path) -> None:
     edit(folder / "src" / "ars_selftest.c", ("== 0xCCu;", "== 0xCDu;"))
-    assert run(*native.command(folder, "vcan0")) == (1, "", "error: the self-test failed; build and compile again\n")
+    assert run(*ecu_process.command(folder, "vcan0")) == (1, "", "error: the self-test failed; build and compile again\n")
 
 
 def test_it_is_compiled_once_and_depends_on_no_folder(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, build_folder: Path
 ) -> None:
-    program = native.compile_ecu(folder)
+    program = ecu_process.compile_ecu(folder)
     assert os.access(program, os.X_OK)
     assert [path.relative_to(folder) for path in sorted(folder.rglob("*"))] == [
         path.relative_to(build_folder) for path in sorted(build_folder.rglob("*"))
@@ -73,22 +73,22 @@ def test_it_is_compiled_once_and_depends_on_no_folder(
     assert list((tmp_path / "cache").iterdir()) == [program]  # no temporary file is left
     whole = program.read_bytes()
     program.write_bytes(whole[:1000])  # a damaged program is compiled again
-    assert native.compile_ecu(build_folder).read_bytes() == whole
-    monkeypatch.setattr(native, "_compile", lambda *_: pytest.fail("recompiled"))
-    assert native.compile_ecu(folder) == program
-    command = native.command(folder, "vcan3", lock_step=True, parent=12, xcp=True)
+    assert ecu_process.compile_ecu(build_folder).read_bytes() == whole
+    monkeypatch.setattr(ecu_process, "_compile", lambda *_: pytest.fail("recompiled"))
+    assert ecu_process.compile_ecu(folder) == program
+    command = ecu_process.command(folder, "vcan3", lock_step=True, parent=12, xcp=True)
     assert command == [str(program), "--lock-step", "--xcp", "--parent", "12", "vcan3"]
 
 
 def test_its_cache_name_depends_on_sources_and_compiler(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(native, "_compile", lambda *given: given[-1])
-    names = {native.compile_ecu(folder)}
+    monkeypatch.setattr(ecu_process, "_compile", lambda *given: given[-1])
+    names = {ecu_process.compile_ecu(folder)}
     for path in ("linux/ars_ecu.c", "src/ars_task.c", "include/ars_can.h"):
         with (folder / path).open("a") as file:
             file.write("/* edited */\n")
-        names.add(native.compile_ecu(folder))
+        names.add(ecu_process.compile_ecu(folder))
     monkeypatch.setenv("CC", f"{shutil.which(compiler_command()[0])} -g")
-    assert len(names | {native.compile_ecu(folder)}) == 5
+    assert len(names | {ecu_process.compile_ecu(folder)}) == 5
 
 
 @pytest.mark.parametrize(
@@ -109,4 +109,4 @@ def test_a_build_that_is_not_compiled(
 ) -> None:
     change(folder, monkeypatch)
     with pytest.raises(BuildError, match=words):
-        native.compile_ecu(folder)
+        ecu_process.compile_ecu(folder)

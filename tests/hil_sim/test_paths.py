@@ -7,9 +7,9 @@ import pytest
 
 from codegen.sil.software import Software
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim import paths
+from hil_sim import manoeuvres
+from hil_sim.bench import run, run_through_can
 from hil_sim.metrics import column, evaluate
-from hil_sim.runs import run, run_through_can
 from hil_sim.scenarios import PATH_SCENARIOS, find
 from hil_sim.session import passive
 from tests import builds
@@ -21,7 +21,7 @@ LANES = ((0.0, 12.0, -1.157, 1.157), (25.5, 36.5, 2.157, 5.034), (49.0, 61.0, -1
 
 
 def test_the_car_on_its_path_stays_within_the_lanes_touches_their_ends_and_goes_round_cones() -> None:
-    lateral, gaps = paths.double_lane_change(CONFIG, 20.0).lateral, []
+    lateral, gaps = manoeuvres.double_lane_change(CONFIG, 20.0).lateral, []
     for begin, end, right, left in LANES:
         y = lateral(20.0 + np.linspace(begin, end, 200))
         room = np.minimum(left - HALF_WIDTH - y, y - HALF_WIDTH - right)
@@ -29,32 +29,32 @@ def test_the_car_on_its_path_stays_within_the_lanes_touches_their_ends_and_goes_
         gaps += [room[0], room[-1]]
     assert gaps[1:5] == pytest.approx([0.0] * 4, abs=1e-3)
     assert lateral(np.array([0.0, 1e3])) == pytest.approx([0.0, 0.5 * (2.3147 - 3.0)], abs=1e-4)
-    for followed, room in ((paths.double_lane_change(CONFIG, 20.0), 0.0), (paths.slalom(CONFIG, 20.0), 0.3)):
+    for followed, room in ((manoeuvres.double_lane_change(CONFIG, 20.0), 0.0), (manoeuvres.slalom(CONFIG, 20.0), 0.3)):
         at, low, high = followed.cones.T
         y = followed.lateral(at)
         assert np.minimum(y - low, high - y).min() == pytest.approx(room, abs=1e-9)
-    at_cones = paths.slalom(CONFIG, 50.0).lateral(50.0 + 36.0 * np.arange(8))
+    at_cones = manoeuvres.slalom(CONFIG, 50.0).lateral(50.0 + 36.0 * np.arange(8))
     assert at_cones == pytest.approx((HALF_WIDTH + 0.3) * np.array([0, -1, 1, -1, 1, -1, 1, 0]))
 
 
 def test_the_driver_holds_the_angle_that_comes_closest_to_the_path() -> None:
     """The reference is the same linear car, integrated in small steps."""
     speed, start = 20.0, (3.0, 0.2, 0.01)
-    car, followed = SingleTrack.from_config(CONFIG), paths.slalom(CONFIG, 10.0)
-    hands = paths.PreviewDriver(CONFIG, followed, speed, paths.DELAY_S)  # one period of delay
+    car, followed = SingleTrack.from_config(CONFIG), manoeuvres.slalom(CONFIG, 10.0)
+    hands = manoeuvres.PreviewDriver(CONFIG, followed, speed, manoeuvres.DELAY_S)  # one period of delay
     assert hands.steer(start, 0.005, 0.1) == 0.0
     found = hands.steer(start, 0.005, 0.1) / CONFIG.steering.ratio
 
     def missed(angle: float) -> float:
         y, heading, side, yaw_rate = start[1], start[2], speed * np.tan(0.005), 0.1
-        total, step, count = 0.0, 1e-4, round(paths.PREVIEW_TIME_S / 1e-4)
+        total, step, count = 0.0, 1e-4, round(manoeuvres.PREVIEW_TIME_S / 1e-4)
         for number in range(1, count + 1):
             front = car.front_stiffness * (angle - (side + car.front_arm * yaw_rate) / speed)
             rear = -car.rear_stiffness * (side - car.rear_arm * yaw_rate) / speed
             y, heading = y + step * (speed * heading + side), heading + step * yaw_rate
             side += step * ((front + rear) / car.mass - speed * yaw_rate)
             yaw_rate += step * (car.front_arm * front - car.rear_arm * rear) / car.yaw_inertia
-            if number % (count // paths.PREVIEW_POINTS) == 0:
+            if number % (count // manoeuvres.PREVIEW_POINTS) == 0:
                 total += float(followed.lateral(np.array(start[0] + speed * number * step)) - y) ** 2
         return total
 

@@ -9,11 +9,11 @@ import pytest
 from codegen.errors import CodegenError
 from codegen.sil.software import Software
 from hil_sim import scenario_files
+from hil_sim.bench import run
 from hil_sim.faults import Fault
-from hil_sim.recording import save_csv
-from hil_sim.runs import run
+from hil_sim.logs import save_csv
 from hil_sim.scenarios import Scenario, find
-from hil_sim.suite.plants import changed
+from hil_sim.suite.cells import changed
 from tests import builds
 
 CONFIG = builds.CONFIG

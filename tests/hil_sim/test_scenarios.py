@@ -13,10 +13,10 @@ from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.software import Software
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim import manoeuvres
+from hil_sim.bench import run
 from hil_sim.metrics import evaluate
-from hil_sim.runs import run
 from hil_sim.scenarios import SCENARIOS, find
-from hil_sim.suite.plants import changed
+from hil_sim.suite.cells import changed
 from tests import builds
 
 CONFIG = builds.CONFIG

@@ -22,8 +22,9 @@ from codegen.sil.software import Status
 from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.metrics import column, spin_time
-from hil_sim.second_plant import MultiBodyPlant, car_of, cells, package, published, run
-from hil_sim.second_plant.plant import ROLL, RearSteeredCar
+from hil_sim.second_plant import MultiBodyPlant, car_of, cells, published, run
+from hil_sim.second_plant.plant import PUBLISHED, ROLL, RearSteeredCar
+from hil_sim.second_plant.plant import module as model_module
 from tests import builds
 
 
@@ -53,7 +54,7 @@ def turning_state(car: RearSteeredCar, seed: int) -> list[float]:
 
 
 def test_the_hook_changes_no_bit_without_rear_angle_and_nothing_outside_itself(car: RearSteeredCar) -> None:
-    module, tyres = package.module("vehicle_dynamics_mb"), package.module("utils.tire_model")
+    module, tyres = model_module("vehicle_dynamics_mb"), model_module("utils.tire_model")
     before, functions = dict(vars(module)), dict(vars(tyres))
     for seed in range(10):
         state = turning_state(car, seed)
@@ -125,7 +126,7 @@ def test_actuators_equal_those_of_our_own_plant() -> None:
             assert there.front_angle == pytest.approx(here.front_angle, abs=1e-14)
 
 
-@pytest.mark.parametrize("number", package.PUBLISHED)
+@pytest.mark.parametrize("number", PUBLISHED)
 def test_the_configuration_of_each_published_car_has_its_tyres_and_mass(number: int) -> None:
     parameters = published(number)
     car = car_of(parameters, builds.CONFIG)
@@ -134,7 +135,7 @@ def test_the_configuration_of_each_published_car_has_its_tyres_and_mass(number: 
     total = 2.0 * (tyres.front.cornering_stiffness + tyres.rear.cornering_stiffness)
     assert total == pytest.approx(-tyre.p_ky1 * weight, rel=1e-5)  # m is rounded, and the slope is taken over 0.01 deg
     slip = np.linspace(-0.3, 0.3, 61)
-    own = package.module("utils.tire_model").formula_lateral
+    own = model_module("utils.tire_model").formula_lateral
     theirs = [-own(float(value), 0.0, tyres.front.static_load, tyre)[0] for value in slip]
     # The load differs by up to 3 %, because ours counts the axle's mass as body, and so does B; the peak does not.
     np.testing.assert_allclose(tyres.front.force(slip), theirs, rtol=0.03)
@@ -176,7 +177,7 @@ def test_an_impossible_run_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(CodegenError, match="cannot start at 0 m/s; begin above 1 m/s"):
         MultiBodyPlant(base, 0.0)
 
-    monkeypatch.setattr(package.module("vehicle_dynamics_mb"), "vehicle_dynamics_mb", lambda state, _, car: list(state))
+    monkeypatch.setattr(model_module("vehicle_dynamics_mb"), "vehicle_dynamics_mb", lambda state, _, car: list(state))
     with pytest.raises(CodegenError, match="this release is not known"):
         RearSteeredCar(copy.deepcopy(parameters))
     for name in ["vehiclemodels", *(name for name in sys.modules if name.startswith("vehiclemodels."))]:

@@ -23,17 +23,25 @@ from hil_sim import second_plant
 from hil_sim.metrics import column
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.second_plant.run import STEER_TIME as SECOND_STEER_TIME
-from hil_sim.suite import plants, tracking
-from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells
-from hil_sim.suite.conditions import COMBINED, CONDITIONS, LAGS, NOMINAL
-from hil_sim.suite.cost import compare_rise, rise_times, sine_tracking
-from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
+from hil_sim.suite import cells as changes
+from hil_sim.suite import tracking
+from hil_sim.suite.cells import COMBINED, CONDITIONS, DURATION, LAGS, NOMINAL, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells
+from hil_sim.suite.controller_properties import (
+    SETTLING_TIME_S,
+    TIMINGS,
+    FamilyMargins,
+    MarginPoint,
+    TimingError,
+    compare_rise,
+    margins_of,
+    rise_times,
+    sine_tracking,
+    timing_errors,
+)
+from hil_sim.suite.full_suite import third_party_cells
 from hil_sim.suite.requirements import Measured, all_passed, requirements
-from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_table, software_of
-from hil_sim.suite.sample_timing import SETTLING_TIME_S, TIMINGS, TimingError, timing_errors
+from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_table, software_of, summarise
 from hil_sim.suite.subjects import Subject, around, around_folder, passive_of
-from hil_sim.suite.summary import summarise
-from hil_sim.suite.third_party import third_party_cells
 from hil_sim.suite.tracking import SuiteResult, run_suite
 from tests import builds
 from tests.hil_sim.made import record, spun
@@ -60,9 +68,9 @@ def test_cells_are_six_speeds_by_four_amplitudes_on_the_grid() -> None:
         assert solution.feasible[0].tolist() == [True, False]
     assert [cell.front_angle_deg / largest[-1].front_angle_deg for cell in found[-4:]] == pytest.approx(SHARES, rel=1e-12)
     assert (c1(CONFIG).speed_km_h, c1(CONFIG).front_angle_deg) == (42.5, pytest.approx(6.75))
-    slow = plants.changed(CONFIG, {"grid": {"speed_max_km_h": 70.0}})
+    slow = changes.changed(CONFIG, {"grid": {"speed_max_km_h": 70.0}})
     assert {cell.speed_km_h for cell in cells(slow, CASE)} == {25.0, 42.5, 60.0}
-    slower = plants.changed(CONFIG, {"grid": {"speed_min_km_h": 10.0, "speed_max_km_h": 24.0}})
+    slower = changes.changed(CONFIG, {"grid": {"speed_min_km_h": 10.0, "speed_max_km_h": 24.0}})
     with pytest.raises(CodegenError, match="ends at 24 km/h"):
         cells(slower, CASE)
 
@@ -80,9 +88,11 @@ def test_a_cell_is_a_step_at_the_steering_wheel() -> None:
 
 def test_load_sensitivity_and_relaxation() -> None:
     """`tests/sweep` compares the other changes with the cars of a campaign; one condition has all of them."""
-    own = plants.together(plants.load_sensitivity(-0.1), plants.relaxation(0.6))
-    others = plants.together(plants.mass(20.0), plants.stiffness(-20.0, -20.0), plants.peak(-10.0), plants.actuator_lag(0.1))
-    assert COMBINED.plant(CONFIG) == plants.together(others, own)(CONFIG)
+    own = changes.together(changes.load_sensitivity(-0.1), changes.relaxation(0.6))
+    others = changes.together(
+        changes.mass(20.0), changes.stiffness(-20.0, -20.0), changes.peak(-10.0), changes.actuator_lag(0.1)
+    )
+    assert COMBINED.plant(CONFIG) == changes.together(others, own)(CONFIG)
     car = own(CONFIG)
     varied, nominal = AxleTyres.from_config(car), AxleTyres.from_config(CONFIG)
     for tyre, base in ((varied.front, nominal.front), (varied.rear, nominal.rear)):
@@ -92,7 +102,7 @@ def test_load_sensitivity_and_relaxation() -> None:
         assert tyre.peak(1.5 * load, 0.9) == pytest.approx(0.95 * base.peak(1.5 * load, 0.9), rel=1e-12)
     assert car.plant.relaxation_length_m == 0.6
     with pytest.raises(ConfigError, match=r"varied plant.*mass_kg"):  # impossible for a car
-        plants.mass(-95.0)(CONFIG)
+        changes.mass(-95.0)(CONFIG)
 
 
 def ramp_with_peak(sign: float = 1.0) -> np.ndarray:
@@ -377,7 +387,7 @@ def test_the_papers_pi(suite: SuiteResult) -> None:
 
 def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none() -> None:
     one_car = {"actuator_lag_s": [0.05], "mass_percent": [0.0], "stiffness_percent": [0.0], "relaxation_length_m": [0.0]}
-    config = plants.changed(CONFIG, {"tuning": one_car})
+    config = changes.changed(CONFIG, {"tuning": one_car})
     found = margins_of(config, (20.0, 80.0, 120.0))
     assert found is not None
     # The published gains with 50 ms of lag and a sample of delay: 82 deg/30 dB, 43/12, 24/7.8 as rounded.
@@ -386,7 +396,7 @@ def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none()
     assert (found.gain_margin_db, found.speed_of("gain_margin_db")) == (found.points[-1].gain_margin_db, 120.0)
     own, worst = ([point.phase_margin_deg for point in points] for points in (found.configured, found.points))
     assert own == pytest.approx(worst, rel=1e-9)  # a family with one member
-    assert margins_of(plants.changed(CONFIG, {"controller": {"kind": "feedforward"}})) is None
+    assert margins_of(changes.changed(CONFIG, {"controller": {"kind": "feedforward"}})) is None
 
 
 def test_sine_of_the_passive_car_is_that_of_linear_theory(pi: Subject) -> None:

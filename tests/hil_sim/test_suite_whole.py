@@ -19,14 +19,22 @@ from codegen.configuration import Config, Kind
 from codegen.emit.write import write_folder
 from codegen.errors import BuildError, CodegenError, ConfigError
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.stack import solve_stack
+from codegen.optimum.solve import solve_stack
 from hil_sim import second_plant
-from hil_sim.suite import candidate, full_suite, third_party
+from hil_sim.suite import full_suite, subjects
 from hil_sim.suite.background import Background
-from hil_sim.suite.candidate import Candidate, Comparison, of_folder, recommended
+from hil_sim.suite.cells import changed
 from hil_sim.suite.full_suite import run_full_suite
-from hil_sim.suite.plants import changed
-from hil_sim.suite.subjects import PASSIVE, baseline_configs, of_config, recommended_config
+from hil_sim.suite.subjects import (
+    PASSIVE,
+    Candidate,
+    Comparison,
+    baseline_configs,
+    of_config,
+    of_folder,
+    recommended,
+    recommended_config,
+)
 from hil_sim.suite.tracking import SuiteResult
 from tests import builds
 
@@ -48,7 +56,7 @@ def written(at: Path, reference_map: ReferenceMap, config: Config) -> Path:
 def tuned(monkeypatch: pytest.MonkeyPatch) -> None:
     """Replace the gain design by a fixed schedule."""
     tracking = {"controller": {"tracking": {"schedule": builds.SCHEDULE}}}
-    for module in (candidate, third_party):
+    for module in (subjects, full_suite):
         monkeypatch.setattr(module, "tuned", lambda _, config, steps=None: changed(config, tracking))
 
 
@@ -94,7 +102,7 @@ def test_a_build_is_tested_with_its_own_files_and_gains(tmp_path: Path, monkeypa
     folder = written(tmp_path, builds.paper_map(), ready)
     source = folder / "src" / "ars_controller.c"
     source.write_text(source.read_text(encoding="ascii") + "/* by hand */\n", encoding="ascii")
-    monkeypatch.setattr(candidate, "tuned", lambda *given: pytest.fail("tuned again"))
+    monkeypatch.setattr(subjects, "tuned", lambda *given: pytest.fail("tuned again"))
     comparison = of_folder(folder).comparison()
     generated = comparison.build.generated
     assert generated.files["src/ars_controller.c"].endswith(b"/* by hand */\n")
@@ -143,8 +151,8 @@ def test_a_job_uses_its_own_car(monkeypatch: pytest.MonkeyPatch, kind: Kind) -> 
         seen.append((reference_map.config, config.controller.kind, software == config, controlled))
         return ("driven",)
 
-    monkeypatch.setattr(third_party, "third_party_cells", drive)
-    jobs = third_party.jobs({kind: of_kind(BEST, kind)}, "4ws-2")
+    monkeypatch.setattr(full_suite, "third_party_cells", drive)
+    jobs = full_suite.third_party_jobs({kind: of_kind(BEST, kind)}, "4ws-2")
     assert list(jobs) == [kind, PASSIVE]
     assert [job() for job in jobs.values()] == [("driven",), ("driven",)]
     assert seen == [(heavy, kind, True, True), (heavy, "pi", True, False)]  # a passive car needs no tuning
@@ -172,8 +180,8 @@ def test_the_whole_collects_its_parts(monkeypatch: pytest.MonkeyPatch, installed
     monkeypatch.setattr(Candidate, "comparison", lambda self, steps: Comparison(tested, (), PAPER.case("4ws-2"), ("a note",)))
     monkeypatch.setattr(full_suite, "Background", SynchronousBackground)
     monkeypatch.setattr(full_suite, "run_suite", lambda *given, progress: (progress("x", 0, 1), bare)[1])
-    monkeypatch.setattr(third_party, "available", lambda: installed)
-    monkeypatch.setattr(third_party, "jobs", lambda contenders, case: {"pi": refuse})
+    monkeypatch.setattr(full_suite, "has_third_party", lambda: installed)
+    monkeypatch.setattr(full_suite, "third_party_jobs", lambda contenders, case: {"pi": refuse})
     stages: dict[str, list[tuple[int, int]]] = {}
 
     @contextmanager

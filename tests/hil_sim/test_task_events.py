@@ -10,15 +10,14 @@ import pytest
 
 from codegen.sil.software import Software, Status
 from hil_sim import manoeuvres
-from hil_sim.bench import run_in_process
+from hil_sim.bench import run_in_process, run_through_can
 from hil_sim.clocks import FREE_RUNNING
-from hil_sim.diagnostics import DIAGNOSTICS
+from hil_sim.codec import DIAGNOSTICS
 from hil_sim.faults import Fault
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
-from hil_sim.runs import run_through_can
 from hil_sim.scenarios import SCENARIOS, Scenario, find
-from hil_sim.suite.plants import changed
+from hil_sim.suite.cells import changed
 from tests import builds
 
 BIT = {name: 1 << bit for bit, (name, _) in DIAGNOSTICS.items()}

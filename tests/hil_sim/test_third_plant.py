@@ -15,9 +15,8 @@ from hil_sim import third_plant
 from hil_sim.faults import Fault
 from hil_sim.metrics import column
 from hil_sim.scenarios import find
-from hil_sim.suite.plants import changed
-from hil_sim.third_plant import DEFAULT, NONE, RollPlant
-from hil_sim.third_plant.run import BIASES, SPEED_FACTOR, Errors, Sensors
+from hil_sim.suite.cells import changed
+from hil_sim.third_plant import BIASES, DEFAULT, NONE, SPEED_FACTOR, Errors, RollPlant, Sensors
 from tests import builds
 
 CONFIG = builds.CONFIG

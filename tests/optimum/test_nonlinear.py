@@ -19,14 +19,13 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.map_file.map import Binding, ReferenceMap, load
 from codegen.optimum import ipopt
-from codegen.optimum.nonlinear import NonlinearTurns
+from codegen.optimum.nonlinear import ABOVE, NonlinearTurns, slip_use
 from codegen.optimum.problem import breakpoints
-from codegen.optimum.slip_use import ABOVE, slip_use
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import excess_warning
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, single_track, two_track
 from codegen.vehicle.tyre import AxleTyres
-from hil_sim.suite.random_cars import DEVELOPMENT_SEED, random_cars
+from hil_sim.suite.cars import DEVELOPMENT_SEED, random_cars
 from tests import shared
 from tests.optimum.cars import CASE, PAPER, changed, nonlinear, paper_map
 

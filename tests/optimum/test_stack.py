@@ -11,9 +11,8 @@ import pytest
 from codegen.errors import ConfigError, MapError
 from codegen.map_file import map as npz
 from codegen.map_file.map import FrictionLayer, ReferenceMap
-from codegen.optimum import stack
-from codegen.optimum.solve import solve_case
-from codegen.optimum.stack import layer_configs, on_road, solve_stack
+from codegen.optimum import solve
+from codegen.optimum.solve import layer_configs, on_road, solve_case, solve_stack
 from codegen.vehicle.tyre import AxleTyres
 from tests.map_file.test_map import TABLES, Change, cell, drop, put
 from tests.optimum.cars import PAPER, changed
@@ -79,7 +78,7 @@ def test_a_layer_that_cannot_be_solved_is_refused_with_its_friction() -> None:
 
 
 def test_a_stack_that_no_file_can_hold_is_refused_before_it_is_solved(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stack, "solve_case", None)
+    monkeypatch.setattr(solve, "solve_case", None)
     config = changed(CONFIG, grid={"speed_points": 1000, "front_angle_points": 1000})
     with pytest.raises(MapError, match=r"over 64 MiB.*fewer breakpoints, or its stack fewer frictions"):
         solve_stack(config, "4ws-2", FRICTION)

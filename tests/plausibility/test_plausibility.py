@@ -19,8 +19,8 @@ from codegen.plausibility.build import margins_line, schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings, distinct
 from codegen.plausibility.check import Found, check_path
 from codegen.plausibility.map import MapFacts, beyond_grip, map_warnings
-from hil_sim.suite.plants import changed
-from hil_sim.suite.random_cars import TEST_SEED, random_cars
+from hil_sim.suite.cars import TEST_SEED, random_cars
+from hil_sim.suite.cells import changed
 
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
 COARSE = {"grid": {"speed_points": 7, "front_angle_points": 8}}

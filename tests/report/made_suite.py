@@ -6,12 +6,17 @@ from typing import Any
 import numpy as np
 
 from hil_sim.scenarios import PATH_SCENARIOS
-from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell
-from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
-from hil_sim.suite.cost import SINE_FREQUENCIES_HZ, SineTracking, rise_times
-from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint
+from hil_sim.suite.cells import CONDITIONS, DURATION, LAGS, NOMINAL, SHARES, SPEEDS_KM_H, STEER_TIME, Cell
+from hil_sim.suite.controller_properties import (
+    SINE_FREQUENCIES_HZ,
+    TIMINGS,
+    FamilyMargins,
+    MarginPoint,
+    SineTracking,
+    TimingError,
+    rise_times,
+)
 from hil_sim.suite.runs import CellResult
-from hil_sim.suite.sample_timing import TIMINGS, TimingError
 from hil_sim.suite.tracking import CellRuns, ExternalFigures, SuiteResult
 from tests.hil_sim import made as recordings
 

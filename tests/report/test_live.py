@@ -19,7 +19,7 @@ from codegen.emit.can_view import DIAGNOSTICS as IN_THE_C
 from codegen.report.live import LiveSample, LiveView
 from codegen.report.live_rows import BINS, TRACES, History, Line, LiveStyle, Trace, Window, chart, draw
 from codegen.sil.software import Status
-from hil_sim.diagnostics import DIAGNOSTICS, causes
+from hil_sim.codec import DIAGNOSTICS, causes
 
 QUIET_SAMPLE = LiveSample(0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0, Status.TRACKING, 0, 0.01, 0, 0)
 LOOK = LiveStyle(76, 21)

@@ -19,7 +19,7 @@ from scipy.interpolate import RegularGridInterpolator
 from codegen import configuration
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import Binding, ReferenceMap
-from codegen.optimum.slip_use import slip_use
+from codegen.optimum.nonlinear import slip_use
 from codegen.optimum.solve import solve_case
 from codegen.report import plots, run_plots, style, tyre_plots
 from codegen.sil.software import RECORD_COLUMNS

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.sil.software import Measurement, Status
+from codegen.verify.law.controller import SecondLimiter
 from codegen.verify.law.drive_cycle import drive
-from codegen.verify.law.limiter import SecondLimiter
 from codegen.verify.law.tracking import SecondReferenceModel
 from tests.builds import Built
 from tests.sil import checks_limiter

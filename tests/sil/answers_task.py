@@ -12,10 +12,8 @@ import numpy as np
 
 from codegen.configuration.can import FRAME_BYTES, Can
 from codegen.verify.law.task import SecondTask
-from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
-from hil_sim.diagnostics import DIAGNOSTICS
+from hil_sim.codec import DIAGNOSTICS, Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.e2e import next_counter, protect
-from hil_sim.frames import Frame
 from tests.builds import Built
 from tests.sil.checks_kinds import model_of, parameters_of
 

@@ -9,9 +9,9 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from codegen.ecu_map.axis import Axis
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import AxisConstants, Lookup
+from codegen.ecu_map.storage import Axis
 from codegen.sil.compile import Library
 
 RANGES = {

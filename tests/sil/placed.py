@@ -13,8 +13,7 @@ from codegen.ecu_map.storage import Storage
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.text import Precision
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.solve import solve_case
-from codegen.optimum.stack import solve_stack
+from codegen.optimum.solve import solve_case, solve_stack
 from tests import builds, shared
 from tests.sil.case import Case, compiled, made_case
 from tests.sil.checks_lookup import check_map_functions, numbers_of

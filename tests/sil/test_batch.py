@@ -22,7 +22,7 @@ from codegen.sil.batch import LANES, BatchSoftware, Isa, Lanes, compile_batch, l
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, compile_build
-from codegen.vehicle.dynamics import PLANT_PARAMETERS, plant_parameters
+from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters
 from tests import builds
 
 AVAILABLE_ISAS = [isa for isa in vector.ISAS if vector.machine_runs(isa) and vector.compiler_offers(isa)]

@@ -9,8 +9,7 @@ import pytest
 
 from codegen.sweep import plan as planning
 from codegen.sweep import store
-from codegen.sweep.campaign import run_campaign
-from codegen.sweep.engine import Threads
+from codegen.sweep.engine import Threads, run_campaign
 from codegen.sweep.plan import Plan
 from tests import shared
 

@@ -21,12 +21,11 @@ from codegen.sil.software import compile_build
 from codegen.sweep import chunk as chunks
 from codegen.sweep import plan as planning
 from codegen.sweep import store
-from codegen.sweep.campaign import run_campaign
 from codegen.sweep.chunk import replay, run_chunk, software
-from codegen.sweep.engine import Threads
+from codegen.sweep.engine import Threads, run_campaign
 from codegen.sweep.plan import Plan
 from codegen.sweep.store import RUNS, part_path
-from hil_sim.suite import plants
+from hil_sim.suite import cells
 from tests.sweep.conftest import SAMPLES, Recording, write_spec
 
 
@@ -173,7 +172,7 @@ def test_a_chunk_depends_only_on_seed_and_number_and_its_memory_is_bounded(
 def test_a_processor_without_the_instructions_of_the_campaign(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chunks, "machine_runs", lambda isa: isa == "none")
     monkeypatch.setattr(chunks, "best_isa", lambda: "none")
-    other = replace(plan, isa="x86-64-v3", config=plants.actuator_lag(0.2)(plan.config))
+    other = replace(plan, isa="x86-64-v3", config=cells.actuator_lag(0.2)(plan.config))
     with pytest.raises(BuildError, match="no instructions of x86-64-v3; run the whole campaign with --isa none"):
         software(other, plan.controllers[0])
 
@@ -200,7 +199,7 @@ def test_a_run_equals_the_single_loop(plan: Plan, run: int) -> None:
     """The factors reach the plant: the single loop runs with a changed configuration, both without noise."""
     found = replay(without_noise(plan), run)
     row, controller = found.row, plan.controllers[found.key.controller]
-    change = plants.together(plants.mass(row["mass_percent"]), plants.stiffness(0.0, row["rear_stiffness_percent"]))
+    change = cells.together(cells.mass(row["mass_percent"]), cells.stiffness(0.0, row["rear_stiffness_percent"]))
     built = compile_build(controller.files, controller.manifest, change(plan.config))
     inputs = found.profile.inputs.copy()
     inputs[:, INPUT_COLUMNS.index("speed")] = row["speed_km_h"] / 3.6

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from codegen.configuration import Config
-from codegen.sweep.draw import BLOCK, draw, noise
-from codegen.sweep.lanes import cars
+from codegen.sweep.lanes import BLOCK, cars, draw, noise
 from codegen.sweep.spec import Spec, parse
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters
-from hil_sim.suite import plants
+from hil_sim.suite import cells
 from tests import builds
 
 ROUNDING = 1e-13
@@ -69,7 +68,7 @@ def test_distributions() -> None:
 
 VEHICLE = builds.CONFIG.vehicle
 CG_SHIFT = {"cg_to_front_axle_m": VEHICLE.cg_to_front_axle_m - 0.1, "cg_to_rear_axle_m": VEHICLE.cg_to_rear_axle_m + 0.1}
-BY_B = plants.changed(
+BY_B = cells.changed(
     builds.CONFIG,
     {"tyre": {axle: {"stiffness_factor_b_per_rad": 18.0, "cornering_stiffness_n_per_rad": None} for axle in ("front", "rear")}},
 )
@@ -81,11 +80,11 @@ INERTIA = {"yaw_inertia_kg_m2": 1.3 * VEHICLE.yaw_inertia_kg_m2}
 @pytest.mark.parametrize(
     ("factors", "change"),
     [
-        ({}, plants.unchanged),
-        ({"yaw_inertia_percent": 30.0}, lambda config: plants.changed(config, {"vehicle": INERTIA})),
+        ({}, cells.unchanged),
+        ({"yaw_inertia_percent": 30.0}, lambda config: cells.changed(config, {"vehicle": INERTIA})),
         # With the same tyre slopes.
-        ({"cg_shift_m": 0.1}, lambda config: plants.changed(plants.stiffness(0.0, 0.0)(config), {"vehicle": CG_SHIFT})),
-        ({"rear_lag_s": 0.1}, plants.actuator_lag(0.1)),
+        ({"cg_shift_m": 0.1}, lambda config: cells.changed(cells.stiffness(0.0, 0.0)(config), {"vehicle": CG_SHIFT})),
+        ({"rear_lag_s": 0.1}, cells.actuator_lag(0.1)),
         (
             {
                 "mass_percent": 20.0,
@@ -93,7 +92,7 @@ INERTIA = {"yaw_inertia_kg_m2": 1.3 * VEHICLE.yaw_inertia_kg_m2}
                 "rear_stiffness_percent": 15.0,
                 "tyre_peak_percent": -10.0,
             },
-            plants.together(plants.mass(20.0), plants.stiffness(-20.0, 15.0), plants.peak(-10.0)),
+            cells.together(cells.mass(20.0), cells.stiffness(-20.0, 15.0), cells.peak(-10.0)),
         ),
     ],
 )

@@ -8,11 +8,11 @@ import pytest
 
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.sweep.metrics import COLUMNS, Runs, figures
+from hil_sim.bench import run
 from hil_sim.metrics import evaluate
 from hil_sim.metrics.step import slip_bounds
-from hil_sim.runs import run
 from hil_sim.scenarios import SCENARIOS
-from hil_sim.suite.plants import changed
+from hil_sim.suite.cells import changed
 from tests import builds
 
 ROUNDING = 1e-9

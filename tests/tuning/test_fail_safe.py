@@ -9,8 +9,9 @@ import pytest
 from codegen.optimum.turns import turns_of
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Measurement
-from codegen.tuning import fail_safe
-from codegen.tuning.fail_safe import (
+from codegen.tuning import tune
+from codegen.tuning.transient import compile_controller
+from codegen.tuning.tune import (
     DRIVER_TIME,
     DRIVERS,
     DURATION,
@@ -21,9 +22,8 @@ from codegen.tuning.fail_safe import (
     RateOutcome,
     best,
     tune_fail_safe,
+    with_controller,
 )
-from codegen.tuning.transient import compile_controller
-from codegen.tuning.tune import with_controller
 from codegen.units import KM_H
 from hil_sim.metrics.run import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from hil_sim.suite.subjects import of_config
@@ -59,8 +59,8 @@ def spins_alone(rate_deg_s: float, driver: Driver) -> bool:
 
 
 def test_each_rate_spins_as_often_as_alone_and_wrong_ones_lose(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fail_safe, "SPEED_SHARES", (1.0,))
-    monkeypatch.setattr(fail_safe, "ANGLE_SHARES", (1.0,))
+    monkeypatch.setattr(tune, "SPEED_SHARES", (1.0,))
+    monkeypatch.setattr(tune, "ANGLE_SHARES", (1.0,))
     config = builds.TRACKING_CONFIG
     planted = with_controller(config, {"fail_safe": {"rate_deg_s": FAST}}, "test")
     done: list[tuple[int, int]] = []

@@ -16,8 +16,7 @@ from codegen.tuning.transient import (
     with_response,
 )
 from codegen.tuning.tune import with_tracking
-from hil_sim.suite.cells import cells
-from hil_sim.suite.conditions import NOMINAL
+from hil_sim.suite.cells import NOMINAL, cells
 from hil_sim.suite.runs import drive, judge
 from hil_sim.suite.subjects import of_config
 from tests import builds

@@ -11,7 +11,8 @@ import pytest
 from codegen.configuration import Config, parse
 from codegen.sil.compile import compile_library
 from codegen.sil.software import bench_sources
-from codegen.vehicle.dynamics import PLANT_OUTPUTS, plant_parameters, two_track, two_track_of_parameters
+from codegen.vehicle.dynamics import PLANT_OUTPUTS, two_track, two_track_of_parameters
+from codegen.vehicle.plant_car import plant_parameters
 from tests.vehicle.reference_plant import CARS, Car, simulate
 
 PERIODS, MILLISECOND = 20, 1e-3

@@ -10,8 +10,7 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.solve import solve_case
-from codegen.optimum.stack import solve_stack
+from codegen.optimum.solve import solve_case, solve_stack
 from codegen.sil.software import Software, compile_build
 from tests import shared
 from tests.builds import SCHEDULE, UNEVEN_ANGLE, UNEVEN_SPEED, altered_folder

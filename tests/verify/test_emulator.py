@@ -8,9 +8,9 @@ import functools
 import pytest
 
 from codegen.errors import BuildError
-from codegen.verify.target import emulator
-from codegen.verify.target.cross import CORTEX_M4F, POWERPC_BE, Core, compile_image
-from codegen.verify.target.emulator import CortexM4, Processor
+from codegen.verify import target
+from codegen.verify.budgets.program import Program
+from codegen.verify.target import CORTEX_M4F, POWERPC_BE, Core, Processor, compile_image
 
 
 def assembled(name: str, *lines: str) -> str:
@@ -46,11 +46,10 @@ def image(core: Core = CORTEX_M4F) -> bytes:
 
 def test_instructions_are_counted_exactly_where_they_run() -> None:
     """Covers narrow and wide instructions, a loop, an IT block with a skipped branch, and nested calls."""
-    core = CortexM4(image())
-    function = {function.name: function for function in core.functions}
+    core, counted = Processor(image()), Program(image()).named("counted")
     assert core.call("counted") == 3  # set to 1 in the round with r1 = 3, incremented in the two rounds after it
     blocks = core.traced(lambda: core.call("caller"))  # includes code that already ran uncounted
-    inside = (blocks.address >= function["counted"].start) & (blocks.address < function["counted"].end)
+    inside = (blocks.address >= counted.start) & (blocks.address < counted.end)
     assert blocks.instructions[inside].sum() == 2 * IN_COUNTED
     assert blocks.instructions.sum() == 4 + 2 * IN_COUNTED
 
@@ -62,6 +61,6 @@ def test_wild_jumps_and_endless_code_are_reported(core: Core, monkeypatch: pytes
         with pytest.raises(BuildError, match=rf"^{name}: the code on the {core.name} ended at 0x"):
             processor.call(name)
 
-    monkeypatch.setattr(emulator, "CALL_SECONDS", 0.05)
+    monkeypatch.setattr(target, "CALL_SECONDS", 0.05)
     with pytest.raises(BuildError, match=rf"^stay: the code on the {core.name} did not return within 0\.05 s$"):
         processor.call("stay")

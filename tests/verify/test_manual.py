@@ -14,7 +14,7 @@ from codegen.optimum.solve import solve_case
 from codegen.verify import manual
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.runner import CHECKS, VerificationReport
-from hil_sim.suite.plants import changed
+from hil_sim.suite.cells import changed
 from tests.verify import builds
 
 COMMITTED = Path(__file__).parents[2] / "generated"

@@ -10,7 +10,7 @@ from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.pil import check as pil
 from codegen.verify.pil.check import streams
-from codegen.verify.target.cross import CORTEX_M4F, POWERPC_BE, Core
+from codegen.verify.target import CORTEX_M4F, POWERPC_BE, Core
 from tests.verify import builds, planted
 
 STEPS = 1_500

@@ -6,9 +6,8 @@ import pytest
 
 from codegen.configuration import Kind
 from codegen.errors import BuildError
-from codegen.verify.budgets.program import STACK_FLAG, Program
-from codegen.verify.budgets.sizes import SECTIONS, Sizes, compile_objects, sizes_of
-from codegen.verify.target.cross import compile_image
+from codegen.verify.budgets.program import SECTIONS, STACK_FLAG, Program, Sizes, compile_objects, sizes_of
+from codegen.verify.target import compile_image
 from tests.verify import builds, planted
 
 SOURCE = """

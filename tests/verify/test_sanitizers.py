@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from codegen.verify import suites
+from codegen.verify import drives
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.sanitizers import check as sanitizers
-from codegen.verify.sanitizers import fuzzing, served_ecu
+from codegen.verify.sanitizers import program, sanitized
 from hil_sim import fault_catalogue
 from tests.verify import builds, planted
 
@@ -22,8 +22,8 @@ FAULTS = ("corrupt-3", "corrupt-50")
 @pytest.fixture(autouse=True)
 def few_cases(monkeypatch: pytest.MonkeyPatch) -> None:
     """Run two scenarios, two faults of the catalogue, and few samples and fuzzed inputs."""
-    scenarios, faults = suites.loops, fault_catalogue.catalogue
-    monkeypatch.setattr(suites, "loops", lambda config: itertools.islice(scenarios(config), 2))
+    scenarios, faults = drives.loops, fault_catalogue.catalogue
+    monkeypatch.setattr(drives, "loops", lambda config: itertools.islice(scenarios(config), 2))
     monkeypatch.setattr(fault_catalogue, "catalogue", lambda *given: [each for each in faults(*given) if each.name in FAULTS])
     monkeypatch.setattr(sanitizers, "SAMPLES_QUICK", 1_000)
     monkeypatch.setattr(sanitizers, "INPUTS_QUICK", 1_000)
@@ -127,7 +127,7 @@ def test_c_that_does_not_compile_or_does_not_return(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(sanitizers, "run_all", lambda config, runner: [])  # the fault catalogue takes longest
     (finding,) = checked(planted.subject_of(TRACKING, ars_limiter="int broken(;\n")).findings
     assert re.match(r"src/ars_limiter\.c:\d+: the C does not compile: ", finding)
-    for module in (served_ecu, fuzzing):
+    for module in (sanitized, program):
         monkeypatch.setattr(module, "SECONDS_MAX", 1.0)
     endless = planted.limiter(TRACKING, "    while (input->demand > 0.05f) {\n        result += 0.0f;\n    }")
     first, *others = checked(endless).findings

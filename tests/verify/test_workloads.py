@@ -7,8 +7,8 @@ import pytest
 
 from codegen.emit.can_view import task_view
 from codegen.sil.software import Command, Status
-from codegen.verify.budgets.counting import START, TASK, Counter
-from codegen.verify.budgets.workloads import COLUMNS, cycles_of, events_of, histories, steps_of
+from codegen.verify.budgets.measure import Counter
+from codegen.verify.budgets.workloads import COLUMNS, START, TASK, cycles_of, events_of, histories, steps_of
 from codegen.verify.drives import Thresholds, drawn, measurements_of
 from hil_sim.e2e import E2eStatus, Receiver
 from tests.verify import builds, planted

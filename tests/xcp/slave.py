@@ -12,7 +12,7 @@ from typing import Self
 
 from codegen.sil.toolchain import require_success, run
 from codegen.verify.sanitizers.sanitized import FLAGS, SANITIZERS, environment, find_compiler, launcher
-from hil_sim.native import section_flag
+from hil_sim.ecu_process import section_flag
 
 CALIBRATION, MEASUREMENTS = 0x1000_0000, 0x2000_0000
 """XCP addresses that `slave.c` sets up."""

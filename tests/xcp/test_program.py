@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from codegen.configuration import parse
-from codegen.emit.filters import hexadecimal
-from codegen.emit.xcp_timing import xcp_timing
+from codegen.emit.can_view import xcp_timing
+from codegen.emit.render import hexadecimal
 from codegen.errors import BuildError, CodegenError, ConfigError
 from codegen.sil.toolchain import compiler_command
-from hil_sim import native
+from hil_sim import ecu_process
 from hil_sim.session import check_xcp
 from tests.xcp.checks import run_random_packets
 from tests.xcp.slave import BUILD, COMMANDS, ERRORS
@@ -50,7 +50,7 @@ def test_identifiers_and_the_period_in_the_program(period: float, ticks: int, mo
     ("flags", "message"),
     [
         (("-no-pie",), "the calibration has no section of its own; compile as the head of ars_xcp.h says"),
-        (("-fPIE", "-pie", native.section_flag("ars")), "the addresses do not fit the 32 bits of XCP; link with -no-pie"),
+        (("-fPIE", "-pie", ecu_process.section_flag("ars")), "the addresses do not fit the 32 bits of XCP; link with -no-pie"),
     ],
     ids=["no section", "PIE"],
 )
@@ -68,7 +68,7 @@ def test_builds_and_ecus_without_a_slave_are_refused(tmp_path: Path) -> None:
     manifest.write_text(manifest.read_text().replace('"linux/ars_xcp.c"', '"linux/other.c"'))
     (folder / "linux" / "ars_xcp.c").rename(folder / "linux" / "other.c")
     with pytest.raises(BuildError, match=r"the build has no linux/ars_xcp\.c; build again"):
-        native.command(folder, "vcan0", xcp=True)
+        ecu_process.command(folder, "vcan0", xcp=True)
     with pytest.raises(CodegenError, match=r"^--xcp: only the native ECU has XCP, not cffi; use --ecu native$"):
         check_xcp("cffi", xcp=True)
 

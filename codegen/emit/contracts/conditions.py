@@ -14,7 +14,7 @@ from codegen.emit.inputs_view import FRICTION_UNKNOWN, InputsView
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD
 from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView
-from codegen.emit.reference_model_view import ReferenceModelView
+from codegen.emit.dynamics_view import ReferenceModelView
 from codegen.emit.text import Precision, literal
 
 REFERENCE_MAX_RAD_S = 20.0

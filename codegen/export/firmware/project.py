@@ -17,7 +17,7 @@ from codegen.emit.text import comment_text
 from codegen.errors import BuildError
 from codegen.files import resolved
 from codegen.sil.software import Software, load
-from hil_sim.frames import Frame
+from hil_sim.codec import Frame
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import Scenario, find
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.emit.units import unit_of_comment
+from codegen.emit.text import unit_of_comment
 from codegen.export.fmu.variables import Variable
 from codegen.sil.software import Software
 

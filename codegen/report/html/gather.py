@@ -15,8 +15,7 @@ from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.map_file import map as npz
-from codegen.map_file.choose import choose_config
-from codegen.map_file.map import ReferenceMap
+from codegen.map_file.map import ReferenceMap, choose_config
 from codegen.report.fault_table import fault_data
 from codegen.report.html.handling import HANDLING, RESPONSE
 from codegen.report.html.inputs import Files, read_files
@@ -25,13 +24,12 @@ from codegen.report.html.report import Material, to_compare
 from codegen.report.html.runs import is_passive
 from codegen.sil.software import load
 from codegen.sweep.region import Region, confirm, region
+from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
 from hil_sim.metrics.step import STEADY_WINDOW
-from hil_sim.runs import run, run_through_can
 from hil_sim.scenario_files import of_run
 from hil_sim.scenarios import DEFAULT, Scenario, find
-from hil_sim.suite.candidate import of_folder
-from hil_sim.suite.subjects import Build, Subject, around_folder
+from hil_sim.suite.subjects import Build, Subject, around_folder, of_folder
 
 Steps = Callable[[int, int], None]
 

@@ -14,7 +14,7 @@ from codegen.report.html.runs import colours_of, is_passive
 from codegen.report.run_marks import until_spin
 from codegen.report.run_plots import column
 from codegen.report.scenario_plots import title_of
-from hil_sim.metrics import frequency
+from hil_sim.metrics import steering_response
 from hil_sim.metrics.run import Run, spin_time
 from hil_sim.scenarios import BUILT_IN
 
@@ -63,7 +63,9 @@ def _response(runs: Runs, config: Config) -> Iterator[Chart]:
     """Gain and phase of the yaw rate to the steering wheel (ISO 7401)."""
     colours, found = colours_of(runs), {}
     for name, record in runs.items():
-        response = None if spin_time(record) is not None else frequency.frequency_response(Run(record, RESPONSE, config))
+        response = (
+            None if spin_time(record) is not None else steering_response.frequency_response(Run(record, RESPONSE, config))
+        )
         if response is not None:
             found[name] = response
     gain = {name: 20.0 * np.log10(one.gain) for name, one in found.items()}

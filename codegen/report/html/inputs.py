@@ -19,7 +19,7 @@ from codegen.files import read_file, require_regular
 from codegen.report.fault_table import FaultEntry, FaultFile
 from codegen.report.html.bus import BusTimes, read_log
 from codegen.sil.software import RECORD_COLUMNS
-from hil_sim.recording import load_csv
+from hil_sim.logs import load_csv
 
 LOGS = (".blf", ".asc", ".log")
 FAULTS_BYTES_MAX = 2**24

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.design.loss import LossOfFunction, loss_of_function
-from codegen.design.loss_simulation import MODES
+from codegen.design.loss import MODES, LossOfFunction, loss_of_function
 from codegen.report.html.blocks import EMPTY, INK, Block, Chart, Text
 from codegen.report.html.charts import axis, categories, layout, numbers, patches, small
 from codegen.report.html.maps import FRONT_ANGLE, SPEED, NamedMap

@@ -7,17 +7,16 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from codegen.emit.c_outline import Unit, units
-from codegen.emit.deviations import FILE, Deviation, category_of, excerpt, read_deviations
+from codegen.emit.deviations import FILE, Deviation, Unit, category_of, excerpt, read_deviations, units
 from codegen.emit.misra_rules import RULES
 from codegen.errors import BuildError, CodegenError
-from codegen.verify import host_gcc
-from codegen.verify.analysis import gcc_analyzer, misra
-from codegen.verify.analysis.findings import Finding, once
+from codegen.verify import on_host
+from codegen.verify.analysis import analysers
+from codegen.verify.analysis.analysers import Finding, once
 from codegen.verify.analysis.number_tables import malformed, without_tables
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
-from codegen.verify.target.cross import source_tree
+from codegen.verify.target import source_tree
 
 SHOWS = (
     "cppcheck with the rules of MISRA C:2012 and gcc -fanalyzer report only findings that deviations.md lists by "
@@ -56,14 +55,14 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     files = subject.sources("include", "src", *PROGRAMS)
     with source_tree(without_tables(files, subject.manifest)) as tree:
         programs = [folder for folder in PROGRAMS if subject.sources(folder)]
-        found = [*misra.judged_by_misra(tree), *misra.judged_as_programs(tree, programs)]
+        found = [*analysers.judged_by_misra(tree), *analysers.judged_as_programs(tree, programs)]
         try:
-            analysis = gcc_analyzer.analyse(_gcc(), _units(subject, effort), tree)
+            analysis = analysers.analyse(_gcc(), _units(subject, effort), tree)
             not_run = ""
         except MissingTool as error:
-            analysis, not_run = gcc_analyzer.Analysis((), ()), str(error)
+            analysis, not_run = analysers.Analysis((), ()), str(error)
         except BuildError as error:
-            analysis, not_run = gcc_analyzer.Analysis((_not_compiled(error),), ()), ""
+            analysis, not_run = analysers.Analysis((_not_compiled(error),), ()), ""
     found = sorted(once([*found, *analysis.findings]))
     faults = (
         *malformed(files, subject.manifest),
@@ -75,9 +74,9 @@ def check(subject: Subject, effort: Effort) -> Outcome:
 
 
 def _gcc() -> str:
-    program = host_gcc.gcc()
+    program = on_host.gcc()
     if program is None:
-        raise MissingTool(host_gcc.MISSING)
+        raise MissingTool(on_host.MISSING)
     return program
 
 
@@ -97,7 +96,7 @@ def _units(subject: Subject, effort: Effort) -> dict[str, tuple[str, ...]]:
     """
     programs = PROGRAMS if sys.platform == "linux" else PROGRAMS[:1]
     paths = sorted(path for path in subject.sources("src", *programs) if path.endswith(".c"))
-    return {path: () if effort.quick and path.startswith(programs) else gcc_analyzer.DEEP for path in paths}
+    return {path: () if effort.quick and path.startswith(programs) else analysers.DEEP for path in paths}
 
 
 def _not_compiled(error: BuildError) -> Finding:
@@ -164,7 +163,7 @@ def _more_limits(subject: Subject, left: Sequence[str]) -> Iterator[str]:
 
 def _outcome(rows: Rows, found: Sequence[Finding], faults: tuple[str, ...], not_run: str) -> Outcome:
     rules = Counter(row.rule for _, row in rows)
-    gcc = None if not_run else host_gcc.gcc()
+    gcc = None if not_run else on_host.gcc()
     return Outcome(
         shows=SHOWS,
         figure=f"{len(faults)} findings but for {len(rows)} deviations, none of them mandatory",
@@ -173,9 +172,9 @@ def _outcome(rows: Rows, found: Sequence[Finding], faults: tuple[str, ...], not_
         figures={
             "findings": dict(sorted(Counter(_tool(finding.rule) for finding in found).items())),
             "deviations": {rule: rules[rule] for rule in sorted(rules, key=_by_number)},
-            "checks_left_out": dict(misra.NOT_FOR_LIBRARIES),
+            "checks_left_out": dict(analysers.NOT_FOR_LIBRARIES),
         },
-        tools={"cppcheck": misra.program_version(), **({"gcc": host_gcc.gcc_version(gcc)} if gcc else {})},
+        tools={"cppcheck": analysers.program_version(), **({"gcc": on_host.gcc_version(gcc)} if gcc else {})},
     )
 
 

@@ -18,7 +18,7 @@ from pycparser import c_ast, c_parser
 
 from codegen.errors import BuildError
 from codegen.verify.analysis.number_tables import without_tables
-from codegen.verify.target.cross import preprocess
+from codegen.verify.target import preprocess
 
 LIBRARY = ("memcpy",)
 """Library functions without a bound of their own; the generated C calls them with constant sizes."""

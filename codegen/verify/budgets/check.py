@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from codegen.configuration.budgets import KEY_OF_FUNCTION, MapShape
-from codegen.ecu_map.axis import Axis
+from codegen.ecu_map.storage import Axis
 from codegen.errors import BuildError
 from codegen.verify.budgets.bounded_loops import complaints
 from codegen.verify.budgets.measure import CYCLE, NOT_SINGLE, ResourceUsage, measure

@@ -1,19 +1,21 @@
-"""Functions of a linked image: their calls and their stack, read from the machine code after inlining.
+"""Machine code of a build for a Cortex-M4F: sizes of the objects, and functions of the linked image with their calls and stack.
 
-The mapping symbols `$t` and `$d` separate code from the constants between it (ELF for the Arm Architecture, IHI 0044, section
-5.5.5).
+Each object is compiled by itself. Functions are read after inlining. The mapping symbols `$t` and `$d` separate code from the
+constants between it (ELF for the Arm Architecture, IHI 0044, section 5.5.5).
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 from codegen.errors import BuildError
 from codegen.verify.packages import module
+from codegen.verify.target import CORTEX_M4F, FLAGS, INCLUDES, source_tree, zig
 
 STACK_FLAG = "-fstack-size-section"
 """Flag that makes clang write the stack use of each function (as of -fstack-usage) into the object."""
@@ -132,3 +134,56 @@ def _stack_sizes(elf: Any) -> Iterator[tuple[int, int]]:
         stream = io.BytesIO(section.data() if section.name == ".stack_sizes" else b"")
         while word := stream.read(4):
             yield int.from_bytes(word, "little") & ~1, int(number.parse_stream(stream))
+
+
+SECTIONS = ("text", "rodata", "data", "bss")
+"""Code, constants, and written memory with and without a start value."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Sizes of an object.
+
+    Attributes:
+        sections: bytes by section, without padding between sections.
+        written: names of the variables in written memory, with their bytes.
+    """
+
+    sections: Mapping[str, int]
+    written: tuple[tuple[str, int], ...]
+
+    @property
+    def flash(self) -> int:
+        """Bytes of flash: code, constants and start values."""
+        return sum(self.sections[name] for name in ("text", "rodata", "data"))
+
+
+def compile_objects(sources: Mapping[str, bytes], flags: Sequence[str]) -> dict[str, bytes]:
+    """Compile every .c file of `sources` and return the objects by path.
+
+    Raises:
+        CodegenError: `ziglang` is not installed.
+        BuildError: C that does not compile.
+    """
+    found = {}
+    with source_tree(sources) as tree:
+        for unit in sorted(path for path in sources if path.endswith(".c")):
+            zig(["cc", *CORTEX_M4F.flags, *FLAGS, *flags, *INCLUDES, "-c", unit, "-o", "../unit.o"], tree)
+            found[unit] = (tree.parent / "unit.o").read_bytes()
+    return found
+
+
+def sizes_of(content: bytes) -> Sizes:
+    """Return the sizes of an object. Raises CodegenError if `pyelftools` is not installed."""
+    elf = module("elftools.elf.elffile", "pyelftools").ELFFile(io.BytesIO(content))
+    totals = dict.fromkeys(SECTIONS, 0)
+    kinds: dict[Any, str] = {"SHN_COMMON": "bss"}
+    for index, section in enumerate(elf.iter_sections()):
+        kind = re.match(rf"\.({'|'.join(SECTIONS)})(\.|\Z)", section.name)
+        if kind:
+            kinds[index] = kind[1]
+            totals[kind[1]] += int(section["sh_size"])
+    symbols = [(each, each["st_shndx"]) for each in elf.get_section_by_name(".symtab").iter_symbols() if each["st_size"]]
+    totals["bss"] += sum(int(symbol["st_size"]) for symbol, place in symbols if place == "SHN_COMMON")
+    written = [(symbol.name, int(symbol["st_size"])) for symbol, place in symbols if kinds.get(place) in ("data", "bss")]
+    return Sizes(totals, tuple(sorted(written)))

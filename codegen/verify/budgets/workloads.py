@@ -16,12 +16,10 @@ import numpy.typing as npt
 from codegen.arrays import IntArray
 from codegen.configuration import Config
 from codegen.units import KM_H
-from codegen.verify.budgets.counting import EVENT, RECEIVED, START, TASK
 from codegen.verify.drives import COLUMNS, Samples, Thresholds, drawn
-from codegen.verify.traffic import Cycle
+from codegen.verify.traffic import Cycle, frames_of
 from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
-from hil_sim.e2e import next_counter, protect
-from hil_sim.frames import Frame
+from hil_sim.e2e import next_counter
 
 Rows = npt.NDArray[np.float32]
 """Inputs of successive calls, (calls, fields)."""
@@ -30,6 +28,10 @@ PLACE_COLUMNS = ("speed", "front_angle", "friction")
 STEP_COLUMNS = (*COLUMNS, "restart")
 MOTION_SIGNALS, CONDITIONS_SIGNALS = COLUMNS[:3], COLUMNS[3:6]
 DEMAND_COLUMNS = ("speed", "front_angle", "demand", "restart")
+
+EVENT = np.dtype([("kind", "<u4"), ("id", "<u4"), ("length", "<u4"), ("data", "S8")])
+START, TASK, RECEIVED = range(3)
+"""Kinds of events, as in `templates/verify/budget.c.j2`."""
 
 Parts = tuple[tuple[int, Mapping[str, float]], ...]
 """Parts of a drive: numbers of samples, and the values that differ from the usual ones in them."""
@@ -141,8 +143,7 @@ def cycles_of(config: Config, steps: Rows) -> list[Cycle]:
         sample = dict(zip(STEP_COLUMNS, row, strict=True))
         motion = VehicleMotion(**{name: sample[name] for name in MOTION_SIGNALS})
         conditions = VehicleConditions(**{name: sample[name] for name in CONDITIONS_SIGNALS}, inhibit=sample["inhibit"] > 0.0)
-        sent = ((can.vehicle_motion, motion), (can.vehicle_conditions, conditions))
-        found.append(tuple(Frame(each.id, protect(each.e2e_data_id, counter, codec.encode(payload))) for each, payload in sent))
+        found.append(frames_of(can, codec, counter, motion, conditions))
         counter = next_counter(next_counter(counter) if math.isnan(motion.speed) else counter)
     return found
 

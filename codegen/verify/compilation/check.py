@@ -6,6 +6,7 @@ The compilers run on copies of the files. Where gcc is missing the rest runs all
 from __future__ import annotations
 
 import importlib.metadata
+import io
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -13,15 +14,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from codegen.errors import BuildError
 from codegen.sil.toolchain import require_success, run
-from codegen.verify import host_gcc
+from codegen.verify import on_host
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.compilation.mixtures import HOSTED, mixtures, not_refused, takes_fast_math, units_with_reals
-from codegen.verify.compilation.object_symbols import LIBRARY, exported, fault, is_allowed, needed
 from codegen.verify.packages import module, require
-from codegen.verify.target.cross import CORES, CORTEX_M4F, FLAGS, INCLUDES, X86_64, Core, source_tree, zig
+from codegen.verify.target import CORES, CORTEX_M4F, FLAGS, INCLUDES, X86_64, Core, source_tree, zig
 
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wfloat-equal", "-Wshadow", "-Wundef"),
@@ -186,7 +187,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     """Check 1. Raises MissingTool: ziglang or pyelftools is not installed; CodegenError: the sources cannot be stored."""
     require("ziglang")
     module("elftools.elf.elffile", "pyelftools")
-    gcc = host_gcc.gcc()
+    gcc = on_host.gcc()
     cores = (X86_64, CORTEX_M4F) if effort.quick else CORES
     standards = C_STANDARDS[:1] if effort.quick else C_STANDARDS
     levels = ("-O2",) if effort.quick else ("-O2", "-O0")
@@ -291,7 +292,7 @@ def _outcome(
         shows=SHOWS,
         figure=f"{count} in {len(plan)} compilations and {pairs} mixtures of builds",
         verdict=verdict,
-        findings=found if gcc else (*found, host_gcc.MISSING),
+        findings=found if gcc else (*found, on_host.MISSING),
         figures={
             "compilations": [compilation.label for compilation in plan],
             "warnings": list(WARNINGS),
@@ -304,5 +305,60 @@ def _outcome(
             "Production compilers, such as those for TriCore and RH850, are not among those tried.",
             "The example and the Linux program are compiled for hosts only.",
         ),
-        tools={"ziglang": importlib.metadata.version("ziglang"), **({"gcc": host_gcc.gcc_version(gcc)} if gcc else {})},
+        tools={"ziglang": importlib.metadata.version("ziglang"), **({"gcc": on_host.gcc_version(gcc)} if gcc else {})},
     )
+
+
+# Functions that a compiler calls to copy or clear a struct, and a symbol that the ARM ABI references without a call.
+_RUNTIME = re.compile(r"mem(?:cpy|move|set)|__aeabi_mem(?:cpy|move|set|clr)[48]?|__aeabi_unwind_cpp_pr[012]")
+
+# In double precision on a core whose FPU is for single only: arithmetic, comparisons, conversions, shifts of 64 bits.
+_SOFT_DOUBLE = re.compile(r"__aeabi_(?:d\w+|f2d|u?i2d|u?l2d|l[lr]s[lr]|lasr)|__\w*df\w*|__(?:ash[lr]|lshr)di3")
+
+LIBRARY = ("sin", "cos", "atan", "sqrt")
+"""All that the dynamics, and nothing else, may call of the mathematical library; in single precision with an f behind."""
+
+
+def exported(content: bytes) -> tuple[str, ...]:
+    """Return the sorted names that an object exports. Raises MissingTool."""
+    return tuple(sorted(symbol.name for symbol in _symbols(content) if _is_global(symbol) and not _is_undefined(symbol)))
+
+
+def needed(content: bytes) -> tuple[str, ...]:
+    """Return the sorted undefined names of an object. Raises MissingTool."""
+    return tuple(sorted(symbol.name for symbol in _symbols(content) if _is_undefined(symbol)))
+
+
+def is_allowed(name: str, *, library: bool, single: bool, has_double: bool) -> bool:
+    """Return whether generated C may require a function.
+
+    Args:
+        library: the object may call the mathematical library.
+        single: the build computes in single precision.
+        has_double: the core's FPU computes in double precision.
+    """
+    suffix = "f" if single else ""
+    return (
+        _RUNTIME.fullmatch(name) is not None
+        or (library and name in {f"{function}{suffix}" for function in LIBRARY})
+        or (not single and not has_double and _SOFT_DOUBLE.fullmatch(name) is not None)
+    )
+
+
+def fault(name: str) -> str:
+    """Describe the fault of a required function that is not allowed."""
+    kind = "double precision" if _SOFT_DOUBLE.fullmatch(name) else "which a bare target need not have"
+    return f"needs {name}, {kind}"
+
+
+def _symbols(content: bytes) -> list[Any]:
+    elf = module("elftools.elf.elffile", "pyelftools").ELFFile(io.BytesIO(content))
+    return [symbol for symbol in elf.get_section_by_name(".symtab").iter_symbols() if symbol.name]
+
+
+def _is_undefined(symbol: Any) -> bool:
+    return bool(symbol["st_shndx"] == "SHN_UNDEF")
+
+
+def _is_global(symbol: Any) -> bool:
+    return bool(symbol["st_info"]["bind"] == "STB_GLOBAL")

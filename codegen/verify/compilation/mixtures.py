@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 
 from codegen.errors import BuildError
 from codegen.verify.check import Subject
-from codegen.verify.target.cross import FLAGS, source_tree, zig
+from codegen.verify.target import FLAGS, source_tree, zig
 
 REFUSES = "different builds"
 """Phrase of the error of a source or header that meets one of another build."""

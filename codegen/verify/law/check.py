@@ -13,6 +13,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import metadata
 from itertools import pairwise
 from typing import Any, cast
@@ -23,17 +24,17 @@ from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.sil.software import Measurement, Status
 from codegen.sil.toolchain import compiler_command, compiler_identity
-from codegen.verify import suites, traffic
+from codegen.verify import traffic
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.drives import GAPS, Thresholds, drawn, measurements_of, recorded
+from codegen.verify.drives import GAPS, Thresholds, drawn, drives_of, measurements_of, recorded
 from codegen.verify.law import parameters as sets
 from codegen.verify.law.controller import SecondController
-from codegen.verify.law.drive_cycle import cycles_of, drive, restart_cycles
+from codegen.verify.law.drive_cycle import LIFE, cycles_of, drive
 from codegen.verify.law.kinds import SECOND, second_controller
 from codegen.verify.law.long_drives import LongDrives
-from codegen.verify.law.pairs import ControllerPair, TaskPair, text_of
-from codegen.verify.law.repetition import Pair, Stretch, compare
+from codegen.verify.law.pairs import ControllerPair, Pair, Stretch, TaskPair, compare, text_of
 from codegen.verify.law.task import SecondTask
+from codegen.verify.law.tracking import Road
 from codegen.verify.map_reference import lookup_of
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
 from hil_sim.codec import Codec
@@ -80,32 +81,10 @@ class Size:
 SIZE, SIZE_QUICK = Size(1000, 1500, 12, 3000, True), Size(120, 600, 6, 400, False)
 
 
-@dataclass(frozen=True)
-class _MapRoad:
-    """See `tracking.Road`."""
-
-    friction: float
-    lateral_acceleration_cap: float
-
-
-@dataclass(frozen=True)
-class _Run:
-    """A run of a controller from a rear angle in rad, with a parameter struct."""
-
-    name: str
-    start: float
-    parameters: Any
-    samples: Sequence[Measurement]
-
-
-@dataclass(frozen=True)
-class _Traffic:
-    """Frames for the task, cycle by cycle, with a parameter struct; the task restarts before some cycles."""
-
-    name: str
-    parameters: Any
-    cycles: Sequence[traffic.Cycle]
-    starts: set[int]
+_Run = tuple[str, ControllerPair, Sequence[Measurement]]
+"""Name of a run, the controller in C and the second one in their initial state, and the samples."""
+_Traffic = tuple[str, Any, Sequence[traffic.Cycle], Sequence[int]]
+"""Name of a run of the task, its parameter struct, the frames of each cycle, and the cycles before which the task restarts."""
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
@@ -115,22 +94,18 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         MissingTool: a C compiler of this machine, or a package of the extra, is missing.
     """
     require_compiler()
-    if why := _why_not(subject):
-        return Outcome(SHOWS, "", Verdict.NOT_RUN, (why,), limits=LIMITS)
+    not_run = partial(Outcome, SHOWS, "", Verdict.NOT_RUN, limits=LIMITS)
+    if not subject.is_of_this_version:
+        return not_run((NOT_THIS_VERSION.format(made=subject.manifest["version"]),))
+    if subject.kind not in SECOND:
+        return not_run((NO_SECOND.format(kind=subject.kind),))
     size = SIZE_QUICK if effort.quick else SIZE
     try:
         return _Comparison(subject, size, with_recordings=not effort.quick).outcome()
     except MightNotReturn as error:
-        return Outcome(SHOWS, "", Verdict.NOT_RUN, (str(error),), limits=LIMITS, tools=_tools())
+        return not_run((str(error),), tools=_tools())
     except BuildError as error:  # the C does not compile, or holds no map
         return Outcome(SHOWS, "the C does not run", Verdict.FAILED, (str(error),), limits=LIMITS, tools=_tools())
-
-
-def _why_not(subject: Subject) -> str:
-    """Return why the build cannot be compared, or ""."""
-    if not subject.is_of_this_version:
-        return NOT_THIS_VERSION.format(made=subject.manifest["version"])
-    return "" if subject.kind in SECOND else NO_SECOND.format(kind=subject.kind)
 
 
 class _Comparison:
@@ -141,7 +116,8 @@ class _Comparison:
         self._software = compiled(subject)
         self._lookup = lookup_of(subject, self._software)
         facts = subject.manifest["map"]
-        self._road = _MapRoad(facts["friction"], facts["lateral_acceleration_cap_m_s2"])
+        self._road = Road(facts["friction"], facts["lateral_acceleration_cap_m_s2"])
+        self._precision = cast(Precision, subject.manifest["options"]["precision"])
         self._thresholds = Thresholds.of(subject.manifest)
         self._sets = [sets.drawn(self._software, np.random.default_rng((5, number))) for number in range(size.sets)]
         self._statuses: Counter[Status] = Counter()
@@ -152,18 +128,17 @@ class _Comparison:
         """Run all comparisons."""
         where = f"src/{self._subject.prefix}_calibration.c"
         findings = [f"{where}: {line}" for line in sets.differences(self._software)]
-        runs, samples = 0, 0
-        for run in self._runs():
-            runs, samples = runs + 1, samples + len(run.samples)
-            findings += [f"{run.name}, {line}" for line in self._compare(run)]
-        cycles = 0
-        for bus_run in self._traffic():
-            cycles += len(bus_run.cycles)
-            findings += [f"{bus_run.name}, {line}" for line in self._compare_task(bus_run)]
-        long_drives = 0
+        runs = samples = cycles = long_drives = 0
+        for name, pair, measurements in self._runs():
+            runs, samples = runs + 1, samples + len(measurements)
+            findings += self._differences(name, pair, [Stretch(measurements)])
+            self._statuses += pair.statuses
+        for name, parameters, frames, starts in self._traffic():
+            cycles += len(frames)
+            findings += self._differences_of_task(name, parameters, frames, starts)
         for each in self._long_drives().drives():
             long_drives += 1
-            findings += [f"{each.name}, {line}" for line in self._difference(each.name, each.pair, each.stretches)]
+            findings += self._differences(each.name, each.pair, each.stretches)
         count = "1 finding" if len(findings) == 1 else f"{len(findings)} findings"
         return Outcome(
             SHOWS,
@@ -194,48 +169,39 @@ class _Comparison:
         if unchanged:
             yield NEVER_OTHER.format(names=", ".join(sorted(unchanged)))
 
-    @property
-    def _precision(self) -> Precision:
-        return cast(Precision, self._subject.manifest["options"]["precision"])
-
     def _runs(self) -> Iterator[_Run]:
         software, size = self._software, self._size
         defaults, starts = software.parameters(), itertools.cycle(STARTS)
-        for number, samples in enumerate(suites.drives(self._thresholds, size.drive)):
-            yield _Run(f"drive {number}", next(starts), defaults, measurements_of(samples))
-        for seed in range(2):
-            yield _Run(f"drive cycle {seed}", next(starts), defaults, self._drive_cycle(seed))
-        yield _Run("thresholds of the speed", next(starts), defaults, self._at_speed_thresholds(defaults))
-        yield from self._from_the_stops(defaults)
-        if self._with_recordings:
-            for number, samples in enumerate(recorded(software)):
-                yield _Run(f"recording {number}", 0.0, defaults, measurements_of(samples))
-        for number, parameters in enumerate(self._sets):
-            # The drive cycle exercises the law, the drawn drive the input monitoring.
-            (anything,) = drawn(self._thresholds, size.drive, seed=number, gaps=GAPS[number % len(GAPS) :][:1])
-            drives = (self._drive_cycle(number + 2), self._at_speed_thresholds(parameters), measurements_of(anything))
-            yield _Run(f"parameter set {number}", next(starts), parameters, [*itertools.chain(*drives)])
 
-    def _from_the_stops(self, parameters: Any) -> Iterator[_Run]:
-        """Yield runs without control error from an end stop, where rounding decides whether a limit acts."""
+        def run(name: str, samples: Sequence[Measurement], parameters: Any = defaults, start: float | None = None) -> _Run:
+            begin = next(starts) if start is None else start
+            return name, ControllerPair(software, self._second(parameters, begin), parameters, begin), samples
+
+        for number, samples in enumerate(drives_of(self._thresholds, size.drive)):
+            yield run(f"drive {number}", measurements_of(samples))
+        for seed in range(2):
+            yield run(f"drive cycle {seed}", self._drive_cycle(seed))
+        yield run("thresholds of the speed", self._at_speed_thresholds(defaults))
+        # Without control error from an end stop, rounding decides whether a limit acts.
         generator = np.random.default_rng(6)
         for number in range(STOPS):
             speed, front_angle = generator.uniform(5.0, 40.0), generator.uniform(-0.1, 0.1)
             turn = Measurement(speed, front_angle, float(self._lookup(speed, front_angle)))
-            start = float(parameters.rear_angle_max) * (1.0 if number % 2 else -1.0)
-            yield _Run(f"stop {number}", start, parameters, [turn] * 2)
+            start = float(defaults.rear_angle_max) * (1.0 if number % 2 else -1.0)
+            yield run(f"stop {number}", [turn] * 2, start=start)
+        if self._with_recordings:
+            for number, samples in enumerate(recorded(software)):
+                yield run(f"recording {number}", measurements_of(samples), start=0.0)
+        for number, parameters in enumerate(self._sets):
+            # The drive cycle exercises the law, the drawn drive the input monitoring.
+            (anything,) = drawn(self._thresholds, size.drive, seed=number, gaps=GAPS[number % len(GAPS) :][:1])
+            drives = (self._drive_cycle(number + 2), self._at_speed_thresholds(parameters), measurements_of(anything))
+            yield run(f"parameter set {number}", [*itertools.chain(*drives)], parameters)
 
     def _drive_cycle(self, seed: int) -> list[Measurement]:
         wheelbase, kind = self._software.config.vehicle.wheelbase, seed % 2
-        generator = np.random.default_rng(seed)
-        return drive(
-            generator,
-            self._size.drive_cycle,
-            self._lookup,
-            wheelbase,
-            speed_amplitude=AMPLITUDES[kind],
-            steering_samples=STEERING_SAMPLES[kind],
-        )
+        given = (np.random.default_rng(seed), self._size.drive_cycle, self._lookup, wheelbase)
+        return drive(*given, speed_amplitude=AMPLITUDES[kind], steering_samples=STEERING_SAMPLES[kind])
 
     def _at_speed_thresholds(self, parameters: Any) -> list[Measurement]:
         """Return samples at each speed threshold and its neighbours, from both sides; then without the yaw rate, and
@@ -258,35 +224,28 @@ class _Comparison:
     def _second(self, parameters: Any, start: float) -> SecondController:
         return second_controller(self._software.config, parameters, self._lookup, self._road, start)
 
-    def _compare(self, run: _Run) -> Iterator[str]:
-        """Yield the first sample that differs; the following ones depend on it."""
-        second = self._second(run.parameters, run.start)
-        pair = ControllerPair(self._software, second, run.parameters, run.start)
-        yield from self._difference(run.name, pair, [Stretch(run.samples)])
-        self._statuses += pair.statuses
-
     def _traffic(self) -> Iterator[_Traffic]:
         software, cycles = self._software, self._size.cycles
         defaults, config = software.parameters(), software.config
         name, scenario = traffic.closed_loop(software)
         if scenario:
-            yield _Traffic(f"frames of scenario {name}", defaults, scenario, {0})
+            yield f"frames of scenario {name}", defaults, scenario, [0]
         disturbed = traffic.disturbed(config, scenario, cycles)
-        yield _Traffic("disturbed frames", defaults, disturbed, set(traffic.restarts_of(cycles)))
+        yield "disturbed frames", defaults, disturbed, traffic.restarts_of(cycles)
         for number, parameters in enumerate((defaults, *self._sets[:2])):
             samples = self._drive_cycle(number)
             frames = cycles_of(config, self._precision, samples, seed=number)
             of = f" of parameter set {number - 1}" if number else ""
-            yield _Traffic(f"frames of drive cycle {number}{of}", parameters, frames, set(restart_cycles(len(samples))))
+            yield f"frames of drive cycle {number}{of}", parameters, frames, range(0, len(samples), LIFE)
 
-    def _compare_task(self, run: _Traffic) -> Iterator[str]:
-        """Yield the first frame that differs."""
-        starts = [*sorted(run.starts), len(run.cycles)]
-        for start, end in pairwise(starts):
-            found = [*self._difference(run.name, self._task(run.parameters), [Stretch(run.cycles[start:end])], start)]
-            if found:
-                yield from found
-                return
+    def _differences_of_task(
+        self, name: str, parameters: Any, cycles: Sequence[traffic.Cycle], starts: Sequence[int]
+    ) -> list[str]:
+        """Return the first frame that differs."""
+        for start, end in pairwise([*starts, len(cycles)]):
+            if found := [*self._differences(name, self._task(parameters), [Stretch(cycles[start:end])], start)]:
+                return found
+        return []
 
     def _task(self, parameters: Any) -> TaskPair:
         software = self._software
@@ -299,14 +258,14 @@ class _Comparison:
         is_quick = not self._size.all_long_drives
         return LongDrives(self._software, codec, self._second, self._task, self._turn, is_quick)
 
-    def _difference(self, name: str, pair: Pair, stretches: Sequence[Stretch], first: int = 0) -> Iterator[str]:
-        """Yield the first output that differs. `first`: number of the first sample."""
+    def _differences(self, name: str, pair: Pair, stretches: Sequence[Stretch], first: int = 0) -> Iterator[str]:
+        """Yield the first output that differs; the following ones depend on it. `first`: number of the first sample."""
         result = compare(pair, stretches)
         self._repeated += result.repeated
         self._unsettled += [name] if result.unsettled else []
         if result.difference is not None:
             index, sample, got, wanted = result.difference
-            yield f"sample {first + index}: {pair.text(got)}; by the law {pair.text(wanted)}; after {text_of(sample)}"
+            yield f"{name}, sample {first + index}: {pair.text(got)}; by the law {pair.text(wanted)}; after {text_of(sample)}"
 
 
 def _tools() -> dict[str, str]:

@@ -14,10 +14,9 @@ from codegen.emit.text import Precision
 from codegen.sil.software import Measurement
 from codegen.verify.drives import gaps_of
 from codegen.verify.law.controller import NUMBERS
-from codegen.verify.traffic import Cycle
+from codegen.verify.traffic import Cycle, frames_of
 from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
-from hil_sim.e2e import next_counter, protect
-from hil_sim.frames import Frame
+from hil_sim.e2e import next_counter
 
 
 def drive(
@@ -67,11 +66,6 @@ GAP = (0.02, 0.05)
 """Probability that a gap of one message begins with a cycle, and that it ends with one: long enough for the fail-safe."""
 
 
-def restart_cycles(count: int) -> list[int]:
-    """Return the cycles before which the task restarts."""
-    return list(range(0, count, LIFE))
-
-
 def cycles_of(config: Config, precision: Precision, samples: Sequence[Measurement], seed: int) -> list[Cycle]:
     """Return the protected frames of each sample.
 
@@ -94,10 +88,7 @@ def cycles_of(config: Config, precision: Precision, samples: Sequence[Measuremen
             angle = math.nan
         motion = VehicleMotion(sample.speed, sample.front_angle, sample.yaw_rate)
         conditions = VehicleConditions(angle, sample.friction, sample.lateral_acceleration, sample.inhibit)
-        sent = ((can.vehicle_motion, motion), (can.vehicle_conditions, conditions))
-        frames = (
-            Frame(message.id, protect(message.e2e_data_id, counter, codec.encode(contents))) for message, contents in sent
-        )
+        frames = frames_of(can, codec, counter, motion, conditions)
         found.append(tuple(frame for frame, gap in zip(frames, gaps, strict=True) if not gap[number] or age <= waits))
         counter = next_counter(counter)
     return found

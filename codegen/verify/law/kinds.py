@@ -8,8 +8,7 @@ from typing import Any
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.sil.software import Measurement
-from codegen.verify.law.controller import SecondController
-from codegen.verify.law.limiter import clip
+from codegen.verify.law.controller import SecondController, clip
 from codegen.verify.law.tracking import Road, SecondTracking
 
 Make = Callable[[Config, Any, Lookup, Road, float], SecondController]

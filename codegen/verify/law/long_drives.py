@@ -17,12 +17,9 @@ import numpy as np
 from codegen.sil.software import Measurement, Software
 from codegen.verify.law.controller import NUMBERS, SecondController
 from codegen.verify.law.inputs import SecondInputs, Signal
-from codegen.verify.law.pairs import ControllerPair, InputsPair, LimiterPair, ReceiverPair, TaskPair
-from codegen.verify.law.repetition import Pair, Stretch
-from codegen.verify.traffic import Cycle
-from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
-from hil_sim.e2e import protect
-from hil_sim.frames import Frame
+from codegen.verify.law.pairs import ControllerPair, InputsPair, LimiterPair, Pair, ReceiverPair, Stretch, TaskPair
+from codegen.verify.traffic import Cycle, frames_of
+from hil_sim.codec import Codec, Frame, VehicleConditions, VehicleMotion
 
 HOUR_S = 3_600.0
 OVERFLOW = 70_000
@@ -277,13 +274,8 @@ class _Bus:
         """Return both frames with the counter of a cycle."""
         motion, counter = self._motion, number % COUNTER_STEPS
         yaw_rate = motion.yaw_rate + YAW_RATE_NOISE[number % len(YAW_RATE_NOISE)]
-        contents = (
-            (self._can.vehicle_motion, VehicleMotion(motion.speed, motion.front_angle, yaw_rate)),
-            (self._can.vehicle_conditions, VehicleConditions(rear_angle)),
-        )
-        return tuple(
-            Frame(message.id, protect(message.e2e_data_id, counter, self._codec.encode(each))) for message, each in contents
-        )
+        sent = VehicleMotion(motion.speed, motion.front_angle, yaw_rate), VehicleConditions(rear_angle)
+        return frames_of(self._can, self._codec, counter, *sent)
 
     def cycles(self, rear_angle: float = 0.0, count: int = COUNTER_STEPS, first: int = 0) -> list[Cycle]:
         """Return consecutive cycles; the default number can be repeated."""

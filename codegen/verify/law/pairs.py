@@ -1,9 +1,16 @@
-"""The units of a build in C, each beside its second implementation."""
+"""The units of a build in C, each beside its second implementation, and their comparison on inputs that repeat for hours.
+
+Both implementations are run side by side until the state of the second one, in Python, recurs. From there on its outputs
+repeat with the inputs, so that only the C has to be run, and each of its outputs is compared with the one in the cycle.
+"""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections import Counter, deque
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -12,15 +19,143 @@ import numpy.typing as npt
 from codegen.configuration.can import FRAME_BYTES
 from codegen.configuration.signals import MEASURED
 from codegen.sil.software import Measurement, Software, Status
-from codegen.verify.law.controller import NUMBERS, SecondController
+from codegen.verify.law.controller import NUMBERS, SecondController, SecondLimiter
 from codegen.verify.law.inputs import Quality, SecondInputs
-from codegen.verify.law.limiter import SecondLimiter
-from codegen.verify.law.repetition import Pair
 from codegen.verify.law.task import SecondTask
 from codegen.verify.traffic import Cycle
-from hil_sim.codec import Codec
-from hil_sim.e2e import Receiver, Supervision, next_counter, protect
-from hil_sim.frames import Frame
+from hil_sim.codec import Codec, Frame
+from hil_sim.e2e import Receiver, Supervision, protect
+
+STATEFUL = ("codegen.verify.law.", "hil_sim.e2e", "codegen.configuration.signals")
+"""Modules of the classes whose attributes are the state. Other objects, such as parameters and the map, do not change."""
+SETTLING_MAX = 8_000
+"""Largest number of inputs after which the state must recur."""
+
+
+class Pair(ABC):
+    """One unit in C and its second implementation, both in the same state."""
+
+    @abstractmethod
+    def second(self, sample: Any) -> Any:
+        """Advance the second implementation and return its output."""
+
+    @abstractmethod
+    def compiled(self, sample: Any) -> Any:
+        """Advance the C and return its output, comparable with that of `second`."""
+
+    @abstractmethod
+    def state(self) -> Any:
+        """Return the objects that hold the state of the second implementation."""
+
+    def first_difference(self, samples: Sequence[Any], wanted: Sequence[Any], rounds: int) -> tuple[int, Any] | None:
+        """Run the C on the samples a number of times. Return index and output of the first difference."""
+        compiled, number = self.compiled, 0
+        for _ in range(rounds):
+            for sample, output in zip(samples, wanted, strict=True):
+                got = compiled(sample)
+                if got != output:
+                    return number, got
+                number += 1
+        return None
+
+    def text(self, output: Any) -> str:
+        """Format an output."""
+        return str(output)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Inputs that are repeated a number of times."""
+
+    samples: Sequence[Any]
+    rounds: int = 1
+
+
+@dataclass
+class Result:
+    """Result of a comparison.
+
+    Attributes:
+        difference: index of the first output that differs, the output of the C and that of the second implementation.
+        compared: number of outputs computed by both.
+        repeated: number of outputs of the C compared with those of the cycle.
+        unsettled: number of stretches that were cut because the state did not recur.
+    """
+
+    difference: tuple[int, Any, Any, Any] | None = None
+    compared: int = 0
+    repeated: int = 0
+    unsettled: int = 0
+
+
+def compare(pair: Pair, stretches: Iterable[Stretch]) -> Result:
+    """Run both implementations on stretches in order, until an output differs."""
+    result = Result()
+    for stretch in stretches:
+        _compare_stretch(pair, stretch, result)
+        if result.difference is not None:
+            break
+    return result
+
+
+def _compare_stretch(pair: Pair, stretch: Stretch, result: Result) -> None:
+    samples, left = stretch.samples, stretch.rounds
+    outputs: list[Any] = []
+    seen: dict[Hashable, int] = {}
+    has_recurred = stretch.rounds == 1
+
+    def run_compiled(wanted: Sequence[Any], rounds: int) -> bool:
+        """Return whether the C gives the wanted outputs."""
+        period = [*samples] * (len(wanted) // len(samples))
+        found = pair.first_difference(period, wanted, rounds)
+        if found is not None:
+            index, got = found
+            at = index % len(wanted)
+            result.difference = (result.compared + result.repeated + index, period[at], got, wanted[at])
+        return found is None
+
+    while left:
+        wanted = [pair.second(sample) for sample in samples]
+        if not run_compiled(wanted, 1):
+            return
+        left -= 1
+        result.compared += len(samples)
+        if has_recurred:
+            continue
+        outputs += wanted
+        state = state_of(pair.state())
+        if state in seen:
+            cycle = outputs[seen[state] :]
+            rounds = left // (len(cycle) // len(samples))
+            if not run_compiled(cycle, rounds):
+                return
+            result.repeated += rounds * len(cycle)
+            left -= rounds * (len(cycle) // len(samples))
+            has_recurred = True
+        elif len(outputs) >= SETTLING_MAX:
+            result.unsettled += 1
+            return
+        seen[state] = len(outputs)
+
+
+def state_of(value: Any) -> Hashable:
+    """Return a value that is equal for equal states only: numbers by their bits, unchanging objects by their identity."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tobytes()
+    if isinstance(value, float):
+        return value.hex()
+    if value is None or isinstance(value, int | str | bytes | Enum):
+        return value
+    if isinstance(value, list | tuple | deque):
+        return tuple(map(state_of, value))
+    if isinstance(value, set):
+        return frozenset(map(state_of, value))
+    if isinstance(value, dict):
+        return tuple((key, state_of(each)) for key, each in value.items())
+    if type(value).__module__.startswith(STATEFUL) and not getattr(value, "is_constant", False):
+        return tuple(state_of(each) for name, each in vars(value).items())
+    return id(value)
+
 
 BATCH = 36_000
 """Maximum samples in one call of the C."""
@@ -164,10 +299,7 @@ class ReceiverPair(Pair):
             software.function, ("e2e_check", "e2e_no_new_data", "e2e_supervise")
         )
         self._counters = [0, 0]  # of the sender to each implementation
-        counter, frames = 0, []
-        for _ in range(15):
-            frames.append(protect(self._data_id, counter, bytes(FRAME_BYTES)))
-            counter = next_counter(counter)
+        frames = [protect(self._data_id, counter, bytes(FRAME_BYTES)) for counter in range(15)]
         self._frames = (*frames, bytes((frames[0][0] ^ 1, *frames[0][1:])))
         software.function("e2e_receiver_init")(self._c_receiver)
         software.function("e2e_supervision_init")(self._c_supervision)

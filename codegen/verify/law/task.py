@@ -11,10 +11,8 @@ from codegen.configuration.can import FRAME_BYTES, Can
 from codegen.sil.software import Measurement
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.inputs import Quality
-from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
-from hil_sim.diagnostics import DIAGNOSTICS
+from hil_sim.codec import DIAGNOSTICS, Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.e2e import E2eState, E2eStatus, Receiver, Supervision, next_counter, protect
-from hil_sim.frames import Frame
 
 _BITS = {name: 1 << bit for bit, (name, _) in DIAGNOSTICS.items()}
 _ADVANCE = {E2eStatus.OK: 1, E2eStatus.INITIAL: 1, E2eStatus.OK_SOME_LOST: 2}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -13,14 +13,13 @@ import numpy as np
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
-from codegen.emit.reference_model_view import tabulate
+from codegen.emit.dynamics_view import tabulate
 from codegen.sil.software import Measurement
 from codegen.vehicle.dynamics import single_track_step
 from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
-from codegen.verify.law.controller import SecondController
+from codegen.verify.law.controller import SecondController, clip
 from codegen.verify.law.inputs import Quality
-from codegen.verify.law.limiter import clip
 
 SIDESLIP_MAX = math.radians(20.0)
 SPEED_MIN = 1.0
@@ -162,16 +161,11 @@ class SecondReferenceModel:
         )
 
 
-class Road(Protocol):
-    """Road for which the map was made, such as a TotalMap."""
+class Road(NamedTuple):
+    """Road for which the map was made: peak friction, and the lateral acceleration in m/s^2 that the map allows on it."""
 
-    @property
-    def friction(self) -> float:
-        """Peak friction."""
-
-    @property
-    def lateral_acceleration_cap(self) -> float:
-        """m/s^2 that the map allows on it."""
+    friction: float
+    lateral_acceleration_cap: float
 
 
 @dataclass(frozen=True)

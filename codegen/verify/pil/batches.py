@@ -1,13 +1,8 @@
-"""Batches of calls of the generated C, with the same C and the same input and output words on the host and on an emulated
-core.
+"""Batches of calls of the generated C, run by the same C on the host and on an emulated core, with the same words in and out.
 
 A row of a batch is one call, starting from the state that the previous row left. Numbers are passed as words with their bits,
 so that nothing converts them on the way. The outputs are all results of the call and every field of the state after it,
 without padding and pointers.
-
-A row of a batch is one call; it starts from the state that the row before it left. All numbers travel as words that hold
-their bits, so that nothing between Python and the call looks at them as numbers. What comes out is everything that the call
-gives, and every field of the state behind it: no padding, and no pointer.
 """
 
 from __future__ import annotations
@@ -23,10 +18,14 @@ from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.emit.can_view import task_view
 from codegen.emit.render import render
 from codegen.emit.text import c_type
+from codegen.sil.compile import compile_library
 from codegen.sil.software import Software
+from codegen.verify.on_host import HOST_FLAGS
+from codegen.verify.target import CORTEX_M4F, DATA, DATA_BYTES, Core, Processor, compile_image
 from codegen.verify.traffic import FRAMES, Cycle
 
 Word = type[np.uint32] | type[np.uint64]
+Real = type[np.float32] | type[np.float64]
 Rows = npt.NDArray[Any]
 """Words, (rows, columns), of the width of the build's numbers and in the byte order of this machine."""
 
@@ -135,16 +134,12 @@ def program_of(software: Software, files: Mapping[str, bytes]) -> Program:
 def dynamics_program_of(software: Software, files: Mapping[str, bytes], functions: Sequence[str]) -> Program:
     """Return the program of the vehicle dynamics, which call library functions: batches "dynamics" and "library"."""
     source = f"src/{software.prefix}_dynamics.c"
-    outputs = tuple(
-        Column(f"{name}.{place}", expression)
-        for name, kind in (
-            ("linear", "state"),
-            ("linear_jacobian", "jacobian"),
-            ("magic_formula", "state"),
-            ("magic_formula_jacobian", "jacobian"),
-        )
-        for place, expression in _leaves(software, f"dynamics_{kind}_t", f"{name}.")
-    )
+    outputs = [
+        column
+        for model in ("linear", "magic_formula")
+        for name, kind in ((model, "state"), (f"{model}_jacobian", "jacobian"))
+        for column in _columns(software, f"dynamics_{kind}_t", name)
+    ]
     batches = {
         "dynamics": Batch("dynamics", _INPUTS["dynamics"], (*outputs, Column("calls", "(verify_word_t)calls"))),
         "library": Batch("library", ("x",), tuple(Column(name, f"bits({name})") for name in functions)),
@@ -170,6 +165,11 @@ def word_of(software: Software) -> Word:
     return np.uint32 if software.precision == "single" else np.uint64
 
 
+def real_of(word: Word) -> Real:
+    """Return the NumPy type of the numbers whose bits are in words."""
+    return np.float32 if word is np.uint32 else np.float64
+
+
 def _context(software: Software, batches: Mapping[str, Batch]) -> dict[str, Any]:
     return {
         "build": {"prefix": software.prefix, "PREFIX": software.prefix.upper()},
@@ -183,8 +183,7 @@ def _context(software: Software, batches: Mapping[str, Batch]) -> dict[str, Any]
 
 def _batches(software: Software, files: Mapping[str, bytes]) -> Iterator[Batch]:
     def batch(name: str, results: Sequence[Column], state: str = "") -> Batch:
-        fields = _leaves(software, f"{state}_t", "state.") if state else ()
-        return Batch(name, _INPUTS[name], (*results, *(Column(f"state.{place}", text) for place, text in fields)))
+        return Batch(name, _INPUTS[name], (*results, *(_columns(software, f"{state}_t", "state") if state else ())))
 
     command = _columns(software, "command_t", "command")
     yield batch("controller", command, "controller")
@@ -207,31 +206,26 @@ def _data_columns(name: str) -> list[Column]:
     return [Column(f"{name}[{first}..{first + 3}]", f"bytes(&{name}[{first}])") for first in (0, 4)]
 
 
-def _columns(software: Software, kind: str, variable: str) -> list[Column]:
-    return [Column(f"{variable}.{place}", text) for place, text in _leaves(software, kind, f"{variable}.")]
-
-
 def _has(software: Software, kind: str) -> bool:
     return f"{software.prefix}_{kind}" in software.ffi.list_types()[0]
 
 
-def _leaves(software: Software, kind: str, variable: str) -> list[tuple[str, str]]:
-    """Return path and C expression of every number in a struct, in order, without pointers."""
-    found: list[tuple[str, str]] = []
+def _columns(software: Software, kind: str, variable: str) -> list[Column]:
+    """Return every number in a struct, in order, without pointers."""
+    found: list[Column] = []
 
     def visit(declared: Any, place: str) -> None:
         if declared.kind == "struct":
             for name, field in declared.fields:
-                visit(field.type, f"{place}.{name}" if place else name)
+                visit(field.type, f"{place}.{name}")
         elif declared.kind == "array":
             for index in range(declared.length):
                 visit(declared.item, f"{place}[{index}]")
         elif declared.kind != "pointer":
-            make = "bits" if declared.cname in ("float", "double") else "(verify_word_t)"
-            text = f"{variable}{place}"
-            found.append((place, f"{make}({text})" if make == "bits" else f"{make}{text}"))
+            is_real = declared.cname in ("float", "double")
+            found.append(Column(place, f"bits({place})" if is_real else f"(verify_word_t){place}"))
 
-    visit(software.ffi.typeof(f"{software.prefix}_{kind}"), "")
+    visit(software.ffi.typeof(f"{software.prefix}_{kind}"), variable)
     return found
 
 
@@ -245,3 +239,78 @@ def rows_of_cycles(cycles: Sequence[Cycle], batch: Batch, word: Word, restarts: 
             data = int.from_bytes(frame.data.ljust(8, b"\0"), "little")
             row[2 + 4 * place : 6 + 4 * place] = (frame.id, len(frame.data), data & 0xFFFF_FFFF, data >> 32)
     return rows
+
+
+class OnHost:
+    """Runner in this process, compiled by the user's compiler. All runners of one program share its states.
+
+    Raises:
+        BuildError: no compiler, or C that does not compile.
+    """
+
+    name = "this machine"
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        library = compile_library(
+            f"{program.prefix}_batches",
+            program.sources,
+            [f"{FOLDER}/batches.h"],
+            include_folders=("include", FOLDER),
+            flags=HOST_FLAGS,
+        )
+        self._ffi, self._lib = library.ffi, library.lib
+
+    def run(self, batch: Batch, rows: Rows) -> Rows:
+        """Run rows (n, inputs) and return rows (n, outputs)."""
+        ffi, word = self._ffi, self._program.word
+        given = np.ascontiguousarray(rows, dtype=word)
+        results = np.empty((len(rows), len(batch.outputs)), dtype=word)
+        getattr(self._lib, f"verify_batch_{batch.name}")(
+            ffi.cast("verify_word_t *", ffi.from_buffer(given)),
+            ffi.cast("verify_word_t *", ffi.from_buffer(results, require_writable=True)),
+            len(rows),
+        )
+        return results
+
+
+class OnTarget:
+    """Runner on an emulated core.
+
+    Args:
+        sources: additional sources, such as a library.
+
+    Attributes:
+        name: name of the core.
+        processor: the core.
+
+    Raises:
+        CodegenError: a package of the extra is missing.
+        BuildError: C that does not compile; in `run`, C that leaves its memory or does not return.
+    """
+
+    def __init__(self, program: Program, core: Core = CORTEX_M4F, sources: Mapping[str, bytes] | None = None) -> None:
+        entries = [f"verify_batch_{name}" for name in program.batches] + list(program.entries)
+        self.name, self._program = core.name, program
+        self.processor = Processor(compile_image({**program.sources, **(sources or {})}, entries, ("-O2",), core), core)
+        self._word = np.dtype(f"{self.processor.byte_order}u{np.dtype(program.word).itemsize}")
+
+    def run(self, batch: Batch, rows: Rows) -> Rows:
+        """Run rows (n, inputs) and return rows (n, outputs)."""
+        return np.concatenate([self._chunk(batch, part) for part in self._chunks(batch, rows)])
+
+    def _chunks(self, batch: Batch, rows: Rows) -> Iterator[Rows]:
+        size = DATA_BYTES // ((len(batch.inputs) + len(batch.outputs)) * self._word.itemsize)
+        for start in range(0, max(len(rows), 1), size):
+            yield rows[start : start + size]
+
+    def _chunk(self, batch: Batch, rows: Rows) -> Rows:
+        given, results = rows.astype(self._word).tobytes(), len(rows) * len(batch.outputs) * self._word.itemsize
+        self.processor.write(DATA, given)
+        self.processor.call(f"verify_batch_{batch.name}", DATA, DATA + len(given), len(rows))
+        words = np.frombuffer(self.processor.read(DATA + len(given), results), dtype=self._word)
+        return words.astype(self._program.word).reshape(len(rows), len(batch.outputs))
+
+
+Runner = OnHost | OnTarget
+"""Runner of batches."""

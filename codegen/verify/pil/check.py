@@ -20,10 +20,9 @@ from codegen.verify.drives import Thresholds, recorded
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
 from codegen.verify.packages import module, require
 from codegen.verify.pil import dynamics_bound
-from codegen.verify.pil.batches import Program, Rows, dynamics_program_of, program_of, rows_of_cycles
-from codegen.verify.pil.runners import OnHost, OnTarget
+from codegen.verify.pil.batches import OnHost, OnTarget, Program, Rows, dynamics_program_of, program_of, rows_of_cycles
 from codegen.verify.pil.streams import Source, Stream, differences
-from codegen.verify.target.cross import CORTEX_M4F, CORTEX_M7, POWERPC_BE, Core
+from codegen.verify.target import CORTEX_M4F, CORTEX_M7, POWERPC_BE, Core
 
 CORES: Mapping[bool, tuple[Core, ...]] = {True: (CORTEX_M4F, CORTEX_M7, POWERPC_BE), False: (POWERPC_BE,)}
 """Cores whose emulated FPU supports single (True) or double (False) precision builds."""
@@ -109,7 +108,7 @@ def _compared(subject: Subject, effort: Effort) -> Outcome:
     driven = list(streams(subject, software, program, QUICK_STEPS if effort.quick else STEPS))
     expected = [here.run(stream.batch, stream.rows) for stream in driven]
     statuses = _statuses(driven[0], expected[0])
-    findings = _unreached(statuses)
+    findings = [f"the random steps never reach the status {name}" for name, count in statuses.items() if not count]
     cores = CORES[subject.is_single]
     mismatches: dict[str, dict[str, int]] = {}
     for core in cores:
@@ -154,10 +153,6 @@ def _statuses(stream: Stream, results: Rows) -> dict[str, int]:
     """Count the steps that ended in each status."""
     column = [output.name for output in stream.batch.outputs].index("command.status")
     return {status.name: int((results[:, column] == status).sum()) for status in Status}
-
-
-def _unreached(statuses: Mapping[str, int]) -> list[str]:
-    return [f"the random steps never reach the status {name}" for name, count in statuses.items() if not count]
 
 
 def _dynamics(subject: Subject, software: Software, effort: Effort) -> dict[str, dynamics_bound.Difference]:

@@ -17,13 +17,12 @@ import numpy.typing as npt
 
 from codegen.emit.render import render
 from codegen.emit.text import Precision, c_type, literal, numpy_type
-from codegen.verify.pil.batches import Batch, Program, Rows
-from codegen.verify.pil.runners import Runner
+from codegen.verify.pil.batches import Batch, Program, Real, Rows, Runner, real_of
 
 FloatArray = npt.NDArray[np.floating[Any]]
 
 LIBRARY_ULPS = 4
-"""Return the largest difference of each function in units in the last place, (functions,)."""
+"""Allowed difference of a library function, in units in the last place."""
 
 ROUNDING_ULPS = 4
 
@@ -126,7 +125,7 @@ def compare(program: Program, here: Runner, there: Runner, count: int, generator
     batch = program.batches["dynamics"]
     rows = points(program, batch, count, generator)
     first = here.run(batch, rows)
-    real = np.float32 if program.word is np.uint32 else np.float64
+    real = real_of(program.word)
     own, other = (_numbers(words, real) for words in (first, there.run(batch, rows)))
     bound = _bound(batch, rows, own, here, int(first[:, -1].max()), real)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -149,11 +148,11 @@ def points(program: Program, batch: Batch, count: int, generator: np.random.Gene
     drawn = generator.uniform(low, high, (count, len(low)))
     drawn[: count // 8] *= 1e-3  # where the tyres are linear
     rows = np.zeros((count, len(batch.inputs)), dtype=program.word)
-    rows[:, 2:] = drawn.astype(np.float32 if program.word is np.uint32 else np.float64).view(program.word)
+    rows[:, 2:] = drawn.astype(real_of(program.word)).view(program.word)
     return rows
 
 
-def _numbers(words: Rows, real: type[np.float32] | type[np.float64]) -> FloatArray:
+def _numbers(words: Rows, real: Real) -> FloatArray:
     """Convert words to numbers in double precision."""
     result: FloatArray = np.ascontiguousarray(words).view(real).astype(np.float64)
     return result
@@ -162,22 +161,17 @@ def _numbers(words: Rows, real: type[np.float32] | type[np.float64]) -> FloatArr
 def _library_apart(program: Program, here: Runner, there: Runner, count: int, generator: np.random.Generator) -> Rows:
     """Largest difference of each function, units in the last place, (functions,)."""
     batch = program.batches["library"]
-    x = np.concatenate(
-        [
-            generator.uniform(-LARGEST_ARGUMENT, LARGEST_ARGUMENT, 4 * count),
-            generator.choice([-1.0, 1.0], count) * 10.0 ** generator.uniform(-6.0, 0.0, count),
-        ]
-    )
-    words = x.astype(np.float32 if program.word is np.uint32 else np.float64).view(program.word)[:, None]
+    large = generator.uniform(-LARGEST_ARGUMENT, LARGEST_ARGUMENT, 4 * count)
+    small = generator.choice([-1.0, 1.0], count) * 10.0 ** generator.uniform(-6.0, 0.0, count)
+    x = np.concatenate([large, small])
+    words = x.astype(real_of(program.word)).view(program.word)[:, None]
     signed = np.int32 if program.word is np.uint32 else np.int64
     results = [runner.run(batch, words).view(signed) for runner in (here, there)]
     apart: Rows = np.abs(np.subtract(*results)).max(axis=0, initial=0)
     return apart
 
 
-def _bound(
-    batch: Batch, rows: Rows, own: FloatArray, here: Runner, calls: int, real: type[np.float32] | type[np.float64]
-) -> FloatArray:
+def _bound(batch: Batch, rows: Rows, own: FloatArray, here: Runner, calls: int, real: Real) -> FloatArray:
     """Return the bound of the difference of each result, (rows, outputs)."""
     bound = np.zeros(own.shape)
     for call in range(1, calls + 1):

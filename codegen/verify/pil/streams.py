@@ -18,8 +18,7 @@ from codegen.configuration import Config
 from codegen.configuration.signals import CARRIED, SignalDefinition
 from codegen.units import KM_H
 from codegen.verify.drives import COLUMNS, GAPS, HELD, Samples, Thresholds, drawn, moving
-from codegen.verify.pil.batches import WHOLE, Batch, Rows, Word
-from codegen.verify.pil.runners import Runner
+from codegen.verify.pil.batches import WHOLE, Batch, Rows, Runner, Word, real_of
 
 REPLACED_FRACTIONS = (0.0, 0.01, 0.0, 0.3, 0.0, 1.0)
 """Fraction of the numbers that are replaced by arbitrary ones, in consecutive stretches: each kind of damage, and time to
@@ -52,14 +51,10 @@ class Source:
     word: Word
     generator: np.random.Generator
 
-    @property
-    def _real(self) -> type[np.float32] | type[np.float64]:
-        return np.float32 if self.word is np.uint32 else np.float64
-
     def words(self, numbers: npt.ArrayLike) -> Rows:
         """Return the bits of numbers."""
         with np.errstate(over="ignore"):
-            return np.ascontiguousarray(numbers, dtype=self._real).view(self.word)
+            return np.ascontiguousarray(numbers, dtype=real_of(self.word)).view(self.word)
 
     def steps(self, batch: Batch, count: int) -> Rows:
         """Draw rows for the controller: a tour through every status, drawn drives, and drives with special numbers."""

@@ -1,8 +1,8 @@
 """The generated code under AddressSanitizer and UndefinedBehaviorSanitizer on this machine, in processes of its own.
 
-One program is compiled. Behind a pipe (see `served_ecu`) it runs its self-test, drives from everywhere, look-ups against the
+One program is compiled. Behind a pipe (see `sanitized`) it runs its self-test, drives from everywhere, look-ups against the
 NumPy reference, every built-in scenario in closed loop, and every fault of the catalogue, whose outcome must be as defined.
-Two more processes of it run the fuzz harnesses (see `fuzzing`).
+Two more processes of it run the fuzz harnesses (see `program`).
 """
 
 from __future__ import annotations
@@ -19,14 +19,13 @@ from codegen.emit.laws import LAWS
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.sil.software import RECORD_COLUMNS, Software, Status, compile_build
-from codegen.verify import suites
+from codegen.verify import drives
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Thresholds
 from codegen.verify.map_reference import lookup_of
 from codegen.verify.on_host import HOST_FLAGS
-from codegen.verify.sanitizers import fuzzing, program, served_ecu
-from codegen.verify.sanitizers.sanitized import compiled, find_compiler
-from codegen.verify.sanitizers.served_ecu import Numbers, ServedEcu
+from codegen.verify.sanitizers import program, sanitized
+from codegen.verify.sanitizers.sanitized import Numbers, ServedEcu, compiled, find_compiler
 from hil_sim.bench import run_in_process
 from hil_sim.fault_catalogue import run_all
 from hil_sim.plant_node import PlantNode
@@ -65,18 +64,18 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     compiler = find_compiler()
     tools, fuzzed = {"C compiler with sanitizers": compiler.version}, {}
     try:
-        seeds = fuzzing.seeds(subject)
+        seeds = program.seeds(subject)
         with compiled(compiler, subject.sources(), program.sources(subject), (program.COVERAGE,)) as path:
-            with served_ecu.served(path, subject) as ecu:
+            with sanitized.served(path, subject) as ecu:
                 suite_runs = _Suites(subject, effort, ecu)
                 for finding in suite_runs.run():
                     suite_runs.findings.append(finding)  # one by one: the program may end at any time
             for name in program.HARNESSES:
                 inputs = INPUTS_QUICK if effort.quick else INPUTS[name]
-                fuzzed[name] = fuzzing.run_harness(path, name, seeds[name], inputs)
+                fuzzed[name] = program.run_harness(path, name, seeds[name], inputs)
     except BuildError as error:
         return Outcome(SHOWS, "not compiled", Verdict.FAILED, (str(error),), limits=LIMITS, tools=tools)
-    # Findings of the sanitizers explain those of the suites, so they come first.
+    # Findings of the sanitizers explain those of the drives, so they come first.
     findings = (*_types_of_other_width(subject), *ecu.findings, *suite_runs.findings)
     findings += tuple(finding for _, found in fuzzed.values() for finding in found)
     ran, total = suite_runs.figures, sum(figures["inputs"] for figures, _ in fuzzed.values())
@@ -102,7 +101,7 @@ def _types_of_other_width(subject: Subject) -> Iterator[str]:
 
 
 class _Suites:
-    """Runs of the suites, and the faults in their results that sanitizers do not detect."""
+    """Runs of the drives, and the faults in their results that sanitizers do not detect."""
 
     def __init__(self, subject: Subject, effort: Effort, ecu: ServedEcu) -> None:
         self._subject, self._ecu = subject, ecu
@@ -127,7 +126,7 @@ class _Suites:
     def _drives(self) -> Iterator[str]:
         reached: set[int] = set()
         steps = 0
-        for number, drive in enumerate(suites.drives(self._thresholds, self._samples)):
+        for number, drive in enumerate(drives.drives_of(self._thresholds, self._samples)):
             # Includes impossible initial angles; the command is bounded for all of them.
             self._ecu.start((0.0, 0.02, -1e30, math.nan, math.inf)[number % 5])
             commands = self._ecu.drive(drive)
@@ -144,8 +143,8 @@ class _Suites:
     def _lookups(self) -> Iterator[str]:
         subject = self._subject
         lookup = lookup_of(subject, compile_build(subject.files, subject.manifest, flags=HOST_FLAGS))
-        places = suites.places(self._thresholds, self._samples // 4, self._precision)
-        frictions = suites.road_frictions(self._thresholds, self._precision)
+        places = drives.places(self._thresholds, self._samples // 4, self._precision)
+        frictions = drives.road_frictions(self._thresholds, self._precision)
         wrong = [text for friction in frictions for text in self._different(lookup, places, friction)]
         self.figures["look_ups"] = len(places) * len(frictions)
         if wrong:
@@ -172,7 +171,7 @@ class _Suites:
         per_sample = round(self._config.controller.sampling_time_s / self._config.plant.sampling_time_s)
         command_signal = self._config.can.rear_steer_command.real("rear_angle")
         count = 0
-        for name, inputs in suites.loops(self._config):
+        for name, inputs in drives.loops(self._config):
             for through_can in (False, True):
                 record = self._ecu.run_loop(inputs, per_sample, through_can=through_can)
                 command = record[:, RECORD_COLUMNS.index("rear_angle_command_rad")]
@@ -191,7 +190,7 @@ class _Suites:
             self._config, lambda run: run_in_process(PlantNode(self._config, run, precision=self._precision), ecu)
         )
         self.figures["faults"] = len(outcomes)
-        if not suites.are_faults_defined_for(self._config):
+        if not drives.are_faults_defined_for(self._config):
             self.limits.append(FAULTS_NOT_JUDGED)
             return
         for outcome in outcomes:

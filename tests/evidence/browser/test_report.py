@@ -14,7 +14,7 @@ from codegen.report.html.blocks import Chart, Section
 from codegen.report.html.gather import Request, gather, read
 from codegen.report.html.page import charts_of, render
 from codegen.report.html.report import sections
-from hil_sim.frames import Frame
+from hil_sim.codec import Frame
 from hil_sim.logs import BusLog
 
 from .conftest import PageMonitor

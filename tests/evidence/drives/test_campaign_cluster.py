@@ -19,9 +19,8 @@ import pytest
 from codegen import __version__
 from codegen.errors import BuildError, CodegenError
 from codegen.sweep import plan as planning
-from codegen.sweep.campaign import run_campaign
 from codegen.sweep.chunk import Table, Work
-from codegen.sweep.engine import Dask, Threads
+from codegen.sweep.engine import Dask, Threads, run_campaign
 from codegen.sweep.plan import Plan
 from codegen.sweep.store import RUNS, part_path
 from tests.sweep.conftest import ROOT, Recording, write_spec

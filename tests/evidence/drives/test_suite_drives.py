@@ -2,8 +2,7 @@
 
 import pytest
 
-from hil_sim.suite.cells import SPEEDS_KM_H
-from hil_sim.suite.conditions import CONDITIONS
+from hil_sim.suite.cells import CONDITIONS, SPEEDS_KM_H
 from hil_sim.suite.subjects import Subject, around
 from hil_sim.suite.tracking import run_suite
 from tests import builds

@@ -4,8 +4,7 @@ import re
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from codegen.emit.dynamics_view import SPEED_MIN
-from codegen.emit.reference_model_view import tabulate
+from codegen.emit.dynamics_view import SPEED_MIN, tabulate
 from codegen.errors import BuildError
 from codegen.optimum.problem import breakpoints
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre

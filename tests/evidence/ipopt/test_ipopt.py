@@ -16,7 +16,7 @@ from codegen.map_file.map import Binding
 from codegen.optimum import exact, ipopt
 from codegen.optimum.exact import Solution
 from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
-from codegen.optimum.stack import solve_stack
+from codegen.optimum.solve import solve_stack
 from tests.optimum.cars import CASE, PAPER, SteadyModel, changed, check_against_scan, random_config
 
 YAW_RATE_TOLERANCE = 1e-6  # rad/s

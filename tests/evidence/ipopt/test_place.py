@@ -9,16 +9,15 @@ import pytest
 
 from codegen.configuration import Config, preset
 from codegen.design.tune import design
-from codegen.ecu_map.axis import Axis
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.model_excess import model_excess
 from codegen.ecu_map.placement import Maker, Target
 from codegen.ecu_map.reference_surface import reference_surface_of
+from codegen.ecu_map.storage import Axis
 from codegen.errors import BuildError
 from codegen.map_file.map import load
-from codegen.optimum.solve import solve_case
-from codegen.optimum.stack import layer_configs, solve_stack
+from codegen.optimum.solve import layer_configs, solve_case, solve_stack
 from tests.ecu_map.placements import (
     COARSE,
     FINE,

@@ -16,8 +16,7 @@ from typing import Any
 
 from codegen.sil.toolchain import compiler_identity
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.sanitizers.fuzzing import seeds
-from codegen.verify.sanitizers.program import Name, harness
+from codegen.verify.sanitizers.program import Name, harness, seeds
 from codegen.verify.sanitizers.sanitized import Compiler, compiled, environment, findings_of
 from tests.evidence.coverage.coverage import find_tool
 from tests.evidence.coverage.mcdc import VERSION

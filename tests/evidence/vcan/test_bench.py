@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from codegen.sil.software import Software, Status, load
-from hil_sim import manoeuvres, native
-from hil_sim.bench import BenchResult
+from hil_sim import ecu_process, manoeuvres
+from hil_sim.bench import BenchResult, run_through_can
 from hil_sim.bus import BusAddress
-from hil_sim.codec import Codec
+from hil_sim.codec import Codec, Frame
 from hil_sim.faults import Fault
-from hil_sim.frames import Frame
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
-from hil_sim.runs import run_through_can
 from hil_sim.scenarios import Scenario, find
 from hil_sim.session import EcuKind, Setup, run_hil
 from tests.evidence.vcan.conftest import FOLDER
@@ -89,7 +87,7 @@ def test_a_minute_without_a_lost_frame(address: BusAddress, software: Software, 
 
     monkeypatch.setattr(PlantNode, "receive", receive)
     ran = run_hil(Setup(software.config, replace(find("step-steer"), duration=60.0), address), FOLDER, "native")
-    result, counters = ran.result, native.counters(ran.ecu_counters)
+    result, counters = ran.result, ecu_process.counters(ran.ecu_counters)
     assert len(result.record) == 6000
     assert result.send_errors == counters["send_errors"] == result.received["lost"] == 0
     assert all((later - earlier) % 15 == 1 for (earlier, _), (later, _) in pairwise(arrived))

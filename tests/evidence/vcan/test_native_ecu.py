@@ -17,11 +17,10 @@ import numpy as np
 import pytest
 
 from codegen.sil.software import Software, Status
-from hil_sim import native
-from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
+from hil_sim import ecu_process
+from hil_sim.codec import Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.e2e import next_counter, protect
 from hil_sim.ecu_process import EcuProcess
-from hil_sim.frames import Frame
 from tests import builds
 from tests.evidence.vcan.conftest import FOLDER
 from tests.evidence.vcan.interfaces import add_vcan, remove, set_interface
@@ -119,7 +118,7 @@ def started(command: list[str]) -> Iterator[subprocess.Popen[str]]:
 @pytest.fixture(params=[True, False], ids=["lock-step", "real-time"])
 def running(request: pytest.FixtureRequest, vcan: str) -> Iterator[tuple[subprocess.Popen[str], bool]]:
     """Start an ECU; return it and whether it is in lock-step."""
-    with started(native.command(FOLDER, vcan, lock_step=request.param, parent=os.getpid())) as process:
+    with started(ecu_process.command(FOLDER, vcan, lock_step=request.param, parent=os.getpid())) as process:
         assert process.stdout.readline() == "ready\n"
         yield process, request.param
 
@@ -164,7 +163,7 @@ def random_set(rng: np.random.Generator, car: Car) -> list[tuple[int, bytes]]:
 def test_each_set_is_answered_once_with_the_bits_of_the_task(vcan: str, wire: RawSocket, software: Software) -> None:
     rng, car, sets, seen = np.random.default_rng(1), Car(), 500, 0
     task = software.task()
-    with EcuProcess(native.command(FOLDER, vcan, lock_step=True, parent=os.getpid())) as ecu:
+    with EcuProcess(ecu_process.command(FOLDER, vcan, lock_step=True, parent=os.getpid())) as ecu:
         for number in range(sets):
             for identifier, data in random_set(rng, car):
                 wire.send(*foreign_frames(rng), (identifier, data))
@@ -175,7 +174,7 @@ def test_each_set_is_answered_once_with_the_bits_of_the_task(vcan: str, wire: Ra
             seen |= car.command(answer).diagnostics
         wire.send(car.frames()[0])  # half a set is not answered
         assert wire.receive(0.05) is None
-        counts = native.counters(ecu.stop())
+        counts = ecu_process.counters(ecu.stop())
     assert (counts["cycles"], counts["sent"], counts["send_errors"], counts["late"]) == (sets, sets, 0, 0)
     assert (counts["late_samples"], counts["early_samples"]) == (task.counters()["late_cycles"], 0)
     assert counts["lost_samples"] == task.counters()["lost_samples"] > 0  # the flipped bits
@@ -185,7 +184,7 @@ def test_each_set_is_answered_once_with_the_bits_of_the_task(vcan: str, wire: Ra
 def test_every_period_has_exactly_one_command(wire: RawSocket, vcan: str) -> None:
     """Before the first frames every signal is `not available`."""
     begun, car = time.monotonic(), Car()
-    with EcuProcess(native.command(FOLDER, vcan, parent=os.getpid())) as ecu:
+    with EcuProcess(ecu_process.command(FOLDER, vcan, parent=os.getpid())) as ecu:
         answers = [wire.receive() for _ in range(8)]
         for command in map(car.command, answers):
             assert np.isnan((command.rear_angle, command.yaw_rate_reference)).all()
@@ -193,7 +192,7 @@ def test_every_period_has_exactly_one_command(wire: RawSocket, vcan: str) -> Non
         while len(answers) < 100:
             wire.send(*car.frames())
             answers.append(wire.receive())
-        counts = native.counters(ecu.stop())
+        counts = ecu_process.counters(ecu.stop())
     elapsed = time.monotonic() - begun
     answers += iter(lambda: wire.receive(0.0), None)
     found = [(answer.id, answer.data[1] & 0x0F) for answer in answers if answer is not None]
@@ -205,7 +204,7 @@ def test_every_period_has_exactly_one_command(wire: RawSocket, vcan: str) -> Non
 
 def test_silence_degrades_then_fails_safe_and_ends(wire: RawSocket, vcan: str) -> None:
     car = Car()
-    with EcuProcess(native.command(FOLDER, vcan, parent=os.getpid())):
+    with EcuProcess(ecu_process.command(FOLDER, vcan, parent=os.getpid())):
         assert car.takes_control(wire)
         commands = [car.command(wire.receive()) for _ in range(12)]
         statuses = [command.status for command in commands]
@@ -240,7 +239,7 @@ def test_the_phase_is_half_a_period_after_the_frames_and_set_again_after_silence
     One phase in eight must be right; a timer that keeps its own phase never is.
     """
     car, medians = Car(), []
-    with EcuProcess(native.command(FOLDER, vcan, parent=os.getpid())):
+    with EcuProcess(ecu_process.command(FOLDER, vcan, parent=os.getpid())):
         for _ in range(8):
             for _ in range(6):  # silence for longer than four periods
                 wire.send((MOTION | EXTENDED, bytes(8)), (CONDITIONS | REMOTE, bytes(8)))
@@ -268,14 +267,14 @@ def stopped(ecu: subprocess.Popen[str], wire: RawSocket, silence: float) -> Iter
 def test_a_pause_is_counted_and_its_frames_are_discarded(wire: RawSocket, vcan: str) -> None:
     """Thirty consecutive samples arrive while the ECU is stopped. They are outdated when it resumes."""
     car, begun = Car(), time.monotonic()
-    with started(native.command(FOLDER, vcan, parent=os.getpid())) as ecu:
+    with started(ecu_process.command(FOLDER, vcan, parent=os.getpid())) as ecu:
         assert car.takes_control(wire)
         before = car.command(wire.receive())
         with stopped(ecu, wire, 20.0 * PERIOD):
             for _ in range(30):
                 wire.send(*car.frames(VehicleMotion(speed=15.0, front_angle=-0.05, yaw_rate=-0.2)))
         answers = [car.command(wire.receive()) for _ in range(8)]
-        counts = native.counters(end(ecu))
+        counts = ecu_process.counters(end(ecu))
     elapsed = time.monotonic() - begun
     assert before.yaw_rate_reference > 0.0
     assert all(answer.yaw_rate_reference >= 0.0 for answer in answers)  # the thirty turn right
@@ -321,7 +320,7 @@ def test_it_recovers_when_the_interface_is_back(
         repair(vcan)
     with RawSocket(vcan) as wire:
         assert car.takes_control(wire)
-    counts = native.counters(end(ecu))
+    counts = ecu_process.counters(end(ecu))
     assert (counts["send_errors"] == 0) == lock_step  # there was no request
     assert counts["cycles"] == counts["sent"] + counts["send_errors"]
 
@@ -329,7 +328,7 @@ def test_it_recovers_when_the_interface_is_back(
 def test_it_waits_for_an_interface_that_is_down_and_misses_no_later_set(vcan: str) -> None:
     car = Car()
     set_interface(vcan, up=False)
-    with EcuProcess(native.command(FOLDER, vcan, lock_step=True, parent=os.getpid())):
+    with EcuProcess(ecu_process.command(FOLDER, vcan, lock_step=True, parent=os.getpid())):
         set_interface(vcan, up=True)
         with RawSocket(vcan) as wire:
             assert car.takes_control(wire)
@@ -344,18 +343,18 @@ def test_it_waits_for_an_interface_that_is_down_and_misses_no_later_set(vcan: st
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_with_its_counters(running: tuple[subprocess.Popen[str], bool], number: signal.Signals) -> None:
     names = "cycles late late_samples early_samples lost_samples discarded sent send_errors lateness_mean_us lateness_max_us"
-    assert list(native.counters(end(running[0], number))) == names.split()
+    assert list(ecu_process.counters(end(running[0], number))) == names.split()
     assert running[0].returncode == 0
 
 
 def test_it_ends_with_its_parent(vcan: str) -> None:
     """A killed shell cannot end its children; they must detect it themselves."""
-    script = f"{shlex.join(native.command(FOLDER, vcan, lock_step=True))} --parent $$ & wait"
+    script = f"{shlex.join(ecu_process.command(FOLDER, vcan, lock_step=True))} --parent $$ & wait"
     with started(["sh", "-c", script]) as shell:
         assert shell.stdout.readline() == "ready\n"
         shell.kill()
         _, errors = shell.communicate(timeout=TIMEOUT_S)  # until the last process with the pipes has ended
-    assert native.counters(errors)["cycles"] == 0
+    assert ecu_process.counters(errors)["cycles"] == 0
 
 
 @pytest.mark.parametrize(
@@ -366,16 +365,18 @@ def test_it_ends_with_its_parent(vcan: str) -> None:
     ],
 )
 def test_an_interface_that_cannot_be_used_is_named(interface: str, message: str) -> None:
-    result = subprocess.run(native.command(FOLDER, interface), capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+    result = subprocess.run(
+        ecu_process.command(FOLDER, interface), capture_output=True, text=True, timeout=TIMEOUT_S, check=False
+    )
     assert (result.returncode, result.stdout, result.stderr) == (2, "", f"error: {interface}: {message}\n")
 
 
 def test_priority_is_set_or_rejected(vcan: str) -> None:
-    with started([*native.command(FOLDER, vcan, lock_step=True, parent=os.getpid()), "--priority", "7"]) as ecu:
+    with started([*ecu_process.command(FOLDER, vcan, lock_step=True, parent=os.getpid()), "--priority", "7"]) as ecu:
         if ecu.stdout.readline() == "ready\n":
             assert os.sched_getscheduler(ecu.pid) == os.SCHED_FIFO
             assert os.sched_getparam(ecu.pid).sched_priority == 7
             assert "VmLck:\t       0 kB" not in Path(f"/proc/{ecu.pid}/status").read_text()
-            assert native.counters(end(ecu))["cycles"] == 0
+            assert ecu_process.counters(end(ecu))["cycles"] == 0
         else:
             assert end(ecu).startswith("error: --priority: Operation not permitted; run it as root, or with")

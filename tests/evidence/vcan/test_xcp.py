@@ -24,15 +24,13 @@ from pyxcp.types import XcpTimeoutError
 
 from codegen.export.a2l.elf import Elf, Place
 from codegen.sil.software import Software, Status
-from hil_sim import manoeuvres, native
-from hil_sim.bench import Cycle
+from hil_sim import ecu_process, manoeuvres
+from hil_sim.bench import Cycle, run_through_can
 from hil_sim.bus import Bus, BusAddress
-from hil_sim.codec import Codec, RearSteerCommand
+from hil_sim.codec import Codec, Frame, RearSteerCommand
 from hil_sim.ecu_process import EcuProcess
-from hil_sim.frames import Frame
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
-from hil_sim.runs import run_through_can
 from hil_sim.scenarios import find
 from hil_sim.session import Setup, run_plant
 from tests import builds
@@ -64,13 +62,13 @@ Program = Callable[[str], Place]
 @pytest.fixture(scope="module")
 def program() -> Program:
     """Return a function that finds an object of the native ECU by its name."""
-    return Elf.read(native.compile_ecu(FOLDER)).place
+    return Elf.read(ecu_process.compile_ecu(FOLDER)).place
 
 
 @pytest.fixture
 def ecu(vcan: str) -> Iterator[EcuProcess]:
     """Start an ECU in lock-step; it must still run after the test."""
-    with EcuProcess(native.command(FOLDER, vcan, lock_step=True, parent=os.getpid(), xcp=True)) as ecu:
+    with EcuProcess(ecu_process.command(FOLDER, vcan, lock_step=True, parent=os.getpid(), xcp=True)) as ecu:
         yield ecu
         assert ecu.alive
 
@@ -252,7 +250,7 @@ def test_measurements_in_real_time(vcan: str, software: Software, program: Progr
         seen.extend(iter(lambda: listener.recv(0.0), None))
 
     with (
-        EcuProcess(native.command(FOLDER, vcan, parent=os.getpid(), xcp=True)) as ecu,
+        EcuProcess(ecu_process.command(FOLDER, vcan, parent=os.getpid(), xcp=True)) as ecu,
         can.Bus(interface="socketcan", channel=vcan, can_filters=filters) as listener,
     ):
         with connected(vcan, rows) as master:
@@ -262,7 +260,7 @@ def test_measurements_in_real_time(vcan: str, software: Software, program: Progr
             rows.stop()
             assert not master.getStatus().sessionStatus.daqRunning
         listen()
-        counters = native.counters(ecu.stop())
+        counters = ecu_process.counters(ecu.stop())
     assert (result.send_errors, counters["send_errors"], counters["lost_packets"]) == (0, 0, 0)
     sent = [message.data[1] & 0xF for message in seen if message.arbitration_id == ids[0]]
     assert {(later - earlier) % 15 for earlier, later in pairwise(sent)} == {1}  # E2E counters: none is missing
@@ -281,7 +279,7 @@ def test_measurements_in_real_time(vcan: str, software: Software, program: Progr
 
 @pytest.mark.parametrize("xcp", [False, True])
 def test_without_the_option_there_is_no_slave_and_the_memory_is_read_only(vcan: str, program: Program, xcp: bool) -> None:
-    command = native.command(FOLDER, vcan, lock_step=True, parent=os.getpid(), xcp=xcp)
+    command = ecu_process.command(FOLDER, vcan, lock_step=True, parent=os.getpid(), xcp=xcp)
     with EcuProcess(command) as ecu, Master("can", config=application(vcan)) as master:
         master.transport.timeout = int((TIMEOUT_S if xcp else 0.2) * 1e9)
         if xcp:

@@ -11,8 +11,8 @@ from codegen.verify.check import Effort, Subject, Verdict
 from codegen.verify.compilation import check as compiles
 from codegen.verify.pil import check as pil
 from codegen.verify.sanitizers import check as sanitizers
-from codegen.verify.sanitizers import fuzzing, program, sanitized
-from codegen.verify.target.cross import POWERPC_BE
+from codegen.verify.sanitizers import program, sanitized
+from codegen.verify.target import POWERPC_BE
 from tests.verify import builds, planted
 
 PI, TRACKING = builds.made("pi", "uneven"), builds.made("tracking", "uneven")
@@ -142,7 +142,7 @@ def test_the_map_of_another_version_is_judged_by_its_bound(monkeypatch: pytest.M
     """Its order of operations may differ; a wrong cell is still detected."""
     monkeypatch.setattr(sanitizers, "run_all", lambda config, runner: [])
     # A harness compares both look-ups, of which only one is changed.
-    monkeypatch.setattr(fuzzing, "run_harness", lambda *given: ({"inputs": 0}, ()))
+    monkeypatch.setattr(program, "run_harness", lambda *given: ({"inputs": 0}, ()))
     for factor, verdict in ((0.999999, Verdict.PASSED), (0.999, Verdict.FAILED)):
         body = f"    return planted_ars_map_yaw_rate_on_road(speed, front_angle, friction) * {factor}f;"
         old = replace(TRACKING, manifest={**TRACKING.manifest, "version": "0.0.1"})
@@ -205,7 +205,7 @@ def fuzzed(subject: Subject, name: program.Name) -> tuple[str, ...]:
     """Return the findings of one harness."""
     compiler, plain = sanitized.find_compiler(), program.sources(subject)
     with sanitized.compiled(compiler, subject.sources(), plain, (program.COVERAGE,)) as path:
-        return fuzzing.run_harness(path, name, fuzzing.seeds(subject)[name], sanitizers.INPUTS_QUICK)[1]
+        return program.run_harness(path, name, program.seeds(subject)[name], sanitizers.INPUTS_QUICK)[1]
 
 
 @pytest.mark.long
@@ -221,6 +221,6 @@ def test_every_property_can_fail(name: program.Name, function: str, statement: s
 
 
 def test_an_input_with_an_endless_loop_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fuzzing, "SECONDS_MAX", 1.0)
+    monkeypatch.setattr(program, "SECONDS_MAX", 1.0)
     endless = planted.limiter(TRACKING, "    while (input->demand > 0.05f) {\n        result += 0.0f;\n    }")
     assert fuzzed(endless, "step") == ("step: an input does not end",)

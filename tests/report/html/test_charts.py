@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from codegen.configuration import preset
-from codegen.design.loss import loss_of_function
-from codegen.design.loss_simulation import MODES
+from codegen.design.loss import MODES, loss_of_function
 from codegen.emit.folder import read_manifest
 from codegen.map_file import map as npz
 from codegen.map_file.map import from_arrays

@@ -22,7 +22,7 @@ from codegen.report.html.inputs import named, read_files
 from codegen.report.html.report import sections
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.verify.runner import CHECKS
-from hil_sim.frames import Frame
+from hil_sim.codec import Frame
 from hil_sim.logs import BusLog
 from hil_sim.scenarios import find
 from tests.hil_sim.made import record as drive

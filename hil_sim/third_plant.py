@@ -1,22 +1,42 @@
-"""Car of the third plant, as CasADi expressions that are compiled like those of our own plant."""
+"""Third plant for cross-checks: the configured car with effects that the two-track plant and the controller's design omit.
+
+The car, CasADi expressions that are compiled like those of our own plant, adds roll, tyres that differ between the axles, with
+relaxation lengths, and a rear actuator of second order with backlash. `run` adds sensors with noise, bias and jitter and closes
+the loop with a generated controller. See docs/second-plant.md.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.sil.plant import Plant, PlantInput, PlantSample
-from codegen.vehicle.expressions import Model, clamp, magic_formula, make_model
+from codegen.sil.software import Software
+from codegen.vehicle.dynamics import (
+    PLANT_INPUTS,
+    PLANT_OUTPUTS,
+    PLANT_STATES,
+    RELAXATION_STATES,
+    Model,
+    clamp,
+    magic_formula,
+    make_model,
+)
 from codegen.vehicle.plant_car import PlantCar
-from codegen.vehicle.two_track import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, RELAXATION_STATES
 from codegen.vehicle.tyre import WHEEL_SPEED_MIN
-from hil_sim.suite.plants import load_sensitivity, stiffness, together
+from hil_sim.bench import refuse_bus
+from hil_sim.plant_node import SensorModel
+from hil_sim.scenarios import Scenario
+from hil_sim.second_plant.run import drive
+from hil_sim.suite.cells import load_sensitivity, stiffness, together
 
 STATES = (*PLANT_STATES, "roll", "roll_rate", "motor_angle", "motor_rate", *RELAXATION_STATES)
 """States: those of our own plant, the roll angle in rad (positive to the right), and the rear actuator's motor in rad,
@@ -185,3 +205,82 @@ class RollPlant(Plant):
             super().advance((values,))
             state = self._state
             self.seen.append((state.steering_wheel_angle / self._ratio, state.yaw_rate, state.motor_angle))
+
+
+BIASES: Mapping[str, float] = {
+    "front_angle": math.radians(0.05),
+    "yaw_rate": math.radians(0.25),
+    "rear_angle": math.radians(0.05),
+}
+"""Bias of each sensor in rad and rad/s."""
+SPEED_FACTOR = 1.005
+"""Ratio of measured to true speed, for a tyre worn by 2 mm."""
+JITTER_STEPS = 2
+"""Largest age of a sample in plant steps; all ages are equally frequent."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Sensor errors in addition to the configured noise, resolution and delay."""
+
+    biases: Mapping[str, float] = field(default_factory=lambda: dict(BIASES))
+    speed_factor: float = SPEED_FACTOR
+    jitter_steps: int = JITTER_STEPS
+
+
+class Sensors:
+    """The sensors of one run; the same seed gives the same run."""
+
+    def __init__(self, config: Config, errors: Errors, seed: int) -> None:
+        self._errors, self._model = errors, SensorModel(config.sensors, seed)
+        self._random = np.random.default_rng((seed, 1))
+        self._gravity = config.road.gravity_m_s2
+
+    def measure(self, plant: RollPlant, lateral_acceleration: float) -> dict[str, float]:
+        """Return the fields of a measurement without the friction, as measured; once a sample.
+
+        The rear angle is that of the actuator's motor: no sensor sees the play behind it. The accelerometer rolls
+        with the body.
+        """
+        age = min(int(self._random.integers(self._errors.jitter_steps + 1)), len(plant.seen) - 1)
+        true = dict(zip(("front_angle", "yaw_rate", "rear_angle"), plant.seen[-1 - age], strict=True))
+        biased = {name: value + self._errors.biases.get(name, 0.0) for name, value in true.items()}
+        biased["speed"] = self._errors.speed_factor * plant.speed
+        biased["lateral_acceleration"] = lateral_acceleration + self._gravity * math.sin(plant.roll)
+        return {name: self._model.measure(name, value) for name, value in biased.items()}
+
+
+def run(
+    software: Software | None,
+    config: Config,
+    scenario: Scenario,
+    *,
+    seed: int = 0,
+    differences: Differences = DEFAULT,
+    errors: Errors | None = None,
+    delay_samples: int = 1,
+) -> FloatArray:
+    """Return a recording (samples, 12) of a scenario on the third car, columns RECORD_COLUMNS, with the car's true motion.
+
+    Args:
+        software: a compiled build; None is the passive car, its rear wheels straight.
+        config: of the car; may differ from the build's.
+        seed: of noise and jitter.
+        differences: from the configured car.
+        errors: of the sensors; None takes the defaults.
+        delay_samples: control samples between computing a command and its acting.
+
+    Raises:
+        BuildError: the C of the car does not compile here.
+        CodegenError: the scenario needs a bus.
+    """
+    if software is not None:
+        refuse_bus(scenario)
+    errors = Errors() if errors is None else errors
+    plant = RollPlant(config, differences, remembered=errors.jitter_steps + 1)
+    sensors = Sensors(config, errors, seed)
+
+    def measured(car: PlantSample) -> dict[str, float]:
+        return sensors.measure(plant, car.lateral_acceleration)
+
+    return drive(plant, software, config, scenario, measured, delay_samples=delay_samples)

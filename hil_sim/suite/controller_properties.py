@@ -1,21 +1,32 @@
-"""Cost of a controller: rise time over speed, and tracking of a sine at the steering wheel."""
+"""Properties of a controller beyond the cells of the test set.
+
+- Cost: rise time over speed, and tracking of a sine at the steering wheel.
+- Margins of its feedback over speed, for the configured car and the whole family of cars.
+- Unevenly timed samples without a loss: a car held straight against a yaw moment, with three timings of its frames.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from codegen.arrays import FloatArray
+from codegen.configuration import Config
+from codegen.design.margins import Margins, family_margins, nominal_margins
+from codegen.emit.laws import law_of
 from codegen.sil.software import RECORD_COLUMNS, Software
-from hil_sim.metrics.frequency import FrequencyResponse, frequency_response
+from codegen.units import KM_H
+from hil_sim.bench import run_through_can
+from hil_sim.clocks import FREE_RUNNING
+from hil_sim.faults import Fault
 from hil_sim.metrics.run import Run, column, spin_time
+from hil_sim.metrics.steering_response import FrequencyResponse, frequency_response
 from hil_sim.scenarios import Scenario, find
-from hil_sim.suite.cells import Cell
-from hil_sim.suite.conditions import NOMINAL, Condition
+from hil_sim.suite.cells import NOMINAL, Cell, Condition
 from hil_sim.suite.runs import CellResult, software_of
 from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
 
@@ -149,3 +160,131 @@ def _at(found: FrequencyResponse, frequency: float) -> tuple[float, float]:
     """Return gain and phase (rad), interpolated on the logarithmic frequency axis."""
     place, places = math.log(frequency), np.log(found.frequency)
     return float(np.interp(place, places, found.gain)), float(np.interp(place, places, found.phase))
+
+
+SPEEDS_KM_H = (20.0, 25.0, 30.0, 36.0, 42.5, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0)
+"""Speeds at and between the breakpoints of a schedule."""
+
+
+@dataclass(frozen=True)
+class MarginPoint:
+    """The worst figures of the family at one speed; each may be of another member. Sensitivity is None for unstable loops."""
+
+    speed_km_h: float
+    gain_margin_db: float
+    phase_margin_deg: float
+    sensitivity: float | None
+    stable: bool
+
+
+@dataclass(frozen=True)
+class FamilyMargins:
+    """Margins over speed, and the worst of all speeds.
+
+    Attributes:
+        points: the worst of the family at each speed.
+        configured: those of the configured car alone.
+    """
+
+    points: tuple[MarginPoint, ...]
+    configured: tuple[MarginPoint, ...] = ()
+
+    @property
+    def gain_margin_db(self) -> float:
+        """Smallest gain margin, in dB."""
+        return min(point.gain_margin_db for point in self.points)
+
+    @property
+    def phase_margin_deg(self) -> float:
+        """Smallest phase margin, in deg."""
+        return min(point.phase_margin_deg for point in self.points)
+
+    @property
+    def sensitivity(self) -> float | None:
+        """Largest peak sensitivity; None if a loop is unstable."""
+        peaks = [point.sensitivity for point in self.points]
+        return None if None in peaks else max(peak for peak in peaks if peak is not None)
+
+    def speed_of(self, name: str) -> float:
+        """Return the speed in km/h at which a figure (a field of MarginPoint) is worst."""
+        choose = max if name == "sensitivity" else min
+        return choose(self.points, key=lambda point: float("inf") if (v := getattr(point, name)) is None else v).speed_km_h
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return JSON values. Infinity becomes None, as JSON has no infinity."""
+        return {
+            name: [{key: finite_or_none(value) for key, value in asdict(point).items()} for point in getattr(self, name)]
+            for name in ("points", "configured")
+        }
+
+
+def finite_or_none(value: float | None) -> float | None:
+    """Return a value; None for infinity, which JSON cannot represent."""
+    return value if value is not None and np.isfinite(value) else None
+
+
+def margins_of(config: Config, speeds_km_h: tuple[float, ...] = SPEEDS_KM_H) -> FamilyMargins | None:
+    """Return the margins of the configured car and the worst of the family of `config.tuning`; None without feedback.
+
+    Raises:
+        BuildError: the kind lacks a required function. ConfigError: an empty family.
+    """
+    gains = law_of(config).gains(config)
+    if gains is None:
+        return None
+    speed = np.array(speeds_km_h) * KM_H
+    worst, _ = family_margins(config, speed, *gains(speed))
+    own = nominal_margins(config, speed, *gains(speed))
+    return FamilyMargins(_points(speeds_km_h, worst), _points(speeds_km_h, own))
+
+
+def _points(speeds_km_h: tuple[float, ...], margins: Margins) -> tuple[MarginPoint, ...]:
+    return tuple(
+        MarginPoint(
+            speed,
+            float(margins.gain_margin_db[k]),
+            float(margins.phase_margin_deg[k]),
+            float(margins.sensitivity[k]) if np.isfinite(margins.sensitivity[k]) else None,
+            bool(margins.stable[k]),
+        )
+        for k, speed in enumerate(speeds_km_h)
+    )
+
+
+SETTLING_TIME_S = 3.0
+"""Time in s after the onset of the moment. Before, the age of the samples delays the correction under any law."""
+
+DISTURBANCE = find("yaw-moment")
+TIMINGS: Mapping[str, Scenario] = {
+    "in step": DISTURBANCE,
+    "free-running clocks": replace(DISTURBANCE, clocks=FREE_RUNNING),
+    "0 and 2 frames in turn": replace(DISTURBANCE, faults=(Fault("burst", 0.0, DISTURBANCE.duration),)),
+}
+IN_STEP = next(iter(TIMINGS))
+
+
+@dataclass(frozen=True)
+class TimingError:
+    """RMS of the yaw rate (rad/s), whose reference is zero: once settled, and from the onset of the moment."""
+
+    settled_rad_s: float
+    whole_rad_s: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return asdict(self)
+
+
+def timing_errors(subject: Subject) -> dict[str, TimingError]:
+    """Return timing name -> error of a controlled subject. Raises BuildError."""
+    software = subject.around(subject.config)
+    errors = {}
+    for name, scenario in TIMINGS.items():
+        record = run_through_can(software, scenario).record
+        time, yaw_rate = column(record, "time_s"), column(record, "yaw_rate_rad_s")
+        settled, whole = (
+            float(np.sqrt(np.mean(yaw_rate[time >= scenario.steer_time + after - 1e-9] ** 2)))
+            for after in (SETTLING_TIME_S, 0.0)
+        )
+        errors[name] = TimingError(settled, whole)
+    return errors
