@@ -10,11 +10,11 @@ from codegen.emit.can_view import CanView, Frame, TaskView
 from codegen.emit.constants import Constant
 from codegen.emit.contracts.contract import Argument, Claim, Unit
 from codegen.emit.controller_view import ControllerView
+from codegen.emit.dynamics_view import ReferenceModelView
 from codegen.emit.inputs_view import FRICTION_UNKNOWN, InputsView
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD
 from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView
-from codegen.emit.dynamics_view import ReferenceModelView
 from codegen.emit.text import Precision, literal
 
 REFERENCE_MAX_RAD_S = 20.0
