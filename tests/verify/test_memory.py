@@ -52,7 +52,7 @@ def test_faults_of_memory_are_located() -> None:
         text = files[path].decode("ascii")
         assert text.count(old) == 1, name
         files[path] = text.replace(old, new).encode("ascii")
-    outcome = memory.check(Subject("sample", files, PI.manifest), Effort())
+    outcome = memory.check(Subject("sample", files, PI.manifest), Effort(quick=True))
     assert outcome.verdict is Verdict.FAILED
     for name, (path, _, _, alarm) in PLANTED.items():
         assert any(each.startswith(f"{path}:") and alarm in each for each in outcome.findings), (name, outcome.findings)

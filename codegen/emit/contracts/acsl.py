@@ -143,10 +143,12 @@ class Translation:
             yield Clause(f"{argument.name} is valid", rf"{given}\valid{'' if argument.is_written else '_read'}({place})")
         for state in unit.states:
             for name, member in self.structs.get(state.ctype, {}).items():
-                if member.is_pointer:
-                    inner = f"{state.name}->{name}"
-                    places.append(inner)
-                    yield Clause(f"{inner} is valid", rf"\valid_read({inner})")
+                if not member.is_pointer:
+                    continue
+                inner = f"{state.name}->{name}"
+                places.append(inner)
+                yield Clause(f"{inner} is valid", rf"\valid_read({inner})")
+                if member.ctype in self.invariants:
                     yield Clause(f"{inner} is within its invariant", f"{self.invariants[member.ctype].predicate}({inner})")
         if unit.written and len(places) > 1:
             yield Clause("objects do not overlap", rf"\separated({', '.join(places)})")
