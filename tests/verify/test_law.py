@@ -45,7 +45,7 @@ def test_a_wrong_command_default_and_frame_are_found(monkeypatch: pytest.MonkeyP
     names = [each.partition(", sample")[0] for each in others if ", sample " in each]
     assert len(set(names)) == len(names)
     assert any(name.startswith("parameter set ") for name in names)
-    monkeypatch.setattr(law.suites, "drives", lambda thresholds, samples: ())
+    monkeypatch.setattr(law, "drives_of", lambda thresholds, samples: ())
     old, new = ".inhibit = self->conditions.inhibit", ".inhibit = false"
     found = checked(Subject("planted", builds.with_text(PI, "src/ars_task.c", old, new), PI.manifest))
     assert found.verdict is Verdict.FAILED
