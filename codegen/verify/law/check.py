@@ -28,13 +28,12 @@ from codegen.verify import traffic
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import GAPS, Thresholds, drawn, drives_of, measurements_of, recorded
 from codegen.verify.law import parameters as sets
-from codegen.verify.law.controller import SecondController
+from codegen.verify.law.controller import Road, SecondController
 from codegen.verify.law.drive_cycle import LIFE, cycles_of, drive
 from codegen.verify.law.kinds import SECOND, second_controller
 from codegen.verify.law.long_drives import LongDrives
 from codegen.verify.law.pairs import ControllerPair, Pair, Stretch, TaskPair, compare, text_of
 from codegen.verify.law.task import SecondTask
-from codegen.verify.law.tracking import Road
 from codegen.verify.map_reference import lookup_of
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
 from hil_sim.codec import Codec

@@ -7,8 +7,9 @@ is that of the formulas in the header.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
+from codegen.configuration import Config
 from codegen.configuration.signals import MEASURED
 from codegen.ecu_map.lookup import Lookup
 from codegen.sil.software import Command, Measurement, Status
@@ -78,22 +79,31 @@ NUMBERS = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
 """Numbers of a measurement that the controller uses, in order."""
 
 
+class Road(NamedTuple):
+    """Road for which the map was made: peak friction, and the lateral acceleration in m/s^2 that the map allows on it."""
+
+    friction: float
+    lateral_acceleration_cap: float
+
+
 class SecondController:
     """Supervision that all kinds share, around a control law: input monitoring first, limiter last.
 
     Args:
+        config: configuration of the build.
         parameters: anything with the fields of the C parameter struct.
         lookup: of the map.
-        period: sampling time in s.
-        actuator_max: rad, the actuator's own limit.
-        real: number type.
+        road: of the map.
         angle: rad, to start from.
     """
 
-    def __init__(self, parameters: Any, lookup: Lookup, period: float, actuator_max: float, real: Any, angle: float) -> None:
+    def __init__(self, config: Config, parameters: Any, lookup: Lookup, road: Road, angle: float) -> None:
         self.p = parameters
         self.lookup = lookup
-        self.real = real
+        self.road = road
+        self.real: Any = lookup.real
+        real = self.real
+        period, actuator_max = config.controller.sampling_time_s, float(real(config.rear_actuator.angle_max))
         self.period = real(period)
         self.angle = real(0.0) if math.isnan(angle) else real(min(max(angle, -actuator_max), actuator_max))
         self.inputs = SecondInputs(parameters.inputs, real)

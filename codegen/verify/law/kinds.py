@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.sil.software import Measurement
-from codegen.verify.law.controller import SecondController, clip
-from codegen.verify.law.tracking import Road, SecondTracking
-
-Make = Callable[[Config, Any, Lookup, Road, float], SecondController]
+from codegen.verify.law.controller import Road, SecondController, clip
+from codegen.verify.law.tracking import SecondTracking
 
 
 class SecondPi(SecondController):
@@ -66,29 +64,15 @@ class SecondProportional(SecondController):
         return self.map_yaw_rate(m), bool(self.angle != wanted)
 
 
-def _around_look_up(law: type[SecondController]) -> Make:
-    def make(config: Config, parameters: Any, lookup: Lookup, road: Road, rear_angle: float) -> SecondController:
-        del road
-        actuator_max = float(lookup.real(config.rear_actuator.angle_max))
-        return law(parameters, lookup, config.controller.sampling_time_s, actuator_max, lookup.real, rear_angle)
-
-    return make
-
-
-def _tracking(config: Config, parameters: Any, lookup: Lookup, road: Road, rear_angle: float) -> SecondController:
-    return SecondTracking(parameters, lookup, road, config, rear_angle)
-
-
-SECOND: Mapping[str, Make] = {
-    "pi": _around_look_up(SecondPi),
-    "tracking": _tracking,
-    "feedforward": _around_look_up(SecondFeedforward),
-    "proportional": _around_look_up(SecondProportional),
+SECOND: Mapping[str, type[SecondController]] = {
+    "pi": SecondPi,
+    "tracking": SecondTracking,
+    "feedforward": SecondFeedforward,
+    "proportional": SecondProportional,
 }
-"""Second implementation by kind, from the configuration, the C parameters, the lookup of the map, the road of the map, and
-the initial rear angle in rad."""
+"""Second implementation by kind."""
 
 
 def second_controller(config: Config, parameters: Any, lookup: Lookup, road: Road, rear_angle: float) -> SecondController:
-    """Return a controller of the configured kind; see `SECOND`. Raises KeyError if that kind has no second implementation."""
+    """Return a controller of the configured kind that starts from a rear angle in rad. Raises KeyError: there is none."""
     return SECOND[config.controller.kind](config, parameters, lookup, road, rear_angle)

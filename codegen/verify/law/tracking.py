@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,7 +18,7 @@ from codegen.sil.software import Measurement
 from codegen.vehicle.dynamics import single_track_step
 from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
-from codegen.verify.law.controller import SecondController, clip
+from codegen.verify.law.controller import Road, SecondController, clip
 from codegen.verify.law.inputs import Quality
 
 SIDESLIP_MAX = math.radians(20.0)
@@ -161,13 +161,6 @@ class SecondReferenceModel:
         )
 
 
-class Road(NamedTuple):
-    """Road for which the map was made: peak friction, and the lateral acceleration in m/s^2 that the map allows on it."""
-
-    friction: float
-    lateral_acceleration_cap: float
-
-
 @dataclass(frozen=True)
 class Sample:
     """Reference of the map slightly ahead of the front wheels."""
@@ -181,10 +174,9 @@ class Sample:
 class SecondTracking(SecondController):
     """Feedforward, reference model, and scheduled feedback of bounded authority."""
 
-    def __init__(self, parameters: Any, lookup: Lookup, road: Road, config: Config, angle: float) -> None:
+    def __init__(self, config: Config, parameters: Any, lookup: Lookup, road: Road, angle: float) -> None:
+        super().__init__(config, parameters, lookup, road, angle)
         real: Any = lookup.real
-        actuator_max = float(real(config.rear_actuator.angle_max))
-        super().__init__(parameters, lookup, config.controller.sampling_time_s, actuator_max, real, angle)
         self.car = SecondReferenceModel(config, real)
         self.full_grip = real(road.lateral_acceleration_cap)
         # A little above the quotient: full grip is never less than the map's own road.
