@@ -209,7 +209,7 @@ def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: boo
     """Inject every bus fault into the same turn-in. Report the diagnostics, the time to the fail-safe, the largest rear angle
     and the recovery time. On a bus, runs take real time, and delays of this machine count as additional faults."""
     from codegen.cli.bench_report import note_edited
-    from codegen.report.fault_table import HEADER, fault_data, fault_rows
+    from codegen.report.bus_tables import HEADER, fault_data, fault_rows
     from codegen.sil.software import load
     from codegen.text_table import text_table
     from hil_sim.bench import BenchResult

@@ -89,8 +89,9 @@ class Outputs:
             look_up, covers: lookup and coverage of the controller's map; None if unknown.
         """
         from codegen.export import runs as exported
-        from codegen.report import plots
-        from codegen.report.bench_summary import bus_facts, bus_lines
+        from codegen.report.bus_tables import bus_facts, bus_lines
+        from codegen.report.scenario_plots import scenario_figure
+        from codegen.report.style import save
         from codegen.report.summary import metric_rows
         from codegen.text_table import text_table
         from hil_sim.metrics import Run, evaluate, verdict
@@ -106,7 +107,7 @@ class Outputs:
             for path in self.files:
                 exported.save(runs["controlled"], path, scenario.title)
             if self.plot is not None:
-                plots.save(plots.scenario_figure(scenario, config, runs, title, look_up=look_up), self.plot)
+                save(scenario_figure(scenario, config, runs, title, look_up=look_up), self.plot)
         if self.as_json:
             bus = {} if result is None else {"bus_figures": bus_facts(result, period), "ecu_counters": ecu_counters or None}
             console.print_json({**facts, "metrics": evaluation.to_dict(), "verdict": judged, **bus, "files": self.written})

@@ -48,7 +48,7 @@ def explore(map_path: Path, config_path: Path | None, folder: Path | None, port:
     """
     from codegen.explore.explorer import opened
     from codegen.explore.server import ExploreServer
-    from codegen.report.html.bundle import require_plotly
+    from codegen.report.html.page import require_plotly
 
     require_plotly("explore")
     target = _target(folder, config_path)

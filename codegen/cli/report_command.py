@@ -61,10 +61,9 @@ def report(
     """
     from codegen.emit.outputs import check_output
     from codegen.files import write_atomically
-    from codegen.report.html.bundle import require_plotly
     from codegen.report.html.gather import Request, gather, read
     from codegen.report.html.inputs import named
-    from codegen.report.html.page import charts_of, render
+    from codegen.report.html.page import charts_of, render, require_plotly
     from codegen.report.html.report import sections
 
     require_plotly("report")

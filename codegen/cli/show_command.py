@@ -53,10 +53,11 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
         return
     summary = map_summary(reference_map)
     if plot is not None:
-        from codegen.report import plots
+        from codegen.report.map_plots import map_figure
+        from codegen.report.style import save
 
         with console.status("drawing"):
-            plots.save(plots.map_figure(reference_map, map_path.stem), plot)
+            save(map_figure(reference_map, map_path.stem), plot)
     if as_json:
         console.print_json({"map": str(map_path), **summary.to_dict(), "plot": None if plot is None else str(plot)})
         return
@@ -84,7 +85,15 @@ def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: P
     """Print the changes from one map to another."""
     from codegen.map_file import map as npz
     from codegen.optimum.slip_use import slip_use
-    from codegen.report.map_difference import CAR_HEADER, DIFFERENCE_HEADER, POINT_HEADER, caveats, map_difference, same_car
+    from codegen.report.map_difference import (
+        CAR_HEADER,
+        DIFFERENCE_HEADER,
+        POINT_HEADER,
+        caveats,
+        map_difference,
+        map_difference_figure,
+        same_car,
+    )
     from codegen.text_table import text_table
 
     if against.exists() and against.samefile(map_path):
@@ -97,11 +106,11 @@ def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: P
         except MapError as error:
             raise MapError(error.what, where=f"{map_path}, {against}", remedy=error.remedy) from error
     if plot is not None:
-        from codegen.report import plots
+        from codegen.report.style import save
 
         with console.status("drawing"):
             names = (map_path.stem, against.stem)
-            plots.save(plots.map_difference_figure((first, second), used, names), plot)
+            save(map_difference_figure((first, second), used, names), plot)
     if as_json:
         written = None if plot is None else str(plot)
         console.print_json({"map": str(map_path), "against": str(against), **found.to_dict(), "plot": written})
@@ -136,9 +145,9 @@ def _show_flash(
     with within(map_path), console.progress("placing breakpoints") as progress:
         found = flash_table(reference_map, chosen.config, tables, progress=progress)
     if plot is not None:
-        from codegen.report import plots
+        from codegen.report.style import save
 
-        plots.save(flash_figure(found, map_path.stem), plot)
+        save(flash_figure(found, map_path.stem), plot)
     if as_json:
         console.print_json({"map": str(map_path), **flash_dict(found), "plot": None if plot is None else str(plot)})
         return

@@ -105,7 +105,7 @@ def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | No
         facts = {"spec": str(spec), "runs_file": str(path), "replay": replay}
         console.print_json({**facts, **summary.to_dict(), "pictures": [str(one) for one in written]})
         return
-    from codegen.report.sweep_text import again, sections
+    from codegen.report.campaign import again, sections
 
     console.say(f"{path}: {summary.runs} runs, {plan.spec.sample_count} samples, instruction set {plan.isa}")
     for heading, text in sections(summary):
@@ -124,9 +124,8 @@ def _engine(scheduler: str | None, workers: int | None) -> Any:
 def _write(folder: Path, summary: Summary, replay: str) -> list[Path]:
     """Write summary.json, summary.md and the pictures. They contain no path or clock, only the name of the spec."""
     from codegen.files import write_atomically
+    from codegen.report.campaign import markdown, pictures
     from codegen.report.style import save
-    from codegen.report.sweep_plots import pictures
-    from codegen.report.sweep_text import markdown
 
     write_atomically(folder / "summary.json", (json.dumps(summary.to_dict(), indent=1, allow_nan=False) + "\n").encode())
     write_atomically(folder / "summary.md", markdown(summary, replay).encode())
@@ -140,7 +139,7 @@ def _write(folder: Path, summary: Summary, replay: str) -> list[Path]:
 def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec: Path, as_json: bool) -> None:
     from codegen.emit.outputs import check_output
     from codegen.export import runs as exported
-    from codegen.report import plots
+    from codegen.report.style import save
     from codegen.sweep.chunk import replay
 
     check_output(plot, ".png", (spec,))
@@ -152,7 +151,7 @@ def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec
     if run_path is not None:
         exported.save(found.records[found.controller], run_path, found.profile.scenario.subject)
     if plot is not None:
-        plots.save(_figure(plan, found, run), plot)
+        save(_figure(plan, found, run), plot)
     if as_json:
         row = {name: _as_stored(name, value) for name, value in found.row.items() if name != "run"}
         console.print_json({"run": run, "scenario": found.profile.name, "controller": found.controller, **row})
@@ -182,8 +181,8 @@ def _as_stored(name: str, value: float) -> float | int | bool:
 def _figure(plan: Plan, found: Replayed, run: int) -> Any:
     from dataclasses import replace
 
-    from codegen.report import plots
-    from codegen.report.sweep_text import factors_of
+    from codegen.report.campaign import factors_of
+    from codegen.report.scenario_plots import scenario_figure
 
     scenario = found.profile.scenario
     settings = replace(
@@ -194,7 +193,7 @@ def _figure(plan: Plan, found: Replayed, run: int) -> Any:
         friction_estimate=round(found.row["friction_estimate"], 3) if "friction_estimate" in found.row else None,
     )
     shown = replace(scenario, settings=settings, steer_time=found.profile.steer_time)
-    return plots.scenario_figure(shown, plan.config, found.records, f"run {run}, {found.controller}", factors_of(found.row))
+    return scenario_figure(shown, plan.config, found.records, f"run {run}, {found.controller}", factors_of(found.row))
 
 
 COMMANDS = (sweep,)

@@ -30,7 +30,7 @@ from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import family_warnings
 from codegen.plausibility.car import car_warnings
-from codegen.report.html import charts
+from codegen.report.html import blocks
 from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
 from codegen.report.style import GREY, phase_lines
 from codegen.units import KM_H
@@ -80,10 +80,10 @@ def map_data(reference_map: ReferenceMap, known: list[int]) -> Data:
     return {
         "speed_km_h": numbers(reference_map.speed / KM_H),
         "front_angle_deg": numbers(np.degrees(reference_map.front_angle)),
-        "yaw_rate": charts.numbers(np.degrees(reference_map.yaw_rate).T),
-        "sideslip": charts.numbers(np.degrees(reference_map.sideslip).T),
-        "rear_angle": charts.numbers(np.degrees(reference_map.rear_angle).T),
-        "binding": charts.small(np.where(feasible, places[active], np.uint8(255)).T),
+        "yaw_rate": blocks.numbers(np.degrees(reference_map.yaw_rate).T),
+        "sideslip": blocks.numbers(np.degrees(reference_map.sideslip).T),
+        "rear_angle": blocks.numbers(np.degrees(reference_map.rear_angle).T),
+        "binding": blocks.small(np.where(feasible, places[active], np.uint8(255)).T),
         "binding_names": [binding_text(flags) for flags in known],
         "binding_colours": binding_colours(known),
         "phase_lines": [[numbers(piece[:, 0], 3), numbers(piece[:, 1], 3)] for piece in phase_lines(reference_map)],

@@ -11,8 +11,8 @@ from codegen.emit.laws import law_of
 from codegen.emit.render import environment, templates_root
 from codegen.explore.controls import GROUP_TITLES, Control
 from codegen.explore.explorer import Explorer
-from codegen.report.html.bundle import plotly_javascript
-from codegen.report.html.charts import scale_of
+from codegen.report.html.blocks import scale_of
+from codegen.report.html.page import plotly_javascript
 from codegen.report.style import BLACK, CONTROLLER_COLOURS, REAR_STEER, SIDESLIP, YAW_RATE
 
 FILE = "ars.toml"

@@ -13,7 +13,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import preset
 from codegen.map_file.bounds import BOUNDS, Binding, binding_text
 from codegen.map_file.map import ReferenceMap
-from codegen.report.published import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
+from codegen.report.paper_tables import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
 from codegen.report.style import (
     BLACK,
     BLUE,

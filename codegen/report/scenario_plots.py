@@ -12,10 +12,8 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import one_line
-from codegen.report.legend import legend_below
-from codegen.report.run_marks import Mark, Span, until_spin
-from codegen.report.run_plots import heading, looks_of, run_figure, signal_limits
-from codegen.report.style import FRONT_ANGLE, GREY, REAR_ANGLE, RUN_NAMES, new_figure, plain, style
+from codegen.report.run_plots import Mark, Span, heading, looks_of, run_figure, signal_limits, until_spin
+from codegen.report.style import FRONT_ANGLE, GREY, REAR_ANGLE, RUN_NAMES, legend_below, new_figure, plain, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,8 +13,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
 from codegen.files import reason_of, require_regular
-from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text
-from codegen.report.html.charts import axis, layout, numbers
+from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text, axis, layout, numbers
 from codegen.report.style import BLUE, GREEN, ORANGE, VERMILION
 
 COLOURS = (BLUE, ORANGE, VERMILION)

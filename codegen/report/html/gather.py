@@ -17,12 +17,11 @@ from codegen.errors import CodegenError, within
 from codegen.map_file import map as npz
 from codegen.map_file.choose import choose_config
 from codegen.map_file.map import ReferenceMap
-from codegen.report.fault_table import fault_data
-from codegen.report.html.handling import HANDLING, RESPONSE
+from codegen.report.bus_tables import fault_data
 from codegen.report.html.inputs import Files, read_files
 from codegen.report.html.maps import NamedMap
 from codegen.report.html.report import Material, to_compare
-from codegen.report.html.runs import is_passive
+from codegen.report.html.runs import HANDLING, RESPONSE, is_passive
 from codegen.sil.software import load
 from codegen.sweep.region import Region, confirm, region
 from hil_sim.fault_catalogue import run_all

@@ -16,7 +16,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
 from codegen.files import read_file, require_regular
-from codegen.report.fault_table import FaultEntry, FaultFile
+from codegen.report.bus_tables import FaultEntry, FaultFile
 from codegen.report.html.bus import BusTimes, read_log
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.recording import load_csv

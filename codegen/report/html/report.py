@@ -20,18 +20,28 @@ from codegen.emit.manifest import read_build
 from codegen.errors import MapError
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
-from codegen.report.fault_table import HEADER, FaultEntry, fault_cells
+from codegen.report.bus_tables import HEADER, FaultEntry, fault_cells
 from codegen.report.html import build as build_tables
 from codegen.report.html import maps
-from codegen.report.html.blocks import Block, Chart, Gallery, Section, Table, Text
+from codegen.report.html.blocks import (
+    Block,
+    Chart,
+    Gallery,
+    Section,
+    Table,
+    Text,
+    axis,
+    cell_edges,
+    layout,
+    numbers,
+    patches,
+    scale_of,
+)
 from codegen.report.html.bus import BusTimes, bus_blocks
-from codegen.report.html.charts import axis, cell_edges, layout, numbers, patches, scale_of
 from codegen.report.html.curves import front_angle_chart, tyre_charts
-from codegen.report.html.handling import handling_blocks
-from codegen.report.html.loss import loss_blocks
-from codegen.report.html.maps import FRONT_ANGLE, SPEED, YAW_RATE, NamedMap, category_trace, colour_bar, map_layout
+from codegen.report.html.maps import FRONT_ANGLE, SPEED, YAW_RATE, NamedMap, category_trace, colour_bar, loss_blocks, map_layout
 from codegen.report.html.robust import margins_chart, region_blocks
-from codegen.report.html.runs import run_blocks
+from codegen.report.html.runs import handling_blocks, run_blocks
 from codegen.report.html.verdict import verdict_blocks
 from codegen.report.map_difference import (
     CAR_HEADER,
@@ -43,8 +53,7 @@ from codegen.report.map_difference import (
     same_car,
 )
 from codegen.report.map_plots import is_paper
-from codegen.report.paper_tables import RUNS, optimum_rows, optimum_table, run_table
-from codegen.report.published import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG
+from codegen.report.paper_tables import PAPER_TABLE, RUNS, TABLE_FRONT_ANGLE_DEG, optimum_rows, optimum_table, run_table
 from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from codegen.report.summary import TYRE, map_summary, tyre_note
 from codegen.sweep.region import Region
