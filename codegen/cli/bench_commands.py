@@ -14,9 +14,17 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
-from codegen.cli.run_options import build_option, bus_option, clock_option, run_options, with_clocks, xcp_option
+from codegen.cli.options import (
+    build_option,
+    bus_names,
+    bus_option,
+    clock_option,
+    configuration_file,
+    run_options,
+    with_clocks,
+    xcp_option,
+)
 from codegen.cli.sil_command import sil
-from codegen.cli.values import bus_names, configuration_file
 from codegen.errors import CheckFailed, CodegenError
 
 if TYPE_CHECKING:

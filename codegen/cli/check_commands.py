@@ -11,12 +11,12 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
-from codegen.cli.values import FileType, build_folder, checked_path, configuration_file
+from codegen.cli.options import FileType, build_folder, checked_path, configuration_file
 from codegen.errors import CheckFailed
 
 if TYPE_CHECKING:
+    from codegen.doctor import Finding
     from codegen.doctor.examination import Examination
-    from codegen.doctor.finding import Finding
 
 EXAMPLE = "codegen check ars.toml\n  codegen check 4ws2.npz\n  codegen check generated/4ws2"
 

@@ -5,13 +5,10 @@ from __future__ import annotations
 from codegen.cli import (
     bench_commands,
     check_commands,
-    completion_command,
-    explore_command,
-    export_commands,
-    import_command,
+    completion,
+    exchange_commands,
     map_commands,
-    report_command,
-    show_command,
+    show_commands,
     sweep_command,
     tune_command,
 )
@@ -21,16 +18,13 @@ __all__ = ["cli"]
 
 MODULES = (
     map_commands,
-    show_command,
-    import_command,
+    show_commands,
+    exchange_commands,
     tune_command,
-    explore_command,
     bench_commands,
     check_commands,
-    report_command,
     sweep_command,
-    export_commands,
-    completion_command,
+    completion,
 )
 
 for module in MODULES:

@@ -9,7 +9,7 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
-from codegen.cli.values import (
+from codegen.cli.options import (
     Quantity,
     case_names,
     configuration_file,

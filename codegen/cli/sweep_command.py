@@ -12,7 +12,7 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
-from codegen.cli.values import configuration_file, folder_to_write, picture_to_write, run_to_write
+from codegen.cli.options import configuration_file, folder_to_write, picture_to_write, run_to_write
 from codegen.errors import CodegenError
 
 if TYPE_CHECKING:

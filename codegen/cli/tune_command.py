@@ -12,7 +12,7 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
-from codegen.cli.values import configuration_file, map_file, map_to_write
+from codegen.cli.options import configuration_file, map_file, map_to_write
 from codegen.errors import ConfigError, MapError, within
 
 if TYPE_CHECKING:

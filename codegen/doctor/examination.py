@@ -5,26 +5,104 @@ from __future__ import annotations
 import importlib
 import os
 import platform
+import re
 import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
 
 from codegen import __version__
 from codegen.cache import cache_folder
-from codegen.doctor import buses
-from codegen.doctor.finding import Finding, State
-from codegen.doctor.requirements import Requirement, extras_of, requirements
+from codegen.doctor import Finding, State, buses
 from codegen.errors import BuildError, one_line
 from codegen.programs import run_program
 from codegen.sil.toolchain import compiler_command, compiler_identity
+
+DISTRIBUTION = "ars-codegen"
+EVERYTHING = "all"
+PYPROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
+
+_REQUIREMENT = re.compile(
+    r"\s*(?P<name>[A-Za-z0-9][\w.-]*)\s*(?:\[(?P<extras>[^]]*)\])?\s*\(?(?P<bounds>[^;)]*)\)?\s*(?:;(?P<marker>.*))?"
+)
+_EXTRA = re.compile(r"""extra\s*==\s*['"](?P<extra>[^'"]+)['"]""")
+_BOUND = re.compile(r"\s*(?P<operator>>=|<|==|<=|>|!=|~=)\s*(?P<version>[\w.]+)\s*")
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A package and its accepted versions.
+
+    Attributes:
+        bounds: version bounds as written, such as ">=2.4,<3".
+        extra: extra that requires it; "" if it is always required.
+    """
+
+    name: str
+    bounds: str
+    extra: str = ""
+
+    def allows(self, version: str) -> bool:
+        """Return whether a version is accepted. Compares only release numbers, which suffices for the bounds that the project
+        uses: `>=` and `<`."""
+        for bound in filter(None, self.bounds.split(",")):
+            match = _BOUND.fullmatch(bound)
+            if match is None:
+                continue
+            here, there = _numbers(version), _numbers(match["version"])
+            if match["operator"] == ">=" and here < there:
+                return False
+            if match["operator"] == "<" and here >= there:
+                return False
+        return True
+
+
+def requirements() -> tuple[tuple[Requirement, ...], str]:
+    """Return all requirements, and where they were read. The extra `all`, which only names the others, is omitted."""
+    if PYPROJECT.is_file():  # a checkout: its file is current even if an older one is installed
+        project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
+        listed = {"": project["dependencies"], **project.get("optional-dependencies", {})}
+        read = (parse(line, extra) for extra, lines in listed.items() if extra != EVERYTHING for line in lines)
+        return tuple(read), "pyproject.toml"
+    try:
+        lines = requires(DISTRIBUTION) or []
+    except PackageNotFoundError:
+        return (), "nothing: neither installed nor a checkout"
+    return tuple(
+        each for each in map(parse, lines) if each.extra != EVERYTHING and each.name != DISTRIBUTION
+    ), "the installed package"
+
+
+def parse(line: str, extra: str = "") -> Requirement:
+    """Parse a requirement of PEP 508, `casadi<4,>=3.8; extra == "x"`; of the markers only the extra is used."""
+    match = _REQUIREMENT.match(line)
+    if match is None:
+        raise ValueError(f"not a requirement: {line!r}")
+    marked = _EXTRA.search(match["marker"] or "")
+    bounds = ",".join(sorted(map(str.strip, match["bounds"].split(",")), reverse=True))
+    return Requirement(match["name"], bounds, extra or (marked["extra"] if marked else ""))
+
+
+def extras_of(asked: Iterable[Requirement]) -> list[str]:
+    """Return the names of the extras, in the order of the requirements."""
+    return [extra for extra in dict.fromkeys(each.extra for each in asked) if extra]
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """Return the release segment of PEP 440 without trailing zeros: 1.0 is 1."""
+    numbers = [int(number) for number in re.match(r"\d*(?:\.\d+)*", version)[0].split(".") if number]  # type: ignore[index]
+    while numbers and numbers[-1] == 0:
+        numbers.pop()
+    return tuple(numbers)
+
 
 PERIOD = 0.001
 """Step of the plant, in s."""

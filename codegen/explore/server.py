@@ -1,7 +1,8 @@
-"""Server of the page, for one user, on the loopback address only.
+"""Server of the page, for one user, on the loopback address only, and the page with its assets.
 
 A request is rejected unless its Host header is the listening address, which also excludes other names of this host, and unless
-it carries the key that the command printed. Only the page's own parts are served: no path is read as a file.
+it carries the key that the command printed. Only the page's own parts are served: no path is read as a file. The page loads
+nothing from elsewhere.
 """
 
 from __future__ import annotations
@@ -11,18 +12,112 @@ import json
 import secrets
 import socketserver
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, cast
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
+from codegen.emit.laws import law_of
+from codegen.emit.render import environment, templates_root
 from codegen.errors import CodegenError
-from codegen.explore import page
-from codegen.explore.controls import ExploreError
+from codegen.explore.controls import GROUP_TITLES, Control, ExploreError
 from codegen.explore.explorer import Explorer
 from codegen.explore.toml_file import Existing, Target
+from codegen.report.html.blocks import scale_of
+from codegen.report.html.page import plotly_javascript
+from codegen.report.style import BLACK, CONTROLLER_COLOURS, REAR_STEER, SIDESLIP, YAW_RATE
+
+FILE = "ars.toml"
+_TABLES = {"yaw_rate": YAW_RATE, "sideslip": SIDESLIP, "rear_angle": REAR_STEER}
+
+SECURITY_POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self' 'unsafe-inline'",  # Plotly writes style attributes and a style sheet of its own
+        "img-src 'self' data: blob:",  # a heat map is an image of its own making
+        "connect-src 'self'",
+        "base-uri 'none'",
+        "form-action 'none'",
+        "frame-ancestors 'none'",
+    )
+)
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A file that the server delivers."""
+
+    content: bytes
+    kind: str
+
+
+def controller_colours() -> str:
+    """Return CSS with the colour of each kind of controller as --now, and of the passive car as --passive; black is --ink."""
+    colours = {kind: "var(--ink)" if colour == BLACK else colour for kind, colour in CONTROLLER_COLOURS.items()}
+    passive = colours.pop("passive")
+    rules = [f':root[data-kind="{kind}"] {{ --now: {colour}; }}' for kind, colour in colours.items()]
+    return "\n".join((f":root {{ --passive: {passive}; }}", *rules, ""))
+
+
+def assets() -> dict[str, Asset]:
+    """Return path -> asset, without the page itself. Raises CodegenError if Plotly is not installed."""
+    root = templates_root()
+    style, script = "text/css; charset=utf-8", "text/javascript; charset=utf-8"
+    return {
+        "/style.css": Asset((root / "report" / "style.css").read_bytes(), style),
+        "/explore.css": Asset(controller_colours().encode("ascii") + (root / "explore" / "explore.css").read_bytes(), style),
+        "/plots.js": Asset((root / "explore" / "plots.js").read_bytes(), script),
+        "/explore.js": Asset((root / "explore" / "explore.js").read_bytes(), script),
+        "/plotly.js": Asset(plotly_javascript().encode("utf-8"), script),
+    }
+
+
+def page(explorer: Explorer, key: str, page_number: int) -> Asset:
+    """Render the page of an exploration.
+
+    Args:
+        key: access key that requests must carry.
+        page_number: distinguishes the requests of this page from those of others.
+    """
+    groups = [
+        {"key": group, "title": title, "controls": [each for each in explorer.controls if each.group == group]}
+        for group, title in GROUP_TITLES.items()
+    ]
+    context = {
+        "name": explorer.name,
+        "case": explorer.case,
+        "kind": explorer.start.controller.kind,
+        "title": law_of(explorer.start).title,
+        "file": FILE,
+        "groups": [group for group in groups if group["controls"]],
+        "adjustable": any(each.group == "controller" for each in explorer.controls),
+        "notes": explorer.notes,
+        "data": _embedded(
+            {
+                "key": key,
+                "page": page_number,
+                "file": FILE,
+                "scales": {name: scale_of(quantity.colours) for name, quantity in _TABLES.items()},
+                "controls": [_control(each) for each in explorer.controls],
+            }
+        ),
+    }
+    text = environment().get_template("explore/page.html.j2").render(page=context)
+    return Asset(text.encode("utf-8"), "text/html; charset=utf-8")
+
+
+def _control(control: Control) -> dict[str, Any]:
+    names = ("key", "label", "unit", "low", "high", "step", "bounds", "value", "logarithmic")
+    return {name: getattr(control, name) for name in names}
+
+
+def _embedded(data: Mapping[str, Any]) -> str:
+    """Return JSON that cannot end a script element."""
+    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+
 
 HOST = "127.0.0.1"
 BODY_MAX = 64 * 1024
@@ -67,7 +162,7 @@ class ExploreServer(ThreadingHTTPServer):
     def __init__(self, explorer: Explorer, target: Target, port: int = 0) -> None:
         self.explorer, self.target = explorer, target
         self.key = secrets.token_urlsafe(24)
-        self.assets = page.assets()
+        self.assets = assets()
         self.newest = Newest()
         self.pages = 0
         self.turn = threading.Lock()
@@ -130,7 +225,7 @@ class _Handler(BaseHTTPRequestHandler):
                 with server.turn:
                     server.pages += 1
                     number = server.pages
-                asset = page.page(server.explorer, server.key, number)
+                asset = page(server.explorer, server.key, number)
             else:
                 found = self.explore.assets.get(where.path)
                 if found is None:
@@ -251,7 +346,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))
         self.send_header("Cache-Control", "no-store")
-        self.send_header("Content-Security-Policy", page.SECURITY_POLICY)
+        self.send_header("Content-Security-Policy", SECURITY_POLICY)
         self.send_header("X-Content-Type-Options", "nosniff")
         self.send_header("Referrer-Policy", "no-referrer")
         self.send_header("Cross-Origin-Resource-Policy", "same-origin")

@@ -19,8 +19,8 @@ import numpy as np
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.errors import ConfigError
-from codegen.importing import tir, toml_edit
-from codegen.importing.magic_formula import Curve, LateralFormula, read_formula
+from codegen.importing import toml_edit
+from codegen.importing.magic_formula import TIR_BYTES_MAX, Curve, LateralFormula, parse, read_formula
 from codegen.importing.source import ImportFault, Source, read
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre, static_wheel_loads
 
@@ -104,9 +104,9 @@ def import_tyres(paths: Sequence[Path], config_path: Path, peak: Peak = "file") 
     _check_car(config, config_path)
     text = read(config_path, configuration.CONFIG_BYTES_MAX).data.decode("utf-8-sig")
     loads = static_wheel_loads(config)
-    files = [read(path, tir.TIR_BYTES_MAX) for path in paths]
+    files = [read(path, TIR_BYTES_MAX) for path in paths]
     sources = files if len(files) == 2 else files * 2
-    formulas = [read_formula(tir.parse(source)) for source in sources]
+    formulas = [read_formula(parse(source)) for source in sources]
     curves = [_curve(formula, load, source) for formula, load, source in zip(formulas, loads, sources, strict=True)]
     values = [_values(formula, load, config, peak) for formula, load in zip(formulas, loads, strict=True)]
     for axle, source, numbers in zip(AXLES, sources, values, strict=True):

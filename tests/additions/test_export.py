@@ -54,8 +54,7 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
-from codegen.cli.run_options import build_option
-from codegen.cli.values import csv_to_write
+from codegen.cli.options import build_option, csv_to_write
 
 
 @click.command(
@@ -86,15 +85,15 @@ COMMANDS = (parameters,)
 
 SYNOPSIS = "codegen parameters --build DIR -o CSV               name, value, range and unit of each parameter of a build\n"
 
-IMPORTED = "    map_commands,\n    parameters_command,\n    report_command,"
-LISTED = "    export_commands,\n    parameters_command,\n    completion_command,\n)"
+IMPORTED = "    exchange_commands,\n    map_commands,\n    parameters_command,"
+LISTED = "    sweep_command,\n    parameters_command,\n    completion,\n)"
 
 
 def test_an_export_touches_at_most_four_files(tree: Copy) -> None:
     tree.add("codegen/export/parameter_table.py", EXPORT)
     tree.add("codegen/cli/parameters_command.py", COMMAND)
-    tree.replace("codegen/cli/commands.py", "    map_commands,\n    report_command,", IMPORTED)
-    tree.replace("codegen/cli/commands.py", "    export_commands,\n    completion_command,\n)", LISTED)
+    tree.replace("codegen/cli/commands.py", "    exchange_commands,\n    map_commands,", IMPORTED)
+    tree.replace("codegen/cli/commands.py", "    sweep_command,\n    completion,\n)", LISTED)
     tree.replace("docs/interface.md", "codegen verify DIR [--quick]", f"{SYNOPSIS}codegen verify DIR [--quick]")
 
     build, output = ROOT / "generated" / "4ws2", tree.root / "parameters.csv"

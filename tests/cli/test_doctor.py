@@ -9,9 +9,8 @@ from unittest.mock import Mock, call
 
 import pytest
 
-from codegen.doctor import buses, examination
-from codegen.doctor.finding import Finding, State
-from codegen.doctor.requirements import Requirement, extras_of, parse, requirements
+from codegen.doctor import Finding, State, buses, examination
+from codegen.doctor.examination import Requirement, extras_of, parse, requirements
 
 from .conftest import ROOT, Run
 

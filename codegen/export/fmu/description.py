@@ -10,10 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from codegen.export.fmu.parameters import Status
-from codegen.export.fmu.standard import Version
-from codegen.export.fmu.units import UNITS
-from codegen.export.fmu.variables import Variable
+from codegen.export.fmu.variables import UNITS, Status, Variable, Version
 
 STATUS_TYPE = "Status"
 STOP_TIME = 10.0

@@ -1,8 +1,9 @@
-"""Export a build as an FMU."""
+"""Export a build as an FMU. The headers of the FMI standard come from the package `fmpy`."""
 
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import io
 import json
 import platform
@@ -21,16 +22,46 @@ from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.render import render, verbatim
 from codegen.emit.text import Precision, comment_text
-from codegen.errors import BuildError
+from codegen.errors import BuildError, CodegenError
 from codegen.export.fmu.description import Description, build_description, model_description
 from codegen.export.fmu.model_view import TITLES, context, rows, step_size
-from codegen.export.fmu.parameters import parameter_variables, status_values
-from codegen.export.fmu.standard import Version, headers, licence
-from codegen.export.fmu.variables import Variable, What, variables_of
+from codegen.export.fmu.variables import Variable, Version, What, parameter_variables, status_values, variables_of
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.plant import plant_sources
 from codegen.sil.software import compile_build, require_can_side
 from codegen.sil.toolchain import compiler_command, require_success, run
+
+_HEADERS = {
+    "2": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    "3": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+_LICENCE = re.compile(r"^ *Copyright \(C\).*?POSSIBILITY OF SUCH DAMAGE\.$", re.DOTALL | re.MULTILINE)
+
+
+def headers(version: Version) -> dict[str, bytes]:
+    """Return name -> content of the standard's C headers. Raises CodegenError: fmpy or its headers are missing."""
+    remedy = 'pip install "ars-codegen[tools]"'
+    # Located, not imported: only its files are needed, and its import is slow.
+    found = importlib.util.find_spec("fmpy")
+    if found is None or found.origin is None:
+        raise CodegenError("fmpy, which has the headers of the FMI standard, is missing", where="codegen fmu", remedy=remedy)
+    folder = Path(found.origin).parent / "c-code"
+    try:
+        return {name: (folder / name).read_bytes() for name in _HEADERS[version]}
+    except OSError as error:
+        raise CodegenError(f"cannot be read ({error.strerror})", where=folder, remedy=remedy) from None
+
+
+def licence(files: dict[str, bytes]) -> bytes:
+    """Return the licence text that the headers contain."""
+    names = ", ".join(sorted(files))
+    for content in files.values():
+        text = content.decode("utf-8", "replace").replace("\r\n", "\n")
+        if found := _LICENCE.search(text):
+            lines = [line.strip() for line in found[0].split("\n")]
+            return (f"Of the files {names}:\n\n" + "\n".join(lines) + "\n").encode()
+    raise CodegenError("the headers of the FMI standard state no licence", where="fmpy", remedy="install fmpy again")
+
 
 FLAGS = (*DEFAULT_FLAGS, "-fvisibility=hidden")
 """Compiler flags of the SIL, for identical results; only FMI functions are exported."""

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from codegen.configuration import Config
 from codegen.configuration.signals import MEASURED
 from codegen.emit.text import Precision, literal
-from codegen.export.fmu.standard import Version
-from codegen.export.fmu.variables import Role, Variable, What, of_role
+from codegen.export.fmu.variables import Role, Variable, Version, What, of_role
 
 TITLES: dict[What, str] = {
     "controller": "the controller",

@@ -14,7 +14,7 @@ from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.text import comment_text
 from codegen.errors import BuildError
-from codegen.export.a2l.elf import Elf, Place
+from codegen.export.elf import Elf, Place
 
 _BLOCK = re.compile(
     r"^ *\/begin (?P<kind>AXIS_PTS|CHARACTERISTIC|MEASUREMENT) (?P<name>\S+) .*?^ *\/end (?P=kind)\n", re.DOTALL | re.MULTILINE
