@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -250,11 +250,6 @@ def _initial(config: Config) -> Variable:
         low=-bound,
         high=bound,
     )
-
-
-def of_role(variables: Sequence[Variable], role: Role) -> tuple[Variable, ...]:
-    """Return the variables of one role."""
-    return tuple(each for each in variables if each.role == role)
 
 
 GROUP = "parameters"
