@@ -27,10 +27,9 @@ from codegen.explore.explorer import Explorer
 from codegen.explore.toml_file import Existing, Target
 from codegen.report.html.blocks import scale_of
 from codegen.report.html.page import plotly_javascript
-from codegen.report.style import BLACK, CONTROLLER_COLOURS, REAR_STEER, SIDESLIP, YAW_RATE
+from codegen.report.style import BLACK, CONTROLLER_COLOURS, QUANTITIES
 
 FILE = "ars.toml"
-_TABLES = {"yaw_rate": YAW_RATE, "sideslip": SIDESLIP, "rear_angle": REAR_STEER}
 
 SECURITY_POLICY = "; ".join(
     (
@@ -100,7 +99,7 @@ def page(explorer: Explorer, key: str, page_number: int) -> Asset:
                 "key": key,
                 "page": page_number,
                 "file": FILE,
-                "scales": {name: scale_of(quantity.colours) for name, quantity in _TABLES.items()},
+                "scales": {quantity.attribute: scale_of(quantity.colours) for quantity in QUANTITIES},
                 "controls": [_control(each) for each in explorer.controls],
             }
         ),

@@ -60,7 +60,7 @@ def map_figure(reference_map: ReferenceMap, title: str) -> Figure:
 
     A bare map shows only what it has.
     """
-    shown = [quantity for quantity in QUANTITIES if quantity.table(reference_map) is not None]
+    shown = [quantity for quantity in QUANTITIES if quantity.degrees(reference_map) is not None]
     panels = len(shown) + (reference_map.active is not None)
     columns, rows = {1: (1, 1), 2: (2, 1), 3: (3, 1), 4: (2, 2)}[panels]
     with style():

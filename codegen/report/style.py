@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import textwrap
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -132,16 +132,17 @@ class Quantity:
     """One table of a map and its display.
 
     Attributes:
-        name: name with its symbol. unit: unit of the displayed values.
+        attribute: attribute of the map with the values in SI, (n, m), or None if the map lacks them.
+        name: name with its symbol, with formulas. plain_name: the same in Unicode. unit: unit of the displayed values.
         colours: name of the colour map; a diverging one is centred at zero.
-        table: function from a map to the values in SI, (n, m), or to None if the map lacks them.
     """
 
+    attribute: str
     name: str
+    plain_name: str
     unit: str
     colours: str
     diverging: bool
-    table: Callable[[ReferenceMap], FloatArray | None]
 
     @property
     def label(self) -> str:
@@ -150,7 +151,7 @@ class Quantity:
 
     def degrees(self, reference_map: ReferenceMap) -> FloatArray | None:
         """Return the displayed values, (n, m) in `unit`; NaN where infeasible."""
-        values = self.table(reference_map)
+        values = getattr(reference_map, self.attribute)
         return None if values is None else np.degrees(np.where(reference_map.feasible, values, np.nan))
 
     def colour_bar(self, figure: Figure, axes: Any, scale: Normalize, **look: Any) -> None:
@@ -169,9 +170,9 @@ class Quantity:
         return Normalize(-largest if self.diverging else 0.0, largest)
 
 
-YAW_RATE = Quantity("Yaw rate $r$", "deg/s", "viridis", False, lambda one: one.yaw_rate)
-SIDESLIP = Quantity(r"Sideslip angle $\beta$", "deg", "PuOr_r", True, lambda one: one.sideslip)
-REAR_STEER = Quantity(f"Rear angle {REAR_ANGLE}", "deg", "RdBu_r", True, lambda one: one.rear_angle)
+YAW_RATE = Quantity("yaw_rate", "Yaw rate $r$", "Yaw rate r", "deg/s", "viridis", False)
+SIDESLIP = Quantity("sideslip", r"Sideslip angle $\beta$", "Sideslip β", "deg", "PuOr_r", True)
+REAR_STEER = Quantity("rear_angle", f"Rear angle {REAR_ANGLE}", "Rear angle δr", "deg", "RdBu_r", True)
 QUANTITIES = (YAW_RATE, SIDESLIP, REAR_STEER)
 
 

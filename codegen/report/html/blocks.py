@@ -14,10 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 Figure = Mapping[str, Any]
-"""A figure of Plotly as plain data: `data` and `layout`. Colours may be names of `INKS`, which follow the page's theme."""
+"""A figure of Plotly as plain data: `data` and `layout`. Colours may be the names below, which follow the page's theme."""
 
 INK, MUTED, GRID, GROUND, EMPTY = "@ink", "@muted", "@grid", "@ground", "@empty"
-INKS = (INK, MUTED, GRID, GROUND, EMPTY)
 
 
 @dataclass(frozen=True)
@@ -193,23 +192,8 @@ def line(x: Any, y: Any, name: str, colour: str, **more: Any) -> dict[str, Any]:
     return {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(y), "name": name, "line": look, **more}
 
 
-def categories(
-    codes: npt.NDArray[np.uint8], names: Sequence[str], colours: Sequence[str], hidden: npt.NDArray[np.bool_]
-) -> Mapping[str, Any]:
-    """Return the parts of a heat map of named categories: codes (rows, columns) into both lists; gaps where `hidden`."""
-    count = len(names)
-    steps = [[edge, colours[k]] for k in range(count) for edge in (k / count, (k + 1) / count)]
-    return {
-        "z": numbers(np.where(hidden, np.nan, codes.astype(float))),
-        "zmin": -0.5,
-        "zmax": count - 0.5,
-        "colorscale": steps,
-        "showscale": False,
-    }
-
-
 def patches(names: Sequence[str], colours: Sequence[str], **more: Any) -> list[dict[str, Any]]:
-    """Return legend entries for `categories`."""
+    """Return legend entries for a heat map of named categories."""
     marker = {"symbol": "square", "size": 12, "line": {"color": MUTED, "width": 1}}
     return [
         {

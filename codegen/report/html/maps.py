@@ -24,7 +24,6 @@ from codegen.report.html.blocks import (
     Gallery,
     Text,
     axis,
-    categories,
     layout,
     numbers,
     patches,
@@ -32,13 +31,12 @@ from codegen.report.html.blocks import (
     small,
 )
 from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
-from codegen.report.style import BLACK, GREY, SKY, VERMILION, WHITE, phase_lines
+from codegen.report.style import BLACK, GREY, QUANTITIES, SKY, VERMILION, WHITE, Quantity, phase_lines
 from codegen.report.summary import tyre_note
 from codegen.units import KM_H
 
 SPEED, FRONT_ANGLE = "Speed vx (km/h)", "Front angle δf (deg)"
 INFEASIBLE = "grey: no steady turn inside the limits"
-PHASE = "δr = 0: the rear wheels pass from the opposite to the same direction as the front wheels"
 
 
 @dataclass(frozen=True)
@@ -64,32 +62,11 @@ class NamedMap:
         return np.degrees(self.map.front_angle)
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A table of a map: attribute, name, unit, colour map of matplotlib; `diverging` ones are centred at zero."""
-
-    attribute: str
-    name: str
-    unit: str
-    scale: str
-    diverging: bool
-
-    def degrees(self, one: ReferenceMap) -> FloatArray | None:
-        """Return the values (n, m) in `unit`, NaN where infeasible; None if the map lacks the table."""
-        values = getattr(one, self.attribute)
-        return None if values is None else np.degrees(np.where(one.feasible, values, np.nan))
-
-    def limits(self, tables: Sequence[FloatArray]) -> tuple[float, float]:
-        """Return the ends of a colour scale that several tables share."""
-        finite = [float(np.nanmax(np.abs(table))) for table in tables if np.isfinite(table).any()]
-        largest = max([*finite, 1e-6])
-        return (-largest if self.diverging else 0.0), largest
-
-
-YAW_RATE = Quantity("yaw_rate", "Yaw rate r", "deg/s", "viridis", False)
-SIDESLIP = Quantity("sideslip", "Sideslip β", "deg", "PuOr_r", True)
-REAR_ANGLE = Quantity("rear_angle", "Rear angle δr", "deg", "RdBu_r", True)
-QUANTITIES = (YAW_RATE, SIDESLIP, REAR_ANGLE)
+def colour_limits(tables: Sequence[FloatArray], diverging: bool = False) -> tuple[float, float]:
+    """Return the ends of a colour scale that several tables share; `diverging` ones are centred at zero."""
+    finite = [float(np.nanmax(np.abs(table))) for table in tables if np.isfinite(table).any()]
+    largest = max([*finite, 1e-6])
+    return (-largest if diverging else 0.0), largest
 
 
 def heat_maps(one: NamedMap) -> Gallery:
@@ -102,27 +79,34 @@ def heat_maps(one: NamedMap) -> Gallery:
 
 
 def _heat_map(one: NamedMap, quantity: Quantity, table: FloatArray) -> Chart:
-    low, high = quantity.limits([table])
-    trace = {
-        "type": "heatmap",
-        "x": numbers(one.speed_km_h),
-        "y": numbers(one.front_angle_deg),
-        "z": numbers(table.T),
-        "zmin": low,
-        "zmax": high,
-        "colorscale": scale_of(quantity.scale),
-        "colorbar": colour_bar(quantity.unit),
-        "hoverongaps": False,
-        "hovertemplate": f"{quantity.name}: %{{z:.3f}} {quantity.unit}<br>vx %{{x:.1f}} km/h, δf %{{y:.2f}} deg<extra></extra>",
-    }
+    limits = colour_limits([table], quantity.diverging)
+    trace = heat_map(one, table, quantity.plain_name, quantity.unit, quantity.colours, limits)
     finite = table[np.isfinite(table)]
     span = f"{finite.min():.3g} to {finite.max():.3g} {quantity.unit}" if finite.size else "nowhere feasible"
-    spoken = f"Heat map of {quantity.name} over speed and front angle: {span}."
+    spoken = f"Heat map of {quantity.plain_name} over speed and front angle: {span}."
     lines = _phase_traces(one.map)
     figure = {"data": [trace, *lines], "layout": map_layout(one, legend=bool(lines))}
     name = f"map-{quantity.attribute.replace('_', '-')}"
     hidden = "" if one.map.feasible.all() else f"; {INFEASIBLE}"
-    return Chart(name, figure, f"{quantity.name}, {span}{hidden}.", spoken, 420)
+    return Chart(name, figure, f"{quantity.plain_name}, {span}{hidden}.", spoken, 420)
+
+
+def heat_map(
+    one: NamedMap, table: FloatArray, title: str, unit: str, colours: str, limits: tuple[float, float]
+) -> dict[str, Any]:
+    """Return a heat map of a table (n, m) over the axes of a map."""
+    return {
+        "type": "heatmap",
+        "x": numbers(one.speed_km_h),
+        "y": numbers(one.front_angle_deg),
+        "z": numbers(table.T),
+        "zmin": limits[0],
+        "zmax": limits[1],
+        "colorscale": scale_of(colours),
+        "colorbar": colour_bar(unit),
+        "hoverongaps": False,
+        "hovertemplate": f"{title}: %{{z:.3f}} {unit}<br>vx %{{x:.1f}} km/h, δf %{{y:.2f}} deg<extra></extra>",
+    }
 
 
 def colour_bar(unit: str) -> dict[str, Any]:
@@ -184,7 +168,11 @@ def category_trace(
         "type": "heatmap",
         "x": numbers(speed),
         "y": numbers(angle),
-        **categories(codes.T, names, colours, hidden.T),
+        "z": numbers(np.where(hidden, np.nan, codes.astype(float)).T),
+        "zmin": -0.5,
+        "zmax": len(names) - 0.5,
+        "colorscale": [[edge / len(names), colours[k]] for k in range(len(names)) for edge in (k, k + 1)],
+        "showscale": False,
         "codes": {**small(codes.T), "names": list(names)},  # the page derives hover texts from them
         "hoverongaps": False,
         "hovertemplate": "%{text}<br>vx %{x:.1f} km/h, δf %{y:.2f} deg<extra></extra>",
@@ -235,15 +223,7 @@ def _chart(one: NamedMap, loss: LossOfFunction) -> Chart:
     data: list[dict[str, Any]] = []
     if loss.only_with_rear_steer is not None:
         codes = loss.only_with_rear_steer.astype(np.uint8)
-        trace = {
-            "type": "heatmap",
-            "x": numbers(one.speed_km_h),
-            "y": numbers(one.front_angle_deg),
-            **categories(codes.T, CELLS, (SKY, VERMILION), ~one.map.feasible.T),
-            "codes": {**small(codes.T), "names": list(CELLS)},
-            "hoverongaps": False,
-            "hovertemplate": "%{text}<br>vx %{x:.1f} km/h, δf %{y:.2f} deg<extra></extra>",
-        }
+        trace = category_trace(one.speed_km_h, one.front_angle_deg, codes, ~one.map.feasible, CELLS, (SKY, VERMILION))
         data += [trace, *patches(CELLS, (SKY, VERMILION))]
     data += _points(loss)
     look = layout(
