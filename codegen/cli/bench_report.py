@@ -121,8 +121,7 @@ class Outputs:
             if not result.received["commands"]:
                 console.note("no ECU sent a command; the rear wheels did not move")
             console.say("")
-            for line in bus_lines(result, period):
-                console.say(line)
+            console.say(*bus_lines(result, period))
             if ecu_counters:
                 console.say(f"ECU: {ecu_counters}")
         for kind, names in self.written.items():

@@ -43,12 +43,9 @@ def check(subject: Path, config_path: Path | None, as_json: bool) -> None:
         facts: dict[str, Any] = {"subject": str(subject), "kind": found.kind}
         console.print_json({**facts, **found.facts, "notes": list(found.notes), "warnings": list(found.warnings)})
     else:
-        for line in found.lines:
-            console.say(line)
-        for text in found.notes:
-            console.note(text)
-        for text in found.warnings:
-            console.warn(text)
+        console.say(*found.lines)
+        console.note(*found.notes)
+        console.warn(*found.warnings)
     if found.warnings:
         one = len(found.warnings) == 1
         count = "1 warning" if one else f"{len(found.warnings)} warnings"
@@ -97,8 +94,7 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     if requirements_file is not None:
         write_atomically(requirements_file, requirements.table(report.outcomes, subject.prefix))
     console.say(table.table(report))
-    for line in table.findings(report):
-        console.say(line)
+    console.say(*table.findings(report))
     if record.write(report, build):
         console.say(f"written: {build / record.JSON}, {build / record.MANUAL}")
     else:
@@ -130,8 +126,7 @@ def doctor(as_json: bool) -> None:
     if as_json:
         console.print_json(found.to_dict())
     else:
-        for line in _lines(found, coloured=console.has_colour(sys.stdout)):
-            console.say(line)
+        console.say(*_lines(found, coloured=console.has_colour(sys.stdout)))
     if found.stopping:
         names = ", ".join(finding.name for finding in found.stopping)
         raise CheckFailed(f"codegen sil cannot work: {names}", remedy=found.stopping[0].remedy)

@@ -141,8 +141,7 @@ def _import_map(path: Path, output: Path, names: dict[str, str], units: str | No
         found: dict[str, Any] = {"map": str(output), "source": str(path), "read": list(imported.said)}
         console.print_json({**found, "variables": imported.columns, **summary.to_dict()})
         return
-    for text in imported.said:
-        console.note(text)
+    console.note(*imported.said)
     console.say(f"{output}: {summary.headline}")
     console.say(text_table(("", "from", "to", "unit", "points"), summary.axis_rows))
     console.say("")
@@ -161,8 +160,7 @@ def _import_tyres(files: tuple[Path, ...], output: Path, config_path: Path, peak
     if as_json:
         console.print_json({"configuration": str(output), **imported.to_dict(), "notes": list(imported.notes)})
         return
-    for text in imported.notes:
-        console.note(text)
+    console.note(*imported.notes)
     _print_tyres(imported, output)
 
 

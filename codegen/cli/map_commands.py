@@ -100,16 +100,13 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
         origin = {"map": str(output), "configuration": chosen.source, "warnings": warnings}
         console.print_json({**origin, "handling": handling.to_dict(), **facts.to_dict(), **summary.to_dict()})
         return
-    for text in chosen.notes:
-        console.note(text)
+    console.note(*chosen.notes)
     if config_path is None:
         console.note("no --config: using the paper's preset")
-    for text in warnings:
-        console.warn(text)
+    console.warn(*warnings)
     console.say(f"{output}: {summary.headline}")
     console.say(f"car: {handling}")
-    for line in facts.lines():
-        console.say(f"map: {line}")
+    console.say(*(f"map: {line}" for line in facts.lines()))
 
 
 @click.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))
@@ -164,8 +161,7 @@ def build(
     with console.status(f"generating the C of {map_path}"):
         prepared = prepare(map_path, config_path, output, prefix, chosen, request=request, judge=judge)
     if not as_json:
-        for text in prepared.chosen.notes:
-            console.note(text)
+        console.note(*prepared.chosen.notes)
     target, files = prepared.target, [*sorted(prepared.folder.files), "manifest.json"]
     if check:
         found = differences(prepared.folder, target)
@@ -188,8 +184,7 @@ def build(
         console.print_json({**result, "notes": list(prepared.chosen.notes), "warnings": warnings})
         return
     state = "" if changed else " (unchanged)"
-    for text in warnings:
-        console.warn(text)
+    console.warn(*warnings)
     console.say(f"{target}: {len(files)} files{state}; start with {target / 'README.md'}")
     if not manifest["limiter_cut"]["cells"]:
         console.say("limiter: it cuts nothing off the map")
@@ -229,8 +224,7 @@ def paper(output: Path, as_json: bool) -> None:
     if as_json:
         console.print_json(result.to_dict())
         return
-    for line in result.lines():
-        console.say(line)
+    console.say(*result.lines())
 
 
 def _numbers(text: str, place: str) -> list[float]:

@@ -138,8 +138,7 @@ def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: P
         return
     if same_car(first, second) is False:
         console.note("the maps are of different cars or roads")
-    for text in caveats(first, second):
-        console.note(text)
+    console.note(*caveats(first, second))
     console.say(f"first:  {map_path}\nsecond: {against}\n")
     console.say(text_table(CAR_HEADER, found.rows))
     console.say("")
@@ -172,8 +171,7 @@ def _show_flash(
     if as_json:
         console.print_json({"map": str(map_path), **flash_dict(found), "plot": None if plot is None else str(plot)})
         return
-    for text in chosen.notes:
-        console.note(text)
+    console.note(*chosen.notes)
     console.say(f"{map_path}: {flash_headline(found)}\n")
     console.say(text_table(HEADER, flash_rows(found)))
     if plot is not None:
@@ -249,8 +247,7 @@ def report(
         told = {"report": str(output), "bytes": len(content), "sections": [section.name for section in made]}
         console.print_json({**told, "charts": charts, "notes": notes})
         return
-    for text in notes:
-        console.note(text)
+    console.note(*notes)
     console.say(f"{output}: {len(made)} sections, {len(charts)} charts, {len(content) / 1e6:.1f} MB; open it in a browser")
 
 
@@ -281,8 +278,7 @@ def explore(map_path: Path, config_path: Path | None, folder: Path | None, port:
     require_plotly("explore")
     target = _target(folder, config_path)
     explorer = opened(map_path, config_path)
-    for text in explorer.notes:
-        console.note(text)
+    console.note(*explorer.notes)
     with ExploreServer(explorer, target, port) as server:
         _serve(server, browser=not no_browser)
 

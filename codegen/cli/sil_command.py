@@ -160,8 +160,7 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
     else:
         _say(f"suite tracking: {candidate.title}", sections(result), written)
         note_edited(build_path or Path(), whole.edited)
-        for text in whole.notes:
-            console.note(text)
+        console.note(*whole.notes)
     if missed:
         more = f"; and {len(missed) - TOLD} more" if len(missed) > TOLD else ""
         told = "1 figure misses its requirement" if len(missed) == 1 else f"{len(missed)} figures miss their requirements"
@@ -184,8 +183,7 @@ def _say(title: str, sections: Iterable[tuple[str, str]], written: Sequence[Path
         console.say(f"\n{heading}\n\n{text}")
     if written:
         console.say("")
-    for path in written:
-        console.say(f"plot: {path}")
+    console.say(*(f"plot: {path}" for path in written))
 
 
 SETTINGS = ("speed_km_h", "steering_wheel_angle_deg")
@@ -356,8 +354,7 @@ def _run_scenario(chosen: Choices) -> None:
     settings = {key: value for key in SETTINGS if (value := getattr(chosen, key)) is not None}
     base = with_settings(find(chosen.scenario, software.config), settings)
     scenario = with_clocks(base, chosen.drift_ppm, chosen.jitter_ms)
-    for text in car_warnings(software.config):
-        console.warn(text)
+    console.warn(*car_warnings(software.config))
     if not software.selftest():
         raise CheckFailed("the generated self-test fails", where=build_path, remedy="build again with `codegen build`")
     with console.status(scenario.title):
@@ -379,6 +376,5 @@ def _baselines(chosen: Choices, software: Software, scenario: Scenario) -> dict[
 
     with console.progress("baselines") as steps:
         comparison = of_folder(chosen.build_path).comparison(steps)
-    for text in comparison.notes:
-        console.note(text)
+    console.note(*comparison.notes)
     return {each.name: chosen.drive(each.around(software.config), scenario)[0] for each in comparison.baselines}

@@ -111,8 +111,7 @@ def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | No
     for heading, text in sections(summary):
         console.say(f"\n{heading}\n\n{text}")
     console.say(f"\n{again(replay)}\n")
-    for one in written:
-        console.say(f"picture: {one}")
+    console.say(*(f"picture: {one}" for one in written))
 
 
 def _engine(scheduler: str | None, workers: int | None) -> Any:

@@ -95,10 +95,8 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
         }
         console.print_json({**facts, **_to_dict(config, made, least), **responses, **_fail_safe_facts(tuned), **trim})
         return
-    for text in chosen.notes:
-        console.note(text)
-    for text in warnings:
-        console.warn(text)
+    console.note(*chosen.notes)
+    console.warn(*warnings)
     _print(output, config, made, least)
     if tuned.responses:
         _print_responses(tuned.responses, config.controller.tracking.response_ahead_s)
