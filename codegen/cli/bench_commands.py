@@ -14,6 +14,7 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
+from codegen.cli.bench_report import Outputs, live_view, note_edited
 from codegen.cli.options import (
     build_option,
     bus_names,
@@ -28,37 +29,18 @@ from codegen.cli.sil_command import sil
 from codegen.errors import CheckFailed, CodegenError
 
 if TYPE_CHECKING:
-    from codegen.cli.bench_report import Outputs
     from codegen.configuration import Config
     from codegen.emit.text import Precision
     from hil_sim.bus import BusAddress
     from hil_sim.session import EcuKind, Setup
 
 
-@dataclass(frozen=True)
-class Choices:
+@dataclass(frozen=True, kw_only=True)
+class Choices(Outputs):
     """Options of a run on a bus."""
 
     bus: str
-    scenario: str
     lock_step: bool
-    drift_ppm: float | None
-    jitter_ms: float | None
-    sensors: bool
-    seed: int
-    log: Path | None
-    plot: Path | None
-    csv: Path | None
-    files: tuple[Path, ...]
-    as_json: bool
-
-    def outputs(self, *inputs: Path | None) -> Outputs:
-        """Return the output files after checking that each can be written. `inputs`: files that the command reads."""
-        from codegen.cli.bench_report import Outputs
-
-        outputs = Outputs(self.plot, self.csv, self.log, self.files, self.as_json)
-        outputs.check((*inputs, Path(self.scenario)))
-        return outputs
 
     def setup(self, config: Config, precision: Precision = "single", dbc: bytes | None = None) -> Setup:
         """Return the settings of a run for a car."""
@@ -98,12 +80,12 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
 
     The ECU is started and stopped here, unless it is external. The passive car is simulated for comparison.
     """
-    from codegen.cli.bench_report import live_view, note_edited
     from hil_sim.session import BuildFacts, check_xcp, passive, run_hil
 
     check_xcp(kind, xcp=xcp)
     chosen = Choices(**given)
-    outputs, facts = chosen.outputs(), BuildFacts.read(build_path)
+    chosen.check()
+    facts = BuildFacts.read(build_path)
     setup = chosen.setup(facts.config, facts.precision, facts.dbc)
     note_edited(build_path, facts.edited, quiet=chosen.as_json)
     with live_view(setup, kind, quiet=chosen.as_json) as observe:
@@ -111,7 +93,7 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
     runs = {"controlled": ran.result.record, "passive": passive(setup.config, setup.scenario)}
     title = f"{build_path} on {setup.address}, ECU {kind}, {setup.clock}"
     described = {"build": str(build_path), "ecu": kind, **setup.describe()}
-    outputs.tell(title, setup.config, setup.scenario, runs, ran.result, described, ran.ecu_counters)
+    chosen.tell(title, setup.config, setup.scenario, runs, ran.result, described, ran.ecu_counters)
 
 
 @click.command(
@@ -122,12 +104,12 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
 @run_options
 def plant(config_path: Path | None, **given: Any) -> None:
     """Run the simulated car on a bus for any ECU: send its frames, obey the commands."""
-    from codegen.cli.bench_report import live_view
     from codegen.map_file.choose import choose_config
     from hil_sim.session import passive, run_plant
 
     chosen = Choices(**given)
-    outputs, car = chosen.outputs(config_path), choose_config(None, config_path)
+    chosen.check(config_path)
+    car = choose_config(None, config_path)
     if config_path is None and not chosen.as_json:
         console.note("no --config: using the paper's preset")
     setup = chosen.setup(car.config)
@@ -135,7 +117,7 @@ def plant(config_path: Path | None, **given: Any) -> None:
         result = run_plant(setup, None, observe)
     runs = {"controlled": result.record, "passive": passive(setup.config, setup.scenario)}
     described = {"configuration": car.source, **setup.describe()}
-    outputs.tell(f"plant on {setup.address}, {setup.clock}", setup.config, setup.scenario, runs, result, described)
+    chosen.tell(f"plant on {setup.address}, {setup.clock}", setup.config, setup.scenario, runs, result, described)
 
 
 @click.command(
@@ -216,7 +198,6 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
 def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: bool) -> None:
     """Inject every bus fault into the same turn-in. Report the diagnostics, the time to the fail-safe, the largest rear angle
     and the recovery time. On a bus, runs take real time, and delays of this machine count as additional faults."""
-    from codegen.cli.bench_report import note_edited
     from codegen.report.bus_tables import HEADER, fault_data, fault_rows
     from codegen.sil.software import load
     from codegen.text_table import text_table

@@ -26,21 +26,31 @@ if TYPE_CHECKING:
     Runs = Mapping[str, npt.NDArray[np.float64]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Outputs:
-    """Output paths of the results."""
+    """Output paths of the results, and the options that all runs share."""
 
+    scenario: str
+    drift_ppm: float | None
+    jitter_ms: float | None
+    sensors: bool
+    seed: int
     plot: Path | None
     csv: Path | None
-    log: Path | None
+    log: Path | None = None
     files: tuple[Path, ...]
     as_json: bool
 
-    def check(self, inputs: Sequence[Path | None]) -> None:
-        """Reject outputs that cannot be written, before anything runs. Raises CodegenError."""
+    def check(self, *inputs: Path | None) -> None:
+        """Reject outputs that cannot be written, before anything runs. Raises CodegenError.
+
+        Args:
+            inputs: files that the command reads besides the scenario.
+        """
         from codegen.emit.outputs import check_output
         from codegen.export.runs import check_formats
 
+        inputs = (*inputs, Path(self.scenario))
         check_formats(self.files)
         for path in self.files:
             check_output(path, path.suffix.lower(), inputs)
@@ -51,16 +61,11 @@ class Outputs:
 
             BusLog(self.log)  # checks the extension
             check_output(self.log, self.log.suffix.lower(), inputs)
-        self._check_each_once()
-
-    def _check_each_once(self) -> None:
         seen: set[Path] = set()
-        for path in (self.plot, self.csv, self.log, *self.files):
-            if path is None:
-                continue
-            target = resolved(path)
+        for output in filter(None, (self.plot, self.csv, self.log, *self.files)):
+            target = resolved(output)
             if target in seen:
-                raise CodegenError("it would be written twice", where=path, remedy="name each file once")
+                raise CodegenError("it would be written twice", where=output, remedy="name each file once")
             seen.add(target)
 
     @property

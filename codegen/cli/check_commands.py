@@ -11,6 +11,7 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
+from codegen.cli.bench_report import note_edited
 from codegen.cli.options import FileType, build_folder, checked_path, configuration_file
 from codegen.errors import CheckFailed
 
@@ -74,7 +75,6 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     tests it with faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1
     if a check fails or none can run. A check whose tool is missing is reported as not run.
     """
-    from codegen.cli.bench_report import note_edited
     from codegen.emit.outputs import check_output
     from codegen.files import write_atomically
     from codegen.sil.software import require_can_side

@@ -11,6 +11,7 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
+from codegen.cli.bench_report import note_edited
 from codegen.cli.options import FileType, any_file, build_option, configuration_file, folder_to_write
 from codegen.errors import CheckFailed, CodegenError
 
@@ -212,7 +213,6 @@ def a2l(build_path: Path, elf_path: Path, instance: str | None, output: Path, as
 
     Byte order and types come from the program too; the identity of the build and the size of each object must match it.
     """
-    from codegen.cli.bench_report import note_edited
     from codegen.emit.outputs import check_output
     from codegen.export.a2l import fill
     from codegen.export.elf import Elf
@@ -266,7 +266,6 @@ def fmu(build_path: Path, what: What, version: Version, output: Path, as_json: b
 
     A simulator that imports it runs the build's own C, with the same results as `codegen sil`.
     """
-    from codegen.cli.bench_report import note_edited
     from codegen.emit.outputs import check_output
     from codegen.export.fmu.export import make_fmu
     from codegen.files import write_atomically
@@ -321,7 +320,6 @@ def firmware(build_path: Path, output: Path, run_it: bool, toolchain: str | None
     No vendor code, no C library. --run also builds the image in a temporary folder and runs it in QEMU (mps2-an386); exits
     with 1 if a frame differs from the software in the loop.
     """
-    from codegen.cli.bench_report import note_edited
     from codegen.emit.write import write_folder
     from codegen.export.firmware import choose_toolchain, project, refuse_target, require_tools, run_image
 

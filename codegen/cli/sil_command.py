@@ -11,6 +11,7 @@ import click
 
 from codegen import console
 from codegen.cli.base import example
+from codegen.cli.bench_report import Outputs, note_edited
 from codegen.cli.options import (
     OUTPUT_HELP,
     FiniteRange,
@@ -142,7 +143,6 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
         CheckFailed: a requirement is missed; everything is printed and written before.
         CodegenError: solving, tuning, building, compiling or writing fails.
     """
-    from codegen.cli.bench_report import note_edited
     from codegen.report.suite_tables import failures, sections
     from hil_sim.suite.candidate import of_folder, recommended
     from hil_sim.suite.full_suite import run_full_suite
@@ -197,26 +197,17 @@ CARS = 8
 """Default number of cars of --suite cars."""
 
 
-@dataclass(frozen=True)
-class Choices:
+@dataclass(frozen=True, kw_only=True)
+class Choices(Outputs):
     """Options of a scenario."""
 
     build_path: Path
     map_path: Path | None
-    scenario: str
     speed_km_h: float | None
     steering_wheel_angle_deg: float | None
     baselines: bool
     plant: str
     through_can: bool
-    drift_ppm: float | None
-    jitter_ms: float | None
-    sensors: bool
-    seed: int
-    plot: Path | None
-    csv: Path | None
-    files: tuple[Path, ...]
-    as_json: bool
 
     def drive(self, software: Software, scenario: Scenario) -> tuple[Record, BenchResult | None]:
         """Return a recording of a controller, and the bus statistics if the run uses frames."""
@@ -327,7 +318,6 @@ def _refuse_with_suite(context: click.Context, allowed: str) -> None:
 
 
 def _run_scenario(chosen: Choices) -> None:
-    from codegen.cli.bench_report import Outputs, note_edited
     from codegen.emit.manifest import read_build
     from codegen.map_file import map as npz
     from codegen.plausibility.car import car_warnings
@@ -337,8 +327,7 @@ def _run_scenario(chosen: Choices) -> None:
     from hil_sim.scenarios import find
 
     build_path = chosen.build_path
-    outputs = Outputs(chosen.plot, chosen.csv, None, chosen.files, chosen.as_json)
-    outputs.check((chosen.map_path, Path(chosen.scenario)))
+    chosen.check(chosen.map_path)
     if chosen.plant != "two-track" and chosen.through_can:
         raise CodegenError("runs through CAN frames support only the two-track car", where="--plant", remedy="leave --can out")
     if chosen.sensors and not chosen.through_can:
@@ -367,7 +356,7 @@ def _run_scenario(chosen: Choices) -> None:
         facts["sensors"] = f"seed {chosen.seed}"
     note_edited(build_path, software.edited, quiet=chosen.as_json)
     covers, look_up = coverage(read_build(build_path)), software.map_yaw_rate
-    outputs.tell(str(build_path), software.config, scenario, runs, result, facts, look_up=look_up, covers=covers)
+    chosen.tell(str(build_path), software.config, scenario, runs, result, facts, look_up=look_up, covers=covers)
 
 
 def _baselines(chosen: Choices, software: Software, scenario: Scenario) -> dict[str, Record]:

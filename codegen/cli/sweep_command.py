@@ -12,6 +12,7 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
+from codegen.cli.bench_report import note_edited
 from codegen.cli.options import configuration_file, folder_to_write, picture_to_write, run_to_write
 from codegen.errors import CodegenError
 
@@ -88,7 +89,6 @@ def _refuse(what: str, given: dict[str, Any]) -> None:
 
 
 def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | None, spec: Path, as_json: bool) -> None:
-    from codegen.cli.bench_report import note_edited
     from codegen.sweep.campaign import run_campaign
     from codegen.sweep.summary import summarise
 

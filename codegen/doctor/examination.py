@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
@@ -239,23 +239,8 @@ def python() -> Finding:
     return Finding("Python", State.GOOD if fits else State.BAD, what, "", remedy, needed=True)
 
 
-def needed(asked: Iterable[Requirement]) -> list[Finding]:
-    """Check the packages that codegen always needs. Each is imported, because an installed package may be broken."""
-    return [_needed(each) for each in asked if not each.extra]
-
-
-def extras(asked: Iterable[Requirement]) -> list[Finding]:
-    """Return one finding for each extra: complete, or what is missing and what it would add."""
-    listed = tuple(asked)
-    return [_extra(name, [each for each in listed if each.extra == name]) for name in extras_of(listed)]
-
-
-def install(*extras: str) -> str:
-    """Return the command that installs codegen, with extras if given."""
-    return f'pip install "ars-codegen[{",".join(extras)}]"' if extras else "pip install --force-reinstall ars-codegen"
-
-
-def _needed(asked: Requirement) -> Finding:
+def needed(asked: Requirement) -> Finding:
+    """Check a package that codegen always needs. It is imported, because an installed package may be broken."""
     serves = SERVES.get(asked.name, "")
     remedy = f'pip install "{asked.name}{asked.bounds}"'
     found = _version(asked.name)
@@ -272,7 +257,9 @@ def _needed(asked: Requirement) -> Finding:
     return Finding(asked.name, State.GOOD, found, serves, needed=True)
 
 
-def _extra(name: str, asked: list[Requirement]) -> Finding:
+def extra(name: str, asked: Iterable[Requirement]) -> Finding:
+    """Return a finding for an extra: complete, or what is missing and what it would add."""
+    asked = [each for each in asked if each.extra == name]
     missing = [each.name for each in asked if _version(each.name) is None]
     others = [(each, found) for each in asked if (found := _version(each.name)) is not None and not each.allows(found)]
     serves = EXTRAS.get(name, "")
@@ -280,7 +267,9 @@ def _extra(name: str, asked: list[Requirement]) -> Finding:
     if not missing and not wrong:
         return Finding(name, State.GOOD, f"{len(asked)} package{'s' * (len(asked) != 1)}", serves)
     parts = ([f"without {', '.join(missing)}"] if missing else []) + wrong
-    return Finding(name, State.MISSING if missing else State.BAD, "; ".join(parts), serves, install(name))
+    return Finding(
+        name, State.MISSING if missing else State.BAD, "; ".join(parts), serves, f'pip install "ars-codegen[{name}]"'
+    )
 
 
 def _version(name: str) -> str | None:
@@ -335,12 +324,8 @@ def compiler() -> Finding:
     return Finding("C compiler", State.GOOD, what, serves, needed=True)
 
 
-def programs() -> list[Finding]:
-    """Check the optional programs; `codegen sil` needs none of them."""
-    return [_look_for(program) for program in PROGRAMS]
-
-
-def _look_for(program: OptionalProgram) -> Finding:
+def look_for(program: OptionalProgram) -> Finding:
+    """Check an optional program; `codegen sil` needs none of them."""
     name = program.names[0]
     path = next(filter(None, map(shutil.which, program.names)), None)
     if path is None:
@@ -392,24 +377,15 @@ class Examination:
         return {**facts, **sections}
 
 
-def examine(done: Callable[[int, int], None] | None = None) -> Examination:
-    """Run all checks.
-
-    Args:
-        done: called after each section with the counts of finished and of all sections.
-    """
+def examine() -> Examination:
+    """Run all checks."""
     asked, read_from = requirements()
-    to_ask: tuple[tuple[str, str, Callable[[], list[Finding]]], ...] = (
-        ("needed", "Needed by every command", lambda: [python(), *needed(asked)]),
-        ("compiler", "C on this machine", lambda: [compiler(), cache(), module()]),
-        ("extras", "Extras", lambda: extras(asked)),
-        ("programs", "Programs", programs),
-        ("buses", "Buses", lambda: [buses.socketcan(), buses.multicast()]),
-        ("clock", "Real time", lambda: [punctuality(), real_time()]),
+    sections = (
+        Section("needed", "Needed by every command", (python(), *(needed(each) for each in asked if not each.extra))),
+        Section("compiler", "C on this machine", (compiler(), cache(), module())),
+        Section("extras", "Extras", tuple(extra(name, asked) for name in extras_of(asked))),
+        Section("programs", "Programs", tuple(map(look_for, PROGRAMS))),
+        Section("buses", "Buses", (buses.socketcan(), buses.multicast())),
+        Section("clock", "Real time", (punctuality(), real_time())),
     )
-    sections = []
-    for count, (key, title, ask) in enumerate(to_ask, start=1):
-        sections.append(Section(key, title, tuple(ask())))
-        if done is not None:
-            done(count, len(to_ask))
-    return Examination(tuple(sections), read_from)
+    return Examination(sections, read_from)
