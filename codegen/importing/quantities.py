@@ -56,7 +56,7 @@ class Quantity:
     key: str
     kind: str
     names: tuple[str, ...]
-    required: bool = False
+    required: bool
 
     @property
     def option(self) -> str:
@@ -64,42 +64,15 @@ class Quantity:
         return "--" + self.key.replace("_", "-")
 
 
-QUANTITIES = {
-    quantity.key: quantity
-    for quantity in (
-        Quantity(
-            "vx",
-            SPEED,
-            ("vx", "v", "speed", "velocity", "vehiclespeed", "longitudinalspeed", "longitudinalvelocity"),
-            required=True,
-        ),
-        Quantity(
-            "delta_f",
-            ANGLE,
-            (
-                "deltaf",
-                "df",
-                "delta",
-                "deltafront",
-                "steer",
-                "frontangle",
-                "frontsteer",
-                "frontsteeringangle",
-                "roadwheelangle",
-            ),
-            required=True,
-        ),
-        Quantity(
-            "yaw_rate",
-            RATE,
-            ("yawrate", "r", "psidot", "psip", "omegaz", "rref", "yawrateref", "yawratereference"),
-            required=True,
-        ),
-        Quantity("beta", ANGLE, ("beta", "sideslip", "sideslipangle")),
-        Quantity("delta_r", ANGLE, ("deltar", "dr", "deltarear", "rearangle", "rearsteer", "rearsteeringangle")),
-        Quantity("feasible", LOGICAL, ("feasible", "valid")),
-    )
+_NAMES = {
+    ("vx", SPEED, True): "vx v speed velocity vehiclespeed longitudinalspeed longitudinalvelocity",
+    ("delta_f", ANGLE, True): "deltaf df delta deltafront steer frontangle frontsteer frontsteeringangle roadwheelangle",
+    ("yaw_rate", RATE, True): "yawrate r psidot psip omegaz rref yawrateref yawratereference",
+    ("beta", ANGLE, False): "beta sideslip sideslipangle",
+    ("delta_r", ANGLE, False): "deltar dr deltarear rearangle rearsteer rearsteeringangle",
+    ("feasible", LOGICAL, False): "feasible valid",
 }
+QUANTITIES = {key: Quantity(key, kind, tuple(names.split()), is_required) for (key, kind, is_required), names in _NAMES.items()}
 BRACKETED = re.compile(r"\s*[\[({]\s*([^\])}]*?)\s*[\])}]\s*\Z")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -79,21 +79,6 @@ def bus_lines(result: BenchResult, sampling_time: float) -> list[str]:
     return lines
 
 
-HEADER = (
-    *(
-        "injected",
-        "reached",
-        "fail-safe after",
-        "|rear angle| up to",
-        "its rate up to",
-        "command step",
-        "back after",
-        "as defined",
-    ),
-    "seen",
-)
-
-
 def fault_rows(outcomes: Sequence[FaultOutcome]) -> list[tuple[str, ...]]:
     """Return the rows under HEADER for a terminal; the last column is flush left."""
     rows = [fault_cells(entry) for entry in fault_data(outcomes)]
@@ -103,17 +88,7 @@ def fault_rows(outcomes: Sequence[FaultOutcome]) -> list[tuple[str, ...]]:
 
 def fault_cells(entry: FaultEntry) -> tuple[str, ...]:
     """Return the row of one entry of `fault_data`, under HEADER."""
-    return (
-        entry["injected"],
-        entry["reached"],
-        _milliseconds(entry["fail_safe_after_s"]),
-        f"{entry['rear_angle_max_deg']:.2f} deg",
-        f"{entry['rear_rate_max_deg_s']:.1f} deg/s",
-        f"{entry['command_step_max_deg']:.2f} deg",
-        _milliseconds(entry["recovered_after_s"]),
-        "yes" if not entry["violations"] else "; ".join(entry["violations"]),
-        ", ".join(_condensed(entry["seen"])) or "nothing",
-    )
+    return tuple(text(entry) for text in _COLUMNS.values())
 
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -140,6 +115,20 @@ class FaultFile(TypedDict):
     """The part of that output that a report needs."""
 
     faults: Annotated[list[FaultEntry], Field(min_length=1)]
+
+
+_COLUMNS: dict[str, Callable[[FaultEntry], str]] = {
+    "injected": lambda entry: entry["injected"],
+    "reached": lambda entry: entry["reached"],
+    "fail-safe after": lambda entry: _milliseconds(entry["fail_safe_after_s"]),
+    "|rear angle| up to": lambda entry: f"{entry['rear_angle_max_deg']:.2f} deg",
+    "its rate up to": lambda entry: f"{entry['rear_rate_max_deg_s']:.1f} deg/s",
+    "command step": lambda entry: f"{entry['command_step_max_deg']:.2f} deg",
+    "back after": lambda entry: _milliseconds(entry["recovered_after_s"]),
+    "as defined": lambda entry: "yes" if not entry["violations"] else "; ".join(entry["violations"]),
+    "seen": lambda entry: ", ".join(_condensed(entry["seen"])) or "nothing",
+}
+HEADER = tuple(_COLUMNS)
 
 
 def fault_data(outcomes: Sequence[FaultOutcome]) -> list[FaultEntry]:
