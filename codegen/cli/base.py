@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import click
 
-from codegen import __version__
+from codegen import __version__, console
 
 PACKAGES = ("casadi", "numpy", "cffi", "python-can")
 """Packages whose version can change a result."""
@@ -17,6 +18,12 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print the re
 def example(text: str) -> str:
     """Return an epilog that click prints unchanged."""
     return f"\b\nExample:\n  {text}"
+
+
+def note_edited(build: Path, edited: Sequence[str], *, quiet: bool = False) -> None:
+    """Warn about generated files that were edited."""
+    for path in () if quiet else edited:
+        console.note(f"{build / path} was changed after the build; the changed file is used")
 
 
 def _version_lines() -> Iterator[str]:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option
-from codegen.cli.bench_report import note_edited
+from codegen.cli.base import example, json_option, note_edited
 from codegen.cli.options import FileType, build_folder, checked_path, configuration_file
 from codegen.errors import CheckFailed
 

@@ -9,6 +9,7 @@ from codegen.cli import (
     exchange_commands,
     map_commands,
     show_commands,
+    sil_command,
     sweep_command,
     tune_command,
 )
@@ -21,6 +22,7 @@ MODULES = (
     show_commands,
     exchange_commands,
     tune_command,
+    sil_command,
     bench_commands,
     check_commands,
     sweep_command,

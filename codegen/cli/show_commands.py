@@ -140,7 +140,7 @@ def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: P
         console.note("the maps are of different cars or roads")
     console.note(*caveats(first, second))
     console.say(f"first:  {map_path}\nsecond: {against}\n")
-    console.say(text_table(CAR_HEADER, found.rows))
+    console.say(text_table(CAR_HEADER, list(found.rows())))
     console.say("")
     console.say(text_table(DIFFERENCE_HEADER, [found.difference_row]))
     if found.points:

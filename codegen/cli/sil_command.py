@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example
-from codegen.cli.bench_report import Outputs, note_edited
+from codegen.cli.base import example, note_edited
+from codegen.cli.bench_commands import Outputs
 from codegen.cli.options import (
     OUTPUT_HELP,
     FiniteRange,
@@ -367,3 +367,6 @@ def _baselines(chosen: Choices, software: Software, scenario: Scenario) -> dict[
         comparison = of_folder(chosen.build_path).comparison(steps)
     console.note(*comparison.notes)
     return {each.name: chosen.drive(each.around(software.config), scenario)[0] for each in comparison.baselines}
+
+
+COMMANDS = (sil,)

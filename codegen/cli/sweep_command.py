@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option
-from codegen.cli.bench_report import note_edited
+from codegen.cli.base import example, json_option, note_edited
 from codegen.cli.options import configuration_file, folder_to_write, picture_to_write, run_to_write
 from codegen.errors import CodegenError
 

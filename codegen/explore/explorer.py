@@ -123,11 +123,6 @@ _CURVES = (
 )
 
 
-def run_data(record: FloatArray) -> Data:
-    """Return the curves of a recording."""
-    return {name: numbers(np.degrees(column(record, source))) for name, source in _CURVES}
-
-
 def figures(record: FloatArray, config: Config) -> Data:
     """Return the figures of a step; None for those without a steady value. Angles and accelerations are magnitudes."""
     if spin_time(record) is not None:
@@ -145,26 +140,16 @@ def figures(record: FloatArray, config: Config) -> Data:
     }
 
 
-def margins_of(config: Config) -> tuple[FloatArray, Margins] | None:
-    """Return speeds (n,) in m/s and the margins of the configured car there; None for a law without feedback."""
+def margin_data(config: Config) -> Data | None:
+    """Return the margins over speed and their design targets."""
     gains = law_of(config).gains(config)
     if gains is None:
         return None
     speeds = margin_speeds(config)
-    return speeds, nominal_margins(config, speeds, *gains(speeds))
-
-
-def margin_data(config: Config) -> Data | None:
-    """Return the margins over speed and their design targets."""
-    found = margins_of(config)
-    if found is None:
-        return None
-    speeds, margins = found
+    margins = nominal_margins(config, speeds, *gains(speeds))
     gain, phase = int(margins.gain_margin_db.argmin()), int(margins.phase_margin_deg.argmin())
     return {
-        "speed_km_h": numbers(speeds / KM_H, 2),
-        "gain_db": numbers(np.minimum(margins.gain_margin_db, UNBOUNDED_DB), 3),
-        "phase_deg": numbers(np.minimum(margins.phase_margin_deg, UNBOUNDED_DEG), 3),
+        **_over_speed(speeds, margins),
         "drawn_to_gain_db": UNBOUNDED_DB,
         "drawn_to_phase_deg": UNBOUNDED_DEG,
         "asked_gain_db": config.tuning.gain_margin_db,
@@ -188,7 +173,8 @@ def family_data(config: Config, is_stale: Callable[[], bool]) -> Data | None:
     gains = law_of(config).gains(config)
     if gains is None:
         return None
-    speeds = np.linspace(config.controller.enable_speed_km_h, _last_speed(config), FAMILY_SPEEDS) * KM_H
+    first = config.controller.enable_speed_km_h
+    speeds = np.linspace(first, max(config.grid.last_speed_km_h, 1.2 * first), FAMILY_SPEEDS) * KM_H
     found = []
     for k in range(speeds.size):
         if is_stale():
@@ -198,30 +184,24 @@ def family_data(config: Config, is_stale: Callable[[], bool]) -> Data | None:
     margins = concatenate(found)
     return {
         "cars": len(members(config)),
-        "speed_km_h": numbers(speeds / KM_H, 2),
-        "gain_db": numbers(np.minimum(margins.gain_margin_db, UNBOUNDED_DB), 3),
-        "phase_deg": numbers(np.minimum(margins.phase_margin_deg, UNBOUNDED_DEG), 3),
+        **_over_speed(speeds, margins),
         "stable": bool(margins.stable.all()),
         "warnings": list(family_warnings(config, margins)),
     }
 
 
-def _last_speed(config: Config) -> float:
-    """Return the last speed of the map in km/h, at least 1.2 times the enable speed."""
-    return max(config.grid.last_speed_km_h, 1.2 * config.controller.enable_speed_km_h)
+def _over_speed(speeds: FloatArray, margins: Margins) -> Data:
+    return {
+        "speed_km_h": numbers(speeds / KM_H, 2),
+        "gain_db": numbers(np.minimum(margins.gain_margin_db, UNBOUNDED_DB), 3),
+        "phase_deg": numbers(np.minimum(margins.phase_margin_deg, UNBOUNDED_DEG), 3),
+    }
 
 
 def _least(values: FloatArray, place: int) -> float | None:
     value = float(values[place])
     return round(value, 2) if math.isfinite(value) else None
 
-
-def time_axis(record: FloatArray) -> Sequence[float | None]:
-    """Return the times since the step, in s."""
-    return numbers(column(record, "time_s") - STEER_TIME, 4)
-
-
-__all__ = ["Explorer", "opened"]
 
 Kept = TypeVar("Kept")
 
@@ -288,7 +268,8 @@ class Explorer:
             clock.lap("map")
             runs, cut = self._runs(calibration, step), self._cut(calibration, step)
             clock.lap("step")
-            margins = self._kept("margins", _of_the_loop(config), lambda: margin_data(config))
+            of_the_loop = (config.vehicle, config.tyre, config.road, config.controller)
+            margins = self._kept("margins", of_the_loop, lambda: margin_data(config))
             clock.lap("margins")
         return {
             "map": shown,
@@ -318,20 +299,22 @@ class Explorer:
     def _runs(self, calibration: Calibration, step: Step) -> Data:
         config = calibration.config
 
-        def driven(which: Calibration, *, controlled: bool = True) -> tuple[Data, Data, Sequence[float | None]]:
-            record = drive(self._software, which, step, controlled=controlled)
-            return run_data(record), figures(record, config), time_axis(record)
+        def driven(which: Calibration, *, controlled: bool = True) -> FloatArray:
+            return drive(self._software, which, step, controlled=controlled)
 
-        runs = {
+        records = {
             "now": driven(calibration),
             "start": self._kept("start", step, lambda: driven(self._begun)),
             "passive": self._kept("passive", (step, config.road), lambda: driven(calibration, controlled=False)),
         }
         return {
-            "time_s": runs["now"][2],
+            "time_s": numbers(column(records["now"], "time_s") - STEER_TIME),
             "rear_angle_max_deg": config.rear_actuator.angle_max_deg,
-            "runs": {name: curves for name, (curves, _, _) in runs.items()},
-            "figures": {name: found for name, (_, found, _) in runs.items()},
+            "runs": {
+                name: {curve: numbers(np.degrees(column(record, source))) for curve, source in _CURVES}
+                for name, record in records.items()
+            },
+            "figures": {name: figures(record, config) for name, record in records.items()},
         }
 
     def _cut(self, calibration: Calibration, step: Step) -> Data:
@@ -343,11 +326,6 @@ class Explorer:
             "speed_km_h": round(step.speed / KM_H, 3),
             "front_angle_deg": round(min(step.angle_deg / steering.ratio, steering.front_angle_stop_deg), 4),
         }
-
-
-def _of_the_loop(config: Config) -> tuple[object, ...]:
-    """Return the part of the configuration that determines the margins of the feedback."""
-    return config.vehicle, config.tyre, config.road, config.controller
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,14 +376,10 @@ def opened(map_path: Path, config_path: Path | None = None) -> Explorer:
         config.case(case, f"{config_path}: [cases]")
     if config is None:
         raise MapError("it contains no configuration", where=map_path, remedy="name one with --config ars.toml")
-    with within(config_path or map_path):
-        return Explorer(config, case, map_path.stem, _notes(reference_map, config_path))
-
-
-def _notes(reference_map: ReferenceMap, config_path: Path | None) -> tuple[str, ...]:
     notes = []
     if reference_map.layers:
         notes.append("the maps for lower frictions are not used: settings are solved for their own friction")
     if config_path is not None and reference_map.config is not None:
         notes.append(f"the map is solved again with {config_path.name}; the one in the file is not used")
-    return tuple(notes)
+    with within(config_path or map_path):
+        return Explorer(config, case, map_path.stem, tuple(notes))

@@ -12,7 +12,7 @@ import json
 import secrets
 import socketserver
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -22,7 +22,7 @@ from urllib.parse import SplitResult, parse_qs, urlsplit
 from codegen.emit.laws import law_of
 from codegen.emit.render import environment, templates_root
 from codegen.errors import CodegenError
-from codegen.explore.controls import GROUP_TITLES, Control, ExploreError
+from codegen.explore.controls import GROUP_TITLES, ExploreError
 from codegen.explore.explorer import Explorer
 from codegen.explore.toml_file import Existing, Target
 from codegen.report.html.blocks import scale_of
@@ -30,6 +30,8 @@ from codegen.report.html.page import plotly_javascript
 from codegen.report.style import BLACK, CONTROLLER_COLOURS, QUANTITIES
 
 FILE = "ars.toml"
+CONTROL_FIELDS = ("key", "label", "unit", "low", "high", "step", "bounds", "value", "logarithmic")
+"""Fields of a control that the script of the page needs."""
 
 SECURITY_POLICY = "; ".join(
     (
@@ -85,6 +87,13 @@ def page(explorer: Explorer, key: str, page_number: int) -> Asset:
         {"key": group, "title": title, "controls": [each for each in explorer.controls if each.group == group]}
         for group, title in GROUP_TITLES.items()
     ]
+    data = {
+        "key": key,
+        "page": page_number,
+        "file": FILE,
+        "scales": {quantity.attribute: scale_of(quantity.colours) for quantity in QUANTITIES},
+        "controls": [{name: getattr(control, name) for name in CONTROL_FIELDS} for control in explorer.controls],
+    }
     context = {
         "name": explorer.name,
         "case": explorer.case,
@@ -94,28 +103,10 @@ def page(explorer: Explorer, key: str, page_number: int) -> Asset:
         "groups": [group for group in groups if group["controls"]],
         "adjustable": any(each.group == "controller" for each in explorer.controls),
         "notes": explorer.notes,
-        "data": _embedded(
-            {
-                "key": key,
-                "page": page_number,
-                "file": FILE,
-                "scales": {quantity.attribute: scale_of(quantity.colours) for quantity in QUANTITIES},
-                "controls": [_control(each) for each in explorer.controls],
-            }
-        ),
+        "data": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),  # it cannot end a script element
     }
     text = environment().get_template("explore/page.html.j2").render(page=context)
     return Asset(text.encode("utf-8"), "text/html; charset=utf-8")
-
-
-def _control(control: Control) -> dict[str, Any]:
-    names = ("key", "label", "unit", "low", "high", "step", "bounds", "value", "logarithmic")
-    return {name: getattr(control, name) for name in names}
-
-
-def _embedded(data: Mapping[str, Any]) -> str:
-    """Return JSON that cannot end a script element."""
-    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
 
 
 HOST = "127.0.0.1"

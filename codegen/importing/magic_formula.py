@@ -206,9 +206,10 @@ class LateralFormula:
         friction = (value["PDY1"] + value["PDY2"] * dfz) * grip * value["LMUY"]  # 4.E23
         angle_of_load = math.atan(load / reference / (value["PKY2"] * (1.0 + value["PPY2"] * dpi)))
         stiffness = value["PKY1"] * reference * (1.0 + value["PPY1"] * dpi) * math.sin(value["PKY4"] * angle_of_load)  # 4.E25
+        # The sign at a small load depends on the axes of the file (ISO: negative, SAE: positive); a tyre always pushes back.
+        outward = math.copysign(1.0, value["PKY1"] * value["PKY2"] * value["PKY4"])
         return Curve(
-            # Which sign a file has depends on its axes (ISO: negative, SAE: positive); a tyre always pushes back.
-            stiffness=self._outward * stiffness * value["LKY"] / self.angle,
+            stiffness=outward * stiffness * value["LKY"] / self.angle,
             shape=value["PCY1"] * value["LCY"],  # 4.E21
             peak=math.copysign(1.0, value["PDY1"]) * friction * load,  # 4.E22
             curvature=(value["PEY1"] + value["PEY2"] * dfz) * value["LEY"],  # 4.E24
@@ -217,11 +218,6 @@ class LateralFormula:
             vertical_shift=load * (value["PVY1"] + value["PVY2"] * dfz) * value["LVY"] * value["LMUY"],  # 4.E29
             tangent=self.version in WITH_PRESSURE,
         )
-
-    @property
-    def _outward(self) -> float:
-        """Return the sign of the stiffness at a small load in the axes of the file."""
-        return math.copysign(1.0, self.values["PKY1"] * self.values["PKY2"] * self.values["PKY4"])
 
 
 def read_formula(file: PropertyFile) -> LateralFormula:

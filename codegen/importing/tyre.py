@@ -19,9 +19,9 @@ import numpy as np
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.errors import ConfigError
-from codegen.importing import toml_edit
 from codegen.importing.magic_formula import TIR_BYTES_MAX, Curve, LateralFormula, parse, read_formula
 from codegen.importing.source import ImportFault, Source, read
+from codegen.importing.toml_edit import replace_values
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre, static_wheel_loads
 
 Peak = Literal["file", "road"]
@@ -110,9 +110,9 @@ def import_tyres(paths: Sequence[Path], config_path: Path, peak: Peak = "file") 
     curves = [_curve(formula, load, source) for formula, load, source in zip(formulas, loads, sources, strict=True)]
     values = [_values(formula, load, config, peak) for formula, load in zip(formulas, loads, strict=True)]
     for axle, source, numbers in zip(AXLES, sources, values, strict=True):
-        remark = f"imported from {_comment(source.name)}, SHA-256 {source.sha256}"
-        with_tyre = toml_edit.replace_values(text, f"tyre.{axle}", numbers, {FACTOR_KEY: STIFFNESS_KEY}, remark)
-        text = with_tyre
+        name = "".join(character if character.isprintable() else "?" for character in source.name)  # valid in a comment
+        remark = f"imported from {name}, SHA-256 {source.sha256}"
+        text = replace_values(text, f"tyre.{axle}", numbers, {FACTOR_KEY: STIFFNESS_KEY}, remark)
     made = _checked(text, sources)
     tyres = AxleTyres.from_config(made)
     axles = tuple(
@@ -179,7 +179,7 @@ def _values(formula: LateralFormula, load: float, config: Config, peak: Peak) ->
         "horizontal_shift_deg": 0.0,
         "vertical_shift_n": 0.0,
     }
-    return {key: toml_edit.rounded(value) for key, value in values.items()}
+    return {key: float(f"{value:.9g}") for key, value in values.items()}  # far finer than any tyre is known
 
 
 def _checked(text: str, sources: Sequence[Source]) -> Config:
@@ -248,11 +248,6 @@ def _worst(curve: Curve, tyre: MagicFormulaTyre, slip_max: float) -> float:
 def _stiffness_ratio(formula: LateralFormula, tyre: MagicFormulaTyre, load: float) -> float:
     own = tyre.stiffness_factor * tyre.shape_factor * tyre.peak(load, tyre.nominal_friction)
     return own / formula.at(load).stiffness
-
-
-def _comment(name: str) -> str:
-    """Return a file's name that is valid in a TOML comment."""
-    return "".join(character if character.isprintable() else "?" for character in name)
 
 
 def _notes(axles: Sequence[AxleImport], config: Config, peak: Peak) -> list[str]:

@@ -149,20 +149,20 @@ def _row_of_text(cells: list[tuple[int, str]], zero: bool, ascii_only: bool) -> 
 
 
 MEASURED, ASKED = "cyan", "magenta"
-STATUS_STYLES = {
-    Status.TRACKING: "green",
-    Status.LIMITED: "yellow",
-    Status.STANDBY: "default",
-    Status.DEGRADED: "bold bright_yellow",
-    Status.FAIL_SAFE: "bold red",
+STATUSES = {
+    Status.TRACKING: ("─", "green"),
+    Status.LIMITED: ("L", "yellow"),
+    Status.STANDBY: ("s", "default"),
+    Status.DEGRADED: ("D", "bold bright_yellow"),
+    Status.FAIL_SAFE: ("F", "bold red"),
 }
-STATUS_MARKS = {Status.TRACKING: "─", Status.LIMITED: "L", Status.STANDBY: "s", Status.DEGRADED: "D", Status.FAIL_SAFE: "F"}
-UNKNOWN_MARK, UNKNOWN_STYLE = "?", "bold red"
+"""Mark of each status on the time axis, and its style."""
 
 LABELS, NUMBERS, UNITS, SCALES = 13, 8, 6, 7  # columns
 FEWEST_COLUMNS = 12  # of a chart
 FIXED_ROWS = 8
 CHART_HEIGHTS = ((9, 7, 9), (7, 7, 7), (7, 5, 7), (5, 5, 5), (5, 3, 5), (3, 3, 3))
+"""Odd heights of the three charts, so that zero is in the middle of a row; the first that fit are taken."""
 RECENT = 1.0  # s
 
 
@@ -257,7 +257,8 @@ def draw(history: History, options: LiveStyle) -> list[Text]:
 def _draw(history: History, last: LiveSample, options: LiveStyle) -> list[Text]:
     window = Window.of(last.time, last.duration)
     columns = options.columns - LABELS - NUMBERS - UNITS - SCALES
-    heights = _heights(options.rows - FIXED_ROWS) if columns >= FEWEST_COLUMNS else None
+    fitting = (heights for heights in CHART_HEIGHTS if sum(heights) <= options.rows - FIXED_ROWS)
+    heights = next(fitting, None) if columns >= FEWEST_COLUMNS else None
     rows = [_progress(history, last, options)]
     for number, block in enumerate(_blocks(history, last, options)):
         size = None if heights is None else (columns, heights[number])
@@ -304,11 +305,6 @@ def _blocks(history: History, last: LiveSample, options: LiveStyle) -> tuple[_Bl
     )
 
 
-def _heights(room: int) -> tuple[int, int, int] | None:
-    """Return the odd heights of the three charts, so that zero is in the middle of a row; None if there is no room."""
-    return next((heights for heights in CHART_HEIGHTS if sum(heights) <= room), None)
-
-
 def _draw_block(block: _Block, window: Window, size: tuple[int, int] | None, options: LiveStyle) -> list[Text]:
     height = len(block.entries) if size is None else size[1]
     top = scale([line.trace for line in block.lines], window, block.least)
@@ -350,7 +346,7 @@ def _progress(history: History, last: LiveSample, options: LiveStyle) -> Text:
 
 def _status_rows(history: History, last: LiveSample, window: Window, columns: int, options: LiveStyle) -> list[Text]:
     """Yield the status by name with the worst status of each bin, then the time axis."""
-    name, style = _status(last.status)
+    name, _, style = _status(last.status)
     row = Text.assemble("Status".ljust(LABELS), (name, style))
     if not columns:
         return [row]
@@ -361,7 +357,7 @@ def _status_rows(history: History, last: LiveSample, window: Window, columns: in
             worst[column] = max(worst.get(column, 0), int(status))
     for column in range(columns):
         if column in worst:
-            mark, style = _mark(worst[column])
+            _, mark, style = _status(worst[column])
             row.append(options.plain(mark), style)
         else:
             row.append(" ")
@@ -370,12 +366,9 @@ def _status_rows(history: History, last: LiveSample, window: Window, columns: in
     return [row, axis.append(start.ljust(columns - len(end)) + end, "dim")]
 
 
-def _status(code: int) -> tuple[str, str]:
-    return (Status(code).name, STATUS_STYLES[Status(code)]) if code in set(Status) else (f"unknown ({code})", UNKNOWN_STYLE)
-
-
-def _mark(code: int) -> tuple[str, str]:
-    return (STATUS_MARKS[Status(code)], STATUS_STYLES[Status(code)]) if code in set(Status) else (UNKNOWN_MARK, UNKNOWN_STYLE)
+def _status(code: int) -> tuple[str, str, str]:
+    """Return name, mark and style of a status, known or not."""
+    return (Status(code).name, *STATUSES[Status(code)]) if code in set(Status) else (f"unknown ({code})", "?", "bold red")
 
 
 def _counters(history: History, last: LiveSample, options: LiveStyle) -> list[Text]:
@@ -405,8 +398,6 @@ def _diagnostics(history: History, last: LiveSample, options: LiveStyle) -> list
         rows.append(row.append(options.plain(" · ".join(found) or ("none" if label else "")), style if found else "dim"))
     return rows
 
-
-__all__ = ["LiveSample", "LiveView"]
 
 REDRAWS_PER_SECOND = 10
 SWITCH_INTERVAL = 0.0005

@@ -139,12 +139,8 @@ class MapDifference:
         told = (self.mean_deg_s, self.rms_deg_s, self.largest_deg_s)
         return "yaw rate, first less second", *(f"{value:.3g}" for value in told), str(self.largest_at)
 
-    @property
-    def rows(self) -> list[tuple[str, ...]]:
-        """Rows for each figure that both maps have: name, first, second."""
-        return list(self._rows())
-
-    def _rows(self) -> Iterator[tuple[str, ...]]:
+    def rows(self) -> Iterator[tuple[str, ...]]:
+        """Yield the rows of each figure that both maps have: name, first, second."""
         sides = (self.first, self.second)
         yield TYRE, *(side.tyre_model or "-" for side in sides)
         yield "feasible cells", *(f"{side.feasible_cells} of {side.cells}" for side in sides)
@@ -175,14 +171,13 @@ class MapDifference:
     @property
     def point_rows(self) -> list[tuple[str, ...]]:
         """Rows for each operating point, under POINT_HEADER; deg/s and deg."""
-        return [_point_row(point) for point in self.points]
-
-
-def _point_row(point: Point) -> tuple[str, ...]:
-    one, two = point.first_yaw_rate_deg_s, point.second_yaw_rate_deg_s
-    difference = None if one is None or two is None else one - two
-    told = (one, two, difference, point.first_rear_angle_deg, point.second_rear_angle_deg)
-    return str(point.at), *("-" if value is None else f"{round(value, 3) + 0.0:.3f}" for value in told)
+        rows = []
+        for point in self.points:
+            one, two = point.first_yaw_rate_deg_s, point.second_yaw_rate_deg_s
+            difference = None if one is None or two is None else one - two
+            told = (one, two, difference, point.first_rear_angle_deg, point.second_rear_angle_deg)
+            rows.append((str(point.at), *("-" if value is None else f"{round(value, 3) + 0.0:.3f}" for value in told)))
+        return rows
 
 
 def map_difference(one: ReferenceMap, other: ReferenceMap, used: Sequence[SlipUse | None] | None = None) -> MapDifference:

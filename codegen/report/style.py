@@ -268,7 +268,8 @@ def fitted(handles: Sequence[Artist], room: float, most: int) -> dict[str, Any]:
     """
     labels = [str(handle.get_label()) for handle in handles]
     for columns in range(min(most, len(labels)), 0, -1):
-        if _width(labels, columns) <= room:
+        width_of_texts = sum(max(map(_text_width, column)) for column in _split(labels, columns))
+        if _width_of_spaces(columns) + width_of_texts <= room:
             break
     else:
         columns, labels = 1, [_wrapped(label, room) for label in labels]
@@ -298,11 +299,6 @@ def _font_size() -> float:
 def _split(labels: Sequence[str], columns: int) -> list[list[str]]:
     """Split entries into columns as Matplotlib does: one column after the other."""
     return [list(part) for part in np.array_split(np.array(labels, dtype=object), columns)]
-
-
-def _width(labels: Sequence[str], columns: int) -> float:
-    """Return the width of a legend in inches."""
-    return _width_of_spaces(columns) + sum(max(map(_text_width, column)) for column in _split(labels, columns))
 
 
 def _width_of_spaces(columns: int) -> float:

@@ -160,17 +160,14 @@ def _draw_sine(panels: Sequence[Axes], result: SuiteResult, speed: float) -> Non
     for name in reversed(result.subjects):
         sine = [row for row in result.sine[name] if row.speed_km_h == speed and row.phase_deg is not None]
         frequencies = [row.frequency_hz for row in sine]
+        marker = {key: markers[name][key] for key in ("marker", "markersize", "markeredgecolor")}
         for axes, field in zip(panels, ("gain_of_map", "phase_deg"), strict=True):
             values = [getattr(row, field) for row in sine]
-            axes.plot(frequencies, values, label="_", **{**looks[name], **_marked(markers[name])})
+            axes.plot(frequencies, values, label="_", **{**looks[name], **marker})
     for axes, figure, level in zip(panels, ("gain over the map's", "phase (deg)"), (1.0, 0.0), strict=True):
         axes.axhline(level, label="_", **REFERENCE)
         axes.set(xlabel="Frequency (Hz)", ylabel=f"Sine at {speed:g} km/h: {figure}")
         axes.set_xticks(list(dict.fromkeys(row.frequency_hz for row in result.sine[result.tested])))
-
-
-def _marked(marker: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: marker[key] for key in ("marker", "markersize", "markeredgecolor")}
 
 
 BEFORE, AFTER = 0.2, 2.0

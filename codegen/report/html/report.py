@@ -107,7 +107,7 @@ def difference_in_figures(one: NamedMap, other: NamedMap) -> Iterator[Block]:
         f"First: {one.name}, second: {other.name}. Slip is that of the plant in the steady turn with the map's yaw rate."
         + "".join(f" {text[0].upper()}{text[1:]}." for text in caveats(one.map, other.map))
     )
-    yield Table("Both maps in figures", CAR_HEADER, found.rows)
+    yield Table("Both maps in figures", CAR_HEADER, list(found.rows()))
     yield Table("Where both are feasible", DIFFERENCE_HEADER, [found.difference_row])
     if found.points:
         yield Table("Yaw rate r (deg/s) and rear angle (deg) at a few operating points", POINT_HEADER, found.point_rows)
