@@ -89,12 +89,13 @@ def _refuse(what: str, given: dict[str, Any]) -> None:
 
 def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | None, spec: Path, as_json: bool) -> None:
     from codegen.sweep.campaign import run_campaign
+    from codegen.sweep.engine import Dask, Threads
     from codegen.sweep.summary import summarise
 
     for controller in plan.controllers:
         note_edited(Path(controller.folder), controller.edited, quiet=not controller.controlled)
-    engine = _engine(scheduler, workers)
-    with engine if scheduler is not None else nullcontext(engine) as chosen, console.progress("runs") as progress:
+    engine = nullcontext(Threads(workers)) if scheduler is None else closing(Dask(scheduler))
+    with engine as chosen, console.progress("runs") as progress:
         path = run_campaign(plan, folder, chosen, progress)
     with console.status("counting"):
         summary = summarise(path, plan)
@@ -111,12 +112,6 @@ def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | No
         console.say(f"\n{heading}\n\n{text}")
     console.say(f"\n{again(replay)}\n")
     console.say(*(f"picture: {one}" for one in written))
-
-
-def _engine(scheduler: str | None, workers: int | None) -> Any:
-    from codegen.sweep.engine import Dask, Threads
-
-    return Threads(workers) if scheduler is None else closing(Dask(scheduler))
 
 
 def _write(folder: Path, summary: Summary, replay: str) -> list[Path]:

@@ -281,7 +281,8 @@ def run_image(files: Mapping[str, bytes], expected: Sequence[str], toolchain: To
             for path, content in files.items():
                 (folder / path).parent.mkdir(parents=True, exist_ok=True)
                 (folder / path).write_bytes(content)
-            sizes = _build(folder, toolchain)
+            require_success(_make(folder, toolchain, "--silent", "all"), "the firmware")
+            sizes = image_sizes((folder / "build" / "firmware.elf").read_bytes())
             ended = _run(folder, toolchain)
     except OSError as error:
         remedy = "free space for temporary files"
@@ -310,11 +311,6 @@ def _make(folder: Path, toolchain: Toolchain, *arguments: str) -> subprocess.Com
     environment |= {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
     command = ["make", "--no-print-directory", "BUILD=build", f"TOOLCHAIN={toolchain}", *zig, *arguments]
     return run_program(command, folder, environment=environment)
-
-
-def _build(folder: Path, toolchain: Toolchain) -> Sizes:
-    require_success(_make(folder, toolchain, "--silent", "all"), "the firmware")
-    return image_sizes((folder / "build" / "firmware.elf").read_bytes())
 
 
 def _run(folder: Path, toolchain: Toolchain) -> subprocess.CompletedProcess[str]:

@@ -14,7 +14,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -253,18 +253,10 @@ def _vector(array: npt.NDArray[Any], place: str) -> npt.NDArray[Any]:
 
 def _is_transposed(found: tuple[int, ...], wanted: tuple[int, int], rows: Axis | None, place: str) -> bool:
     """Return whether a table of shape `found` has delta_f down its rows; `wanted` is (n, m)."""
-    if rows == "delta_f":
-        if found != wanted[::-1]:
-            _refuse_shape(found, wanted[::-1], place)
-        return True
-    if rows is None and found != wanted and found == wanted[::-1]:
-        return True
-    if found != wanted:
-        _refuse_shape(found, wanted, place)
-    return False
-
-
-def _refuse_shape(found: tuple[int, ...], wanted: tuple[int, int], place: str) -> NoReturn:
-    shown = " x ".join(str(length) for length in found)
-    remedy = "save a row for each vx and a column for each delta_f, or name the right variables"
-    raise ImportFault(f"{shown} values, where the axes need {wanted[0]} x {wanted[1]}", where=place, remedy=remedy)
+    transposed = rows == "delta_f" or (rows is None and found != wanted and found == wanted[::-1])
+    needed = wanted[::-1] if transposed else wanted
+    if found != needed:
+        shown = " x ".join(str(length) for length in found)
+        remedy = "save a row for each vx and a column for each delta_f, or name the right variables"
+        raise ImportFault(f"{shown} values, where the axes need {needed[0]} x {needed[1]}", where=place, remedy=remedy)
+    return transposed

@@ -18,6 +18,7 @@ from codegen.report.style import FRONT_ANGLE, GREY, REAR_ANGLE, RUN_NAMES, legen
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
     from hil_sim.metrics.run import LookUp, Run
     from hil_sim.scenarios import Scenario
@@ -125,6 +126,8 @@ def _dwell_marks(scenario: Scenario, config: Config, runs: Mapping[str, FloatArr
 
 def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], title: str) -> Figure:
     """Draw gain and phase of the yaw rate over the steering wheel angle; a car that spins has neither."""
+    from matplotlib.lines import Line2D
+
     from hil_sim.metrics import frequency, spin_time
 
     looks = looks_of(runs)
@@ -151,7 +154,8 @@ def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArra
         phase.set_xticks(FREQUENCY_TICKS, [f"{tick:g}" for tick in FREQUENCY_TICKS])
         phase.set_xticks([], minor=True)
         phase.set_xlim(frequency.LOW, frequency.HIGH)
-        _finish(figure, (gain, phase), gain, title, [_dot_handle()])
+        dot = Line2D([], [], marker="o", linestyle="", color=GREY, label="bandwidth: -3 dB, -45 deg")
+        _finish(figure, (gain, phase), gain, title, dot)
     return figure
 
 
@@ -160,14 +164,10 @@ def _dot(axes: Axes, frequency: float | None, level: float, look: Mapping[str, A
         axes.plot([frequency], [level], marker="o", linestyle="", color=look["color"], zorder=4, label="_")
 
 
-def _dot_handle() -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], marker="o", linestyle="", color=GREY, label="bandwidth: -3 dB, -45 deg")
-
-
 def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], title: str) -> Figure:
     """Draw front angle, sideslip and rear angle over lateral acceleration, with the lines whose slopes are the gradients."""
+    from matplotlib.lines import Line2D
+
     from hil_sim.metrics import ramp
 
     looks = looks_of(runs)
@@ -195,19 +195,14 @@ def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, F
         panels[0].set(ylabel=f"Front angle {FRONT_ANGLE} (deg)")
         panels[1].set(ylabel=r"Sideslip $\beta$ (deg)")
         panels[2].set(ylabel=f"Rear angle {REAR_ANGLE} (deg)", xlabel="Lateral acceleration (m/s²)")
-        _finish(figure, panels, panels[0], title, [_fit_handle(ramp.FIT_FROM, ramp.FIT_TO)])
+        label = f"line fitted, {ramp.FIT_FROM:.2g} to {ramp.FIT_TO:.2g} m/s²"
+        fit = Line2D([], [], color=GREY, marker="|", markersize=9, label=label, **FIT_LINE)
+        _finish(figure, panels, panels[0], title, fit)
     return figure
 
 
-def _fit_handle(low: float, high: float) -> Any:
-    from matplotlib.lines import Line2D
-
-    label = f"line fitted, {low:.2g} to {high:.2g} m/s²"
-    return Line2D([], [], color=GREY, marker="|", markersize=9, label=label, **FIT_LINE)
-
-
-def _finish(figure: Figure, panels: Any, named: Axes, title: str, more: list[Any]) -> None:
-    handles = [*named.get_legend_handles_labels()[0], *more]
+def _finish(figure: Figure, panels: Any, named: Axes, title: str, more: Line2D) -> None:
+    handles = [*named.get_legend_handles_labels()[0], more]
     for axes in panels:
         axes.grid(True)
         axes.margins(x=0.0)

@@ -11,6 +11,8 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import getitem
 from typing import Any, Literal
 
 import numpy as np
@@ -286,9 +288,21 @@ def parameter_variables(software: Software, files: Mapping[str, bytes]) -> tuple
     A field whose type no variable can have, such as a pointer, keeps the value of the build.
     """
     texts = {path: content.decode("ascii", "replace") for path, content in files.items()}
-    walk = _Walk(_comments(texts), _ranges(texts))
+    comments, ranges = _comments(texts), _ranges(texts)
     struct = software.ffi.typeof(f"{software.prefix}_parameters_t")
-    return tuple(walk.struct(struct, software.function("parameters_default"), GROUP, GROUP))
+    found = []
+    for key, kind, value, name, member in _numbers(struct, software.function("parameters_default"), GROUP):
+        comment = comments.get(key, "")
+        low, high = ranges.get(key, (None, None))
+        if kind.cname in ("float", "double"):
+            real = np.float32 if kind.cname == "float" else np.float64
+            start = float(str(real(value)))  # the shortest decimal that is equal in the build's precision
+            unit = unit_of_comment(comment).symbol.replace("^", "")  # as FMI writes exponents
+            found.append(Variable(name, member, "real", "tunable", comment, kind.cname, unit, start, low, high))
+        elif kind.cname == "uint16_t":
+            low, high = (0.0, _COUNTS) if low is None else (low, high)
+            found.append(Variable(name, member, "integer", "tunable", comment, kind.cname, "", float(value), low, high))
+    return tuple(found)
 
 
 def _comments(texts: Mapping[str, str]) -> dict[Key, str]:
@@ -311,52 +325,19 @@ def _ranges(texts: Mapping[str, str]) -> dict[Key, tuple[float, float]]:
     }
 
 
-@dataclass(frozen=True)
-class _Walk:
-    """Traversal of the struct's fields, as cffi describes them."""
-
-    comments: Mapping[Key, str]
-    ranges: Mapping[Key, tuple[float, float]]
-
-    def struct(self, struct: Any, value: Any, name: str, member: str) -> Iterator[Variable]:
-        for field_name, field in struct.fields:
-            key = (struct.cname, field_name)
-            yield from self._field(
-                key, field.type, getattr(value, field_name), f"{name}.{field_name}", f"{member}.{field_name}"
-            )
-
-    def _field(self, key: Key, kind: Any, value: Any, name: str, member: str) -> Iterator[Variable]:
+def _numbers(struct: Any, values: Any, path: str) -> Iterator[tuple[Key, Any, Any, str, str]]:
+    """Yield key, type, value, name and member of every number in a struct, as cffi describes it."""
+    for field, about in struct.fields:
+        kind, value = about.type, getattr(values, field)
         if kind.kind == "struct":
-            yield from self.struct(kind, value, name, member)
-        elif kind.kind == "array":
-            for index, path in _indices(kind):
-                element = value
-                for k in index:
-                    element = element[k]
-                place = "".join(f"[{k}]" for k in index)
-                number = ",".join(str(k + 1) for k in index)
-                yield from self._number(key, path, element, f"{name}[{number}]", member + place)
-        else:
-            yield from self._number(key, kind, value, name, member)
-
-    def _number(self, key: Key, kind: Any, value: Any, name: str, member: str) -> Iterator[Variable]:
-        comment = self.comments.get(key, "")
-        low, high = self.ranges.get(key, (None, None))
-        if kind.cname in ("float", "double"):
-            real = np.float32 if kind.cname == "float" else np.float64
-            start = float(str(real(value)))  # the shortest decimal that is equal in the build's precision
-            unit = unit_of_comment(comment).symbol.replace("^", "")  # as FMI writes exponents
-            yield Variable(name, member, "real", "tunable", comment, kind.cname, unit, start, low, high)
-        elif kind.cname == "uint16_t":
-            low, high = (0.0, _COUNTS) if low is None else (low, high)
-            yield Variable(name, member, "integer", "tunable", comment, kind.cname, "", float(value), low, high)
-
-
-def _indices(kind: Any) -> Iterator[tuple[tuple[int, ...], Any]]:
-    """Yield every index of an array of any dimension, in order, with the type of its elements."""
-    shape = []
-    while kind.kind == "array":
-        shape.append(kind.length)
-        kind = kind.item
-    for index in np.ndindex(*shape):
-        yield tuple(index), kind
+            yield from _numbers(kind, value, f"{path}.{field}")
+            continue
+        shape = []
+        while kind.kind == "array":
+            shape.append(kind.length)
+            kind = kind.item
+        for index in np.ndindex(*shape):  # once with an empty index where the field is no array
+            number = f"[{','.join(str(k + 1) for k in index)}]" if index else ""
+            member = "".join(f"[{k}]" for k in index)
+            element = reduce(getitem, index, value)
+            yield (struct.cname, field), kind, element, f"{path}.{field}{number}", f"{path}.{field}{member}"

@@ -117,25 +117,16 @@ YELLOW = "#F0E442"
 """Yellow of the palette in `codegen.report.style`."""
 LINEAR = ", from there linear to the first breakpoint"
 
-RULE_COLOURS = {
-    Rule.SOLVED: BLUE,
-    Rule.ZERO: YELLOW,
-    Rule.HOLD: ORANGE,
-    Rule.PASSIVE_SLOPE: GREEN,
-    Rule.BETWEEN: PURPLE,
-    Rule.NEIGHBOUR: SKY,
-    Rule.CONTINUED: VERMILION,
+RULES = {
+    Rule.SOLVED: ("as in the map", BLUE),
+    Rule.ZERO: ("linear, from zero", YELLOW),
+    Rule.HOLD: ("held: ay_cap / vx", ORANGE),
+    Rule.PASSIVE_SLOPE: ("on with the passive gain", GREEN),
+    Rule.BETWEEN: ("between feasible cells", PURPLE),
+    Rule.NEIGHBOUR: ("between speeds", SKY),
+    Rule.CONTINUED: ("beyond the cap, continued", VERMILION),
 }
-RULE_NAMES = {
-    Rule.SOLVED: "as in the map",
-    Rule.ZERO: "linear, from zero",
-    Rule.HOLD: "held: ay_cap / vx",
-    Rule.PASSIVE_SLOPE: "on with the passive gain",
-    Rule.BETWEEN: "between feasible cells",
-    Rule.NEIGHBOUR: "between speeds",
-    Rule.CONTINUED: "beyond the cap, continued",
-}
-"""Short names for a legend; RULE_TEXT has the full ones."""
+"""Short name for a legend, and colour; RULE_TEXT has the full names."""
 
 
 def _cells(one: NamedMap, config: Config, build: Path | None) -> tuple[FloatArray, FloatArray, npt.NDArray[np.str_]]:
@@ -158,7 +149,7 @@ def extended(one: NamedMap, config: Config, build: Path | None = None) -> tuple[
     codes = np.zeros(of_cells.shape, dtype=np.uint8)
     for code, rule in enumerate(rules):
         codes[of_cells == rule.value] = code
-    names, colours = [RULE_NAMES[rule] for rule in rules], [RULE_COLOURS[rule] for rule in rules]
+    names, colours = zip(*(RULES[rule] for rule in rules), strict=True)
     edges = (cell_edges(speed / KM_H), cell_edges(np.degrees(front_angle)))
     trace = category_trace(*edges, codes, np.zeros(codes.shape, dtype=bool), names, colours)
     look = layout(
