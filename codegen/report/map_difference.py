@@ -26,8 +26,10 @@ from codegen.report.style import (
     SPEED_LABEL,
     YAW_RATE,
     draw_table,
+    line_handle,
     map_legend,
     new_figure,
+    patch_handle,
     plain,
     style,
 )
@@ -348,7 +350,6 @@ def map_difference_figure(
     Args:
         used: `slip_use` of each map; without it, its two panels are omitted.
     """
-    from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
 
     known = any(used)
@@ -362,7 +363,7 @@ def map_difference_figure(
         _draw_gain(figure, gain, maps)
         entries = _draw_where(where, maps)
         if known and _draw_use(figure, grid[1][:2], maps, used, titles):
-            entries.append(Line2D([], [], color=BLACK, linewidth=1.0, label="slip meets its bound"))
+            entries.append(line_handle(color=BLACK, linewidth=1.0, label="slip meets its bound"))
         grid[0][0].set(**limits)
         for axes in grid[-1]:
             axes.set_xlabel(SPEED_LABEL)
@@ -404,7 +405,6 @@ def _draw_gain(figure: Figure, axes: Axes, maps: tuple[ReferenceMap, ReferenceMa
 def _draw_where(axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> list[Artist]:
     """Draw which map is feasible at the breakpoints of the first; return the legend entries."""
     from matplotlib.colors import ListedColormap, Normalize
-    from matplotlib.patches import Patch
 
     first, second = maps
     theirs = np.isfinite(on_axes_of(first, second))
@@ -419,7 +419,9 @@ def _draw_where(axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> list[Art
     draw_table(axes, first, table, Normalize(-0.5, len(kinds) - 0.5), ListedColormap([colour for _, colour, _ in kinds]))
     axes.set_title("Where feasible")
     patches = [
-        Patch(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=name) for cells, colour, name in kinds if cells.any()
+        patch_handle(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=name)
+        for cells, colour, name in kinds
+        if cells.any()
     ]
     return [*patches, *map_legend(phase_line=False, infeasible=bool(np.isnan(table).any()))]
 

@@ -25,17 +25,18 @@ from codegen.report.style import (
     WHITE,
     PlotError,
     legend_below,
+    line_handle,
     new_figure,
+    patch_handle,
     plain,
     style,
 )
 from codegen.units import KM_H
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
-
 
 FAULT_COLOUR = "#F3D9CC"
 SPIN_NAME = "spin: the run ends here"
@@ -69,22 +70,18 @@ def until_spin(run: FloatArray) -> FloatArray:
 
 def spin_handles(runs: Mapping[str, FloatArray], spun: Mapping[str, FloatArray]) -> list[Any]:
     """Return the legend entry for the mark of a spin, if a run was cut at one."""
-    from matplotlib.lines import Line2D
-
     if all(len(spun[name]) == len(run) for name, run in runs.items()):
         return []
-    return [Line2D([], [], color=GREY, label=SPIN_NAME, **SPIN_MARKER)]
+    return [line_handle(color=GREY, label=SPIN_NAME, **SPIN_MARKER)]
 
 
 def draw_spans(panels: Sequence[Axes], spans: Sequence[Span]) -> list[Any]:
     """Shade time ranges and return their legend entry."""
-    from matplotlib.patches import Patch
-
     for axes in panels:
         for span in spans:
             axes.axvspan(span.start, span.end, color=FAULT_COLOUR, linewidth=0.0, zorder=0.5)
     names = list(dict.fromkeys(span.label for span in spans))
-    return [Patch(color=FAULT_COLOUR, label=", ".join(names))] if names else []
+    return [patch_handle(color=FAULT_COLOUR, label=", ".join(names))] if names else []
 
 
 def draw_marks(panels: Sequence[Axes], marks: Sequence[Mark]) -> None:
@@ -317,27 +314,21 @@ def draw_signal(
 
 
 def run_handles(axes: Axes, dashed_name: str) -> list[Any]:
-    from matplotlib.lines import Line2D
-
     handles: list[Any] = list(axes.get_legend_handles_labels()[0])
     if len(axes.get_lines()) > len(handles):
-        handles.append(Line2D([], [], color=GREY, linestyle=(0, (4, 2)), linewidth=1.1, label=dashed_name))
+        handles.append(line_handle(color=GREY, linestyle=(0, (4, 2)), linewidth=1.1, label=dashed_name))
     return handles
 
 
 def _draw_map(axes: Axes, run: FloatArray, of_map: FloatArray, window: tuple[float, float]) -> list[Any]:
-    from matplotlib.lines import Line2D
-
     time = column(run, "time_s")
     inside = (time >= window[0]) & (time <= window[1])
     axes.plot(time[inside], np.degrees(of_map[inside]), **{**MAP_LINE, "label": "_"})
-    return [Line2D([], [], **MAP_LINE)]
+    return [line_handle(**MAP_LINE)]
 
 
 def _draw_limits(panels: Sequence[Axes], signals: Sequence[_Signal], limits: Mapping[str, float]) -> list[Any]:
     """Draw the limits that are close to the curves and return their legend entry."""
-    from matplotlib.lines import Line2D
-
     drawn = False
     for axes, signal in zip(panels, signals, strict=False):
         low, high = axes.get_ylim()
@@ -346,7 +337,7 @@ def _draw_limits(panels: Sequence[Axes], signals: Sequence[_Signal], limits: Map
             if low - reach <= level <= high + reach:
                 axes.axhline(level, label="_", **LIMIT_LINE)
                 drawn = True
-    return [Line2D([], [], label="limit", **LIMIT_LINE)] if drawn else []
+    return [line_handle(label="limit", **LIMIT_LINE)] if drawn else []
 
 
 def _has_incident(name: str, run: FloatArray, window: tuple[float, float]) -> bool:
@@ -356,9 +347,7 @@ def _has_incident(name: str, run: FloatArray, window: tuple[float, float]) -> bo
     return not _is_passive(name) and bool(np.isin(column(run, "status")[inside], [Status[one] for one in STATUS_SHOWN]).any())
 
 
-def _draw_status(axes: Axes, runs: Mapping[str, FloatArray], window: tuple[float, float]) -> list[Patch]:
-    from matplotlib.patches import Patch
-
+def _draw_status(axes: Axes, runs: Mapping[str, FloatArray], window: tuple[float, float]) -> list[Artist]:
     from codegen.sil.software import Status
 
     seen = set()
@@ -373,4 +362,4 @@ def _draw_status(axes: Axes, runs: Mapping[str, FloatArray], window: tuple[float
     axes.set_yticks(range(len(runs)), [plain(name) for name in runs])
     axes.set(ylabel="Status", ylim=(len(runs) - 0.5, -0.5))
     shown = [(name, colour) for name, colour in STATUS_COLOURS.items() if name in seen]
-    return [Patch(color=colour, label=name.lower().replace("_", "-")) for name, colour in shown]
+    return [patch_handle(color=colour, label=name.lower().replace("_", "-")) for name, colour in shown]

@@ -13,12 +13,12 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import one_line
 from codegen.report.run_plots import Mark, Span, heading, looks_of, run_figure, signal_limits, until_spin
-from codegen.report.style import FRONT_ANGLE, GREY, REAR_ANGLE, RUN_NAMES, legend_below, new_figure, plain, style
+from codegen.report.style import FRONT_ANGLE, GREY, REAR_ANGLE, RUN_NAMES, legend_below, line_handle, new_figure, plain, style
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
     from hil_sim.metrics.run import LookUp, Run
     from hil_sim.scenarios import Scenario
@@ -126,8 +126,6 @@ def _dwell_marks(scenario: Scenario, config: Config, runs: Mapping[str, FloatArr
 
 def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], title: str) -> Figure:
     """Draw gain and phase of the yaw rate over the steering wheel angle; a car that spins has neither."""
-    from matplotlib.lines import Line2D
-
     from hil_sim.metrics import frequency, spin_time
 
     looks = looks_of(runs)
@@ -154,7 +152,7 @@ def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArra
         phase.set_xticks(FREQUENCY_TICKS, [f"{tick:g}" for tick in FREQUENCY_TICKS])
         phase.set_xticks([], minor=True)
         phase.set_xlim(frequency.LOW, frequency.HIGH)
-        dot = Line2D([], [], marker="o", linestyle="", color=GREY, label="bandwidth: -3 dB, -45 deg")
+        dot = line_handle(marker="o", linestyle="", color=GREY, label="bandwidth: -3 dB, -45 deg")
         _finish(figure, (gain, phase), gain, title, dot)
     return figure
 
@@ -166,8 +164,6 @@ def _dot(axes: Axes, frequency: float | None, level: float, look: Mapping[str, A
 
 def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], title: str) -> Figure:
     """Draw front angle, sideslip and rear angle over lateral acceleration, with the lines whose slopes are the gradients."""
-    from matplotlib.lines import Line2D
-
     from hil_sim.metrics import ramp
 
     looks = looks_of(runs)
@@ -196,12 +192,12 @@ def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, F
         panels[1].set(ylabel=r"Sideslip $\beta$ (deg)")
         panels[2].set(ylabel=f"Rear angle {REAR_ANGLE} (deg)", xlabel="Lateral acceleration (m/s²)")
         label = f"line fitted, {ramp.FIT_FROM:.2g} to {ramp.FIT_TO:.2g} m/s²"
-        fit = Line2D([], [], color=GREY, marker="|", markersize=9, label=label, **FIT_LINE)
+        fit = line_handle(color=GREY, marker="|", markersize=9, label=label, **FIT_LINE)
         _finish(figure, panels, panels[0], title, fit)
     return figure
 
 
-def _finish(figure: Figure, panels: Any, named: Axes, title: str, more: Line2D) -> None:
+def _finish(figure: Figure, panels: Any, named: Axes, title: str, more: Artist) -> None:
     handles = [*named.get_legend_handles_labels()[0], more]
     for axes in panels:
         axes.grid(True)

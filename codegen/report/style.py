@@ -241,16 +241,29 @@ PHASE_NAME = f"phase conversion, {REAR_ANGLE} = 0"
 INFEASIBLE_NAME = "no feasible steady turn"
 
 
-def map_legend(phase_line: bool, infeasible: bool) -> list[Artist]:
-    """Return legend entries for the phase line and infeasible cells of map panels."""
+def line_handle(**look: Any) -> Artist:
+    """Return a legend entry with a line; arguments of `matplotlib.lines.Line2D`."""
     from matplotlib.lines import Line2D
+
+    return Line2D([], [], **look)
+
+
+def patch_handle(**look: Any) -> Artist:
+    """Return a legend entry with an area; arguments of `matplotlib.patches.Patch`."""
     from matplotlib.patches import Patch
 
+    return Patch(**look)
+
+
+def map_legend(phase_line: bool, infeasible: bool) -> list[Artist]:
+    """Return legend entries for the phase line and infeasible cells of map panels."""
     entries: list[Artist] = []
     if phase_line:
-        entries.append(Line2D([], [], color=BLACK, linewidth=1.8, label=PHASE_NAME))
+        entries.append(line_handle(color=BLACK, linewidth=1.8, label=PHASE_NAME))
     if infeasible:
-        entries.append(Patch(facecolor=INFEASIBLE_FACE, hatch="////", hatchcolor=INFEASIBLE_HATCH, label=INFEASIBLE_NAME))
+        entries.append(
+            patch_handle(facecolor=INFEASIBLE_FACE, hatch="////", hatchcolor=INFEASIBLE_HATCH, label=INFEASIBLE_NAME)
+        )
     return entries
 
 

@@ -18,7 +18,9 @@ from codegen.report.style import (
     GREY,
     SPEED_LABEL,
     WHITE,
+    line_handle,
     new_figure,
+    patch_handle,
     plain,
     style,
 )
@@ -101,12 +103,10 @@ SPIN_FACE = "#333333"
 
 
 def _level_handles(colours: Any) -> list[Any]:
-    from matplotlib.patches import Patch
-
     bounds = [f"{level:g}" for level in LEVELS]
     names = [f"{low} to {high} %" for low, high in pairwise(bounds)] + [f"above {bounds[-1]} %"]
-    patches = [Patch(facecolor=colours(k), edgecolor=GREY, linewidth=0.5, label=name) for k, name in enumerate(names)]
-    return [*patches, Patch(facecolor=SPIN_FACE, label="the car spins")]
+    patches = [patch_handle(facecolor=colours(k), edgecolor=GREY, linewidth=0.5, label=name) for k, name in enumerate(names)]
+    return [*patches, patch_handle(facecolor=SPIN_FACE, label="the car spins")]
 
 
 def conditions_figure(result: SuiteResult) -> Figure:
@@ -175,13 +175,11 @@ FRICTION_TITLE = "Slippery roads, with and without an estimate of the friction"
 
 def _draw_sideslip_limits(axes: Axes, result: SuiteResult) -> list[Any]:
     """Draw the sideslip limit of the controller under test over each road that has one; return the legend entry."""
-    from matplotlib.lines import Line2D
-
     for place, road in enumerate(slippery(result)):
         asked = sideslip_limit(result.limits, road)
         if asked is not None:
             axes.plot([place - 0.45, place + 0.45], [asked, asked], **LIMIT)
-    return [Line2D([], [], **{**LIMIT, "label": f"limit for {plain(result.tested)}"})]
+    return [line_handle(**{**LIMIT, "label": f"limit for {plain(result.tested)}"})]
 
 
 def draw_spins(axes: Axes, result: SuiteResult) -> None:
@@ -217,9 +215,7 @@ def _bar_colour(look: Mapping[str, Any]) -> str:
 
 
 def _bar_handles(result: SuiteResult) -> list[Any]:
-    from matplotlib.patches import Patch
-
-    return [Patch(color=_bar_colour(look), label=plain(name)) for name, look in lines_of(result).items()]
+    return [patch_handle(color=_bar_colour(look), label=plain(name)) for name, look in lines_of(result).items()]
 
 
 def figures(result: SuiteResult) -> dict[str, Figure]:

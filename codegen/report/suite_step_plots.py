@@ -18,6 +18,7 @@ from codegen.report.style import (
     SKY,
     SPEED_LABEL,
     WHITE,
+    line_handle,
     new_figure,
     plain,
     style,
@@ -60,9 +61,7 @@ def markers_of(result: SuiteResult) -> dict[str, dict[str, Any]]:
 
 def name_handles(result: SuiteResult, looks: Mapping[str, Mapping[str, Any]]) -> list[Any]:
     """Return legend entries: names of the subjects, with lines or markers."""
-    from matplotlib.lines import Line2D
-
-    return [Line2D([], [], label=plain(name), **{**looks[name], "zorder": 2}) for name in result.subjects]
+    return [line_handle(label=plain(name), **{**looks[name], "zorder": 2}) for name in result.subjects]
 
 
 def margins_figure(result: SuiteResult) -> Figure:
@@ -116,19 +115,17 @@ FAMILY: Mapping[str, dict[str, Any]] = {
 
 
 def _margin_handles(result: SuiteResult) -> list[Any]:
-    from matplotlib.lines import Line2D
-
     looks = lines_of(result)
     kinds = (("itself", "the car itself"), ("worst", "worst of the family"))
     handles: list[Any] = [
-        Line2D([], [], label=f"{plain(name)}: {text}", **{**looks[name], **FAMILY[kind]})
+        line_handle(label=f"{plain(name)}: {text}", **{**looks[name], **FAMILY[kind]})
         for name in _with_feedback(result)
         for kind, text in kinds
     ]
     return [
         *handles,
-        Line2D([], [], **{**LIMIT, "label": "required"}),
-        Line2D([], [], **{**WARNING, "label": "a build warns below"}),
+        line_handle(**{**LIMIT, "label": "required"}),
+        line_handle(**{**WARNING, "label": "a build warns below"}),
     ]
 
 
@@ -241,15 +238,11 @@ def _draw_references(axes: Axes, result: SuiteResult, shown: CellRuns) -> None:
 
 
 def reference_handles(result: SuiteResult) -> list[Any]:
-    from matplotlib.lines import Line2D
-
     return [
-        Line2D([], [], label=f"reference of {plain(result.tested)}", **FOLLOWED),
-        Line2D([], [], label="the map's value", **REFERENCE),
+        line_handle(label=f"reference of {plain(result.tested)}", **FOLLOWED),
+        line_handle(label="the map's value", **REFERENCE),
     ]
 
 
 def spin_handle() -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], color=GREY, label=SPIN_NAME, **SPIN_MARKER)
+    return line_handle(color=GREY, label=SPIN_NAME, **SPIN_MARKER)
