@@ -28,6 +28,7 @@ from codegen.cli.options import (
 )
 from codegen.errors import CheckFailed, CodegenError
 from codegen.files import resolved
+from codegen.text_table import text_table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -118,7 +119,6 @@ class Outputs:
         from codegen.report.scenario_plots import scenario_figure
         from codegen.report.style import save
         from codegen.report.summary import metric_rows
-        from codegen.text_table import text_table
         from hil_sim.metrics import Run, evaluate, verdict
         from hil_sim.recording import save_csv
 
@@ -340,7 +340,6 @@ def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: boo
     and the recovery time. On a bus, runs take real time, and delays of this machine count as additional faults."""
     from codegen.report.bus_tables import HEADER, fault_data, fault_rows
     from codegen.sil.software import load
-    from codegen.text_table import text_table
     from hil_sim.bus import BusAddress
     from hil_sim.fault_catalogue import run_all
     from hil_sim.runs import run_through_can

@@ -13,6 +13,7 @@ from codegen import console
 from codegen.cli.base import example, json_option, note_edited
 from codegen.cli.options import FileType, build_folder, checked_path, configuration_file
 from codegen.errors import CheckFailed
+from codegen.files import write_atomically
 
 if TYPE_CHECKING:
     from codegen.doctor import Finding
@@ -75,7 +76,6 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     if a check fails or none can run. A check whose tool is missing is reported as not run.
     """
     from codegen.emit.outputs import check_output
-    from codegen.files import write_atomically
     from codegen.sil.software import require_can_side
     from codegen.verify import record, requirements, runner, table
     from codegen.verify.check import Effort, Subject, Verdict

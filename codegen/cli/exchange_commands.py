@@ -13,6 +13,8 @@ from codegen import console
 from codegen.cli.base import example, json_option, note_edited
 from codegen.cli.options import FileType, any_file, build_option, configuration_file, folder_to_write
 from codegen.errors import CheckFailed, CodegenError
+from codegen.files import write_atomically
+from codegen.text_table import text_table
 
 if TYPE_CHECKING:
     from codegen.export.firmware import ImageRun
@@ -131,7 +133,6 @@ def _import_map(path: Path, output: Path, names: dict[str, str], units: str | No
     from codegen.importing.maps import Choices, import_map
     from codegen.map_file import map as npz
     from codegen.report.summary import map_summary
-    from codegen.text_table import text_table
 
     axis = "vx" if rows == "vx" else "delta_f" if rows == "delta_f" else None
     imported = import_map(path, Choices(names, units, axis))  # type: ignore[arg-type]
@@ -152,7 +153,6 @@ def _import_map(path: Path, output: Path, names: dict[str, str], units: str | No
 
 
 def _import_tyres(files: tuple[Path, ...], output: Path, config_path: Path, peak: str | None, as_json: bool) -> None:
-    from codegen.files import write_atomically
     from codegen.importing.tyre import import_tyres
 
     imported = import_tyres(files, config_path, "road" if peak == "road" else "file")
@@ -165,8 +165,6 @@ def _import_tyres(files: tuple[Path, ...], output: Path, config_path: Path, peak
 
 
 def _print_tyres(imported: TyreImport, output: Path) -> None:
-    from codegen.text_table import text_table
-
     console.say(f"{output}: {', '.join(dict.fromkeys(f'{axle.file} ({axle.version})' for axle in imported.axles))}")
     columns = [_column(axle) for axle in imported.axles]
     rows = [(title, *(column[title] for column in columns)) for title in columns[0]]
@@ -215,7 +213,6 @@ def a2l(build_path: Path, elf_path: Path, instance: str | None, output: Path, as
     from codegen.emit.outputs import check_output
     from codegen.export.a2l import fill
     from codegen.export.elf import Elf
-    from codegen.files import write_atomically
 
     check_output(output, A2L_SUFFIX, (build_path, elf_path))
     filled = fill(build_path, Elf.read(elf_path), instance)
@@ -267,7 +264,6 @@ def fmu(build_path: Path, what: What, version: Version, output: Path, as_json: b
     """
     from codegen.emit.outputs import check_output
     from codegen.export.fmu.export import make_fmu
-    from codegen.files import write_atomically
 
     check_output(output, FMU_SUFFIX, (build_path,))
     with console.status(f"compiling {build_path}"):
@@ -351,8 +347,6 @@ def firmware(build_path: Path, output: Path, run_it: bool, toolchain: str | None
 
 
 def _tell(ran: ImageRun, output: Path, as_json: bool) -> None:
-    from codegen.text_table import text_table
-
     if not as_json:
         rows = [
             ("frames compared with the SIL", ran.compared),

@@ -20,6 +20,7 @@ from codegen.cli.options import (
     yaw_rate_error,
 )
 from codegen.errors import CheckFailed, CodegenError, within
+from codegen.files import make_folder, write_atomically
 
 if TYPE_CHECKING:
     from codegen.ecu_map.placement import Request
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 def init(folder: Path, preset: str) -> None:
     """Create DIR/ars.toml, the paper's vehicle with comments and units, to edit."""
     from codegen.configuration import preset_text
-    from codegen.files import make_folder, write_atomically
 
     path = folder / "ars.toml"
     if path.exists() or path.is_symlink():

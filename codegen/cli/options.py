@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from codegen.cli.base import json_option
+from codegen.files import read_text
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -136,7 +137,6 @@ def _cases(config_path: Any) -> tuple[str, ...]:
 
     from codegen.configuration import CONFIG_BYTES_MAX
     from codegen.errors import CodegenError
-    from codegen.files import read_text
 
     try:
         text = read_text(Path(config_path), CONFIG_BYTES_MAX, "")

@@ -29,6 +29,8 @@ from codegen.cli.options import (
     scenario_names,
 )
 from codegen.errors import CodegenError, MapError, within
+from codegen.files import read_text, resolved, write_atomically
+from codegen.text_table import text_table
 
 if TYPE_CHECKING:
     from codegen.explore.server import ExploreServer
@@ -58,7 +60,6 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
     from codegen.map_file import map as npz
     from codegen.plausibility.map import beyond_grip
     from codegen.report.summary import map_summary
-    from codegen.text_table import text_table
 
     check_output(plot, ".png", (map_path, config_path, against))
     if against is not None and flash:
@@ -115,7 +116,6 @@ def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: P
         map_difference_figure,
         same_car,
     )
-    from codegen.text_table import text_table
 
     if against.exists() and against.samefile(map_path):
         raise CodegenError("is the map itself", where=f"--against {against}", remedy="name another map")
@@ -158,7 +158,6 @@ def _show_flash(
     from codegen.emit.laws import law_of
     from codegen.map_file.choose import choose_config
     from codegen.report.flash import HEADER, flash_dict, flash_figure, flash_headline, flash_rows
-    from codegen.text_table import text_table
 
     chosen = choose_config(reference_map, config_path)
     tables = 2 if law_of(chosen.config).uses_rear_angle else 1
@@ -228,7 +227,6 @@ def report(
     --run provides the results. The file works offline.
     """
     from codegen.emit.outputs import check_output
-    from codegen.files import write_atomically
     from codegen.report.html.gather import Request, gather, read
     from codegen.report.html.inputs import named
     from codegen.report.html.page import charts_of, render, require_plotly
@@ -287,7 +285,6 @@ def _target(folder: Path | None, config_path: Path | None) -> Target:
     from codegen.configuration import CONFIG_BYTES_MAX
     from codegen.explore.server import FILE
     from codegen.explore.toml_file import Target, preset_bases
-    from codegen.files import read_text, resolved
 
     place = folder or Path()
     if not place.is_dir():

@@ -26,7 +26,7 @@ from codegen.cli.options import (
     with_clocks,
 )
 from codegen.errors import CheckFailed, CodegenError, suggestion
-from codegen.files import resolved
+from codegen.files import make_folder, resolved
 
 if TYPE_CHECKING:
     import numpy as np
@@ -70,7 +70,6 @@ class SuiteOutputs:
 
     def draw(self, result: SuiteResult) -> list[Path]:
         """Write the pictures and return their paths."""
-        from codegen.files import make_folder
         from codegen.report import suite_plots
         from codegen.report.style import save
 

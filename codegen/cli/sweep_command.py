@@ -14,6 +14,8 @@ from codegen import console
 from codegen.cli.base import example, json_option, note_edited
 from codegen.cli.options import configuration_file, folder_to_write, picture_to_write, run_to_write
 from codegen.errors import CodegenError
+from codegen.files import write_atomically
+from codegen.text_table import text_table
 
 if TYPE_CHECKING:
     from codegen.sil.vector import Isa
@@ -116,7 +118,6 @@ def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | No
 
 def _write(folder: Path, summary: Summary, replay: str) -> list[Path]:
     """Write summary.json, summary.md and the pictures. They contain no path or clock, only the name of the spec."""
-    from codegen.files import write_atomically
     from codegen.report.campaign import markdown, pictures
     from codegen.report.style import save
 
@@ -150,7 +151,6 @@ def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec
         console.print_json({"run": run, "scenario": found.profile.name, "controller": found.controller, **row})
         return
     from codegen.sweep.store import YES_NO
-    from codegen.text_table import text_table
 
     rows = [
         (name, ("no", "yes")[int(value)] if name in YES_NO else f"{value:.6g}")

@@ -14,6 +14,7 @@ from codegen import console
 from codegen.cli.base import example, json_option
 from codegen.cli.options import configuration_file, map_file, map_to_write
 from codegen.errors import ConfigError, MapError, within
+from codegen.text_table import text_table
 
 if TYPE_CHECKING:
     from codegen.configuration import Config
@@ -56,8 +57,6 @@ FAIL_SAFE_COLUMNS = {
 
 
 def _table(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
-    from codegen.text_table import text_table
-
     return text_table(tuple(columns), [[text.format(**row) for text in columns.values()] for row in rows])
 
 
