@@ -240,12 +240,12 @@ class Explorer:
         """Return the configuration for the settings of the page. Raises CodegenError."""
         return apply(self.start, self.case, self.controls, checked(self.controls, given))
 
-    def solvable(self, config: Config) -> None:
-        """Reject a configuration without a feasible map, or for which the C cannot be built. Raises CodegenError."""
-        self.calibration(config)
-
     def calibration(self, config: Config) -> Calibration:
-        """Return all numbers of a configuration for the C. Raises CodegenError."""
+        """Return all numbers of a configuration for the C.
+
+        Raises:
+            CodegenError: it has no feasible map, or the C cannot be built for it.
+        """
         with self._computing:
             return Calibration.of(self._map(config).total, config)
 

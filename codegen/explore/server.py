@@ -186,13 +186,9 @@ class ExploreServer(ThreadingHTTPServer):
 class _Refusal(Exception):
     """A response other than 200."""
 
-    def __init__(self, status: HTTPStatus, data: dict[str, Any]) -> None:
-        super().__init__(status, data)
-        self.status, self.data = status, data
-
-
-def _refusal(status: HTTPStatus, text: str) -> _Refusal:
-    return _Refusal(status, {"error": text})
+    def __init__(self, status: HTTPStatus, text: str) -> None:
+        super().__init__(status, text)
+        self.status, self.text = status, text
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -219,10 +215,10 @@ class _Handler(BaseHTTPRequestHandler):
             else:
                 found = self.explore.assets.get(where.path)
                 if found is None:
-                    raise _refusal(HTTPStatus.NOT_FOUND, "there is no such page")
+                    raise _Refusal(HTTPStatus.NOT_FOUND, "there is no such page")
                 asset = found
         except _Refusal as refusal:
-            self._answer(refusal.status, (refusal.data["error"] + "\n").encode(), "text/plain; charset=utf-8")
+            self._answer(refusal.status, f"{refusal.text}\n".encode(), "text/plain; charset=utf-8")
             return
         self._answer(HTTPStatus.OK, asset.content, asset.kind)
 
@@ -233,10 +229,10 @@ class _Handler(BaseHTTPRequestHandler):
             data = self._question()
             answering = {"/api/picture": self._picture, "/api/family": self._family, "/api/write": self._write}.get(self.path)
             if answering is None:
-                raise _refusal(HTTPStatus.NOT_FOUND, "there is no such page")
+                raise _Refusal(HTTPStatus.NOT_FOUND, "there is no such page")
             answer = answering(data)
         except _Refusal as refusal:
-            self._json(refusal.status, refusal.data)
+            self._json(refusal.status, {"error": refusal.text})
             return
         except Existing as existing:
             told = {"error": str(existing), "sha256": existing.sha256, "text": existing.text, "changes": list(existing.changes)}
@@ -263,7 +259,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Record a request. Return a function that reports whether the same page has sent a newer one."""
         number, of_page = data.get("number", 0), data.get("page", 0)
         if type(number) is not int or type(of_page) is not int:
-            raise _refusal(HTTPStatus.BAD_REQUEST, "page and number must be whole numbers")
+            raise _Refusal(HTTPStatus.BAD_REQUEST, "page and number must be whole numbers")
         newest = self.explore.newest
         newest.came(of_page, number)
         return lambda: newest.is_stale(of_page, number)
@@ -271,10 +267,10 @@ class _Handler(BaseHTTPRequestHandler):
     def _write(self, data: dict[str, Any]) -> dict[str, Any]:
         replaces = data.get("replaces")
         if replaces is not None and not isinstance(replaces, str):
-            raise _refusal(HTTPStatus.BAD_REQUEST, "replaces must be a SHA-256 or null")
+            raise _Refusal(HTTPStatus.BAD_REQUEST, "replaces must be a SHA-256 or null")
         explorer, target = self.explore.explorer, self.explore.target
         config = explorer.configured(data.get("values"))
-        explorer.solvable(config)  # reject what cannot be solved
+        explorer.calibration(config)  # reject what cannot be solved
         with self.explore.turn:
             target.write(config, replaces)
         case = explorer.case
@@ -289,22 +285,22 @@ class _Handler(BaseHTTPRequestHandler):
         hosts = self.explore.hosts
         if self.headers.get("Host") not in hosts:
             self.close_connection = True
-            raise _refusal(HTTPStatus.MISDIRECTED_REQUEST, "this address is not served here")
+            raise _Refusal(HTTPStatus.MISDIRECTED_REQUEST, "this address is not served here")
         origin = self.headers.get("Origin")
         if origin is not None and origin not in {f"http://{host}" for host in hosts}:
             self.close_connection = True
-            raise _refusal(HTTPStatus.FORBIDDEN, "requests of other sites are rejected")
+            raise _Refusal(HTTPStatus.FORBIDDEN, "requests of other sites are rejected")
 
     def _check_key(self, given: str) -> None:
         if not secrets.compare_digest(given.encode(), self.explore.key.encode()):
             self.close_connection = True
-            raise _refusal(HTTPStatus.FORBIDDEN, "open the whole address that `codegen explore` printed: its key is missing")
+            raise _Refusal(HTTPStatus.FORBIDDEN, "open the whole address that `codegen explore` printed: its key is missing")
 
     def _where(self) -> SplitResult:
         try:
             return urlsplit(self.path)
         except ValueError:
-            raise _refusal(HTTPStatus.BAD_REQUEST, "not a valid address") from None
+            raise _Refusal(HTTPStatus.BAD_REQUEST, "not a valid address") from None
 
     def _question(self) -> dict[str, Any]:
         """Return the JSON of a request. The body is read only after the key is checked."""
@@ -313,16 +309,16 @@ class _Handler(BaseHTTPRequestHandler):
         whole = length.isascii() and length.isdigit() and len(length) <= LENGTH_DIGITS_MAX
         if not whole or int(length) > BODY_MAX:
             self.close_connection = True
-            raise _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a body of at most {BODY_MAX} bytes is needed")
+            raise _Refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a body of at most {BODY_MAX} bytes is needed")
         body = self.rfile.read(int(length))
         if self.headers.get_content_type() != "application/json":
-            raise _refusal(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "application/json is needed")
+            raise _Refusal(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "application/json is needed")
         try:
             data = json.loads(body)
         except (ValueError, RecursionError):
-            raise _refusal(HTTPStatus.BAD_REQUEST, "not JSON") from None
+            raise _Refusal(HTTPStatus.BAD_REQUEST, "not JSON") from None
         if not isinstance(data, dict):
-            raise _refusal(HTTPStatus.BAD_REQUEST, "a JSON object is needed")
+            raise _Refusal(HTTPStatus.BAD_REQUEST, "a JSON object is needed")
         return data
 
     # --- answers -------------------------------------------------------------------------------------------------------
