@@ -78,7 +78,6 @@ class Reproduction:
     `runs` are the paper's; `tracking` is C1's map with the recommended controller.
     """
 
-    folder: Path
     table: tuple[TableRow, ...]
     runs: Mapping[str, StepMetrics]
     passive: StepMetrics
@@ -123,7 +122,7 @@ class Reproduction:
         return "\n".join(text).splitlines()
 
 
-def reproduce(folder: Path, config: Config | None = None, done: Callable[[int, int], None] | None = None) -> Reproduction:
+def reproduce(folder: Path, done: Callable[[int, int], None] | None = None) -> Reproduction:
     """Solve, build, simulate and draw everything under `folder`.
 
     Args:
@@ -132,10 +131,15 @@ def reproduce(folder: Path, config: Config | None = None, done: Callable[[int, i
     Raises:
         CodegenError: the folder cannot be written, there is no compiler, or a self-test fails.
     """
-    config = configuration.preset() if config is None else config
+    config, count = configuration.preset(), itertools.count(1)
+    parts = 2 * (len(RUNS) + 1) + 3  # the maps, the tuned map, the runs, the pictures, and the report
+
+    def tell() -> None:
+        if done is not None:
+            done(next(count), parts)
+
     find_compiler()  # before anything is written
     make_folder(folder)
-    tell = _teller(done)
     maps = {}
     for case in CASES:
         maps[case] = solve_case(config, case)
@@ -172,20 +176,8 @@ def reproduce(folder: Path, config: Config | None = None, done: Callable[[int, i
     metrics = {name: step_metrics(record, manoeuvre.steer_time, ratio) for name, record in records.items()}
     passive = metrics.pop("passive car")
     tracking = metrics.pop(TRACKING)
-    return Reproduction(
-        folder, tuple(optimum_rows(config)), metrics, passive, tracking, evaluate(manoeuvre, config, records), outputs
-    )
-
-
-def _teller(done: Callable[[int, int], None] | None) -> Callable[[], None]:
-    """Return a progress callback for the parts: maps, the tuned map, runs, pictures, and the report."""
-    parts, count = 2 * (len(RUNS) + 1) + 3, itertools.count(1)
-
-    def tell() -> None:
-        if done is not None:
-            done(next(count), parts)
-
-    return tell
+    evaluation = evaluate(manoeuvre, config, records)
+    return Reproduction(tuple(optimum_rows(config)), metrics, passive, tracking, evaluation, outputs)
 
 
 def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], records: Mapping[str, Any]) -> dict[str, Path]:
