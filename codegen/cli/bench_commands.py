@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option, note_edited
+from codegen.cli.base import cli, example, json_option, note_edited
 from codegen.cli.options import (
     build_option,
     bus_names,
@@ -201,7 +201,7 @@ class Choices(Outputs):
         )
 
 
-@click.command(
+@cli.command(
     short_help="Run the generated C as an ECU on a CAN bus.",
     epilog=example("codegen hil --build generated/4ws2 --bus socketcan:vcan0 --ecu native --log run.blf"),
 )
@@ -236,7 +236,7 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
     chosen.tell(title, setup.config, setup.scenario, runs, ran.result, described, ran.ecu_counters)
 
 
-@click.command(
+@cli.command(
     short_help="Run the simulated car on a CAN bus.",
     epilog=example("codegen plant --bus socketcan:vcan0 --scenario sine-with-dwell"),
 )
@@ -260,7 +260,7 @@ def plant(config_path: Path | None, **given: Any) -> None:
     chosen.tell(f"plant on {setup.address}, {setup.clock}", setup.config, setup.scenario, runs, result, described)
 
 
-@click.command(
+@cli.command(
     short_help="Run the generated C as the ECU alone on a CAN bus.",
     epilog=example("codegen ecu --build generated/4ws2 --bus socketcan:vcan0"),
 )
@@ -321,7 +321,7 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
     print(counters_line(node), file=sys.stderr)
 
 
-@click.command(
+@cli.command(
     short_help="Inject every bus fault and check the response.",
     epilog=example("codegen faults --build generated/4ws2 --bus socketcan:vcan0 --ecu native"),
 )
@@ -369,7 +369,7 @@ def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: boo
         raise CheckFailed(f"not as defined: {', '.join(wrong)}", where=build_path, remedy="see the table")
 
 
-@click.command(short_help="List the scenarios.", epilog=example("codegen scenarios"))
+@cli.command(short_help="List the scenarios.", epilog=example("codegen scenarios"))
 @json_option
 def scenarios(as_json: bool) -> None:
     """List the built-in scenarios with their descriptions, sources and bus faults."""
@@ -387,6 +387,3 @@ def scenarios(as_json: bool) -> None:
         for fault in entry.faults:
             console.say(f"    fault: {fault}")
     console.say("\nYour own: a recorded .csv, or a .toml with base, changes and [[faults]]; see docs/interface.md.")
-
-
-COMMANDS = (hil, plant, ecu, faults, scenarios)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option, note_edited
+from codegen.cli.base import cli, example, json_option, note_edited
 from codegen.cli.options import FileType, build_folder, checked_path, configuration_file
 from codegen.errors import CheckFailed
 from codegen.files import write_atomically
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 EXAMPLE = "codegen check ars.toml\n  codegen check 4ws2.npz\n  codegen check generated/4ws2"
 
 
-@click.command(short_help="Check a car, a map or a build for plausibility.", epilog=example(EXAMPLE))
+@cli.command(short_help="Check a car, a map or a build for plausibility.", epilog=example(EXAMPLE))
 @click.argument("subject", metavar="ars.toml|MAP.npz|BUILD", type=checked_path)
 @click.option(
     "--config", "config_path", type=configuration_file, help="For a map: ars.toml; by default the map's own configuration."
@@ -55,7 +55,7 @@ def check(subject: Path, config_path: Path | None, as_json: bool) -> None:
         console.say("no warnings")
 
 
-@click.command(epilog=example("codegen verify generated/4ws2"))
+@cli.command(epilog=example("codegen verify generated/4ws2"))
 @click.argument("build", type=build_folder, metavar="DIR")
 @click.option("--quick", is_flag=True, help="Run only the checks that finish in half a minute.")
 @click.option(
@@ -111,7 +111,7 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
 COLOURS = {"good": "green", "missing": "yellow", "bad": "red"}
 
 
-@click.command(short_help="Check the installation and list missing optional tools.", epilog=example("codegen doctor"))
+@cli.command(short_help="Check the installation and list missing optional tools.", epilog=example("codegen doctor"))
 @json_option
 def doctor(as_json: bool) -> None:
     """Check the installation: packages, optional tools, extras that are missing, and buses, each tried with a frame.
@@ -148,6 +148,3 @@ def _of(finding: Finding, width: int, coloured: bool) -> Iterator[str]:
         yield f"{margin}for {finding.serves}"
     if finding.remedy:
         yield f"{margin}-> {finding.remedy}"
-
-
-COMMANDS = (check, verify, doctor)

@@ -1,8 +1,8 @@
-"""The group `cli` with all its commands."""
+"""The group `cli` with all its commands: each module adds its own when it is imported."""
 
 from __future__ import annotations
 
-from codegen.cli import (
+from codegen.cli import (  # noqa: F401
     bench_commands,
     check_commands,
     completion,
@@ -16,19 +16,3 @@ from codegen.cli import (
 from codegen.cli.base import cli
 
 __all__ = ["cli"]
-
-MODULES = (
-    map_commands,
-    show_commands,
-    exchange_commands,
-    tune_command,
-    sil_command,
-    bench_commands,
-    check_commands,
-    sweep_command,
-    completion,
-)
-
-for module in MODULES:
-    for command in module.COMMANDS:
-        cli.add_command(command)

@@ -21,7 +21,7 @@ from click.shell_completion import (
 )
 
 from codegen import console
-from codegen.cli.base import example
+from codegen.cli.base import cli, example
 from codegen.cli.options import PATH
 
 SHELLS = ("bash", "zsh", "fish")
@@ -142,7 +142,7 @@ In the file that the shell reads at its start:
 """
 
 
-@click.command(
+@cli.command(
     short_help="Print the shell completion script.",
     help=f"Print the script that makes a shell complete commands, options, files and names.\n\n{PLACES}",
     epilog=example("codegen completion bash"),
@@ -158,6 +158,3 @@ def completion(context: click.Context, shell: str) -> None:
     chosen = get_completion_class(shell)
     assert chosen is not None
     console.say(chosen(context.find_root().command, {}, PROGRAM, COMPLETION).source().rstrip("\n"))
-
-
-COMMANDS = (completion,)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option, note_edited
+from codegen.cli.base import cli, example, json_option, note_edited
 from codegen.cli.options import FileType, any_file, build_option, configuration_file, folder_to_write
 from codegen.errors import CheckFailed, CodegenError
 from codegen.files import write_atomically
@@ -28,7 +28,7 @@ MAP_OPTIONS = ("vx", "delta_f", "yaw_rate", "beta", "delta_r", "feasible")
 READ = "supported are .mat, .csv, .tsv, .txt, .dat (a map) and .tir (a tyre)"
 
 
-@click.command(
+@cli.command(
     name="import",
     short_help="Import a map from a .mat or text table, or tyres from .tir files.",
     epilog=example(
@@ -194,7 +194,7 @@ def _column(axle: AxleImport) -> dict[str, str]:
 A2L_SUFFIX = ".a2l"
 
 
-@click.command(
+@cli.command(
     short_help="Write the A2L of a linked program.",
     epilog=example("codegen a2l --build generated/4ws2 --elf ecu.elf -o ecu.a2l"),
 )
@@ -241,7 +241,7 @@ def a2l(build_path: Path, elf_path: Path, instance: str | None, output: Path, as
 FMU_SUFFIX = ".fmu"
 
 
-@click.command(
+@cli.command(
     short_help="Write an FMU for other simulators.",
     epilog=example("codegen fmu --build generated/4ws2 --what controller -o controller.fmu"),
 )
@@ -296,7 +296,7 @@ def fmu(build_path: Path, what: What, version: Version, output: Path, as_json: b
     )
 
 
-@click.command(
+@cli.command(
     short_help="Write a bare-metal Cortex-M4F project around a build.",
     epilog=example("codegen firmware --build generated/4ws2 -o fw --run"),
 )
@@ -369,6 +369,3 @@ def _failure(ran: ImageRun) -> str:
     if ran.different:
         return f"{ran.different} of {ran.compared} frames differ from the SIL's, first in {ran.first_difference}{ended}"
     return f"all frames equal the SIL's, but the run failed: {ran.message}, exit code {ran.exit_code}"
-
-
-COMMANDS = (import_, a2l, firmware, fmu)

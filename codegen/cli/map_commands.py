@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option
+from codegen.cli.base import cli, example, json_option
 from codegen.cli.options import (
     Quantity,
     case_names,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from codegen.ecu_map.placement import Request
 
 
-@click.command(short_help="Create DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
+@cli.command(short_help="Create DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
 @click.argument("folder", metavar="DIR", type=folder_to_write)
 @click.option(
     "--preset",
@@ -49,7 +49,7 @@ def init(folder: Path, preset: str) -> None:
     console.say(f"{path}: the paper's vehicle, to edit; next: codegen solve --config {path} --case 4ws-2 -o 4ws2.npz{then}")
 
 
-@click.command(
+@cli.command(
     short_help="Solve one case and write the map.", epilog=example("codegen solve --config ars.toml --case 4ws-2 -o 4ws2.npz")
 )
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the paper's preset.")
@@ -109,7 +109,7 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
     console.say(*(f"map: {line}" for line in facts.lines()))
 
 
-@click.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))
+@cli.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))
 @click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
 @click.option("-o", "--output", type=folder_to_write, metavar="DIR", help="By default generated/<name of the map>.")
@@ -212,7 +212,7 @@ def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: st
     )
 
 
-@click.command(short_help="Reproduce the paper's tables and plots.", epilog=example("codegen paper -o build"))
+@cli.command(short_help="Reproduce the paper's tables and plots.", epilog=example("codegen paper -o build"))
 @click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Folder for maps, C, plots and runs.")
 @json_option
 def paper(output: Path, as_json: bool) -> None:
@@ -237,6 +237,3 @@ def _numbers(text: str, place: str) -> list[float]:
             what = f"{word.strip()!r} is not a number" if word.strip() else "a number is missing between commas or at an end"
             raise CodegenError(what, where=place, remedy="separate numbers by commas, such as 0.5,0.9") from None
     return numbers
-
-
-COMMANDS = (init, solve, build, paper)

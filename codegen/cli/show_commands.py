@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option
+from codegen.cli.base import cli, example, json_option
 from codegen.cli.options import (
     build_folder,
     configuration_file,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 SHOW_EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --against nonlinear.npz --plot difference.png"
 
 
-@click.command(short_help="Print the contents of a map, or plot it.", epilog=example(SHOW_EXAMPLE))
+@cli.command(short_help="Print the contents of a map, or plot it.", epilog=example(SHOW_EXAMPLE))
 @click.argument("map_path", metavar="MAP.npz", type=map_file)
 @click.option(
     "--plot", "plot", type=picture_to_write, metavar="PNG", help="Also draw it: the map, both maps, or error against flash."
@@ -183,7 +183,7 @@ REPORT_EXAMPLE = (
 )
 
 
-@click.command(short_help="Write an HTML report of a map, a build and its runs.", epilog=example(REPORT_EXAMPLE))
+@cli.command(short_help="Write an HTML report of a map, a build and its runs.", epilog=example(REPORT_EXAMPLE))
 @click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
 @click.option(
     "--compare",
@@ -249,7 +249,7 @@ def report(
     console.say(f"{output}: {len(made)} sections, {len(charts)} charts, {len(content) / 1e6:.1f} MB; open it in a browser")
 
 
-@click.command(
+@cli.command(
     short_help="Change settings on a local web page; see map and margins.", epilog=example("codegen explore --map 4ws2.npz")
 )
 @click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz", help="A map made by codegen solve.")
@@ -356,6 +356,3 @@ def _show(page: Path) -> bool:
 
     screen = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     return bool(screen) and webbrowser.open(page.as_uri())
-
-
-COMMANDS = (show, report, explore)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, note_edited
+from codegen.cli.base import cli, example, note_edited
 from codegen.cli.bench_commands import Outputs
 from codegen.cli.options import (
     OUTPUT_HELP,
@@ -230,7 +230,7 @@ class Choices(Outputs):
         return run(software, scenario, controlled=False)
 
 
-@click.command(
+@cli.command(
     short_help="Run the generated C in closed loop.",
     epilog=example(
         "codegen sil --build generated/4ws2 --plot run.png\n  codegen sil --suite tracking\n  codegen sil --suite cars"
@@ -366,6 +366,3 @@ def _baselines(chosen: Choices, software: Software, scenario: Scenario) -> dict[
         comparison = of_folder(chosen.build_path).comparison(steps)
     console.note(*comparison.notes)
     return {each.name: chosen.drive(each.around(software.config), scenario)[0] for each in comparison.baselines}
-
-
-COMMANDS = (sil,)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option, note_edited
+from codegen.cli.base import cli, example, json_option, note_edited
 from codegen.cli.options import configuration_file, folder_to_write, picture_to_write, run_to_write
 from codegen.errors import CodegenError
 from codegen.files import write_atomically
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 EXAMPLE = "codegen sweep --spec sweep.toml -o campaign\n  codegen sweep --spec sweep.toml --replay 4711 --plot run.png"
 
 
-@click.command(short_help="Simulate thousands of cars, roads and manoeuvres.", epilog=example(EXAMPLE))
+@cli.command(short_help="Simulate thousands of cars, roads and manoeuvres.", epilog=example(EXAMPLE))
 @click.option("--spec", "spec_path", required=True, type=configuration_file, metavar="TOML", help="What varies; see the guide.")
 @click.option(
     "-o",
@@ -187,6 +187,3 @@ def _figure(plan: Plan, found: Replayed, run: int) -> Any:
     )
     shown = replace(scenario, settings=settings, steer_time=found.profile.steer_time)
     return scenario_figure(shown, plan.config, found.records, f"run {run}, {found.controller}", factors_of(found.row))
-
-
-COMMANDS = (sweep,)

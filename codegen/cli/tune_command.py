@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option
+from codegen.cli.base import cli, example, json_option
 from codegen.cli.options import configuration_file, map_file, map_to_write
 from codegen.errors import ConfigError, MapError, within
 from codegen.text_table import text_table
@@ -60,7 +60,7 @@ def _table(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str
     return text_table(tuple(columns), [[text.format(**row) for text in columns.values()] for row in rows])
 
 
-@click.command(short_help="Design the gains of a map's controller.", epilog=example("codegen tune --map map.npz -o map.npz"))
+@cli.command(short_help="Design the gains of a map's controller.", epilog=example("codegen tune --map map.npz -o map.npz"))
 @click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
 @click.option(
@@ -291,6 +291,3 @@ def _print_fail_safe(found: FailSafeRate) -> None:
     before = first.rate_deg_s
     changed = "" if found.rate_deg_s == before else f" instead of {before:g}"
     console.say(f"controller.fail_safe.rate_deg_s: {found.rate_deg_s:g}{changed}")
-
-
-COMMANDS = (tune,)

@@ -53,11 +53,11 @@ from pathlib import Path
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option
+from codegen.cli.base import cli, example, json_option
 from codegen.cli.options import build_option, csv_to_write
 
 
-@click.command(
+@cli.command(
     short_help="Write the parameters of a build as CSV.",
     epilog=example("codegen parameters --build generated/4ws2 -o parameters.csv"),
 )
@@ -78,22 +78,17 @@ def parameters(build_path: Path, output: Path, as_json: bool) -> None:
         console.print_json({"csv": str(output), "parameters": count})
         return
     console.say(f"{output}: {count} parameters")
-
-
-COMMANDS = (parameters,)
 '''
 
 SYNOPSIS = "codegen parameters --build DIR -o CSV               name, value, range and unit of each parameter of a build\n"
 
 IMPORTED = "    exchange_commands,\n    map_commands,\n    parameters_command,"
-LISTED = "    sweep_command,\n    parameters_command,\n    completion,\n)"
 
 
 def test_an_export_touches_at_most_four_files(tree: Copy) -> None:
     tree.add("codegen/export/parameter_table.py", EXPORT)
     tree.add("codegen/cli/parameters_command.py", COMMAND)
     tree.replace("codegen/cli/commands.py", "    exchange_commands,\n    map_commands,", IMPORTED)
-    tree.replace("codegen/cli/commands.py", "    sweep_command,\n    completion,\n)", LISTED)
     tree.replace("docs/interface.md", "codegen verify DIR [--quick]", f"{SYNOPSIS}codegen verify DIR [--quick]")
 
     build, output = ROOT / "generated" / "4ws2", tree.root / "parameters.csv"
