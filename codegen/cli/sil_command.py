@@ -87,14 +87,6 @@ class SuiteOutputs:
         return written
 
 
-def check_suite(suite: str) -> None:
-    """Raise CodegenError for an unknown suite."""
-    if suite not in SUITES:
-        raise CodegenError(
-            f"there is no suite {suite!r}", where="--suite", remedy=f"known: {', '.join(SUITES)}{suggestion(suite, SUITES)}"
-        )
-
-
 def _limits(path: Path | None) -> Limits:
     """Return the limits of a file, or the defaults. Raises CodegenError."""
     from hil_sim.suite import limits
@@ -291,7 +283,9 @@ def sil(context: click.Context, /, suite: str | None, cars: int | None, limits_p
     if limits_path is not None and suite is None:
         raise CodegenError("limits belong to a suite", where="--limits", remedy="add --suite tracking or --suite cars")
     if suite is not None:
-        check_suite(suite)
+        if suite not in SUITES:
+            remedy = f"known: {', '.join(SUITES)}{suggestion(suite, SUITES)}"
+            raise CodegenError(f"there is no suite {suite!r}", where="--suite", remedy=remedy)
         seeded = context.get_parameter_source("seed") is click.core.ParameterSource.COMMANDLINE
         _refuse_with_suite(context, "seed" if suite == "cars" else "")
         if len(given["files"]) > 1:

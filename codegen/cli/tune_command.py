@@ -112,8 +112,9 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
         responses = {
             "responses": [{**dataclasses.asdict(one), "is_met": one.is_met} for one in tuned.responses],
             "response_ahead_s": config.controller.tracking.response_ahead_s,
+            **({} if tuned.fail_safe is None else {"fail_safe": dataclasses.asdict(tuned.fail_safe)}),
         }
-        console.print_json({**facts, **_to_dict(config, made, least), **responses, **_fail_safe_facts(tuned), **trim})
+        console.print_json({**facts, **_to_dict(config, made, least), **responses, **trim})
         return
     console.note(*chosen.notes)
     console.warn(*warnings)
@@ -264,12 +265,6 @@ def _print_responses(responses: Sequence[Response], ahead: float) -> None:
     missed = [f"{one.speed_km_h:g}" for one in responses if not one.is_met]
     if missed:
         console.note(f"around {', '.join(missed)} km/h no lead and response gain keep both limits; the nearest ones are used")
-
-
-def _fail_safe_facts(made: Tuned) -> dict[str, Any]:
-    """Return the facts about the rate of the fail-safe; none for a map that was not solved."""
-    found = made.fail_safe
-    return {} if found is None else {"fail_safe": dataclasses.asdict(found)}
 
 
 def _print_fail_safe(found: FailSafeRate) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -31,8 +31,8 @@ from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import family_warnings
 from codegen.plausibility.car import car_warnings
 from codegen.report.html import blocks
-from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
-from codegen.report.style import GREY, phase_lines
+from codegen.report.map_plots import binding_colours
+from codegen.report.style import phase_lines
 from codegen.units import KM_H
 from hil_sim import manoeuvres
 from hil_sim.manoeuvres import Settings
@@ -55,12 +55,6 @@ def numbers(values: npt.ArrayLike, digits: int = 4) -> list[float | None]:
     """Return a rounded list for JSON; None for values that are not finite."""
     array = np.round(np.asarray(values, dtype=np.float64), digits)
     return [value if math.isfinite(value) else None for value in array.tolist()]
-
-
-def binding_colours(known: Sequence[int]) -> list[str]:
-    """Return the colours of sets of binding constraints, as in the report. New sets do not change the colours of others."""
-    others = iter(OTHER_COLOURS)
-    return [BINDING_COLOURS.get(flags) or next(others, GREY) for flags in known]
 
 
 def map_data(reference_map: ReferenceMap, known: list[int]) -> Data:

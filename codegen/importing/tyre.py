@@ -115,18 +115,10 @@ def import_tyres(paths: Sequence[Path], config_path: Path, peak: Peak = "file") 
         text = replace_values(text, f"tyre.{axle}", numbers, {FACTOR_KEY: STIFFNESS_KEY}, remark)
     made = _checked(text, sources)
     tyres = AxleTyres.from_config(made)
+    of_axles = (("front", tyres.front, tyres.front_slip_bound), ("rear", tyres.rear, tyres.rear_slip_bound))
     axles = tuple(
-        _axle(axle, source, formula, curve, tyre, bound, numbers)
-        for axle, source, formula, curve, tyre, bound, numbers in zip(
-            AXLES,
-            sources,
-            formulas,
-            curves,
-            (tyres.front, tyres.rear),
-            (tyres.front_slip_bound, tyres.rear_slip_bound),
-            values,
-            strict=True,
-        )
+        _axle(*of_axle, source, formula, curve, numbers)
+        for of_axle, source, formula, curve, numbers in zip(of_axles, sources, formulas, curves, values, strict=True)
     )
     return TyreImport(text, axles, tuple(_notes(axles, config, peak)))
 
@@ -195,11 +187,11 @@ def _checked(text: str, sources: Sequence[Source]) -> Config:
 
 def _axle(
     axle: str,
+    tyre: MagicFormulaTyre,
+    slip_bound: float,
     source: Source,
     formula: LateralFormula,
     curve: Curve,
-    tyre: MagicFormulaTyre,
-    slip_bound: float,
     values: dict[str, float],
 ) -> AxleImport:
     load = tyre.static_load

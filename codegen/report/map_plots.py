@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -54,6 +54,12 @@ BINDING_COLOURS = {
 }
 OTHER_COLOURS = ("#999933", "#882255", "#44AA99", "#332288", "#DDCC77")
 """Colours of constraint sets without a colour of their own (P. Tol's muted scheme). Still rarer sets share grey."""
+
+
+def binding_colours(known: Sequence[int]) -> list[str]:
+    """Return the colours of sets of binding constraints. More sets at the end do not change the colours of the first."""
+    others = iter(OTHER_COLOURS)
+    return [BINDING_COLOURS.get(flags) or next(others, GREY) for flags in known]
 
 
 def map_figure(reference_map: ReferenceMap, title: str) -> Figure:

@@ -119,14 +119,9 @@ def _common(variable: Variable, reference: str) -> Attributes:
     if variable.description:
         found["description"] = variable.description
     found["causality"] = _CAUSALITY[variable.role]
-    found["variability"] = _variability(variable)
+    own = variable.role in ("fixed", "tunable")
+    found["variability"] = variable.role if own else "continuous" if variable.continuous else "discrete"
     return found
-
-
-def _variability(variable: Variable) -> str:
-    if variable.role in ("fixed", "tunable"):
-        return variable.role
-    return "continuous" if variable.continuous else "discrete"
 
 
 def _of_type(variable: Variable) -> Attributes:

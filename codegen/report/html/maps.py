@@ -30,8 +30,8 @@ from codegen.report.html.blocks import (
     scale_of,
     small,
 )
-from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
-from codegen.report.style import BLACK, GREY, QUANTITIES, SKY, VERMILION, WHITE, Quantity, phase_lines
+from codegen.report.map_plots import binding_colours
+from codegen.report.style import BLACK, QUANTITIES, SKY, VERMILION, WHITE, Quantity, phase_lines
 from codegen.report.summary import tyre_note
 from codegen.units import KM_H
 
@@ -142,10 +142,8 @@ def _phase_traces(one: ReferenceMap) -> list[dict[str, Any]]:
 
 def _binding(one: NamedMap, active: npt.NDArray[np.uint8]) -> Chart:
     found, count = np.unique(active[one.map.feasible], return_counts=True)
-    others = iter(OTHER_COLOURS)
     flags = found[np.argsort(-count, kind="stable")].tolist()
-    names = [binding_text(flag) for flag in flags]
-    colours = [BINDING_COLOURS.get(flag) or next(others, GREY) for flag in flags]
+    names, colours = [binding_text(flag) for flag in flags], binding_colours(flags)
     index = np.zeros(256, dtype=np.uint8)
     index[flags] = np.arange(len(flags))
     codes = np.where(one.map.feasible, index[active], 0).astype(np.uint8)
