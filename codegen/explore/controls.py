@@ -12,8 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from pydantic import BaseModel
-
 from codegen.configuration import Config, parse
 from codegen.configuration.section import Range
 from codegen.errors import CodegenError, ConfigError
@@ -165,26 +163,15 @@ def _started(control: Control, config: Config, case: str) -> Control:
     if control.group == "step" or control.key in SCALES:
         return control
     path = ("cases", case, WEIGHT_KEY) if control.key == LAMBDA else tuple(control.key.split("."))
-    value: Any = config
-    for part in path:
-        value = value[part] if isinstance(value, dict) else getattr(value, part)
-    return _with_value(replace(control, bounds=_bounds(config, path)), float(value))
-
-
-def _with_value(control: Control, value: float) -> Control:
-    """Extend the slider to its start value. A logarithmic slider has an extra stop for zero."""
-    low = control.low if control.logarithmic and value == 0.0 else min(control.low, value)
-    return replace(control, value=value, low=low, high=max(control.high, value))
-
-
-def _bounds(config: Config, path: tuple[str, ...]) -> tuple[float, float]:
-    """Return the range that the configuration's model accepts for a key."""
     section: Any = config
     for part in path[:-1]:
         section = section[part] if isinstance(section, dict) else getattr(section, part)
-    assert isinstance(section, BaseModel)
-    found = [each for each in type(section).model_fields[path[-1]].metadata if isinstance(each, Range)]
-    return found[0].low, found[0].high
+    accepted = next(each for each in type(section).model_fields[path[-1]].metadata if isinstance(each, Range))
+    value = float(getattr(section, path[-1]))
+    # The slider reaches to its start value. A logarithmic one has an extra stop for zero.
+    low = control.low if control.logarithmic and value == 0.0 else min(control.low, value)
+    bounds = (accepted.low, accepted.high)
+    return replace(control, bounds=bounds, value=value, low=low, high=max(control.high, value))
 
 
 def checked(controls: tuple[Control, ...], given: object) -> dict[str, float]:
