@@ -265,11 +265,6 @@ def _referenced(entry: Any, attribute: str) -> Any:
     return entry.get_DIE_from_attribute(attribute) if attribute in entry.attributes else None
 
 
-def _stripped(ctype: Any) -> Any:
-    *_, last = aliases(ctype)
-    return last
-
-
 ALIASES_MAX = 100
 LENGTH_MAX = 100_000
 """Largest array of tasks; a larger one indicates a damaged file."""
@@ -297,7 +292,7 @@ def _dimensions(ctype: Any) -> tuple[list[int], Any]:
     """
     lengths: list[int] = []
     for _ in range(ALIASES_MAX):
-        ctype = _stripped(ctype)
+        *_, ctype = aliases(ctype)
         if ctype.tag != "DW_TAG_array_type":
             return lengths, ctype
         lengths += _lengths(ctype)

@@ -196,7 +196,10 @@ def _axle(
 ) -> AxleImport:
     load = tyre.static_load
     at_peak = _slip_at_peak(curve)
-    lighter, heavier = (_stiffness_ratio(formula, tyre, share * load) - 1.0 for share in (0.7, 1.3))
+    lighter, heavier = (
+        tyre.stiffness_factor * tyre.shape_factor * tyre.peak(other, tyre.nominal_friction) / formula.at(other).stiffness - 1.0
+        for other in (0.7 * load, 1.3 * load)
+    )
     return AxleImport(
         axle=axle,
         file=source.name,
@@ -235,11 +238,6 @@ def _worst(curve: Curve, tyre: MagicFormulaTyre, slip_max: float) -> float:
     """Return the largest difference as a fraction of the file's peak."""
     slips = np.linspace(0.0, slip_max, 1001)
     return float(np.max(np.abs(tyre.force(slips) - curve.force(slips))) / curve.peak)
-
-
-def _stiffness_ratio(formula: LateralFormula, tyre: MagicFormulaTyre, load: float) -> float:
-    own = tyre.stiffness_factor * tyre.shape_factor * tyre.peak(load, tyre.nominal_friction)
-    return own / formula.at(load).stiffness
 
 
 def _notes(axles: Sequence[AxleImport], config: Config, peak: Peak) -> list[str]:

@@ -222,7 +222,8 @@ def run_figure(
     spun = {name: until_spin(run) for name, run in runs.items()}
     window = run_window(spun) if window is None else window
     status = {name: run for name, run in spun.items() if _has_incident(name, run, window)}
-    signals = [*SIGNALS, *([SPEED_SIGNAL] if any(_speed_varies(run) for run in spun.values()) else [])]
+    varies = any(np.ptp(column(run, "speed_m_s")) > SPEED_HELD / KM_H for run in spun.values())
+    signals = [*SIGNALS, *([SPEED_SIGNAL] if varies else [])]
     heights = [1.5, *[1.0] * (len(signals) - 1), *([0.12 + 0.16 * len(status)] if status else [])]
     with style():
         figure = new_figure(7.2, 1.6 * sum(heights) + 0.9)
@@ -249,10 +250,6 @@ def run_figure(
 def heading(title: str) -> str:
     """Return a title of one or more lines, each unchanged."""
     return "\n".join(plain(line) for line in title.split("\n"))
-
-
-def _speed_varies(run: FloatArray) -> bool:
-    return bool(np.ptp(column(run, "speed_m_s")) > SPEED_HELD / KM_H)
 
 
 def _draw_spins(

@@ -165,7 +165,8 @@ def friction_figure(result: SuiteResult) -> Figure:
         limit = _draw_sideslip_limits(panels[1], result)
         figure.align_ylabels(panels)
         figure.suptitle(FRICTION_TITLE)
-        handles = [*_bar_handles(result), *limit]
+        looks = lines_of(result).items()
+        handles = [*(patch_handle(color=_bar_colour(look), label=plain(name)) for name, look in looks), *limit]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
 
@@ -212,10 +213,6 @@ def road_ticks(result: SuiteResult, ends: Iterable[str]) -> tuple[range, list[st
 
 def _bar_colour(look: Mapping[str, Any]) -> str:
     return GREY if look["color"] == BLACK else str(look["color"])
-
-
-def _bar_handles(result: SuiteResult) -> list[Any]:
-    return [patch_handle(color=_bar_colour(look), label=plain(name)) for name, look in lines_of(result).items()]
 
 
 def figures(result: SuiteResult) -> dict[str, Figure]:

@@ -83,7 +83,9 @@ def read(request: Request) -> Read:
     chosen = choose_config(one, None)
     config, notes = chosen.config, list(chosen.notes)
     if request.build is not None:  # it defines the car, even for a bare map
-        config = _config_of(request.build)
+        manifest = read_build(request.build)
+        with within(request.build):
+            config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
         notes = _differences(request, config, one.config)
     others: list[NamedMap] = []
     for path in request.compare:
@@ -148,12 +150,6 @@ def _linear_regions(loops: Mapping[str, Config]) -> dict[str, Region]:
     """Return the stable regions of the linearised loops that have feedback."""
     found = {name: region(config) for name, config in loops.items()}
     return {name: linear for name, linear in found.items() if linear is not None}
-
-
-def _config_of(build: Path) -> Config:
-    manifest = read_build(build)
-    with within(build):
-        return configuration.parse(manifest["configuration"], "manifest.json: configuration")
 
 
 def _is_built_from(request: Request) -> bool:

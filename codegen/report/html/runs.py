@@ -116,7 +116,8 @@ def run_chart(
     data: list[dict[str, Any]] = []
     shapes: list[dict[str, Any]] = []
     limits = _limits(config)
-    panels = [panel for panel in panels if panel is not SPEED_PANEL or not _is_held(runs)]
+    is_held = all(np.ptp(column(record, "speed_m_s")) <= SPEED_HELD / KM_H for record in runs.values())
+    panels = [panel for panel in panels if panel is not SPEED_PANEL or not is_held]
     height = (1.0 - GAP * (len(panels) - 1)) / len(panels)
     for row, panel in enumerate(panels):
         name = "y" if row == 0 else f"y{row + 1}"
@@ -150,10 +151,6 @@ def run_chart(
     caption = f"{title}.{dashed}{dotted}{status}"
     spoken = f"Signals over time of the runs {', '.join(runs)}: {title}."
     return Chart("runs", {"data": data, "layout": look}, caption, spoken, 940)
-
-
-def _is_held(runs: Mapping[str, FloatArray]) -> bool:
-    return all(float(np.ptp(column(record, "speed_m_s"))) <= SPEED_HELD / KM_H for record in runs.values())
 
 
 def _lines(
