@@ -10,19 +10,22 @@ from collections.abc import Iterator
 from typing import Any, Protocol, TextIO
 
 
-def say(text: str) -> None:
-    """Print a line of a result on standard output."""
-    print(text)
+def say(*lines: str) -> None:
+    """Print lines of a result on standard output."""
+    for text in lines:
+        print(text)
 
 
-def note(text: str) -> None:
-    """Print a note on standard error."""
-    print(f"note: {text}", file=sys.stderr)
+def note(*texts: str) -> None:
+    """Print notes on standard error."""
+    for text in texts:
+        print(f"note: {text}", file=sys.stderr)
 
 
-def warn(text: str) -> None:
-    """Print a warning on standard error."""
-    print(f"warning: {text}", file=sys.stderr)
+def warn(*texts: str) -> None:
+    """Print warnings on standard error."""
+    for text in texts:
+        print(f"warning: {text}", file=sys.stderr)
 
 
 def print_json(data: Any) -> None:

@@ -32,13 +32,10 @@ from codegen.optimum.nonlinear import slip_use  # noqa: E402
 from codegen.optimum.problem import SteadyTurnProblem  # noqa: E402
 from codegen.optimum.solve import solve_case  # noqa: E402
 from codegen.report import style as look  # noqa: E402
-from codegen.report.plots import (  # noqa: E402
-    front_angle_cut_figure,
-    map_difference_figure,
-    map_figure,
-    run_figure,
-    tyre_figure,
-)
+from codegen.report.map_difference import map_difference_figure  # noqa: E402
+from codegen.report.map_plots import front_angle_cut_figure, map_figure  # noqa: E402
+from codegen.report.run_plots import run_figure  # noqa: E402
+from codegen.report.tyre_plots import tyre_figure  # noqa: E402
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -21,7 +21,7 @@ from codegen.configuration import preset, preset_text
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
 from codegen.export import runs as exported
-from codegen.export.a2l.elf import Elf
+from codegen.export.elf import Elf
 from codegen.importing.maps import Choices, import_map
 from codegen.importing.tyre import import_tyres
 from codegen.map_file import map as npz

@@ -1,8 +1,16 @@
-"""The command group, and helpers that its commands share."""
+"""The command group with its version, and helpers that its commands share."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
 import click
+
+from codegen import __version__, console
+
+PACKAGES = ("casadi", "numpy", "cffi", "python-can")
+"""Packages whose version can change a result."""
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 
@@ -12,12 +20,38 @@ def example(text: str) -> str:
     return f"\b\nExample:\n  {text}"
 
 
+def note_edited(build: Path, edited: Sequence[str], *, quiet: bool = False) -> None:
+    """Warn about generated files that were edited."""
+    for path in () if quiet else edited:
+        console.note(f"{build / path} was changed after the build; the changed file is used")
+
+
+def _version_lines() -> Iterator[str]:
+    """Yield the version of codegen, then those of its environment, from the metadata of packages that are not imported."""
+    import platform
+    from importlib.metadata import PackageNotFoundError, version
+
+    from codegen.errors import BuildError
+    from codegen.sil.toolchain import compiler_command, compiler_identity
+
+    yield f"codegen, version {__version__}"
+    yield f"Python {platform.python_version()}"
+    for name in PACKAGES:
+        try:
+            yield f"{name} {version(name)}"
+        except PackageNotFoundError:
+            yield f"{name}: not installed"
+    try:
+        yield f"C compiler: {compiler_identity(compiler_command(), ())[0]}"
+    except BuildError as error:
+        yield f"C compiler: {error}"
+    yield f"platform: {platform.system()} {platform.machine()}"
+
+
 def _version(context: click.Context, parameter: click.Parameter, wanted: bool) -> None:
     del parameter
     if wanted and not context.resilient_parsing:
-        from codegen.cli.version import lines
-
-        for line in lines():
+        for line in _version_lines():
             click.echo(line)
         context.exit()
 

@@ -1,10 +1,12 @@
-"""Commands that run the generated C on a bus, and their common options."""
+"""Commands that run the generated C on a bus, and the output of runs: lines or JSON, a plot, a recording."""
 
 from __future__ import annotations
 
 import os
 import signal
 import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -13,44 +15,172 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option
-from codegen.cli.run_options import build_option, bus_option, clock_option, run_options, with_clocks, xcp_option
-from codegen.cli.sil_command import sil
-from codegen.cli.values import bus_names, configuration_file
+from codegen.cli.base import cli, example, json_option, note_edited
+from codegen.cli.options import (
+    build_option,
+    bus_names,
+    bus_option,
+    clock_option,
+    configuration_file,
+    run_options,
+    with_clocks,
+    xcp_option,
+)
 from codegen.errors import CheckFailed, CodegenError
+from codegen.files import resolved
+from codegen.text_table import text_table
 
 if TYPE_CHECKING:
-    from codegen.cli.bench_report import Outputs
+    import numpy as np
+    import numpy.typing as npt
+
     from codegen.configuration import Config
+    from hil_sim.bench import BenchResult, Cycle, Observer
+    from hil_sim.metrics.run import LookUp
+    from hil_sim.metrics.verdict import Covers
+    from hil_sim.scenarios import Scenario
+    from hil_sim.session import Setup
+
+    Runs = Mapping[str, npt.NDArray[np.float64]]
     from codegen.emit.text import Precision
     from hil_sim.bus import BusAddress
-    from hil_sim.session import EcuKind, Setup
+    from hil_sim.session import EcuKind
 
 
-@dataclass(frozen=True)
-class Choices:
-    """Options of a run on a bus."""
+@dataclass(frozen=True, kw_only=True)
+class Outputs:
+    """Output paths of the results, and the options that all runs share."""
 
-    bus: str
     scenario: str
-    lock_step: bool
     drift_ppm: float | None
     jitter_ms: float | None
     sensors: bool
     seed: int
-    log: Path | None
     plot: Path | None
     csv: Path | None
+    log: Path | None = None
     files: tuple[Path, ...]
     as_json: bool
 
-    def outputs(self, *inputs: Path | None) -> Outputs:
-        """Return the output files after checking that each can be written. `inputs`: files that the command reads."""
-        from codegen.cli.bench_report import Outputs
+    def check(self, *inputs: Path | None) -> None:
+        """Reject outputs that cannot be written, before anything runs. Raises CodegenError.
 
-        outputs = Outputs(self.plot, self.csv, self.log, self.files, self.as_json)
-        outputs.check((*inputs, Path(self.scenario)))
-        return outputs
+        Args:
+            inputs: files that the command reads besides the scenario.
+        """
+        from codegen.emit.outputs import check_output
+        from codegen.export.runs import check_formats
+
+        inputs = (*inputs, Path(self.scenario))
+        check_formats(self.files)
+        for path in self.files:
+            check_output(path, path.suffix.lower(), inputs)
+        check_output(self.plot, ".png", inputs)
+        check_output(self.csv, ".csv", inputs)
+        if self.log is not None:
+            from hil_sim.logs import BusLog
+
+            BusLog(self.log)  # checks the extension
+            check_output(self.log, self.log.suffix.lower(), inputs)
+        seen: set[Path] = set()
+        for output in filter(None, (self.plot, self.csv, self.log, *self.files)):
+            target = resolved(output)
+            if target in seen:
+                raise CodegenError("it would be written twice", where=output, remedy="name each file once")
+            seen.add(target)
+
+    @property
+    def written(self) -> dict[str, list[str]]:
+        """Return the files by kind, for JSON; kinds without a file are omitted."""
+        kinds = {"plot": (self.plot,), "recording": (self.csv, *self.files), "log": (self.log,)}
+        named = {kind: [str(path) for path in paths if path is not None] for kind, paths in kinds.items()}
+        return {kind: paths for kind, paths in named.items() if paths}
+
+    def tell(
+        self,
+        title: str,
+        config: Config,
+        scenario: Scenario,
+        runs: Runs,
+        result: BenchResult | None,
+        facts: Mapping[str, Any],
+        ecu_counters: str = "",
+        look_up: LookUp | None = None,
+        covers: Covers | None = None,
+    ) -> None:
+        """Write the outputs of a run and print its results.
+
+        Args:
+            result: bus statistics of a run through frames; None for other runs.
+            look_up, covers: lookup and coverage of the controller's map; None if unknown.
+        """
+        from codegen.export import runs as exported
+        from codegen.report.bus_tables import bus_facts, bus_lines
+        from codegen.report.scenario_plots import scenario_figure
+        from codegen.report.style import save
+        from codegen.report.summary import metric_rows
+        from hil_sim.logs import save_csv
+        from hil_sim.metrics import Run, evaluate, verdict
+
+        evaluation, period = evaluate(scenario, config, runs, look_up), config.controller.sampling_time_s
+        controlled = next(iter(evaluation.runs.values()))
+        driven = Run(next(iter(runs.values())), scenario, config, look_up)
+        judged = verdict(driven, controlled.metrics, controlled.spun_at, covers)
+        with console.status("writing") if self.written else nullcontext():
+            if self.csv is not None:
+                save_csv(runs["controlled"], self.csv)
+            for path in self.files:
+                exported.save(runs["controlled"], path, scenario.title)
+            if self.plot is not None:
+                save(scenario_figure(scenario, config, runs, title, look_up=look_up), self.plot)
+        if self.as_json:
+            bus = {} if result is None else {"bus_figures": bus_facts(result, period), "ecu_counters": ecu_counters or None}
+            console.print_json({**facts, "metrics": evaluation.to_dict(), "verdict": judged, **bus, "files": self.written})
+            return
+        console.say(f"{title}: {scenario.title}")
+        if facts.get("sensors", "ideal") != "ideal":
+            console.say(f"measured by the sensors of the configuration, {facts['sensors']}")
+        console.say(text_table(("", *evaluation.runs), metric_rows(evaluation)))
+        console.say(judged)
+        if result is not None:
+            if not result.received["commands"]:
+                console.note("no ECU sent a command; the rear wheels did not move")
+            console.say("")
+            console.say(*bus_lines(result, period))
+            if ecu_counters:
+                console.say(f"ECU: {ecu_counters}")
+        for kind, names in self.written.items():
+            for name in names:
+                console.say(f"{kind}: {name}")
+
+
+@contextmanager
+def live_view(setup: Setup, kind: str, *, quiet: bool) -> Iterator[Observer | None]:
+    """Show a live view on the terminal during a run. Yields the observer that the bench calls once a cycle."""
+    from codegen.report.live import LiveSample, LiveView
+
+    if quiet:
+        with console.status(f"{setup.scenario.title}, {setup.clock}"):
+            yield None
+        return
+    duration = setup.scenario.duration
+    with LiveView(setup.scenario.title, str(setup.address), kind, setup.clock) as view:
+
+        def observe(cycle: Cycle) -> None:
+            time, _, _, yaw_rate, reference, sideslip, _, commanded, achieved, _, _, status = cycle.row
+            diagnostics = 0 if cycle.command is None else cycle.command.diagnostics
+            motion = (time, duration, yaw_rate, reference, sideslip, commanded, achieved)
+            view.update(LiveSample(*motion, int(status), diagnostics, cycle.duration, cycle.without_command, cycle.late))
+
+        yield observe
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choices(Outputs):
+    """Options of a run on a bus."""
+
+    bus: str
+    lock_step: bool
 
     def setup(self, config: Config, precision: Precision = "single", dbc: bytes | None = None) -> Setup:
         """Return the settings of a run for a car."""
@@ -71,7 +201,7 @@ class Choices:
         )
 
 
-@click.command(
+@cli.command(
     short_help="Run the generated C as an ECU on a CAN bus.",
     epilog=example("codegen hil --build generated/4ws2 --bus socketcan:vcan0 --ecu native --log run.blf"),
 )
@@ -90,12 +220,12 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
 
     The ECU is started and stopped here, unless it is external. The passive car is simulated for comparison.
     """
-    from codegen.cli.bench_report import live_view, note_edited
     from hil_sim.session import BuildFacts, check_xcp, passive, run_hil
 
     check_xcp(kind, xcp=xcp)
     chosen = Choices(**given)
-    outputs, facts = chosen.outputs(), BuildFacts.read(build_path)
+    chosen.check()
+    facts = BuildFacts.read(build_path)
     setup = chosen.setup(facts.config, facts.precision, facts.dbc)
     note_edited(build_path, facts.edited, quiet=chosen.as_json)
     with live_view(setup, kind, quiet=chosen.as_json) as observe:
@@ -103,10 +233,10 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
     runs = {"controlled": ran.result.record, "passive": passive(setup.config, setup.scenario)}
     title = f"{build_path} on {setup.address}, ECU {kind}, {setup.clock}"
     described = {"build": str(build_path), "ecu": kind, **setup.describe()}
-    outputs.tell(title, setup.config, setup.scenario, runs, ran.result, described, ran.ecu_counters)
+    chosen.tell(title, setup.config, setup.scenario, runs, ran.result, described, ran.ecu_counters)
 
 
-@click.command(
+@cli.command(
     short_help="Run the simulated car on a CAN bus.",
     epilog=example("codegen plant --bus socketcan:vcan0 --scenario sine-with-dwell"),
 )
@@ -114,12 +244,12 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
 @run_options
 def plant(config_path: Path | None, **given: Any) -> None:
     """Run the simulated car on a bus for any ECU: send its frames, obey the commands."""
-    from codegen.cli.bench_report import live_view
     from codegen.map_file.map import choose_config
     from hil_sim.session import passive, run_plant
 
     chosen = Choices(**given)
-    outputs, car = chosen.outputs(config_path), choose_config(None, config_path)
+    chosen.check(config_path)
+    car = choose_config(None, config_path)
     if config_path is None and not chosen.as_json:
         console.note("no --config: using the paper's preset")
     setup = chosen.setup(car.config)
@@ -127,10 +257,10 @@ def plant(config_path: Path | None, **given: Any) -> None:
         result = run_plant(setup, None, observe)
     runs = {"controlled": result.record, "passive": passive(setup.config, setup.scenario)}
     described = {"configuration": car.source, **setup.describe()}
-    outputs.tell(f"plant on {setup.address}, {setup.clock}", setup.config, setup.scenario, runs, result, described)
+    chosen.tell(f"plant on {setup.address}, {setup.clock}", setup.config, setup.scenario, runs, result, described)
 
 
-@click.command(
+@cli.command(
     short_help="Run the generated C as the ECU alone on a CAN bus.",
     epilog=example("codegen ecu --build generated/4ws2 --bus socketcan:vcan0"),
 )
@@ -191,7 +321,7 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
     print(counters_line(node), file=sys.stderr)
 
 
-@click.command(
+@cli.command(
     short_help="Inject every bus fault and check the response.",
     epilog=example("codegen faults --build generated/4ws2 --bus socketcan:vcan0 --ecu native"),
 )
@@ -208,14 +338,11 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
 def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: bool) -> None:
     """Inject every bus fault into the same turn-in. Report the diagnostics, the time to the fail-safe, the largest rear angle
     and the recovery time. On a bus, runs take real time, and delays of this machine count as additional faults."""
-    from codegen.cli.bench_report import note_edited
-    from codegen.report.fault_table import HEADER, fault_data, fault_rows
+    from codegen.report.bus_tables import HEADER, fault_data, fault_rows
     from codegen.sil.software import load
-    from codegen.text_table import text_table
-    from hil_sim.bench import BenchResult, run_through_can
+    from hil_sim.bench import run_through_can
     from hil_sim.bus import BusAddress
     from hil_sim.fault_catalogue import run_all
-    from hil_sim.scenarios import Scenario
     from hil_sim.session import BuildFacts, Setup, run_hil
 
     if bus is None and kind is not None:
@@ -242,7 +369,7 @@ def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: boo
         raise CheckFailed(f"not as defined: {', '.join(wrong)}", where=build_path, remedy="see the table")
 
 
-@click.command(short_help="List the scenarios.", epilog=example("codegen scenarios"))
+@cli.command(short_help="List the scenarios.", epilog=example("codegen scenarios"))
 @json_option
 def scenarios(as_json: bool) -> None:
     """List the built-in scenarios with their descriptions, sources and bus faults."""
@@ -260,6 +387,3 @@ def scenarios(as_json: bool) -> None:
         for fault in entry.faults:
             console.say(f"    fault: {fault}")
     console.say("\nYour own: a recorded .csv, or a .toml with base, changes and [[faults]]; see docs/interface.md.")
-
-
-COMMANDS = (sil, hil, plant, ecu, faults, scenarios)

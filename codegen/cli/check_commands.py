@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option
-from codegen.cli.values import FileType, build_folder, checked_path, configuration_file
+from codegen.cli.base import cli, example, json_option, note_edited
+from codegen.cli.options import FileType, build_folder, checked_path, configuration_file
 from codegen.errors import CheckFailed
+from codegen.files import write_atomically
 
 if TYPE_CHECKING:
+    from codegen.doctor import Finding
     from codegen.doctor.examination import Examination
-    from codegen.doctor.finding import Finding
 
 EXAMPLE = "codegen check ars.toml\n  codegen check 4ws2.npz\n  codegen check generated/4ws2"
 
 
-@click.command(short_help="Check a car, a map or a build for plausibility.", epilog=example(EXAMPLE))
+@cli.command(short_help="Check a car, a map or a build for plausibility.", epilog=example(EXAMPLE))
 @click.argument("subject", metavar="ars.toml|MAP.npz|BUILD", type=checked_path)
 @click.option(
     "--config", "config_path", type=configuration_file, help="For a map: ars.toml; by default the map's own configuration."
@@ -43,12 +44,9 @@ def check(subject: Path, config_path: Path | None, as_json: bool) -> None:
         facts: dict[str, Any] = {"subject": str(subject), "kind": found.kind}
         console.print_json({**facts, **found.facts, "notes": list(found.notes), "warnings": list(found.warnings)})
     else:
-        for line in found.lines:
-            console.say(line)
-        for text in found.notes:
-            console.note(text)
-        for text in found.warnings:
-            console.warn(text)
+        console.say(*found.lines)
+        console.note(*found.notes)
+        console.warn(*found.warnings)
     if found.warnings:
         one = len(found.warnings) == 1
         count = "1 warning" if one else f"{len(found.warnings)} warnings"
@@ -57,7 +55,7 @@ def check(subject: Path, config_path: Path | None, as_json: bool) -> None:
         console.say("no warnings")
 
 
-@click.command(epilog=example("codegen verify generated/4ws2"))
+@cli.command(epilog=example("codegen verify generated/4ws2"))
 @click.argument("build", type=build_folder, metavar="DIR")
 @click.option("--quick", is_flag=True, help="Run only the checks that finish in half a minute.")
 @click.option(
@@ -77,9 +75,7 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     tests it with faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1
     if a check fails or none can run. A check whose tool is missing is reported as not run.
     """
-    from codegen.cli.bench_report import note_edited
     from codegen.emit.outputs import check_output
-    from codegen.files import write_atomically
     from codegen.sil.software import require_can_side
     from codegen.verify import record, requirements, runner
     from codegen.verify.check import Effort, Subject, Verdict
@@ -97,8 +93,7 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     if requirements_file is not None:
         write_atomically(requirements_file, requirements.table(report.outcomes, subject.prefix))
     console.say(record.table(report))
-    for line in record.findings(report):
-        console.say(line)
+    console.say(*record.findings(report))
     if record.write(report, build):
         console.say(f"written: {build / record.JSON}, {build / record.MANUAL}")
     else:
@@ -116,7 +111,7 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
 COLOURS = {"good": "green", "missing": "yellow", "bad": "red"}
 
 
-@click.command(short_help="Check the installation and list missing optional tools.", epilog=example("codegen doctor"))
+@cli.command(short_help="Check the installation and list missing optional tools.", epilog=example("codegen doctor"))
 @json_option
 def doctor(as_json: bool) -> None:
     """Check the installation: packages, optional tools, extras that are missing, and buses, each tried with a frame.
@@ -130,8 +125,7 @@ def doctor(as_json: bool) -> None:
     if as_json:
         console.print_json(found.to_dict())
     else:
-        for line in _lines(found, coloured=console.has_colour(sys.stdout)):
-            console.say(line)
+        console.say(*_lines(found, coloured=console.has_colour(sys.stdout)))
     if found.stopping:
         names = ", ".join(finding.name for finding in found.stopping)
         raise CheckFailed(f"codegen sil cannot work: {names}", remedy=found.stopping[0].remedy)
@@ -154,6 +148,3 @@ def _of(finding: Finding, width: int, coloured: bool) -> Iterator[str]:
         yield f"{margin}for {finding.serves}"
     if finding.remedy:
         yield f"{margin}-> {finding.remedy}"
-
-
-COMMANDS = (check, verify, doctor)

@@ -1,7 +1,7 @@
-"""Shell completion: click's, with values that suit each option.
+"""Shell completion: click's, with values that suit each option, and the command that prints the script for a shell.
 
 A shell runs the command with `_CODEGEN_COMPLETE` set. The command then avoids slow imports and prints only completions.
-The value types are in `codegen.cli.values`.
+The value types are in `codegen.cli.options`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from click.shell_completion import (
     split_arg_string,
 )
 
-from codegen.cli.values import PATH
+from codegen import console
+from codegen.cli.base import cli, example
+from codegen.cli.options import PATH
 
 SHELLS = ("bash", "zsh", "fish")
 
@@ -128,3 +130,31 @@ class PathsInFish(_WholeWord, FishComplete):
 
 for shell in (PathsInBash, PathsInZsh, PathsInFish):
     add_completion_class(shell)
+
+
+PLACES = """\
+In the file that the shell reads at its start:
+
+\b
+  bash  ~/.bashrc                           eval "$(codegen completion bash)"
+  zsh   ~/.zshrc, after compinit            eval "$(codegen completion zsh)"
+  fish  ~/.config/fish/config.fish          codegen completion fish | source
+"""
+
+
+@cli.command(
+    short_help="Print the shell completion script.",
+    help=f"Print the script that makes a shell complete commands, options, files and names.\n\n{PLACES}",
+    epilog=example("codegen completion bash"),
+)
+@click.argument("shell", type=click.Choice(SHELLS))
+@click.pass_context
+def completion(context: click.Context, shell: str) -> None:
+    """Print the completion script of a shell."""
+    from click.shell_completion import get_completion_class
+
+    from codegen.cli.entry import COMPLETION, PROGRAM
+
+    chosen = get_completion_class(shell)
+    assert chosen is not None
+    console.say(chosen(context.find_root().command, {}, PROGRAM, COMPLETION).source().rstrip("\n"))

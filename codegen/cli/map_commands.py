@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option
-from codegen.cli.values import (
+from codegen.cli.base import cli, example, json_option
+from codegen.cli.options import (
     Quantity,
     case_names,
     configuration_file,
@@ -20,12 +20,13 @@ from codegen.cli.values import (
     yaw_rate_error,
 )
 from codegen.errors import CheckFailed, CodegenError, within
+from codegen.files import make_folder, write_atomically
 
 if TYPE_CHECKING:
     from codegen.ecu_map.placement import Request
 
 
-@click.command(short_help="Create DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
+@cli.command(short_help="Create DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
 @click.argument("folder", metavar="DIR", type=folder_to_write)
 @click.option(
     "--preset",
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 def init(folder: Path, preset: str) -> None:
     """Create DIR/ars.toml, the paper's vehicle with comments and units, to edit."""
     from codegen.configuration import preset_text
-    from codegen.files import make_folder, write_atomically
 
     path = folder / "ars.toml"
     if path.exists() or path.is_symlink():
@@ -49,7 +49,7 @@ def init(folder: Path, preset: str) -> None:
     console.say(f"{path}: the paper's vehicle, to edit; next: codegen solve --config {path} --case 4ws-2 -o 4ws2.npz{then}")
 
 
-@click.command(
+@cli.command(
     short_help="Solve one case and write the map.", epilog=example("codegen solve --config ars.toml --case 4ws-2 -o 4ws2.npz")
 )
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the paper's preset.")
@@ -99,19 +99,16 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
         origin = {"map": str(output), "configuration": chosen.source, "warnings": warnings}
         console.print_json({**origin, "handling": handling.to_dict(), **facts.to_dict(), **summary.to_dict()})
         return
-    for text in chosen.notes:
-        console.note(text)
+    console.note(*chosen.notes)
     if config_path is None:
         console.note("no --config: using the paper's preset")
-    for text in warnings:
-        console.warn(text)
+    console.warn(*warnings)
     console.say(f"{output}: {summary.headline}")
     console.say(f"car: {handling}")
-    for line in facts.lines():
-        console.say(f"map: {line}")
+    console.say(*(f"map: {line}" for line in facts.lines()))
 
 
-@click.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))
+@cli.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))
 @click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
 @click.option("-o", "--output", type=folder_to_write, metavar="DIR", help="By default generated/<name of the map>.")
@@ -163,8 +160,7 @@ def build(
     with console.status(f"generating the C of {map_path}"):
         prepared = prepare(map_path, config_path, output, prefix, chosen, request=request, judge=judge)
     if not as_json:
-        for text in prepared.chosen.notes:
-            console.note(text)
+        console.note(*prepared.chosen.notes)
     target, files = prepared.target, [*sorted(prepared.folder.files), "manifest.json"]
     if check:
         found = differences(prepared.folder, target)
@@ -187,8 +183,7 @@ def build(
         console.print_json({**result, "notes": list(prepared.chosen.notes), "warnings": warnings})
         return
     state = "" if changed else " (unchanged)"
-    for text in warnings:
-        console.warn(text)
+    console.warn(*warnings)
     console.say(f"{target}: {len(files)} files{state}; start with {target / 'README.md'}")
     if not manifest["limiter_cut"]["cells"]:
         console.say("limiter: it cuts nothing off the map")
@@ -216,7 +211,7 @@ def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: st
     )
 
 
-@click.command(short_help="Reproduce the paper's tables and plots.", epilog=example("codegen paper -o build"))
+@cli.command(short_help="Reproduce the paper's tables and plots.", epilog=example("codegen paper -o build"))
 @click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Folder for maps, C, plots and runs.")
 @json_option
 def paper(output: Path, as_json: bool) -> None:
@@ -228,8 +223,7 @@ def paper(output: Path, as_json: bool) -> None:
     if as_json:
         console.print_json(result.to_dict())
         return
-    for line in result.lines():
-        console.say(line)
+    console.say(*result.lines())
 
 
 def _numbers(text: str, place: str) -> list[float]:
@@ -242,6 +236,3 @@ def _numbers(text: str, place: str) -> list[float]:
             what = f"{word.strip()!r} is not a number" if word.strip() else "a number is missing between commas or at an end"
             raise CodegenError(what, where=place, remedy="separate numbers by commas, such as 0.5,0.9") from None
     return numbers
-
-
-COMMANDS = (init, solve, build, paper)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,18 +10,23 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example
-from codegen.cli.run_options import (
+from codegen.cli.base import cli, example, note_edited
+from codegen.cli.bench_commands import Outputs
+from codegen.cli.options import (
     OUTPUT_HELP,
+    FiniteRange,
+    build_folder,
+    configuration_file,
     drift_options,
+    map_file,
     output_option,
     result_options,
     scenario_option,
     sensor_options,
     with_clocks,
 )
-from codegen.cli.values import FiniteRange, build_folder, configuration_file, map_file
-from codegen.errors import CheckFailed, CodegenError
+from codegen.errors import CheckFailed, CodegenError, suggestion
+from codegen.files import make_folder, resolved
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,8 +35,146 @@ if TYPE_CHECKING:
     from codegen.sil.software import Software
     from hil_sim.bench import BenchResult
     from hil_sim.scenarios import Scenario
+    from hil_sim.suite.cars import CarsResult
+    from hil_sim.suite.requirements import Limits
+    from hil_sim.suite.tracking import SuiteResult
 
     Record = npt.NDArray[np.float64]
+
+
+SUITES = ("tracking", "cars")
+TOLD = 3
+"""Number of missed figures in the error message; the tables contain all of them."""
+
+
+@dataclass(frozen=True)
+class SuiteOutputs:
+    """Output paths: one overview picture, or a folder for all pictures."""
+
+    plot: Path | None
+    folder: Path | None
+    as_json: bool
+
+    def check(self) -> None:
+        """Reject paths that cannot be written, before anything runs. Raises CodegenError."""
+        from codegen.emit.outputs import check_output
+
+        check_output(self.plot, ".png")
+        if self.folder is None:
+            return
+        if self.folder.exists() and not self.folder.is_dir():
+            raise CodegenError("not a folder", where=self.folder, remedy="name a folder for the pictures")
+        # The folder is created when there is something to write.
+        place = self.folder if self.folder.is_dir() else resolved(self.folder).parent
+        check_output(place / "overview.png", ".png")
+
+    def draw(self, result: SuiteResult) -> list[Path]:
+        """Write the pictures and return their paths."""
+        from codegen.report import suite_plots
+        from codegen.report.style import save
+
+        if self.plot is None and self.folder is None:
+            return []
+        written = []
+        if self.plot is not None:
+            save(suite_plots.overview_figure(result), self.plot)
+            written.append(self.plot)
+        if self.folder is not None:
+            make_folder(self.folder)
+            for name, figure in suite_plots.figures(result).items():
+                save(figure, self.folder / f"{name}.png")
+                written.append(self.folder / f"{name}.png")
+        return written
+
+
+def _limits(path: Path | None) -> Limits:
+    """Return the limits of a file, or the defaults. Raises CodegenError."""
+    from hil_sim.suite import requirements
+
+    return requirements.Limits() if path is None else requirements.load(path)
+
+
+def run_cars_command(
+    count: int, seed: int | None, build_path: Path | None, outputs: SuiteOutputs, limits_path: Path | None
+) -> None:
+    """Draw cars, design and simulate a controller for each, print the results, and judge them. `seed` None: development seed.
+
+    Raises:
+        CheckFailed: a car misses a limit; everything is printed before.
+        CodegenError: an option that this suite does not support.
+    """
+    from codegen.report.suite_tables import car_failures, car_sections
+    from hil_sim.suite.cars import DEVELOPMENT_SEED, run_cars
+
+    if build_path is not None:
+        raise CodegenError("the cars of this suite have builds of their own", where="--build", remedy="leave it out")
+    if outputs.plot is not None or outputs.folder is not None:
+        where = "--output" if outputs.plot is None else "--plot"
+        raise CodegenError("this suite draws no pictures", where=where, remedy="leave it out; --json has all figures")
+    limits = _limits(limits_path)
+    with console.progress(f"{count} cars") as steps:
+        result: CarsResult = run_cars(DEVELOPMENT_SEED if seed is None else seed, count, steps, limits)
+    if outputs.as_json:
+        console.print_json(result.to_dict())
+    else:
+        _say(f"suite cars: {count} cars of seed {result.seed}", car_sections(result), ())
+    missed = car_failures(result)
+    if missed:
+        more = f"; and {len(missed) - TOLD} more" if len(missed) > TOLD else ""
+        raise CheckFailed(
+            f"{result.passed} of {count} cars meet all limits: {'; '.join(missed[:TOLD])}{more}", remedy="see the tables"
+        )
+
+
+def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_path: Path | None) -> None:
+    """Run the suite "tracking", print and draw the results, and judge them.
+
+    Raises:
+        CheckFailed: a requirement is missed; everything is printed and written before.
+        CodegenError: solving, tuning, building, compiling or writing fails.
+    """
+    from codegen.report.suite_tables import failures, sections
+    from hil_sim.suite.full_suite import run_full_suite
+    from hil_sim.suite.subjects import of_folder, recommended
+
+    outputs.check()
+    limits = _limits(limits_path)
+    candidate = recommended() if build_path is None else of_folder(build_path)
+    whole = run_full_suite(candidate, instructions_of_step, console.progress, limits)
+    result, written = whole.result, outputs.draw(whole.result)
+    missed = failures(result.requirements)
+    if outputs.as_json:
+        facts = {"build": None if build_path is None else str(build_path), "candidate": candidate.title}
+        notes = {"edited": list(whole.edited), "notes": list(whole.notes), "pictures": [str(path) for path in written]}
+        console.print_json({**facts, **result.to_dict(), **notes})
+    else:
+        _say(f"suite tracking: {candidate.title}", sections(result), written)
+        note_edited(build_path or Path(), whole.edited)
+        console.note(*whole.notes)
+    if missed:
+        more = f"; and {len(missed) - TOLD} more" if len(missed) > TOLD else ""
+        told = "1 figure misses its requirement" if len(missed) == 1 else f"{len(missed)} figures miss their requirements"
+        what = f"{told}: {'; '.join(missed[:TOLD])}{more}"
+        raise CheckFailed(what, where=build_path or "", remedy="see the first table")
+
+
+def instructions_of_step(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> int:
+    """Count the instructions of the longest step found. Raises CodegenError: see `codegen.verify.budgets.measure`."""
+    from codegen.verify.budgets.measure import measure_step
+    from codegen.verify.check import Effort, Subject
+
+    count = measure_step(Subject("the tested build", files, manifest), Effort())
+    return (count.instructions_with_limiter or count.instructions).max
+
+
+def _say(title: str, sections: Iterable[tuple[str, str]], written: Sequence[Path]) -> None:
+    console.say(title)
+    for heading, text in sections:
+        console.say(f"\n{heading}\n\n{text}")
+    if written:
+        console.say("")
+    console.say(*(f"plot: {path}" for path in written))
+
 
 SETTINGS = ("speed_km_h", "steering_wheel_angle_deg")
 OF_A_SCENARIO = (
@@ -43,26 +187,17 @@ CARS = 8
 """Default number of cars of --suite cars."""
 
 
-@dataclass(frozen=True)
-class Choices:
+@dataclass(frozen=True, kw_only=True)
+class Choices(Outputs):
     """Options of a scenario."""
 
     build_path: Path
     map_path: Path | None
-    scenario: str
     speed_km_h: float | None
     steering_wheel_angle_deg: float | None
     baselines: bool
     plant: str
     through_can: bool
-    drift_ppm: float | None
-    jitter_ms: float | None
-    sensors: bool
-    seed: int
-    plot: Path | None
-    csv: Path | None
-    files: tuple[Path, ...]
-    as_json: bool
 
     def drive(self, software: Software, scenario: Scenario) -> tuple[Record, BenchResult | None]:
         """Return a recording of a controller, and the bus statistics if the run uses frames."""
@@ -86,7 +221,7 @@ class Choices:
         return run(software, scenario, controlled=False)
 
 
-@click.command(
+@cli.command(
     short_help="Run the generated C in closed loop.",
     epilog=example(
         "codegen sil --build generated/4ws2 --plot run.png\n  codegen sil --suite tracking\n  codegen sil --suite cars"
@@ -147,9 +282,9 @@ def sil(context: click.Context, /, suite: str | None, cars: int | None, limits_p
     if limits_path is not None and suite is None:
         raise CodegenError("limits belong to a suite", where="--limits", remedy="add --suite tracking or --suite cars")
     if suite is not None:
-        from codegen.cli.suite_command import SuiteOutputs, check_suite, run_cars_command, run_suite_command
-
-        check_suite(suite)
+        if suite not in SUITES:
+            remedy = f"known: {', '.join(SUITES)}{suggestion(suite, SUITES)}"
+            raise CodegenError(f"there is no suite {suite!r}", where="--suite", remedy=remedy)
         seeded = context.get_parameter_source("seed") is click.core.ParameterSource.COMMANDLINE
         _refuse_with_suite(context, "seed" if suite == "cars" else "")
         if len(given["files"]) > 1:
@@ -175,7 +310,6 @@ def _refuse_with_suite(context: click.Context, allowed: str) -> None:
 
 
 def _run_scenario(chosen: Choices) -> None:
-    from codegen.cli.bench_report import Outputs, note_edited
     from codegen.emit.manifest import read_build
     from codegen.map_file import map as npz
     from codegen.plausibility.car import car_warnings
@@ -185,8 +319,7 @@ def _run_scenario(chosen: Choices) -> None:
     from hil_sim.scenarios import find
 
     build_path = chosen.build_path
-    outputs = Outputs(chosen.plot, chosen.csv, None, chosen.files, chosen.as_json)
-    outputs.check((chosen.map_path, Path(chosen.scenario)))
+    chosen.check(chosen.map_path)
     if chosen.plant != "two-track" and chosen.through_can:
         raise CodegenError("runs through CAN frames support only the two-track car", where="--plant", remedy="leave --can out")
     if chosen.sensors and not chosen.through_can:
@@ -202,8 +335,7 @@ def _run_scenario(chosen: Choices) -> None:
     settings = {key: value for key in SETTINGS if (value := getattr(chosen, key)) is not None}
     base = with_settings(find(chosen.scenario, software.config), settings)
     scenario = with_clocks(base, chosen.drift_ppm, chosen.jitter_ms)
-    for text in car_warnings(software.config):
-        console.warn(text)
+    console.warn(*car_warnings(software.config))
     if not software.selftest():
         raise CheckFailed("the generated self-test fails", where=build_path, remedy="build again with `codegen build`")
     with console.status(scenario.title):
@@ -216,7 +348,7 @@ def _run_scenario(chosen: Choices) -> None:
         facts["sensors"] = f"seed {chosen.seed}"
     note_edited(build_path, software.edited, quiet=chosen.as_json)
     covers, look_up = coverage(read_build(build_path)), software.map_yaw_rate
-    outputs.tell(str(build_path), software.config, scenario, runs, result, facts, look_up=look_up, covers=covers)
+    chosen.tell(str(build_path), software.config, scenario, runs, result, facts, look_up=look_up, covers=covers)
 
 
 def _baselines(chosen: Choices, software: Software, scenario: Scenario) -> dict[str, Record]:
@@ -225,6 +357,5 @@ def _baselines(chosen: Choices, software: Software, scenario: Scenario) -> dict[
 
     with console.progress("baselines") as steps:
         comparison = of_folder(chosen.build_path).comparison(steps)
-    for text in comparison.notes:
-        console.note(text)
+    console.note(*comparison.notes)
     return {each.name: chosen.drive(each.around(software.config), scenario)[0] for each in comparison.baselines}

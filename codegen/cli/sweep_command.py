@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option
-from codegen.cli.values import configuration_file, folder_to_write, picture_to_write, run_to_write
+from codegen.cli.base import cli, example, json_option, note_edited
+from codegen.cli.options import configuration_file, folder_to_write, picture_to_write, run_to_write
 from codegen.errors import CodegenError
+from codegen.files import write_atomically
+from codegen.text_table import text_table
 
 if TYPE_CHECKING:
     from codegen.sil.vector import Isa
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 EXAMPLE = "codegen sweep --spec sweep.toml -o campaign\n  codegen sweep --spec sweep.toml --replay 4711 --plot run.png"
 
 
-@click.command(short_help="Simulate thousands of cars, roads and manoeuvres.", epilog=example(EXAMPLE))
+@cli.command(short_help="Simulate thousands of cars, roads and manoeuvres.", epilog=example(EXAMPLE))
 @click.option("--spec", "spec_path", required=True, type=configuration_file, metavar="TOML", help="What varies; see the guide.")
 @click.option(
     "-o",
@@ -88,14 +90,13 @@ def _refuse(what: str, given: dict[str, Any]) -> None:
 
 
 def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | None, spec: Path, as_json: bool) -> None:
-    from codegen.cli.bench_report import note_edited
-    from codegen.sweep.engine import run_campaign
+    from codegen.sweep.engine import Dask, Threads, run_campaign
     from codegen.sweep.summary import summarise
 
     for controller in plan.controllers:
         note_edited(Path(controller.folder), controller.edited, quiet=not controller.controlled)
-    engine = _engine(scheduler, workers)
-    with engine if scheduler is not None else nullcontext(engine) as chosen, console.progress("runs") as progress:
+    engine = nullcontext(Threads(workers)) if scheduler is None else closing(Dask(scheduler))
+    with engine as chosen, console.progress("runs") as progress:
         path = run_campaign(plan, folder, chosen, progress)
     with console.status("counting"):
         summary = summarise(path, plan)
@@ -105,28 +106,19 @@ def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | No
         facts = {"spec": str(spec), "runs_file": str(path), "replay": replay}
         console.print_json({**facts, **summary.to_dict(), "pictures": [str(one) for one in written]})
         return
-    from codegen.report.sweep_text import again, sections
+    from codegen.report.campaign import again, sections
 
     console.say(f"{path}: {summary.runs} runs, {plan.spec.sample_count} samples, instruction set {plan.isa}")
     for heading, text in sections(summary):
         console.say(f"\n{heading}\n\n{text}")
     console.say(f"\n{again(replay)}\n")
-    for one in written:
-        console.say(f"picture: {one}")
-
-
-def _engine(scheduler: str | None, workers: int | None) -> Any:
-    from codegen.sweep.engine import Dask, Threads
-
-    return Threads(workers) if scheduler is None else closing(Dask(scheduler))
+    console.say(*(f"picture: {one}" for one in written))
 
 
 def _write(folder: Path, summary: Summary, replay: str) -> list[Path]:
     """Write summary.json, summary.md and the pictures. They contain no path or clock, only the name of the spec."""
-    from codegen.files import write_atomically
+    from codegen.report.campaign import markdown, pictures
     from codegen.report.style import save
-    from codegen.report.sweep_plots import pictures
-    from codegen.report.sweep_text import markdown
 
     write_atomically(folder / "summary.json", (json.dumps(summary.to_dict(), indent=1, allow_nan=False) + "\n").encode())
     write_atomically(folder / "summary.md", markdown(summary, replay).encode())
@@ -140,7 +132,7 @@ def _write(folder: Path, summary: Summary, replay: str) -> list[Path]:
 def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec: Path, as_json: bool) -> None:
     from codegen.emit.outputs import check_output
     from codegen.export import runs as exported
-    from codegen.report import plots
+    from codegen.report.style import save
     from codegen.sweep.chunk import replay
 
     check_output(plot, ".png", (spec,))
@@ -152,13 +144,12 @@ def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec
     if run_path is not None:
         exported.save(found.records[found.controller], run_path, found.profile.scenario.subject)
     if plot is not None:
-        plots.save(_figure(plan, found, run), plot)
+        save(_figure(plan, found, run), plot)
     if as_json:
         row = {name: _as_stored(name, value) for name, value in found.row.items() if name != "run"}
         console.print_json({"run": run, "scenario": found.profile.name, "controller": found.controller, **row})
         return
     from codegen.sweep.store import YES_NO
-    from codegen.text_table import text_table
 
     rows = [
         (name, ("no", "yes")[int(value)] if name in YES_NO else f"{value:.6g}")
@@ -182,8 +173,8 @@ def _as_stored(name: str, value: float) -> float | int | bool:
 def _figure(plan: Plan, found: Replayed, run: int) -> Any:
     from dataclasses import replace
 
-    from codegen.report import plots
-    from codegen.report.sweep_text import factors_of
+    from codegen.report.campaign import factors_of
+    from codegen.report.scenario_plots import scenario_figure
 
     scenario = found.profile.scenario
     settings = replace(
@@ -194,7 +185,4 @@ def _figure(plan: Plan, found: Replayed, run: int) -> Any:
         friction_estimate=round(found.row["friction_estimate"], 3) if "friction_estimate" in found.row else None,
     )
     shown = replace(scenario, settings=settings, steer_time=found.profile.steer_time)
-    return plots.scenario_figure(shown, plan.config, found.records, f"run {run}, {found.controller}", factors_of(found.row))
-
-
-COMMANDS = (sweep,)
+    return scenario_figure(shown, plan.config, found.records, f"run {run}, {found.controller}", factors_of(found.row))

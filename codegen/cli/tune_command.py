@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option
-from codegen.cli.values import configuration_file, map_file, map_to_write
+from codegen.cli.base import cli, example, json_option
+from codegen.cli.options import configuration_file, map_file, map_to_write
 from codegen.errors import ConfigError, MapError, within
+from codegen.text_table import text_table
 
 if TYPE_CHECKING:
     from codegen.configuration import Config
@@ -26,20 +27,39 @@ if TYPE_CHECKING:
 MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid")
 """Tables of the configuration from which a map is solved. Storing other ones in the map would misdescribe it."""
 
-FAIL_SAFE_HEADER = ("rate deg/s", "spins", "of other cars, spins", "sideslip deg")
-RESPONSE_HEADER = (
-    "speed km/h",
-    "lead ms",
-    "response gain s",
-    "overshoot %",
-    "settling s",
-    "t90 s",
-    "of other cars, overshoot %",
-)
-HEADER = ("speed km/h", "Kp s", "Ki", "gain margin dB", "phase margin deg", "sensitivity", "cars", "nearest to a demand")
+GAIN_COLUMNS = {
+    "speed km/h": "{speed_km_h:g}",
+    "Kp s": "{proportional_gain_s:.4g}",
+    "Ki": "{integral_gain:.4g}",
+    "gain margin dB": "{gain_margin_db:.2f}",
+    "phase margin deg": "{phase_margin_deg:.2f}",
+    "sensitivity": "{sensitivity:.2f}",
+    "cars": "{cars}",
+    "nearest to a demand": "{limiting}",
+}
+RESPONSE_COLUMNS = {
+    "speed km/h": "{speed_km_h:g}",
+    "lead ms": "{lead_ms:.0f}",
+    "response gain s": "{response_gain_s:.3f}",
+    "overshoot %": "{overshoot_percent:.1f}",
+    "settling s": "{settling_s:.2f}",
+    "t90 s": "{rise_s:.2f}",
+    "of other cars, overshoot %": "{family_overshoot_percent:.1f}",
+}
+FAIL_SAFE_COLUMNS = {
+    "rate deg/s": "{rate_deg_s:g}{mark}",
+    "spins": "{spins}",
+    "of other cars, spins": "{family}",
+    "sideslip deg": "{sideslip_max_deg:.1f}",
+}
+"""Header of each column, and the format of its cells."""
 
 
-@click.command(short_help="Design the gains of a map's controller.", epilog=example("codegen tune --map map.npz -o map.npz"))
+def _table(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
+    return text_table(tuple(columns), [[text.format(**row) for text in columns.values()] for row in rows])
+
+
+@cli.command(short_help="Design the gains of a map's controller.", epilog=example("codegen tune --map map.npz -o map.npz"))
 @click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
 @click.option(
@@ -91,13 +111,12 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
         responses = {
             "responses": [{**dataclasses.asdict(one), "is_met": one.is_met} for one in tuned.responses],
             "response_ahead_s": config.controller.tracking.response_ahead_s,
+            **({} if tuned.fail_safe is None else {"fail_safe": dataclasses.asdict(tuned.fail_safe)}),
         }
-        console.print_json({**facts, **_to_dict(config, made, least), **responses, **_fail_safe_facts(tuned), **trim})
+        console.print_json({**facts, **_to_dict(config, made, least), **responses, **trim})
         return
-    for text in chosen.notes:
-        console.note(text)
-    for text in warnings:
-        console.warn(text)
+    console.note(*chosen.notes)
+    console.warn(*warnings)
     _print(output, config, made, least)
     if tuned.responses:
         _print_responses(tuned.responses, config.controller.tracking.response_ahead_s)
@@ -210,7 +229,6 @@ def _to_dict(config: Config, made: Design, least: Weakest) -> dict[str, Any]:
 
 
 def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
-    from codegen.text_table import text_table
     from codegen.units import KM_H
 
     tuning = config.tuning
@@ -223,20 +241,8 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
         "Up to the last speed of the grid, every car meets these requirements. At higher speeds they apply only to the cars "
         "counted in the table: the configured car, and those that are stable with their rear wheels held."
     )
-    rows = [
-        (
-            f"{row['speed_km_h']:g}",
-            f"{row['proportional_gain_s']:.4g}",
-            f"{row['integral_gain']:.4g}",
-            f"{row['gain_margin_db']:.2f}",
-            f"{row['phase_margin_deg']:.2f}",
-            f"{row['sensitivity']:.2f}",
-            str(row["cars"]),
-            str(limiting),
-        )
-        for row, limiting in zip(_rows(made), made.limiting, strict=True)
-    ]
-    console.say(text_table(HEADER, rows))
+    rows = zip(_rows(made), made.limiting, strict=True)
+    console.say(_table(GAIN_COLUMNS, ({**row, "limiting": limiting} for row, limiting in rows)))
     console.say(
         f"the configured car: at least {least.gain_margin_db:.1f} dB (at {least.gain_margin_speed / KM_H:.0f} km/h) "
         f"and {least.phase_margin_deg:.1f} deg (at {least.phase_margin_speed / KM_H:.0f} km/h)"
@@ -247,60 +253,35 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
 
 
 def _print_responses(responses: Sequence[Response], ahead: float) -> None:
-    from codegen.text_table import text_table
     from codegen.tuning.transient import OVERSHOOT_PERCENT, SETTLING_S
 
-    rows = [
-        (
-            f"{one.speed_km_h:g}",
-            f"{1e3 * one.lead_s:.0f}",
-            f"{one.response_gain_s:.3f}",
-            f"{one.overshoot_percent:.1f}",
-            f"{one.settling_s:.2f}",
-            f"{one.rise_s:.2f}",
-            f"{one.family_overshoot_percent:.1f}",
-        )
-        for one in responses
-    ]
     console.say(
         f"step responses of the simulated car: target at most {OVERSHOOT_PERCENT:g} % and {SETTLING_S:g} s, then the shortest "
         "t90"
     )
-    console.say(text_table(RESPONSE_HEADER, rows))
+    console.say(_table(RESPONSE_COLUMNS, ({**dataclasses.asdict(one), "lead_ms": 1e3 * one.lead_s} for one in responses)))
     console.say(f"controller.tracking.response_ahead_s: {ahead:g}: prediction horizon of the model's yaw rate")
     missed = [f"{one.speed_km_h:g}" for one in responses if not one.is_met]
     if missed:
         console.note(f"around {', '.join(missed)} km/h no lead and response gain keep both limits; the nearest ones are used")
 
 
-def _fail_safe_facts(made: Tuned) -> dict[str, Any]:
-    """Return the facts about the rate of the fail-safe; none for a map that was not solved."""
-    found = made.fail_safe
-    return {} if found is None else {"fail_safe": dataclasses.asdict(found)}
-
-
 def _print_fail_safe(found: FailSafeRate) -> None:
-    from codegen.text_table import text_table
-
     first, *_ = found.outcomes
     others = max(one.family_runs for one in found.outcomes)
     console.say(
         f"loss of all signals: {first.runs} runs of the configured car at each rate, {others} of others at those with the "
         "fewest spins"
     )
-    rows = [
-        (
-            f"{one.rate_deg_s:g}" + (" *" if one.rate_deg_s == found.rate_deg_s else ""),
-            str(one.spins),
-            "-" if one.family_spins is None else str(one.family_spins),
-            f"{one.sideslip_max_deg:.1f}",
-        )
+    rows = (
+        {
+            **dataclasses.asdict(one),
+            "mark": " *" if one.rate_deg_s == found.rate_deg_s else "",
+            "family": "-" if one.family_spins is None else one.family_spins,
+        }
         for one in sorted(found.outcomes, key=lambda outcome: outcome.rate_deg_s)
-    ]
-    console.say(text_table(FAIL_SAFE_HEADER, rows))
+    )
+    console.say(_table(FAIL_SAFE_COLUMNS, rows))
     before = first.rate_deg_s
     changed = "" if found.rate_deg_s == before else f" instead of {before:g}"
     console.say(f"controller.fail_safe.rate_deg_s: {found.rate_deg_s:g}{changed}")
-
-
-COMMANDS = (tune,)

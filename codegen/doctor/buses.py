@@ -12,7 +12,7 @@ import socket
 import struct
 from pathlib import Path
 
-from codegen.doctor.finding import Finding, State
+from codegen.doctor import Finding, State
 from codegen.errors import CodegenError, one_line
 
 FRAME_ID = 0x1FFF_FFFF

@@ -5,26 +5,104 @@ from __future__ import annotations
 import importlib
 import os
 import platform
+import re
 import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+import tomllib
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
 
 from codegen import __version__
 from codegen.cache import cache_folder
-from codegen.doctor import buses
-from codegen.doctor.finding import Finding, State
-from codegen.doctor.requirements import Requirement, extras_of, requirements
+from codegen.doctor import Finding, State, buses
 from codegen.errors import BuildError, one_line
 from codegen.programs import run_program
 from codegen.sil.toolchain import compiler_command, compiler_identity
+
+DISTRIBUTION = "ars-codegen"
+EVERYTHING = "all"
+PYPROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
+
+_REQUIREMENT = re.compile(
+    r"\s*(?P<name>[A-Za-z0-9][\w.-]*)\s*(?:\[(?P<extras>[^]]*)\])?\s*\(?(?P<bounds>[^;)]*)\)?\s*(?:;(?P<marker>.*))?"
+)
+_EXTRA = re.compile(r"""extra\s*==\s*['"](?P<extra>[^'"]+)['"]""")
+_BOUND = re.compile(r"\s*(?P<operator>>=|<|==|<=|>|!=|~=)\s*(?P<version>[\w.]+)\s*")
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A package and its accepted versions.
+
+    Attributes:
+        bounds: version bounds as written, such as ">=2.4,<3".
+        extra: extra that requires it; "" if it is always required.
+    """
+
+    name: str
+    bounds: str
+    extra: str = ""
+
+    def allows(self, version: str) -> bool:
+        """Return whether a version is accepted. Compares only release numbers, which suffices for the bounds that the project
+        uses: `>=` and `<`."""
+        for bound in filter(None, self.bounds.split(",")):
+            match = _BOUND.fullmatch(bound)
+            if match is None:
+                continue
+            here, there = _numbers(version), _numbers(match["version"])
+            if match["operator"] == ">=" and here < there:
+                return False
+            if match["operator"] == "<" and here >= there:
+                return False
+        return True
+
+
+def requirements() -> tuple[tuple[Requirement, ...], str]:
+    """Return all requirements, and where they were read. The extra `all`, which only names the others, is omitted."""
+    if PYPROJECT.is_file():  # a checkout: its file is current even if an older one is installed
+        project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
+        listed = {"": project["dependencies"], **project.get("optional-dependencies", {})}
+        read = (parse(line, extra) for extra, lines in listed.items() if extra != EVERYTHING for line in lines)
+        return tuple(read), "pyproject.toml"
+    try:
+        lines = requires(DISTRIBUTION) or []
+    except PackageNotFoundError:
+        return (), "nothing: neither installed nor a checkout"
+    return tuple(
+        each for each in map(parse, lines) if each.extra != EVERYTHING and each.name != DISTRIBUTION
+    ), "the installed package"
+
+
+def parse(line: str, extra: str = "") -> Requirement:
+    """Parse a requirement of PEP 508, `casadi<4,>=3.8; extra == "x"`; of the markers only the extra is used."""
+    match = _REQUIREMENT.match(line)
+    if match is None:
+        raise ValueError(f"not a requirement: {line!r}")
+    marked = _EXTRA.search(match["marker"] or "")
+    bounds = ",".join(sorted(map(str.strip, match["bounds"].split(",")), reverse=True))
+    return Requirement(match["name"], bounds, extra or (marked["extra"] if marked else ""))
+
+
+def extras_of(asked: Iterable[Requirement]) -> list[str]:
+    """Return the names of the extras, in the order of the requirements."""
+    return [extra for extra in dict.fromkeys(each.extra for each in asked) if extra]
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """Return the release segment of PEP 440 without trailing zeros: 1.0 is 1."""
+    numbers = [int(number) for number in re.match(r"\d*(?:\.\d+)*", version)[0].split(".") if number]  # type: ignore[index]
+    while numbers and numbers[-1] == 0:
+        numbers.pop()
+    return tuple(numbers)
+
 
 PERIOD = 0.001
 """Step of the plant, in s."""
@@ -161,23 +239,8 @@ def python() -> Finding:
     return Finding("Python", State.GOOD if fits else State.BAD, what, "", remedy, needed=True)
 
 
-def needed(asked: Iterable[Requirement]) -> list[Finding]:
-    """Check the packages that codegen always needs. Each is imported, because an installed package may be broken."""
-    return [_needed(each) for each in asked if not each.extra]
-
-
-def extras(asked: Iterable[Requirement]) -> list[Finding]:
-    """Return one finding for each extra: complete, or what is missing and what it would add."""
-    listed = tuple(asked)
-    return [_extra(name, [each for each in listed if each.extra == name]) for name in extras_of(listed)]
-
-
-def install(*extras: str) -> str:
-    """Return the command that installs codegen, with extras if given."""
-    return f'pip install "ars-codegen[{",".join(extras)}]"' if extras else "pip install --force-reinstall ars-codegen"
-
-
-def _needed(asked: Requirement) -> Finding:
+def needed(asked: Requirement) -> Finding:
+    """Check a package that codegen always needs. It is imported, because an installed package may be broken."""
     serves = SERVES.get(asked.name, "")
     remedy = f'pip install "{asked.name}{asked.bounds}"'
     found = _version(asked.name)
@@ -194,7 +257,9 @@ def _needed(asked: Requirement) -> Finding:
     return Finding(asked.name, State.GOOD, found, serves, needed=True)
 
 
-def _extra(name: str, asked: list[Requirement]) -> Finding:
+def extra(name: str, asked: Iterable[Requirement]) -> Finding:
+    """Return a finding for an extra: complete, or what is missing and what it would add."""
+    asked = [each for each in asked if each.extra == name]
     missing = [each.name for each in asked if _version(each.name) is None]
     others = [(each, found) for each in asked if (found := _version(each.name)) is not None and not each.allows(found)]
     serves = EXTRAS.get(name, "")
@@ -202,7 +267,9 @@ def _extra(name: str, asked: list[Requirement]) -> Finding:
     if not missing and not wrong:
         return Finding(name, State.GOOD, f"{len(asked)} package{'s' * (len(asked) != 1)}", serves)
     parts = ([f"without {', '.join(missing)}"] if missing else []) + wrong
-    return Finding(name, State.MISSING if missing else State.BAD, "; ".join(parts), serves, install(name))
+    return Finding(
+        name, State.MISSING if missing else State.BAD, "; ".join(parts), serves, f'pip install "ars-codegen[{name}]"'
+    )
 
 
 def _version(name: str) -> str | None:
@@ -257,12 +324,8 @@ def compiler() -> Finding:
     return Finding("C compiler", State.GOOD, what, serves, needed=True)
 
 
-def programs() -> list[Finding]:
-    """Check the optional programs; `codegen sil` needs none of them."""
-    return [_look_for(program) for program in PROGRAMS]
-
-
-def _look_for(program: OptionalProgram) -> Finding:
+def look_for(program: OptionalProgram) -> Finding:
+    """Check an optional program; `codegen sil` needs none of them."""
     name = program.names[0]
     path = next(filter(None, map(shutil.which, program.names)), None)
     if path is None:
@@ -314,24 +377,15 @@ class Examination:
         return {**facts, **sections}
 
 
-def examine(done: Callable[[int, int], None] | None = None) -> Examination:
-    """Run all checks.
-
-    Args:
-        done: called after each section with the counts of finished and of all sections.
-    """
+def examine() -> Examination:
+    """Run all checks."""
     asked, read_from = requirements()
-    to_ask: tuple[tuple[str, str, Callable[[], list[Finding]]], ...] = (
-        ("needed", "Needed by every command", lambda: [python(), *needed(asked)]),
-        ("compiler", "C on this machine", lambda: [compiler(), cache(), module()]),
-        ("extras", "Extras", lambda: extras(asked)),
-        ("programs", "Programs", programs),
-        ("buses", "Buses", lambda: [buses.socketcan(), buses.multicast()]),
-        ("clock", "Real time", lambda: [punctuality(), real_time()]),
+    sections = (
+        Section("needed", "Needed by every command", (python(), *(needed(each) for each in asked if not each.extra))),
+        Section("compiler", "C on this machine", (compiler(), cache(), module())),
+        Section("extras", "Extras", tuple(extra(name, asked) for name in extras_of(asked))),
+        Section("programs", "Programs", tuple(map(look_for, PROGRAMS))),
+        Section("buses", "Buses", (buses.socketcan(), buses.multicast())),
+        Section("clock", "Real time", (punctuality(), real_time())),
     )
-    sections = []
-    for count, (key, title, ask) in enumerate(to_ask, start=1):
-        sections.append(Section(key, title, tuple(ask())))
-        if done is not None:
-            done(count, len(to_ask))
-    return Examination(tuple(sections), read_from)
+    return Examination(sections, read_from)

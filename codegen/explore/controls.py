@@ -12,8 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from pydantic import BaseModel
-
 from codegen.configuration import Config, parse
 from codegen.configuration.section import Range
 from codegen.errors import CodegenError, ConfigError
@@ -80,144 +78,71 @@ class Control:
         return float(value)
 
 
+Rows = Mapping[str, tuple[tuple[str, str, str], tuple[float, float, float]]]
+"""Key -> (label, unit, help) and (low, high, step)."""
+
+
+def _controls(group: Group, rows: Rows, **common: Any) -> tuple[Control, ...]:
+    return tuple(Control(key, group, *texts, *slider, **common) for key, (texts, slider) in rows.items())
+
+
 # Ranges of the sliders. Angles and lateral acceleration: from nearly zero to the largest rear angles on the market and the grip
 # of a racing tyre. lambda: from nearly no weight on sideslip to nearly no weight on yaw rate. Friction: from packed snow to
 # warm asphalt. Gains: several times the paper's, and three times the tuned ones.
-_MAP_CONTROLS = (
-    Control(LAMBDA, "map", "Sideslip weight λ", "1/s²", "Cost of sideslip against yaw rate", 10.0, 1e5, 0.02, logarithmic=True),
-    Control(
-        "limits.sideslip_max_deg", "map", "Sideslip limit", "deg", "Largest sideslip angle in a steady turn", 0.5, 8.0, 0.1
+_LAMBDA: Rows = {LAMBDA: (("Sideslip weight λ", "1/s²", "Cost of sideslip against yaw rate"), (10.0, 1e5, 0.02))}
+_MAP: Rows = {
+    "limits.sideslip_max_deg": (("Sideslip limit", "deg", "Largest sideslip angle in a steady turn"), (0.5, 8.0, 0.1)),
+    "limits.lateral_acceleration_max_g": (("Lateral acceleration limit", "g", "Largest in a steady turn"), (0.1, 1.2, 0.01)),
+    "limits.rear_angle_max_deg": (("Rear angle limit", "deg", "Largest rear angle in the map"), (0.1, 10.0, 0.1)),
+    "limits.slip_departure_percent": (
+        ("Tyre slip limit", "%", "Largest departure of the tyre's force from its tangent"),
+        (1.0, 30.0, 0.5),
     ),
-    Control(
-        "limits.lateral_acceleration_max_g",
-        "map",
-        "Lateral acceleration limit",
-        "g",
-        "Largest in a steady turn",
-        0.1,
-        1.2,
-        0.01,
+    FRICTION: (("Friction of the road", "", "Friction that the map assumes; the tyres stay the same"), (0.2, 1.2, 0.01)),
+}
+_PI: Rows = {
+    "controller.proportional_gain_s": (
+        ("Proportional gain", "s", "rad of rear angle for each rad/s of yaw-rate error"),
+        (0.0, 0.3, 0.005),
     ),
-    Control("limits.rear_angle_max_deg", "map", "Rear angle limit", "deg", "Largest rear angle in the map", 0.1, 10.0, 0.1),
-    Control(
-        "limits.slip_departure_percent",
-        "map",
-        "Tyre slip limit",
-        "%",
-        "Largest departure of the tyre's force from its tangent",
-        1.0,
-        30.0,
-        0.5,
+    "controller.integral_gain": (("Integral gain", "", "rad of rear angle for each rad of integrated error"), (0.0, 5.0, 0.05)),
+}
+_ALL_GAINS = "Scales all gains over speed, in percent of those at the start"
+_PERCENT = (0.0, 300.0, 1.0)
+_SCALES: Rows = {
+    "proportional_percent": (("Proportional gain", "%", _ALL_GAINS), _PERCENT),
+    "integral_percent": (("Integral gain", "%", _ALL_GAINS), _PERCENT),
+    "lead_percent": (("Look ahead", "%", "Scales the lead of the front angle, in percent of that at the start"), _PERCENT),
+    "response_percent": (("Response gain", "%", "Scales the response gain, in percent of that at the start"), _PERCENT),
+}
+_TRACKING: Rows = {
+    "controller.tracking.yaw_increasing_max_deg": (
+        ("Feedback into the turn", "deg", "Largest feedback angle that increases the yaw rate"),
+        (0.0, 3.5, 0.05),
     ),
-    Control(
-        FRICTION, "map", "Friction of the road", "", "Friction that the map assumes; the tyres stay the same", 0.2, 1.2, 0.01
+    "controller.tracking.trim_max_percent": (
+        ("Trim towards the map", "%", "Largest trim, in percent of the map's yaw rate"),
+        (0.0, 10.0, 0.1),
     ),
-)
-_PI_CONTROLS = (
-    Control(
-        "controller.proportional_gain_s",
-        "controller",
-        "Proportional gain",
-        "s",
-        "rad of rear angle for each rad/s of yaw-rate error",
-        0.0,
-        0.3,
-        0.005,
-    ),
-    Control(
-        "controller.integral_gain",
-        "controller",
-        "Integral gain",
-        "",
-        "rad of rear angle for each rad of integrated error",
-        0.0,
-        5.0,
-        0.05,
-    ),
-)
-_TRACKING_CONTROLS = (
-    Control(
-        "proportional_percent",
-        "controller",
-        "Proportional gain",
-        "%",
-        "Scales all gains over speed, in percent of those at the start",
-        0.0,
-        300.0,
-        1.0,
-        value=100.0,
-    ),
-    Control(
-        "integral_percent",
-        "controller",
-        "Integral gain",
-        "%",
-        "Scales all gains over speed, in percent of those at the start",
-        0.0,
-        300.0,
-        1.0,
-        value=100.0,
-    ),
-    Control(
-        *(
-            "lead_percent",
-            "controller",
-            "Look ahead",
-            "%",
-            "Scales the lead of the front angle, in percent of that at the start",
-        ),
-        *(0.0, 300.0, 1.0),
-        value=100.0,
-    ),
-    Control(
-        *(
-            "response_percent",
-            "controller",
-            "Response gain",
-            "%",
-            "Scales the response gain, in percent of that at the start",
-        ),
-        *(0.0, 300.0, 1.0),
-        value=100.0,
-    ),
-    Control(
-        "controller.tracking.yaw_increasing_max_deg",
-        "controller",
-        "Feedback into the turn",
-        "deg",
-        "Largest feedback angle that increases the yaw rate",
-        0.0,
-        3.5,
-        0.05,
-    ),
-    Control(
-        "controller.tracking.trim_max_percent",
-        "controller",
-        "Trim towards the map",
-        "%",
-        "Largest trim, in percent of the map's yaw rate",
-        0.0,
-        10.0,
-        0.1,
-    ),
-)
-_OF_KIND = {"pi": _PI_CONTROLS, "tracking": _TRACKING_CONTROLS}
+}
+_OF_KIND = {
+    "pi": _controls("controller", _PI),
+    "tracking": (*_controls("controller", _SCALES, value=100.0), *_controls("controller", _TRACKING)),
+}
+# The paper's step, on the road that the map is for.
+_SPEED: Rows = {STEP_SPEED: (("Speed", "km/h", "Constant during the step"), (15.0, 150.0, 0.5))}
+_ANGLE: Rows = {STEP_ANGLE: (("Steering wheel angle", "deg", "After the step"), (5.0, 180.0, 1.0))}
+_ROAD: Rows = {
+    STEP_ROAD: (
+        ("Road under the car", "%", "Road friction in percent of the map's; unknown to the controller"),
+        (30.0, 130.0, 1.0),
+    )
+}
+_MAP_CONTROLS = (*_controls("map", _LAMBDA, logarithmic=True), *_controls("map", _MAP))
 _STEP_CONTROLS = (
-    # The paper's step, on the road that the map is for.
-    Control(STEP_SPEED, "step", "Speed", "km/h", "Constant during the step", 15.0, 150.0, 0.5, value=42.5),
-    Control(STEP_ANGLE, "step", "Steering wheel angle", "deg", "After the step", 5.0, 180.0, 1.0, value=90.0),
-    Control(
-        STEP_ROAD,
-        "step",
-        "Road under the car",
-        "%",
-        "Road friction in percent of the map's; unknown to the controller",
-        30.0,
-        130.0,
-        1.0,
-        (10.0, 200.0),
-        100.0,
-    ),
+    *_controls("step", _SPEED, value=42.5),
+    *_controls("step", _ANGLE, value=90.0),
+    *_controls("step", _ROAD, bounds=(10.0, 200.0), value=100.0),
 )
 
 
@@ -238,26 +163,15 @@ def _started(control: Control, config: Config, case: str) -> Control:
     if control.group == "step" or control.key in SCALES:
         return control
     path = ("cases", case, WEIGHT_KEY) if control.key == LAMBDA else tuple(control.key.split("."))
-    value: Any = config
-    for part in path:
-        value = value[part] if isinstance(value, dict) else getattr(value, part)
-    return _with_value(replace(control, bounds=_bounds(config, path)), float(value))
-
-
-def _with_value(control: Control, value: float) -> Control:
-    """Extend the slider to its start value. A logarithmic slider has an extra stop for zero."""
-    low = control.low if control.logarithmic and value == 0.0 else min(control.low, value)
-    return replace(control, value=value, low=low, high=max(control.high, value))
-
-
-def _bounds(config: Config, path: tuple[str, ...]) -> tuple[float, float]:
-    """Return the range that the configuration's model accepts for a key."""
     section: Any = config
     for part in path[:-1]:
         section = section[part] if isinstance(section, dict) else getattr(section, part)
-    assert isinstance(section, BaseModel)
-    found = [each for each in type(section).model_fields[path[-1]].metadata if isinstance(each, Range)]
-    return found[0].low, found[0].high
+    accepted = next(each for each in type(section).model_fields[path[-1]].metadata if isinstance(each, Range))
+    value = float(getattr(section, path[-1]))
+    # The slider reaches to its start value. A logarithmic one has an extra stop for zero.
+    low = control.low if control.logarithmic and value == 0.0 else min(control.low, value)
+    bounds = (accepted.low, accepted.high)
+    return replace(control, bounds=bounds, value=value, low=low, high=max(control.high, value))
 
 
 def checked(controls: tuple[Control, ...], given: object) -> dict[str, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -30,9 +30,9 @@ from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import family_warnings
 from codegen.plausibility.car import car_warnings
-from codegen.report.html import charts
-from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
-from codegen.report.style import GREY, phase_lines
+from codegen.report.html import blocks
+from codegen.report.map_plots import binding_colours
+from codegen.report.style import phase_lines
 from codegen.units import KM_H
 from hil_sim import manoeuvres
 from hil_sim.manoeuvres import Settings
@@ -57,12 +57,6 @@ def numbers(values: npt.ArrayLike, digits: int = 4) -> list[float | None]:
     return [value if math.isfinite(value) else None for value in array.tolist()]
 
 
-def binding_colours(known: Sequence[int]) -> list[str]:
-    """Return the colours of sets of binding constraints, as in the report. New sets do not change the colours of others."""
-    others = iter(OTHER_COLOURS)
-    return [BINDING_COLOURS.get(flags) or next(others, GREY) for flags in known]
-
-
 def map_data(reference_map: ReferenceMap, known: list[int]) -> Data:
     """Return the map as cells; packed tables have rows of front angles and columns of speeds.
 
@@ -80,10 +74,10 @@ def map_data(reference_map: ReferenceMap, known: list[int]) -> Data:
     return {
         "speed_km_h": numbers(reference_map.speed / KM_H),
         "front_angle_deg": numbers(np.degrees(reference_map.front_angle)),
-        "yaw_rate": charts.numbers(np.degrees(reference_map.yaw_rate).T),
-        "sideslip": charts.numbers(np.degrees(reference_map.sideslip).T),
-        "rear_angle": charts.numbers(np.degrees(reference_map.rear_angle).T),
-        "binding": charts.small(np.where(feasible, places[active], np.uint8(255)).T),
+        "yaw_rate": blocks.numbers(np.degrees(reference_map.yaw_rate).T),
+        "sideslip": blocks.numbers(np.degrees(reference_map.sideslip).T),
+        "rear_angle": blocks.numbers(np.degrees(reference_map.rear_angle).T),
+        "binding": blocks.small(np.where(feasible, places[active], np.uint8(255)).T),
         "binding_names": [binding_text(flags) for flags in known],
         "binding_colours": binding_colours(known),
         "phase_lines": [[numbers(piece[:, 0], 3), numbers(piece[:, 1], 3)] for piece in phase_lines(reference_map)],
@@ -123,11 +117,6 @@ _CURVES = (
 )
 
 
-def run_data(record: FloatArray) -> Data:
-    """Return the curves of a recording."""
-    return {name: numbers(np.degrees(column(record, source))) for name, source in _CURVES}
-
-
 def figures(record: FloatArray, config: Config) -> Data:
     """Return the figures of a step; None for those without a steady value. Angles and accelerations are magnitudes."""
     if spin_time(record) is not None:
@@ -145,26 +134,16 @@ def figures(record: FloatArray, config: Config) -> Data:
     }
 
 
-def margins_of(config: Config) -> tuple[FloatArray, Margins] | None:
-    """Return speeds (n,) in m/s and the margins of the configured car there; None for a law without feedback."""
+def margin_data(config: Config) -> Data | None:
+    """Return the margins over speed and their design targets."""
     gains = law_of(config).gains(config)
     if gains is None:
         return None
     speeds = margin_speeds(config)
-    return speeds, nominal_margins(config, speeds, *gains(speeds))
-
-
-def margin_data(config: Config) -> Data | None:
-    """Return the margins over speed and their design targets."""
-    found = margins_of(config)
-    if found is None:
-        return None
-    speeds, margins = found
+    margins = nominal_margins(config, speeds, *gains(speeds))
     gain, phase = int(margins.gain_margin_db.argmin()), int(margins.phase_margin_deg.argmin())
     return {
-        "speed_km_h": numbers(speeds / KM_H, 2),
-        "gain_db": numbers(np.minimum(margins.gain_margin_db, UNBOUNDED_DB), 3),
-        "phase_deg": numbers(np.minimum(margins.phase_margin_deg, UNBOUNDED_DEG), 3),
+        **_over_speed(speeds, margins),
         "drawn_to_gain_db": UNBOUNDED_DB,
         "drawn_to_phase_deg": UNBOUNDED_DEG,
         "asked_gain_db": config.tuning.gain_margin_db,
@@ -188,7 +167,8 @@ def family_data(config: Config, is_stale: Callable[[], bool]) -> Data | None:
     gains = law_of(config).gains(config)
     if gains is None:
         return None
-    speeds = np.linspace(config.controller.enable_speed_km_h, _last_speed(config), FAMILY_SPEEDS) * KM_H
+    first = config.controller.enable_speed_km_h
+    speeds = np.linspace(first, max(config.grid.last_speed_km_h, 1.2 * first), FAMILY_SPEEDS) * KM_H
     found = []
     for k in range(speeds.size):
         if is_stale():
@@ -198,30 +178,24 @@ def family_data(config: Config, is_stale: Callable[[], bool]) -> Data | None:
     margins = concatenate(found)
     return {
         "cars": len(members(config)),
-        "speed_km_h": numbers(speeds / KM_H, 2),
-        "gain_db": numbers(np.minimum(margins.gain_margin_db, UNBOUNDED_DB), 3),
-        "phase_deg": numbers(np.minimum(margins.phase_margin_deg, UNBOUNDED_DEG), 3),
+        **_over_speed(speeds, margins),
         "stable": bool(margins.stable.all()),
         "warnings": list(family_warnings(config, margins)),
     }
 
 
-def _last_speed(config: Config) -> float:
-    """Return the last speed of the map in km/h, at least 1.2 times the enable speed."""
-    return max(config.grid.last_speed_km_h, 1.2 * config.controller.enable_speed_km_h)
+def _over_speed(speeds: FloatArray, margins: Margins) -> Data:
+    return {
+        "speed_km_h": numbers(speeds / KM_H, 2),
+        "gain_db": numbers(np.minimum(margins.gain_margin_db, UNBOUNDED_DB), 3),
+        "phase_deg": numbers(np.minimum(margins.phase_margin_deg, UNBOUNDED_DEG), 3),
+    }
 
 
 def _least(values: FloatArray, place: int) -> float | None:
     value = float(values[place])
     return round(value, 2) if math.isfinite(value) else None
 
-
-def time_axis(record: FloatArray) -> Sequence[float | None]:
-    """Return the times since the step, in s."""
-    return numbers(column(record, "time_s") - STEER_TIME, 4)
-
-
-__all__ = ["Explorer", "opened"]
 
 Kept = TypeVar("Kept")
 
@@ -260,12 +234,12 @@ class Explorer:
         """Return the configuration for the settings of the page. Raises CodegenError."""
         return apply(self.start, self.case, self.controls, checked(self.controls, given))
 
-    def solvable(self, config: Config) -> None:
-        """Reject a configuration without a feasible map, or for which the C cannot be built. Raises CodegenError."""
-        self.calibration(config)
-
     def calibration(self, config: Config) -> Calibration:
-        """Return all numbers of a configuration for the C. Raises CodegenError."""
+        """Return all numbers of a configuration for the C.
+
+        Raises:
+            CodegenError: it has no feasible map, or the C cannot be built for it.
+        """
         with self._computing:
             return Calibration.of(self._map(config).total, config)
 
@@ -288,7 +262,8 @@ class Explorer:
             clock.lap("map")
             runs, cut = self._runs(calibration, step), self._cut(calibration, step)
             clock.lap("step")
-            margins = self._kept("margins", _of_the_loop(config), lambda: margin_data(config))
+            of_the_loop = (config.vehicle, config.tyre, config.road, config.controller)
+            margins = self._kept("margins", of_the_loop, lambda: margin_data(config))
             clock.lap("margins")
         return {
             "map": shown,
@@ -318,20 +293,22 @@ class Explorer:
     def _runs(self, calibration: Calibration, step: Step) -> Data:
         config = calibration.config
 
-        def driven(which: Calibration, *, controlled: bool = True) -> tuple[Data, Data, Sequence[float | None]]:
-            record = drive(self._software, which, step, controlled=controlled)
-            return run_data(record), figures(record, config), time_axis(record)
+        def driven(which: Calibration, *, controlled: bool = True) -> FloatArray:
+            return drive(self._software, which, step, controlled=controlled)
 
-        runs = {
+        records = {
             "now": driven(calibration),
             "start": self._kept("start", step, lambda: driven(self._begun)),
             "passive": self._kept("passive", (step, config.road), lambda: driven(calibration, controlled=False)),
         }
         return {
-            "time_s": runs["now"][2],
+            "time_s": numbers(column(records["now"], "time_s") - STEER_TIME),
             "rear_angle_max_deg": config.rear_actuator.angle_max_deg,
-            "runs": {name: curves for name, (curves, _, _) in runs.items()},
-            "figures": {name: found for name, (_, found, _) in runs.items()},
+            "runs": {
+                name: {curve: numbers(np.degrees(column(record, source))) for curve, source in _CURVES}
+                for name, record in records.items()
+            },
+            "figures": {name: figures(record, config) for name, record in records.items()},
         }
 
     def _cut(self, calibration: Calibration, step: Step) -> Data:
@@ -343,11 +320,6 @@ class Explorer:
             "speed_km_h": round(step.speed / KM_H, 3),
             "front_angle_deg": round(min(step.angle_deg / steering.ratio, steering.front_angle_stop_deg), 4),
         }
-
-
-def _of_the_loop(config: Config) -> tuple[object, ...]:
-    """Return the part of the configuration that determines the margins of the feedback."""
-    return config.vehicle, config.tyre, config.road, config.controller
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,14 +370,10 @@ def opened(map_path: Path, config_path: Path | None = None) -> Explorer:
         config.case(case, f"{config_path}: [cases]")
     if config is None:
         raise MapError("it contains no configuration", where=map_path, remedy="name one with --config ars.toml")
-    with within(config_path or map_path):
-        return Explorer(config, case, map_path.stem, _notes(reference_map, config_path))
-
-
-def _notes(reference_map: ReferenceMap, config_path: Path | None) -> tuple[str, ...]:
     notes = []
     if reference_map.layers:
         notes.append("the maps for lower frictions are not used: settings are solved for their own friction")
     if config_path is not None and reference_map.config is not None:
         notes.append(f"the map is solved again with {config_path.name}; the one in the file is not used")
-    return tuple(notes)
+    with within(config_path or map_path):
+        return Explorer(config, case, map_path.stem, tuple(notes))

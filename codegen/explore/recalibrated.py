@@ -96,13 +96,10 @@ def _fields(views: tuple[ParameterView, ...]) -> dict[str, Any]:
 
 def _value(text: str) -> float | int | list[float]:
     """Parse a C initialiser. Parameter values come only from the view's own text."""
-    if text.startswith("{"):
-        return [_number(part) for part in text.strip("{} \n").replace("\n", " ").split(",")]
-    return int(text.removesuffix("u")) if text.endswith("u") else _number(text)
-
-
-def _number(text: str) -> float:
-    return float(text.strip().removesuffix("f"))
+    if text.endswith("u"):
+        return int(text.removesuffix("u"))
+    numbers = [float(part.strip().removesuffix("f")) for part in text.strip("{} \n").split(",")]
+    return numbers if text.startswith("{") else numbers[0]
 
 
 class Recalibrated:
@@ -138,13 +135,6 @@ class Recalibrated:
             parameters = self._take(calibration)
             software = replace(self._software, config=calibration.config)
             return ClosedLoop(software, LoopOptions(controlled=controlled, parameters=parameters)).run(inputs)
-
-    def look_up(self, calibration: Calibration, speed: float, front_angle: FloatArray) -> npt.NDArray[np.float32]:
-        """Return the yaw rate in rad/s that the C looks up for a speed in m/s and front angles (n,) in rad."""
-        with _using:
-            self._take(calibration)
-            result: npt.NDArray[np.float32] = self._software.map_yaw_rate(speed, front_angle)
-            return result
 
     def _take(self, calibration: Calibration) -> Any:
         ffi, lib = self.library.ffi, self.library.lib

@@ -1,7 +1,8 @@
-"""Server of the page, for one user, on the loopback address only.
+"""Server of the page, for one user, on the loopback address only, and the page with its assets.
 
 A request is rejected unless its Host header is the listening address, which also excludes other names of this host, and unless
-it carries the key that the command printed. Only the page's own parts are served: no path is read as a file.
+it carries the key that the command printed. Only the page's own parts are served: no path is read as a file. The page loads
+nothing from elsewhere.
 """
 
 from __future__ import annotations
@@ -18,11 +19,95 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, cast
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
+from codegen.emit.laws import law_of
+from codegen.emit.render import environment, templates_root
 from codegen.errors import CodegenError
-from codegen.explore import page
-from codegen.explore.controls import ExploreError
+from codegen.explore.controls import GROUP_TITLES, ExploreError
 from codegen.explore.explorer import Explorer
 from codegen.explore.toml_file import Existing, Target
+from codegen.report.html.blocks import scale_of
+from codegen.report.html.page import plotly_javascript
+from codegen.report.style import BLACK, CONTROLLER_COLOURS, QUANTITIES
+
+FILE = "ars.toml"
+CONTROL_FIELDS = ("key", "label", "unit", "low", "high", "step", "bounds", "value", "logarithmic")
+"""Fields of a control that the script of the page needs."""
+
+SECURITY_POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self' 'unsafe-inline'",  # Plotly writes style attributes and a style sheet of its own
+        "img-src 'self' data: blob:",  # a heat map is an image of its own making
+        "connect-src 'self'",
+        "base-uri 'none'",
+        "form-action 'none'",
+        "frame-ancestors 'none'",
+    )
+)
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A file that the server delivers."""
+
+    content: bytes
+    kind: str
+
+
+def controller_colours() -> str:
+    """Return CSS with the colour of each kind of controller as --now, and of the passive car as --passive; black is --ink."""
+    colours = {kind: "var(--ink)" if colour == BLACK else colour for kind, colour in CONTROLLER_COLOURS.items()}
+    passive = colours.pop("passive")
+    rules = [f':root[data-kind="{kind}"] {{ --now: {colour}; }}' for kind, colour in colours.items()]
+    return "\n".join((f":root {{ --passive: {passive}; }}", *rules, ""))
+
+
+def assets() -> dict[str, Asset]:
+    """Return path -> asset, without the page itself. Raises CodegenError if Plotly is not installed."""
+    root = templates_root()
+    style, script = "text/css; charset=utf-8", "text/javascript; charset=utf-8"
+    return {
+        "/style.css": Asset((root / "report" / "style.css").read_bytes(), style),
+        "/explore.css": Asset(controller_colours().encode("ascii") + (root / "explore" / "explore.css").read_bytes(), style),
+        "/plots.js": Asset((root / "explore" / "plots.js").read_bytes(), script),
+        "/explore.js": Asset((root / "explore" / "explore.js").read_bytes(), script),
+        "/plotly.js": Asset(plotly_javascript().encode("utf-8"), script),
+    }
+
+
+def page(explorer: Explorer, key: str, page_number: int) -> Asset:
+    """Render the page of an exploration.
+
+    Args:
+        key: access key that requests must carry.
+        page_number: distinguishes the requests of this page from those of others.
+    """
+    groups = [
+        {"key": group, "title": title, "controls": [each for each in explorer.controls if each.group == group]}
+        for group, title in GROUP_TITLES.items()
+    ]
+    data = {
+        "key": key,
+        "page": page_number,
+        "file": FILE,
+        "scales": {quantity.attribute: scale_of(quantity.colours) for quantity in QUANTITIES},
+        "controls": [{name: getattr(control, name) for name in CONTROL_FIELDS} for control in explorer.controls],
+    }
+    context = {
+        "name": explorer.name,
+        "case": explorer.case,
+        "kind": explorer.start.controller.kind,
+        "title": law_of(explorer.start).title,
+        "file": FILE,
+        "groups": [group for group in groups if group["controls"]],
+        "adjustable": any(each.group == "controller" for each in explorer.controls),
+        "notes": explorer.notes,
+        "data": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),  # it cannot end a script element
+    }
+    text = environment().get_template("explore/page.html.j2").render(page=context)
+    return Asset(text.encode("utf-8"), "text/html; charset=utf-8")
+
 
 HOST = "127.0.0.1"
 BODY_MAX = 64 * 1024
@@ -67,7 +152,7 @@ class ExploreServer(ThreadingHTTPServer):
     def __init__(self, explorer: Explorer, target: Target, port: int = 0) -> None:
         self.explorer, self.target = explorer, target
         self.key = secrets.token_urlsafe(24)
-        self.assets = page.assets()
+        self.assets = assets()
         self.newest = Newest()
         self.pages = 0
         self.turn = threading.Lock()
@@ -101,13 +186,9 @@ class ExploreServer(ThreadingHTTPServer):
 class _Refusal(Exception):
     """A response other than 200."""
 
-    def __init__(self, status: HTTPStatus, data: dict[str, Any]) -> None:
-        super().__init__(status, data)
-        self.status, self.data = status, data
-
-
-def _refusal(status: HTTPStatus, text: str) -> _Refusal:
-    return _Refusal(status, {"error": text})
+    def __init__(self, status: HTTPStatus, text: str) -> None:
+        super().__init__(status, text)
+        self.status, self.text = status, text
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -130,14 +211,14 @@ class _Handler(BaseHTTPRequestHandler):
                 with server.turn:
                     server.pages += 1
                     number = server.pages
-                asset = page.page(server.explorer, server.key, number)
+                asset = page(server.explorer, server.key, number)
             else:
                 found = self.explore.assets.get(where.path)
                 if found is None:
-                    raise _refusal(HTTPStatus.NOT_FOUND, "there is no such page")
+                    raise _Refusal(HTTPStatus.NOT_FOUND, "there is no such page")
                 asset = found
         except _Refusal as refusal:
-            self._answer(refusal.status, (refusal.data["error"] + "\n").encode(), "text/plain; charset=utf-8")
+            self._answer(refusal.status, f"{refusal.text}\n".encode(), "text/plain; charset=utf-8")
             return
         self._answer(HTTPStatus.OK, asset.content, asset.kind)
 
@@ -148,10 +229,10 @@ class _Handler(BaseHTTPRequestHandler):
             data = self._question()
             answering = {"/api/picture": self._picture, "/api/family": self._family, "/api/write": self._write}.get(self.path)
             if answering is None:
-                raise _refusal(HTTPStatus.NOT_FOUND, "there is no such page")
+                raise _Refusal(HTTPStatus.NOT_FOUND, "there is no such page")
             answer = answering(data)
         except _Refusal as refusal:
-            self._json(refusal.status, refusal.data)
+            self._json(refusal.status, {"error": refusal.text})
             return
         except Existing as existing:
             told = {"error": str(existing), "sha256": existing.sha256, "text": existing.text, "changes": list(existing.changes)}
@@ -178,7 +259,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Record a request. Return a function that reports whether the same page has sent a newer one."""
         number, of_page = data.get("number", 0), data.get("page", 0)
         if type(number) is not int or type(of_page) is not int:
-            raise _refusal(HTTPStatus.BAD_REQUEST, "page and number must be whole numbers")
+            raise _Refusal(HTTPStatus.BAD_REQUEST, "page and number must be whole numbers")
         newest = self.explore.newest
         newest.came(of_page, number)
         return lambda: newest.is_stale(of_page, number)
@@ -186,10 +267,10 @@ class _Handler(BaseHTTPRequestHandler):
     def _write(self, data: dict[str, Any]) -> dict[str, Any]:
         replaces = data.get("replaces")
         if replaces is not None and not isinstance(replaces, str):
-            raise _refusal(HTTPStatus.BAD_REQUEST, "replaces must be a SHA-256 or null")
+            raise _Refusal(HTTPStatus.BAD_REQUEST, "replaces must be a SHA-256 or null")
         explorer, target = self.explore.explorer, self.explore.target
         config = explorer.configured(data.get("values"))
-        explorer.solvable(config)  # reject what cannot be solved
+        explorer.calibration(config)  # reject what cannot be solved
         with self.explore.turn:
             target.write(config, replaces)
         case = explorer.case
@@ -204,22 +285,22 @@ class _Handler(BaseHTTPRequestHandler):
         hosts = self.explore.hosts
         if self.headers.get("Host") not in hosts:
             self.close_connection = True
-            raise _refusal(HTTPStatus.MISDIRECTED_REQUEST, "this address is not served here")
+            raise _Refusal(HTTPStatus.MISDIRECTED_REQUEST, "this address is not served here")
         origin = self.headers.get("Origin")
         if origin is not None and origin not in {f"http://{host}" for host in hosts}:
             self.close_connection = True
-            raise _refusal(HTTPStatus.FORBIDDEN, "requests of other sites are rejected")
+            raise _Refusal(HTTPStatus.FORBIDDEN, "requests of other sites are rejected")
 
     def _check_key(self, given: str) -> None:
         if not secrets.compare_digest(given.encode(), self.explore.key.encode()):
             self.close_connection = True
-            raise _refusal(HTTPStatus.FORBIDDEN, "open the whole address that `codegen explore` printed: its key is missing")
+            raise _Refusal(HTTPStatus.FORBIDDEN, "open the whole address that `codegen explore` printed: its key is missing")
 
     def _where(self) -> SplitResult:
         try:
             return urlsplit(self.path)
         except ValueError:
-            raise _refusal(HTTPStatus.BAD_REQUEST, "not a valid address") from None
+            raise _Refusal(HTTPStatus.BAD_REQUEST, "not a valid address") from None
 
     def _question(self) -> dict[str, Any]:
         """Return the JSON of a request. The body is read only after the key is checked."""
@@ -228,16 +309,16 @@ class _Handler(BaseHTTPRequestHandler):
         whole = length.isascii() and length.isdigit() and len(length) <= LENGTH_DIGITS_MAX
         if not whole or int(length) > BODY_MAX:
             self.close_connection = True
-            raise _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a body of at most {BODY_MAX} bytes is needed")
+            raise _Refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a body of at most {BODY_MAX} bytes is needed")
         body = self.rfile.read(int(length))
         if self.headers.get_content_type() != "application/json":
-            raise _refusal(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "application/json is needed")
+            raise _Refusal(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "application/json is needed")
         try:
             data = json.loads(body)
         except (ValueError, RecursionError):
-            raise _refusal(HTTPStatus.BAD_REQUEST, "not JSON") from None
+            raise _Refusal(HTTPStatus.BAD_REQUEST, "not JSON") from None
         if not isinstance(data, dict):
-            raise _refusal(HTTPStatus.BAD_REQUEST, "a JSON object is needed")
+            raise _Refusal(HTTPStatus.BAD_REQUEST, "a JSON object is needed")
         return data
 
     # --- answers -------------------------------------------------------------------------------------------------------
@@ -251,7 +332,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))
         self.send_header("Cache-Control", "no-store")
-        self.send_header("Content-Security-Policy", page.SECURITY_POLICY)
+        self.send_header("Content-Security-Policy", SECURITY_POLICY)
         self.send_header("X-Content-Type-Options", "nosniff")
         self.send_header("Referrer-Policy", "no-referrer")
         self.send_header("Cross-Origin-Resource-Policy", "same-origin")

@@ -65,7 +65,9 @@ class Target:
                 "a link, which may lead elsewhere", where=self.path, remedy="remove it, or name another --folder"
             )
         check_output(self.path, ".toml")
-        before = self._content()
+        before = None
+        if self.path.exists():
+            before = read_file(self.path, CONFIG_BYTES_MAX, "check its permissions, or move it away", ExploreError)
         text, kept = self._text(config, before)
         if before is not None:
             found = hashlib.sha256(before).hexdigest()
@@ -74,11 +76,6 @@ class Target:
         elif replaces is not None:
             raise ExploreError("the file that was to be replaced is gone", where=self.path, remedy="write again")
         write_atomically(self.path, text.encode("utf-8"))
-
-    def _content(self) -> bytes | None:
-        if not self.path.exists():
-            return None
-        return read_file(self.path, CONFIG_BYTES_MAX, "check its permissions, or move it away", ExploreError)
 
     def _text(self, config: Config, before: bytes | None) -> tuple[str, bool]:
         """Return the text to write, and whether it is the existing file with other numbers."""

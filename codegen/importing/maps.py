@@ -1,24 +1,90 @@
-"""Import of a map from a MATLAB file or a text table: find the quantities, convert to SI, check plausibility."""
+"""Import of a map from a MATLAB file or a text table: find the quantities, convert to SI, check plausibility.
+
+MATLAB files of the versions 4, 5, 6, 7 and 7.2 (save -v4, -v6, -v7) are read; 7.3 is HDF5 and is rejected. SciPy reads them in
+a child process (`mat_child`). On a damaged file it may crash (1.17 does) or request any amount of memory; then only the child
+ends.
+"""
 
 from __future__ import annotations
 
+import io
+import subprocess
+import sys
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen import __version__
-from codegen.arrays import FloatArray
+from codegen.arrays import AnyArray, FloatArray
 from codegen.errors import CodegenError
-from codegen.importing import mat, plausible, quantities
+from codegen.importing import mat_child, quantities
 from codegen.importing.quantities import FACTORS, LOGICAL, QUANTITIES
-from codegen.importing.source import TABLE_BYTES_MAX, ImportFault, Source, read
+from codegen.importing.source import MIB, TABLE_BYTES_MAX, ImportFault, Source, read
 from codegen.importing.table import Axis, RawMap, read_table
 from codegen.map_file.map import SCHEMA_VERSION, ReferenceMap, from_arrays
 from codegen.map_file.tables import UNITS
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+SAVE_AGAIN = "save it in MATLAB with save(name, 'vx', 'delta_f', 'yaw_rate', '-v7')"
+SECONDS = 60.0
+"""Time limit of the reading in s; 64 MiB take one second."""
+# -P: neither the user's folder nor this one comes before the libraries. By its path: the package need not be installed.
+READER = (sys.executable, "-P", str(Path(mat_child.__file__)), str(TABLE_BYTES_MAX))
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Contents of a MATLAB file.
+
+    Attributes:
+        variables: name -> array for each numeric or logical (0 and 1) one, in the file's order; in plain structs as "map.vx".
+        nested: the names of structs inside structs, "lut.Breakpoints", which are not read.
+    """
+
+    variables: dict[str, AnyArray]
+    nested: tuple[str, ...]
+
+
+def contents(source: Source) -> Contents:
+    """Read a MATLAB file.
+
+    Raises:
+        ImportFault: it is HDF5, no MATLAB file, damaged, or too large.
+    """
+    data = source.data
+    if HDF5_SIGNATURE in data[:1024] or (data[126:128] in (b"IM", b"MI") and 2 in data[124:126]):
+        raise ImportFault("a MATLAB file of version 7.3 (HDF5), which is not read", where=source.path, remedy=SAVE_AGAIN)
+    try:
+        result = subprocess.run(READER, input=data, capture_output=True, timeout=SECONDS, check=False)
+    except subprocess.TimeoutExpired:
+        raise ImportFault(f"not read within {SECONDS:g} s: damaged?", where=source.path, remedy=SAVE_AGAIN) from None
+    except OSError as error:
+        raise _no_reader(source, str(error.strerror)) from None
+    if result.returncode == mat_child.TOO_LARGE:
+        remedy = "save the map's own variables only"
+        raise ImportFault(f"over {TABLE_BYTES_MAX // MIB} MiB unpacked", where=source.path, remedy=remedy)
+    if result.returncode == mat_child.DAMAGED or result.returncode < 0:  # below zero: a signal
+        raise ImportFault("damaged, or no MAT-file of version 4 to 7.2", where=source.path, remedy=SAVE_AGAIN)
+    if result.returncode != 0:
+        told = result.stderr.decode(errors="replace").splitlines()
+        raise _no_reader(source, told[-1] if told else f"exit code {result.returncode}")
+    try:
+        with np.load(io.BytesIO(result.stdout), allow_pickle=False) as found:
+            variables = {str(name): found[f"arr_{number}"] for number, name in enumerate(found[mat_child.NAMES])}
+            return Contents(variables, tuple(str(name) for name in found[mat_child.NESTED]))
+    except (EOFError, KeyError, OSError, ValueError, zipfile.BadZipFile):
+        raise _no_reader(source, "no answer that can be read") from None
+
+
+def _no_reader(source: Source, reason: str) -> ImportFault:
+    remedy = "install the project's packages again, or save the map as a text table"
+    return ImportFault(f"SciPy, which reads it, cannot be run ({reason})", where=source.path, remedy=remedy)
+
 
 MATLAB_ENDINGS = (".mat",)
 SAVE_FLAT = "save vx, delta_f and yaw_rate"
@@ -58,7 +124,7 @@ def import_map(path: Path, choices: Choices) -> ImportedMap:
     """
     given = quantities.parse_units(choices.units)
     source = read(path, TABLE_BYTES_MAX)
-    found = mat.contents(source) if path.suffix.lower() in MATLAB_ENDINGS else None
+    found = contents(source) if path.suffix.lower() in MATLAB_ENDINGS else None
     try:
         return _imported(source, found, choices, given)
     except CodegenError as error:
@@ -68,7 +134,7 @@ def import_map(path: Path, choices: Choices) -> ImportedMap:
         raise type(error)(error.what, where=error.where, remedy=remedy) from None
 
 
-def _fits(source: Source, found: mat.Contents | None, choices: Choices, given: Mapping[str, str]) -> bool:
+def _fits(source: Source, found: Contents | None, choices: Choices, given: Mapping[str, str]) -> bool:
     try:
         _imported(source, found, choices, given)
     except CodegenError:
@@ -76,7 +142,7 @@ def _fits(source: Source, found: mat.Contents | None, choices: Choices, given: M
     return True
 
 
-def _imported(source: Source, found: mat.Contents | None, choices: Choices, given: Mapping[str, str]) -> ImportedMap:
+def _imported(source: Source, found: Contents | None, choices: Choices, given: Mapping[str, str]) -> ImportedMap:
     """Return the map of a text table, or of a MATLAB file where `found` is given."""
     path = source.path
     raw = _from_matlab(source, found, choices) if found is not None else read_table(source, choices.names, choices.rows)
@@ -84,7 +150,7 @@ def _imported(source: Source, found: mat.Contents | None, choices: Choices, give
     if stray:
         raise ImportFault(f"{path.name} has no {stray[0]}", where="--units", remedy="leave it out")
     units = _units(raw, given, source)
-    plausible.check_units(_judged(raw), units, path)
+    quantities.check_units(_judged(raw), units, path)
     arrays = {key: _in_si(array, key, units[key]) for key, array in raw.values.items()}
     if "feasible" not in arrays and arrays["yaw_rate"].ndim == 2:
         arrays["feasible"] = ~np.isnan(arrays["yaw_rate"])
@@ -121,7 +187,7 @@ def _units(raw: RawMap, given: Mapping[str, str], source: Source) -> dict[str, s
         if key in known:
             continue
         missing = [each for each in units if each not in known]
-        likely = plausible.likely_units(_judged(raw), {each: known[each] for each in known if each != "feasible"})
+        likely = quantities.likely_units(_judged(raw), {each: known[each] for each in known if each != "feasible"})
         choice = {each: "|".join(FACTORS[QUANTITIES[each].kind]) for each in missing}
         pairs = ",".join(f"{each}={unit}" for each, unit in (likely or choice).items())
         raise ImportFault(
@@ -154,7 +220,7 @@ def _in_si(array: npt.NDArray[Any], key: str, unit: str) -> npt.NDArray[Any]:
 # --- MATLAB --------------------------------------------------------------------------------------------------------------
 
 
-def _from_matlab(source: Source, found: mat.Contents, choices: Choices) -> RawMap:
+def _from_matlab(source: Source, found: Contents, choices: Choices) -> RawMap:
     """Return the map's variables of a MATLAB file: axes as vectors, tables with a row for each speed."""
     unread = f"structs inside structs are not read ({found.nested[0]}); {SAVE_FLAT}" if found.nested else ""
     names = quantities.choose(found.variables, choices.names, source.path, unread)
@@ -187,18 +253,10 @@ def _vector(array: npt.NDArray[Any], place: str) -> npt.NDArray[Any]:
 
 def _is_transposed(found: tuple[int, ...], wanted: tuple[int, int], rows: Axis | None, place: str) -> bool:
     """Return whether a table of shape `found` has delta_f down its rows; `wanted` is (n, m)."""
-    if rows == "delta_f":
-        if found != wanted[::-1]:
-            _refuse_shape(found, wanted[::-1], place)
-        return True
-    if rows is None and found != wanted and found == wanted[::-1]:
-        return True
-    if found != wanted:
-        _refuse_shape(found, wanted, place)
-    return False
-
-
-def _refuse_shape(found: tuple[int, ...], wanted: tuple[int, int], place: str) -> NoReturn:
-    shown = " x ".join(str(length) for length in found)
-    remedy = "save a row for each vx and a column for each delta_f, or name the right variables"
-    raise ImportFault(f"{shown} values, where the axes need {wanted[0]} x {wanted[1]}", where=place, remedy=remedy)
+    transposed = rows == "delta_f" or (rows is None and found != wanted and found == wanted[::-1])
+    needed = wanted[::-1] if transposed else wanted
+    if found != needed:
+        shown = " x ".join(str(length) for length in found)
+        remedy = "save a row for each vx and a column for each delta_f, or name the right variables"
+        raise ImportFault(f"{shown} values, where the axes need {needed[0]} x {needed[1]}", where=place, remedy=remedy)
+    return transposed

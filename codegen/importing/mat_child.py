@@ -1,6 +1,6 @@
 """Child process that reads a MATLAB file from standard input and writes its numbers as .npz to standard output, within a limit.
 
-`mat` runs it by its path, because SciPy may crash on a damaged file. It imports nothing of the project, which need not be on
+`maps` runs it by its path, because SciPy may crash on a damaged file. It imports nothing of the project, which need not be on
 the path of a new Python.
 """
 
@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from codegen.arrays import AnyArray
+import numpy.typing as npt
 
 DAMAGED, TOO_LARGE = 10, 11
 """Exit codes. 0 is success; any other code or a signal is another failure."""
@@ -30,7 +29,7 @@ SPARE = 2**30
 """Memory limit in bytes of the reading, in addition to Python, NumPy and SciPy."""
 
 
-def read(data: bytes, limit: int) -> tuple[dict[str, AnyArray], list[str]]:
+def read(data: bytes, limit: int) -> tuple[dict[str, npt.NDArray[Any]], list[str]]:
     """Return name -> array for each numeric or logical (0 and 1) variable, those inside plain structs as "map.vx".
 
     Also return the names of the structs inside those structs.
@@ -59,7 +58,7 @@ def read(data: bytes, limit: int) -> tuple[dict[str, AnyArray], list[str]]:
     return found, [name for name, array in inside.items() if array.dtype.names is not None]
 
 
-def _inside(variables: Mapping[str, Any], wanted: list[str]) -> Iterator[tuple[str, AnyArray]]:
+def _inside(variables: Mapping[str, Any], wanted: list[str]) -> Iterator[tuple[str, npt.NDArray[Any]]]:
     for name in wanted:
         value = variables[name]
         if value.dtype.names is None:

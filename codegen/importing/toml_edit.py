@@ -16,11 +16,6 @@ from codegen.importing.source import ImportFault
 Entry = tuple[Key | None, Item]
 
 
-def rounded(value: float) -> float:
-    """Round to nine significant digits, far finer than any tyre is known."""
-    return float(f"{value:.9g}")
-
-
 def replace_values(text: str, table: str, values: Mapping[str, Any], renamed: Mapping[str, str], remark: str) -> str:
     """Return the text with `values` in the table.
 

@@ -19,9 +19,9 @@ import numpy as np
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.errors import ConfigError
-from codegen.importing import tir, toml_edit
-from codegen.importing.magic_formula import Curve, LateralFormula, read_formula
+from codegen.importing.magic_formula import TIR_BYTES_MAX, Curve, LateralFormula, parse, read_formula
 from codegen.importing.source import ImportFault, Source, read
+from codegen.importing.toml_edit import replace_values
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre, static_wheel_loads
 
 Peak = Literal["file", "road"]
@@ -104,29 +104,21 @@ def import_tyres(paths: Sequence[Path], config_path: Path, peak: Peak = "file") 
     _check_car(config, config_path)
     text = read(config_path, configuration.CONFIG_BYTES_MAX).data.decode("utf-8-sig")
     loads = static_wheel_loads(config)
-    files = [read(path, tir.TIR_BYTES_MAX) for path in paths]
+    files = [read(path, TIR_BYTES_MAX) for path in paths]
     sources = files if len(files) == 2 else files * 2
-    formulas = [read_formula(tir.parse(source)) for source in sources]
+    formulas = [read_formula(parse(source)) for source in sources]
     curves = [_curve(formula, load, source) for formula, load, source in zip(formulas, loads, sources, strict=True)]
     values = [_values(formula, load, config, peak) for formula, load in zip(formulas, loads, strict=True)]
     for axle, source, numbers in zip(AXLES, sources, values, strict=True):
-        remark = f"imported from {_comment(source.name)}, SHA-256 {source.sha256}"
-        with_tyre = toml_edit.replace_values(text, f"tyre.{axle}", numbers, {FACTOR_KEY: STIFFNESS_KEY}, remark)
-        text = with_tyre
+        name = "".join(character if character.isprintable() else "?" for character in source.name)  # valid in a comment
+        remark = f"imported from {name}, SHA-256 {source.sha256}"
+        text = replace_values(text, f"tyre.{axle}", numbers, {FACTOR_KEY: STIFFNESS_KEY}, remark)
     made = _checked(text, sources)
     tyres = AxleTyres.from_config(made)
+    of_axles = (("front", tyres.front, tyres.front_slip_bound), ("rear", tyres.rear, tyres.rear_slip_bound))
     axles = tuple(
-        _axle(axle, source, formula, curve, tyre, bound, numbers)
-        for axle, source, formula, curve, tyre, bound, numbers in zip(
-            AXLES,
-            sources,
-            formulas,
-            curves,
-            (tyres.front, tyres.rear),
-            (tyres.front_slip_bound, tyres.rear_slip_bound),
-            values,
-            strict=True,
-        )
+        _axle(*of_axle, source, formula, curve, numbers)
+        for of_axle, source, formula, curve, numbers in zip(of_axles, sources, formulas, curves, values, strict=True)
     )
     return TyreImport(text, axles, tuple(_notes(axles, config, peak)))
 
@@ -179,7 +171,7 @@ def _values(formula: LateralFormula, load: float, config: Config, peak: Peak) ->
         "horizontal_shift_deg": 0.0,
         "vertical_shift_n": 0.0,
     }
-    return {key: toml_edit.rounded(value) for key, value in values.items()}
+    return {key: float(f"{value:.9g}") for key, value in values.items()}  # far finer than any tyre is known
 
 
 def _checked(text: str, sources: Sequence[Source]) -> Config:
@@ -195,16 +187,19 @@ def _checked(text: str, sources: Sequence[Source]) -> Config:
 
 def _axle(
     axle: str,
+    tyre: MagicFormulaTyre,
+    slip_bound: float,
     source: Source,
     formula: LateralFormula,
     curve: Curve,
-    tyre: MagicFormulaTyre,
-    slip_bound: float,
     values: dict[str, float],
 ) -> AxleImport:
     load = tyre.static_load
     at_peak = _slip_at_peak(curve)
-    lighter, heavier = (_stiffness_ratio(formula, tyre, share * load) - 1.0 for share in (0.7, 1.3))
+    lighter, heavier = (
+        tyre.stiffness_factor * tyre.shape_factor * tyre.peak(other, tyre.nominal_friction) / formula.at(other).stiffness - 1.0
+        for other in (0.7 * load, 1.3 * load)
+    )
     return AxleImport(
         axle=axle,
         file=source.name,
@@ -243,16 +238,6 @@ def _worst(curve: Curve, tyre: MagicFormulaTyre, slip_max: float) -> float:
     """Return the largest difference as a fraction of the file's peak."""
     slips = np.linspace(0.0, slip_max, 1001)
     return float(np.max(np.abs(tyre.force(slips) - curve.force(slips))) / curve.peak)
-
-
-def _stiffness_ratio(formula: LateralFormula, tyre: MagicFormulaTyre, load: float) -> float:
-    own = tyre.stiffness_factor * tyre.shape_factor * tyre.peak(load, tyre.nominal_friction)
-    return own / formula.at(load).stiffness
-
-
-def _comment(name: str) -> str:
-    """Return a file's name that is valid in a TOML comment."""
-    return "".join(character if character.isprintable() else "?" for character in name)
 
 
 def _notes(axles: Sequence[AxleImport], config: Config, peak: Peak) -> list[str]:

@@ -1,4 +1,4 @@
-"""Differences between two maps in figures, on the breakpoints of the first where both are defined.
+"""Differences between two maps, on the breakpoints of the first where both are defined: figures and a picture.
 
 Values are in degrees and km/h. The console, the JSON output and the HTML report use them.
 """
@@ -7,18 +7,40 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.arrays import BoolArray, FloatArray
-from codegen.errors import MapError
+from codegen.errors import MapError, one_line
 from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.nonlinear import ABOVE, SlipUse, slip_use
+from codegen.report.style import (
+    BLACK,
+    BLUE,
+    FRONT_ANGLE_LABEL,
+    GREY,
+    ORANGE,
+    SPEED_LABEL,
+    YAW_RATE,
+    draw_table,
+    line_handle,
+    map_legend,
+    new_figure,
+    patch_handle,
+    plain,
+    style,
+)
 from codegen.report.summary import TYRE, map_summary
 from codegen.units import KM_H
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 
 POINT_SPEEDS_KM_H = (30.0, 60.0, 100.0, 150.0)
 POINT_FRONT_ANGLES_DEG = (2.0, 5.0, 10.0)
@@ -119,12 +141,8 @@ class MapDifference:
         told = (self.mean_deg_s, self.rms_deg_s, self.largest_deg_s)
         return "yaw rate, first less second", *(f"{value:.3g}" for value in told), str(self.largest_at)
 
-    @property
-    def rows(self) -> list[tuple[str, ...]]:
-        """Rows for each figure that both maps have: name, first, second."""
-        return list(self._rows())
-
-    def _rows(self) -> Iterator[tuple[str, ...]]:
+    def rows(self) -> Iterator[tuple[str, ...]]:
+        """Yield the rows of each figure that both maps have: name, first, second."""
         sides = (self.first, self.second)
         yield TYRE, *(side.tyre_model or "-" for side in sides)
         yield "feasible cells", *(f"{side.feasible_cells} of {side.cells}" for side in sides)
@@ -155,14 +173,13 @@ class MapDifference:
     @property
     def point_rows(self) -> list[tuple[str, ...]]:
         """Rows for each operating point, under POINT_HEADER; deg/s and deg."""
-        return [_point_row(point) for point in self.points]
-
-
-def _point_row(point: Point) -> tuple[str, ...]:
-    one, two = point.first_yaw_rate_deg_s, point.second_yaw_rate_deg_s
-    difference = None if one is None or two is None else one - two
-    told = (one, two, difference, point.first_rear_angle_deg, point.second_rear_angle_deg)
-    return str(point.at), *("-" if value is None else f"{round(value, 3) + 0.0:.3f}" for value in told)
+        rows = []
+        for point in self.points:
+            one, two = point.first_yaw_rate_deg_s, point.second_yaw_rate_deg_s
+            difference = None if one is None or two is None else one - two
+            told = (one, two, difference, point.first_rear_angle_deg, point.second_rear_angle_deg)
+            rows.append((str(point.at), *("-" if value is None else f"{round(value, 3) + 0.0:.3f}" for value in told)))
+        return rows
 
 
 def map_difference(one: ReferenceMap, other: ReferenceMap, used: Sequence[SlipUse | None] | None = None) -> MapDifference:
@@ -311,3 +328,132 @@ def _places(axis: FloatArray, at: FloatArray) -> tuple[npt.NDArray[np.intp], Flo
 def _between(first: FloatArray, second: FloatArray, share: FloatArray) -> FloatArray:
     mixed = first + share * (second - first)
     return np.where(share == 0.0, first, np.where(share == 1.0, second, mixed))
+
+
+COLOUR_RANGE_MIN, ABOVE_BOUND_MIN = 0.01, 10.0
+"""Minimum span of a diverging scale: deg/s to both sides, and percent above the bound."""
+
+NAME_MAX = 20
+"""Largest number of characters of a map's name in a title."""
+
+BOUND = 100.0
+"""Percent."""
+
+BOTH, DIVERGING, USE = "#D9D4C5", "BrBG", "RdYlBu_r"
+
+
+def map_difference_figure(
+    maps: tuple[ReferenceMap, ReferenceMap], used: tuple[SlipUse | None, SlipUse | None], names: tuple[str, str]
+) -> Figure:
+    """Draw two maps over speed and front angle: each on its own breakpoints, comparisons on those of the first.
+
+    Args:
+        used: `slip_use` of each map; without it, its two panels are omitted.
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    known = any(used)
+    titles = [f"{which}: {plain(one_line(name, NAME_MAX))}" for which, name in zip(("first", "second"), names, strict=True)]
+    with style():
+        figure = new_figure(13.2, 7.2) if known else new_figure(9.6, 7.2)
+        grid = figure.subplots(2, 3 if known else 2, sharex=True, sharey=True)
+        _draw_yaw_rates(figure, grid[0][:2], maps, titles)
+        gain, where = grid[:, 2] if known else grid[1]
+        limits = {"xlim": grid[0][0].get_xlim(), "ylim": grid[0][0].get_ylim()}
+        _draw_gain(figure, gain, maps)
+        entries = _draw_where(where, maps)
+        if known and _draw_use(figure, grid[1][:2], maps, used, titles):
+            entries.append(line_handle(color=BLACK, linewidth=1.0, label="slip meets its bound"))
+        grid[0][0].set(**limits)
+        for axes in grid[-1]:
+            axes.set_xlabel(SPEED_LABEL)
+        grid[0][0].xaxis.set_major_locator(
+            MaxNLocator(5, prune="upper")
+        )  # the last label would touch the first of the next panel
+        for axes in grid[:, 0]:
+            axes.set_ylabel(FRONT_ANGLE_LABEL)
+        figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
+    return figure
+
+
+def _draw_yaw_rates(
+    figure: Figure, panels: Sequence[Axes], maps: tuple[ReferenceMap, ReferenceMap], titles: Sequence[str]
+) -> None:
+    """Draw both on one scale. The first is drawn last, because its limits are those of the picture."""
+    scale = YAW_RATE.scale(maps)
+    for axes, one, title in reversed(list(zip(panels, maps, titles, strict=True))):
+        table = YAW_RATE.degrees(one)
+        assert table is not None
+        draw_table(axes, one, table, scale, YAW_RATE.colours)
+        axes.set_title(f"{YAW_RATE.name}, {title}")
+    YAW_RATE.colour_bar(figure, list(panels), scale, label=f"yaw rate ({YAW_RATE.unit})")
+
+
+def _draw_gain(figure: Figure, axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    first, second = maps
+    gain = np.degrees(first.yaw_rate - on_axes_of(first, second))
+    reach = max(float(np.nanmax(np.abs(gain), initial=0.0)), COLOUR_RANGE_MIN)
+    scale = Normalize(-reach, reach)
+    draw_table(axes, first, gain, scale, DIVERGING)
+    figure.colorbar(ScalarMappable(scale, DIVERGING), ax=axes, label=f"yaw rate ({YAW_RATE.unit})")
+    axes.set_title("First less second")
+
+
+def _draw_where(axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> list[Artist]:
+    """Draw which map is feasible at the breakpoints of the first; return the legend entries."""
+    from matplotlib.colors import ListedColormap, Normalize
+
+    first, second = maps
+    theirs = np.isfinite(on_axes_of(first, second))
+    kinds = (
+        (first.feasible & theirs, BOTH, "both"),
+        (first.feasible & ~theirs, BLUE, "the first alone"),
+        (theirs & ~first.feasible, ORANGE, "the second alone"),
+    )
+    table = np.full(first.feasible.shape, np.nan)
+    for index, (cells, _, _) in enumerate(kinds):
+        table[cells] = index
+    draw_table(axes, first, table, Normalize(-0.5, len(kinds) - 0.5), ListedColormap([colour for _, colour, _ in kinds]))
+    axes.set_title("Where feasible")
+    patches = [
+        patch_handle(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=name)
+        for cells, colour, name in kinds
+        if cells.any()
+    ]
+    return [*patches, *map_legend(phase_line=False, infeasible=bool(np.isnan(table).any()))]
+
+
+def _draw_use(
+    figure: Figure,
+    panels: Sequence[Axes],
+    maps: tuple[ReferenceMap, ReferenceMap],
+    used: tuple[SlipUse | None, SlipUse | None],
+    titles: Sequence[str],
+) -> bool:
+    """Draw the slip of the axle that is nearer to its bound, in percent of the bound, with a line where it meets the bound.
+    Return whether there is such a line."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import TwoSlopeNorm
+
+    tables = [None if use is None else np.fmax(use.front, use.rear) for use in used]
+    highest = max((float(np.nanmax(table, initial=0.0)) for table in tables if table is not None), default=0.0)
+    top = max(highest, BOUND + ABOVE_BOUND_MIN)
+    scale = TwoSlopeNorm(BOUND, 0.0, top)
+    lines = 0
+    for axes, one, table, title in zip(panels, maps, tables, titles, strict=True):
+        if table is None:
+            axes.text(0.5, 0.5, "contains no car", transform=axes.transAxes, ha="center")
+        else:
+            draw_table(axes, one, table, scale, USE)
+            if (table > ABOVE).any():
+                lines += 1
+                held = np.ma.masked_invalid(table.T)
+                axes.contour(one.speed / KM_H, np.degrees(one.front_angle), held, [ABOVE], colors=BLACK, linewidths=1.0)
+        axes.set_title(f"Slip used, {title}")
+    ticks = [*np.arange(0.0, BOUND, 25.0), *np.linspace(BOUND, top, 3)]
+    label = "slip, of its bound on the plant (%)"
+    figure.colorbar(ScalarMappable(scale, USE), ax=list(panels), label=label, ticks=ticks, format="%.0f")
+    return lines > 0

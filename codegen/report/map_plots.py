@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import preset
 from codegen.map_file.bounds import BOUNDS, Binding, binding_text
 from codegen.map_file.map import ReferenceMap
-from codegen.report.published import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
+from codegen.report.paper_tables import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
 from codegen.report.style import (
     BLACK,
     BLUE,
@@ -33,18 +33,19 @@ from codegen.report.style import (
     PlotError,
     draw_quantity,
     draw_table,
+    line_handle,
     map_legend,
     new_figure,
+    patch_handle,
     plain,
     style,
 )
 from codegen.units import KM_H
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
-
 
 BINDING_COLOURS = {
     int(Binding.NONE): "#F4F1E6",
@@ -55,12 +56,18 @@ OTHER_COLOURS = ("#999933", "#882255", "#44AA99", "#332288", "#DDCC77")
 """Colours of constraint sets without a colour of their own (P. Tol's muted scheme). Still rarer sets share grey."""
 
 
+def binding_colours(known: Sequence[int]) -> list[str]:
+    """Return the colours of sets of binding constraints. More sets at the end do not change the colours of the first."""
+    others = iter(OTHER_COLOURS)
+    return [BINDING_COLOURS.get(flags) or next(others, GREY) for flags in known]
+
+
 def map_figure(reference_map: ReferenceMap, title: str) -> Figure:
     """Draw a map over speed and front angle: yaw rate, sideslip, rear angle and binding constraints.
 
     A bare map shows only what it has.
     """
-    shown = [quantity for quantity in QUANTITIES if quantity.table(reference_map) is not None]
+    shown = [quantity for quantity in QUANTITIES if quantity.degrees(reference_map) is not None]
     panels = len(shown) + (reference_map.active is not None)
     columns, rows = {1: (1, 1), 2: (2, 1), 3: (3, 1), 4: (2, 2)}[panels]
     with style():
@@ -92,9 +99,8 @@ def _label_outer(grid: npt.NDArray[Any]) -> None:
         axes.set_ylabel(FRONT_ANGLE_LABEL)
 
 
-def _draw_binding(axes: Axes, reference_map: ReferenceMap, active: npt.NDArray[np.uint8]) -> list[Patch]:
+def _draw_binding(axes: Axes, reference_map: ReferenceMap, active: npt.NDArray[np.uint8]) -> list[Artist]:
     from matplotlib.colors import ListedColormap, Normalize
-    from matplotlib.patches import Patch
 
     found, count = np.unique(active[reference_map.feasible], return_counts=True)
     others = iter(OTHER_COLOURS)
@@ -110,7 +116,7 @@ def _draw_binding(axes: Axes, reference_map: ReferenceMap, active: npt.NDArray[n
     scale = Normalize(-0.5, len(names) - 0.5)
     draw_table(axes, reference_map, table, scale, ListedColormap([colour for _, colour in names]))
     axes.set_title("Binding constraints")
-    return [Patch(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=name) for name, colour in names]
+    return [patch_handle(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=name) for name, colour in names]
 
 
 def three_maps_figure(maps: Mapping[str, ReferenceMap]) -> Figure:
@@ -220,15 +226,13 @@ def is_paper(reference_map: ReferenceMap) -> bool:
 
 
 def _finish_cut(figure: Figure, yaw_axes: Axes, sideslip_axes: Axes, front_angle: float, marked: bool) -> None:
-    from matplotlib.lines import Line2D
-
     handles: list[Any] = list(yaw_axes.get_lines())
     handles = [line for line in handles if not line.get_label().startswith("_")]
     if marked:
         for axes in (yaw_axes, sideslip_axes):
             axes.axvline(43.9, color=BLACK, linewidth=0.8, linestyle=":", zorder=0)
         ring: dict[str, Any] = {"marker": "o", "color": BLACK, "markerfacecolor": WHITE, "markersize": 6}
-        handles.append(Line2D([], [], linestyle=":", linewidth=0.8, label="paper's table, 43.9 km/h", **ring))
+        handles.append(line_handle(linestyle=":", linewidth=0.8, label="paper's table, 43.9 km/h", **ring))
     sideslip_axes.axhline(0.0, color=BLACK, linewidth=0.6, zorder=1)
     for axes, quantity in ((yaw_axes, YAW_RATE), (sideslip_axes, SIDESLIP)):
         axes.set_ylabel(quantity.label)

@@ -12,9 +12,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from codegen import configuration
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
@@ -23,14 +26,29 @@ from codegen.files import make_folder, write_atomically
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
-from codegen.report import plots
-from codegen.report.fault_table import fault_data
+from codegen.report.bus_tables import fault_data
 from codegen.report.html.maps import NamedMap
 from codegen.report.html.page import render
 from codegen.report.html.report import Material, sections
-from codegen.report.paper_tables import CASES, RUNS, TableRow, optimum_rows, optimum_table, run_table
-from codegen.report.published import TABLE_FRONT_ANGLE_DEG
+from codegen.report.map_plots import front_angle_cut_figure, three_maps_figure
+from codegen.report.paper_tables import CASES, RUNS, TABLE_FRONT_ANGLE_DEG, TableRow, optimum_rows, optimum_table, run_table
+from codegen.report.run_plots import YAW_RATE_SIGNAL, column, draw_signal, looks_of, run_figure, run_handles, run_window
+from codegen.report.style import (
+    FRONT_ANGLE_LABEL,
+    SPEED_LABEL,
+    VERMILION,
+    WHITE,
+    YAW_RATE,
+    PlotError,
+    draw_quantity,
+    map_legend,
+    new_figure,
+    phase_lines,
+    save,
+    style,
+)
 from codegen.report.summary import metric_rows
+from codegen.report.tyre_plots import tyre_figure
 from codegen.sil.compile import find_compiler
 from codegen.sil.software import load
 from codegen.text_table import text_table
@@ -40,6 +58,10 @@ from hil_sim.logs import save_csv
 from hil_sim.metrics import Evaluation, StepMetrics, evaluate, step_metrics
 from hil_sim.scenarios import DEFAULT, find
 from hil_sim.suite.subjects import recommended_config, tuned
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 TRACKING = "C1 tracking"
 RUN_NOTES = (
@@ -56,7 +78,6 @@ class Reproduction:
     `runs` are the paper's; `tracking` is C1's map with the recommended controller.
     """
 
-    folder: Path
     table: tuple[TableRow, ...]
     runs: Mapping[str, StepMetrics]
     passive: StepMetrics
@@ -101,7 +122,7 @@ class Reproduction:
         return "\n".join(text).splitlines()
 
 
-def reproduce(folder: Path, config: Config | None = None, done: Callable[[int, int], None] | None = None) -> Reproduction:
+def reproduce(folder: Path, done: Callable[[int, int], None] | None = None) -> Reproduction:
     """Solve, build, simulate and draw everything under `folder`.
 
     Args:
@@ -110,10 +131,15 @@ def reproduce(folder: Path, config: Config | None = None, done: Callable[[int, i
     Raises:
         CodegenError: the folder cannot be written, there is no compiler, or a self-test fails.
     """
-    config = configuration.preset() if config is None else config
+    config, count = configuration.preset(), itertools.count(1)
+    parts = 2 * (len(RUNS) + 1) + 3  # the maps, the tuned map, the runs, the pictures, and the report
+
+    def tell() -> None:
+        if done is not None:
+            done(next(count), parts)
+
     find_compiler()  # before anything is written
     make_folder(folder)
-    tell = _teller(done)
     maps = {}
     for case in CASES:
         maps[case] = solve_case(config, case)
@@ -150,34 +176,22 @@ def reproduce(folder: Path, config: Config | None = None, done: Callable[[int, i
     metrics = {name: step_metrics(record, manoeuvre.steer_time, ratio) for name, record in records.items()}
     passive = metrics.pop("passive car")
     tracking = metrics.pop(TRACKING)
-    return Reproduction(
-        folder, tuple(optimum_rows(config)), metrics, passive, tracking, evaluate(manoeuvre, config, records), outputs
-    )
-
-
-def _teller(done: Callable[[int, int], None] | None) -> Callable[[], None]:
-    """Return a progress callback for the parts: maps, the tuned map, runs, pictures, and the report."""
-    parts, count = 2 * (len(RUNS) + 1) + 3, itertools.count(1)
-
-    def tell() -> None:
-        if done is not None:
-            done(next(count), parts)
-
-    return tell
+    evaluation = evaluate(manoeuvre, config, records)
+    return Reproduction(tuple(optimum_rows(config)), metrics, passive, tracking, evaluation, outputs)
 
 
 def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], records: Mapping[str, Any]) -> dict[str, Path]:
     figures = {
-        "maps": plots.three_maps_figure(maps),
-        "front-angle-4deg": plots.front_angle_cut_figure(maps, math.radians(TABLE_FRONT_ANGLE_DEG)),
-        "tyres": plots.tyre_figure(config),
-        "c1-c2": plots.run_figure(records, find(DEFAULT).title),
-        "overview": plots.overview_figure(config, maps, records),
+        "maps": three_maps_figure(maps),
+        "front-angle-4deg": front_angle_cut_figure(maps, math.radians(TABLE_FRONT_ANGLE_DEG)),
+        "tyres": tyre_figure(config),
+        "c1-c2": run_figure(records, find(DEFAULT).title),
+        "overview": overview_figure(config, maps, records),
     }
     paths = {}
     for name, figure in figures.items():
         paths[f"plot {name}"] = folder / f"{name}.png"
-        plots.save(figure, paths[f"plot {name}"])
+        save(figure, paths[f"plot {name}"])
     return paths
 
 
@@ -207,3 +221,41 @@ def _report(
     path = folder / "report.html"
     write_atomically(path, render("The paper's maps, and its controller in C", list(sections(material))))
     return {"report": path}
+
+
+def overview_figure(config: Config, maps: Mapping[str, ReferenceMap], runs: Mapping[str, FloatArray]) -> Figure:
+    """Draw the 4WS-2 map and its closed-loop step response in one wide picture, 1600 by 620 pixels.
+
+    Raises:
+        PlotError: there is no map "4ws-2", or the runs cannot be drawn.
+    """
+    by_name = {name.lower(): one for name, one in maps.items()}
+    if "4ws-2" not in by_name:
+        raise PlotError("no map 4ws-2", where=f"maps {', '.join(maps)}", remedy="solve the case 4ws-2 first")
+    looks, window, reference_map = looks_of(runs), run_window(runs), by_name["4ws-2"]
+    with style(1.3):
+        figure = new_figure(1600 / 130, 620 / 130, dpi=130)
+        left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.05))
+        _draw_overview_map(figure, left, reference_map, runs)
+        left.set_title(f"Optimal yaw-rate map 4WS-2, road friction {config.road.friction:g}")
+        draw_signal(right, runs, looks, YAW_RATE_SIGNAL, window)
+        right.set(xlabel="Time (s)", ylabel=YAW_RATE.label, title="Generated C in the loop: step steer")
+        right.legend(handles=run_handles(right, "reference"), loc="lower right")
+    return figure
+
+
+def _draw_overview_map(figure: Figure, axes: Axes, reference_map: ReferenceMap, runs: Mapping[str, FloatArray]) -> None:
+    scale = YAW_RATE.scale([reference_map])
+    entries = map_legend(draw_quantity(axes, reference_map, YAW_RATE, scale), not reference_map.feasible.all())
+    YAW_RATE.colour_bar(figure, axes, scale, label=YAW_RATE.label)
+    last = next(iter(runs.values()))[-1:]
+    speed, front_angle = column(last, "speed_m_s")[0], column(last, "front_angle_rad")[0]
+    point: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 9, "color": VERMILION, "markeredgecolor": WHITE}
+    label = f"the step: {speed:.4g} km/h, {front_angle:.3g} deg"
+    entries += axes.plot([speed], [front_angle], label=label, zorder=4, **point)
+    for piece in phase_lines(reference_map)[:1]:
+        foot = float(piece[np.argmin(piece[:, 1]), 0])
+        for side, name, align in ((-2.0, "rear wheels opposite", "right"), (2.0, "same direction", "left")):
+            axes.text(foot + side, 0.35, name, color=WHITE, ha=align, va="center")
+    axes.set(xlabel=SPEED_LABEL, ylabel=FRONT_ANGLE_LABEL)
+    axes.legend(handles=entries, loc="upper right", frameon=True, framealpha=1.0)

@@ -1,4 +1,4 @@
-"""Runs over time: signals, references, status."""
+"""Runs over time: signals, references, status, and marks for moments, time spans and spins."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.report.legend import legend_below
-from codegen.report.run_marks import SPIN_MARKER, Mark, Span, draw_marks, draw_spans, spin_handles, until_spin
 from codegen.report.style import (
     BLACK,
     BLUE,
@@ -24,17 +22,84 @@ from codegen.report.style import (
     RUN_NAMES,
     SKY,
     VERMILION,
+    WHITE,
     PlotError,
+    legend_below,
+    line_handle,
     new_figure,
+    patch_handle,
     plain,
     style,
 )
 from codegen.units import KM_H
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
+
+FAULT_COLOUR = "#F3D9CC"
+SPIN_NAME = "spin: the run ends here"
+SPIN_MARKER: dict[str, Any] = {"linestyle": "", "marker": "X", "markersize": 8, "markeredgecolor": WHITE}
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A time (s) that is marked in every panel, and its label above the first one."""
+
+    time: float
+    label: str
+
+
+@dataclass(frozen=True)
+class Span:
+    """A time range (s) that is shaded in every panel, and its name in the legend."""
+
+    start: float
+    end: float
+    label: str
+
+
+def until_spin(run: FloatArray) -> FloatArray:
+    """Return a run up to the sample in which the car spins, at least two samples; the whole run if it does not spin."""
+    from hil_sim.metrics import spin_time
+
+    time = spin_time(run)
+    return run if time is None else run[: max(int(np.searchsorted(run[:, 0], time)) + 1, 2)]
+
+
+def spin_handles(runs: Mapping[str, FloatArray], spun: Mapping[str, FloatArray]) -> list[Any]:
+    """Return the legend entry for the mark of a spin, if a run was cut at one."""
+    if all(len(spun[name]) == len(run) for name, run in runs.items()):
+        return []
+    return [line_handle(color=GREY, label=SPIN_NAME, **SPIN_MARKER)]
+
+
+def draw_spans(panels: Sequence[Axes], spans: Sequence[Span]) -> list[Any]:
+    """Shade time ranges and return their legend entry."""
+    for axes in panels:
+        for span in spans:
+            axes.axvspan(span.start, span.end, color=FAULT_COLOUR, linewidth=0.0, zorder=0.5)
+    names = list(dict.fromkeys(span.label for span in spans))
+    return [patch_handle(color=FAULT_COLOUR, label=", ".join(names))] if names else []
+
+
+def draw_marks(panels: Sequence[Axes], marks: Sequence[Mark]) -> None:
+    """Draw lines through all panels, labelled above the first one."""
+    for axes in panels:
+        for mark in marks:
+            axes.axvline(mark.time, color=GREY, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1.5, label="_")
+    for mark in marks:
+        panels[0].annotate(
+            mark.label,
+            (mark.time, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 3),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=8.5,
+        )
 
 
 @dataclass(frozen=True)
@@ -157,7 +222,8 @@ def run_figure(
     spun = {name: until_spin(run) for name, run in runs.items()}
     window = run_window(spun) if window is None else window
     status = {name: run for name, run in spun.items() if _has_incident(name, run, window)}
-    signals = [*SIGNALS, *([SPEED_SIGNAL] if any(_speed_varies(run) for run in spun.values()) else [])]
+    varies = any(np.ptp(column(run, "speed_m_s")) > SPEED_HELD / KM_H for run in spun.values())
+    signals = [*SIGNALS, *([SPEED_SIGNAL] if varies else [])]
     heights = [1.5, *[1.0] * (len(signals) - 1), *([0.12 + 0.16 * len(status)] if status else [])]
     with style():
         figure = new_figure(7.2, 1.6 * sum(heights) + 0.9)
@@ -184,10 +250,6 @@ def run_figure(
 def heading(title: str) -> str:
     """Return a title of one or more lines, each unchanged."""
     return "\n".join(plain(line) for line in title.split("\n"))
-
-
-def _speed_varies(run: FloatArray) -> bool:
-    return bool(np.ptp(column(run, "speed_m_s")) > SPEED_HELD / KM_H)
 
 
 def _draw_spins(
@@ -249,27 +311,21 @@ def draw_signal(
 
 
 def run_handles(axes: Axes, dashed_name: str) -> list[Any]:
-    from matplotlib.lines import Line2D
-
     handles: list[Any] = list(axes.get_legend_handles_labels()[0])
     if len(axes.get_lines()) > len(handles):
-        handles.append(Line2D([], [], color=GREY, linestyle=(0, (4, 2)), linewidth=1.1, label=dashed_name))
+        handles.append(line_handle(color=GREY, linestyle=(0, (4, 2)), linewidth=1.1, label=dashed_name))
     return handles
 
 
 def _draw_map(axes: Axes, run: FloatArray, of_map: FloatArray, window: tuple[float, float]) -> list[Any]:
-    from matplotlib.lines import Line2D
-
     time = column(run, "time_s")
     inside = (time >= window[0]) & (time <= window[1])
     axes.plot(time[inside], np.degrees(of_map[inside]), **{**MAP_LINE, "label": "_"})
-    return [Line2D([], [], **MAP_LINE)]
+    return [line_handle(**MAP_LINE)]
 
 
 def _draw_limits(panels: Sequence[Axes], signals: Sequence[_Signal], limits: Mapping[str, float]) -> list[Any]:
     """Draw the limits that are close to the curves and return their legend entry."""
-    from matplotlib.lines import Line2D
-
     drawn = False
     for axes, signal in zip(panels, signals, strict=False):
         low, high = axes.get_ylim()
@@ -278,7 +334,7 @@ def _draw_limits(panels: Sequence[Axes], signals: Sequence[_Signal], limits: Map
             if low - reach <= level <= high + reach:
                 axes.axhline(level, label="_", **LIMIT_LINE)
                 drawn = True
-    return [Line2D([], [], label="limit", **LIMIT_LINE)] if drawn else []
+    return [line_handle(label="limit", **LIMIT_LINE)] if drawn else []
 
 
 def _has_incident(name: str, run: FloatArray, window: tuple[float, float]) -> bool:
@@ -288,9 +344,7 @@ def _has_incident(name: str, run: FloatArray, window: tuple[float, float]) -> bo
     return not _is_passive(name) and bool(np.isin(column(run, "status")[inside], [Status[one] for one in STATUS_SHOWN]).any())
 
 
-def _draw_status(axes: Axes, runs: Mapping[str, FloatArray], window: tuple[float, float]) -> list[Patch]:
-    from matplotlib.patches import Patch
-
+def _draw_status(axes: Axes, runs: Mapping[str, FloatArray], window: tuple[float, float]) -> list[Artist]:
     from codegen.sil.software import Status
 
     seen = set()
@@ -305,4 +359,4 @@ def _draw_status(axes: Axes, runs: Mapping[str, FloatArray], window: tuple[float
     axes.set_yticks(range(len(runs)), [plain(name) for name in runs])
     axes.set(ylabel="Status", ylim=(len(runs) - 0.5, -0.5))
     shown = [(name, colour) for name, colour in STATUS_COLOURS.items() if name in seen]
-    return [Patch(color=colour, label=name.lower().replace("_", "-")) for name, colour in shown]
+    return [patch_handle(color=colour, label=name.lower().replace("_", "-")) for name, colour in shown]

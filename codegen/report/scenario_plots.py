@@ -12,12 +12,11 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import one_line
-from codegen.report.legend import legend_below
-from codegen.report.run_marks import Mark, Span, until_spin
-from codegen.report.run_plots import heading, looks_of, run_figure, signal_limits
-from codegen.report.style import FRONT_ANGLE, GREY, REAR_ANGLE, RUN_NAMES, new_figure, plain, style
+from codegen.report.run_plots import Mark, Span, heading, looks_of, run_figure, signal_limits, until_spin
+from codegen.report.style import FRONT_ANGLE, GREY, REAR_ANGLE, RUN_NAMES, legend_below, line_handle, new_figure, plain, style
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -153,19 +152,14 @@ def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArra
         phase.set_xticks(FREQUENCY_TICKS, [f"{tick:g}" for tick in FREQUENCY_TICKS])
         phase.set_xticks([], minor=True)
         phase.set_xlim(steering_response.LOW, steering_response.HIGH)
-        _finish(figure, (gain, phase), gain, title, [_dot_handle()])
+        dot = line_handle(marker="o", linestyle="", color=GREY, label="bandwidth: -3 dB, -45 deg")
+        _finish(figure, (gain, phase), gain, title, dot)
     return figure
 
 
 def _dot(axes: Axes, frequency: float | None, level: float, look: Mapping[str, Any]) -> None:
     if frequency is not None:
         axes.plot([frequency], [level], marker="o", linestyle="", color=look["color"], zorder=4, label="_")
-
-
-def _dot_handle() -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], marker="o", linestyle="", color=GREY, label="bandwidth: -3 dB, -45 deg")
 
 
 def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], title: str) -> Figure:
@@ -197,19 +191,14 @@ def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, F
         panels[0].set(ylabel=f"Front angle {FRONT_ANGLE} (deg)")
         panels[1].set(ylabel=r"Sideslip $\beta$ (deg)")
         panels[2].set(ylabel=f"Rear angle {REAR_ANGLE} (deg)", xlabel="Lateral acceleration (m/s²)")
-        _finish(figure, panels, panels[0], title, [_fit_handle(steering_response.FIT_FROM, steering_response.FIT_TO)])
+        label = f"line fitted, {steering_response.FIT_FROM:.2g} to {steering_response.FIT_TO:.2g} m/s²"
+        fit = line_handle(color=GREY, marker="|", markersize=9, label=label, **FIT_LINE)
+        _finish(figure, panels, panels[0], title, fit)
     return figure
 
 
-def _fit_handle(low: float, high: float) -> Any:
-    from matplotlib.lines import Line2D
-
-    label = f"line fitted, {low:.2g} to {high:.2g} m/s²"
-    return Line2D([], [], color=GREY, marker="|", markersize=9, label=label, **FIT_LINE)
-
-
-def _finish(figure: Figure, panels: Any, named: Axes, title: str, more: list[Any]) -> None:
-    handles = [*named.get_legend_handles_labels()[0], *more]
+def _finish(figure: Figure, panels: Any, named: Axes, title: str, more: Artist) -> None:
+    handles = [*named.get_legend_handles_labels()[0], more]
     for axes in panels:
         axes.grid(True)
         axes.margins(x=0.0)

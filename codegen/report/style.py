@@ -1,4 +1,4 @@
-"""Common parts of all pictures: palette, fonts, names, map panels, and the output file.
+"""Common parts of all pictures: palette, fonts, names, map panels, legends, and the output file.
 
 Matplotlib is used through its object interface, never pyplot, and imported only where a picture is drawn.
 """
@@ -6,8 +6,9 @@ Matplotlib is used through its object interface, never pyplot, and imported only
 from __future__ import annotations
 
 import io
+import textwrap
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -131,16 +132,17 @@ class Quantity:
     """One table of a map and its display.
 
     Attributes:
-        name: name with its symbol. unit: unit of the displayed values.
+        attribute: attribute of the map with the values in SI, (n, m), or None if the map lacks them.
+        name: name with its symbol, with formulas. plain_name: the same in Unicode. unit: unit of the displayed values.
         colours: name of the colour map; a diverging one is centred at zero.
-        table: function from a map to the values in SI, (n, m), or to None if the map lacks them.
     """
 
+    attribute: str
     name: str
+    plain_name: str
     unit: str
     colours: str
     diverging: bool
-    table: Callable[[ReferenceMap], FloatArray | None]
 
     @property
     def label(self) -> str:
@@ -149,7 +151,7 @@ class Quantity:
 
     def degrees(self, reference_map: ReferenceMap) -> FloatArray | None:
         """Return the displayed values, (n, m) in `unit`; NaN where infeasible."""
-        values = self.table(reference_map)
+        values = getattr(reference_map, self.attribute)
         return None if values is None else np.degrees(np.where(reference_map.feasible, values, np.nan))
 
     def colour_bar(self, figure: Figure, axes: Any, scale: Normalize, **look: Any) -> None:
@@ -168,9 +170,9 @@ class Quantity:
         return Normalize(-largest if self.diverging else 0.0, largest)
 
 
-YAW_RATE = Quantity("Yaw rate $r$", "deg/s", "viridis", False, lambda one: one.yaw_rate)
-SIDESLIP = Quantity(r"Sideslip angle $\beta$", "deg", "PuOr_r", True, lambda one: one.sideslip)
-REAR_STEER = Quantity(f"Rear angle {REAR_ANGLE}", "deg", "RdBu_r", True, lambda one: one.rear_angle)
+YAW_RATE = Quantity("yaw_rate", "Yaw rate $r$", "Yaw rate r", "deg/s", "viridis", False)
+SIDESLIP = Quantity("sideslip", r"Sideslip angle $\beta$", "Sideslip β", "deg", "PuOr_r", True)
+REAR_STEER = Quantity("rear_angle", f"Rear angle {REAR_ANGLE}", "Rear angle δr", "deg", "RdBu_r", True)
 QUANTITIES = (YAW_RATE, SIDESLIP, REAR_STEER)
 
 
@@ -239,14 +241,100 @@ PHASE_NAME = f"phase conversion, {REAR_ANGLE} = 0"
 INFEASIBLE_NAME = "no feasible steady turn"
 
 
-def map_legend(phase_line: bool, infeasible: bool) -> list[Artist]:
-    """Return legend entries for the phase line and infeasible cells of map panels."""
+def line_handle(**look: Any) -> Artist:
+    """Return a legend entry with a line; arguments of `matplotlib.lines.Line2D`."""
     from matplotlib.lines import Line2D
+
+    return Line2D([], [], **look)
+
+
+def patch_handle(**look: Any) -> Artist:
+    """Return a legend entry with an area; arguments of `matplotlib.patches.Patch`."""
     from matplotlib.patches import Patch
 
+    return Patch(**look)
+
+
+def map_legend(phase_line: bool, infeasible: bool) -> list[Artist]:
+    """Return legend entries for the phase line and infeasible cells of map panels."""
     entries: list[Artist] = []
     if phase_line:
-        entries.append(Line2D([], [], color=BLACK, linewidth=1.8, label=PHASE_NAME))
+        entries.append(line_handle(color=BLACK, linewidth=1.8, label=PHASE_NAME))
     if infeasible:
-        entries.append(Patch(facecolor=INFEASIBLE_FACE, hatch="////", hatchcolor=INFEASIBLE_HATCH, label=INFEASIBLE_NAME))
+        entries.append(
+            patch_handle(facecolor=INFEASIBLE_FACE, hatch="////", hatchcolor=INFEASIBLE_HATCH, label=INFEASIBLE_NAME)
+        )
     return entries
+
+
+POINTS_PER_INCH = 72.0
+LINE_HEIGHT = 1.7
+"""Height of an entry including its spacing, as a multiple of the font size."""
+HEIGHT_WITHOUT_GROWING = 0.5
+"""Height in inches that a picture has for the legend under its panels without growing."""
+
+
+def fitted(handles: Sequence[Artist], room: float, most: int) -> dict[str, Any]:
+    """Return arguments of `legend`: at most `most` columns, fewer if they would be wider than `room` (in).
+
+    If one column is too wide, its labels are wrapped.
+    """
+    labels = [str(handle.get_label()) for handle in handles]
+    for columns in range(min(most, len(labels)), 0, -1):
+        width_of_texts = sum(max(map(_text_width, column)) for column in _split(labels, columns))
+        if _width_of_spaces(columns) + width_of_texts <= room:
+            break
+    else:
+        columns, labels = 1, [_wrapped(label, room) for label in labels]
+    return {"handles": list(handles), "labels": labels, "ncols": columns}
+
+
+def height(arguments: dict[str, Any]) -> float:
+    """Return the height in inches of a legend with the arguments of `fitted`."""
+    lines = max(sum(label.count("\n") + 1 for label in column) for column in _split(arguments["labels"], arguments["ncols"]))
+    return lines * LINE_HEIGHT * _font_size()
+
+
+def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
+    """Add the legend of all panels below them. The picture grows with a legend of many lines."""
+    legend = fitted(handles, figure.get_figwidth(), 4)
+    figure.set_figheight(figure.get_figheight() + max(0.0, height(legend) - HEIGHT_WITHOUT_GROWING))
+    figure.legend(loc="outside lower center", **legend)
+
+
+def _font_size() -> float:
+    """Font size of the current style, in inches."""
+    from matplotlib import rcParams
+
+    return float(rcParams["legend.fontsize"]) / POINTS_PER_INCH
+
+
+def _split(labels: Sequence[str], columns: int) -> list[list[str]]:
+    """Split entries into columns as Matplotlib does: one column after the other."""
+    return [list(part) for part in np.array_split(np.array(labels, dtype=object), columns)]
+
+
+def _width_of_spaces(columns: int) -> float:
+    """Return the width of a legend without its text, in inches."""
+    from matplotlib import rcParams
+
+    handle = rcParams["legend.handlelength"] + rcParams["legend.handletextpad"]
+    between, around = rcParams["legend.columnspacing"], 2.0 * (rcParams["legend.borderpad"] + rcParams["legend.borderaxespad"])
+    return float(columns * handle + (columns - 1) * between + around) * _font_size()
+
+
+def _text_width(text: str) -> float:
+    """Return the width of the longest line in inches."""
+    from matplotlib import rcParams
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    font = FontProperties(size=rcParams["legend.fontsize"])
+    points = max(text_to_path.get_text_width_height_descent(line, font, ismath=False)[0] for line in text.split("\n"))
+    return float(points) / POINTS_PER_INCH
+
+
+def _wrapped(label: str, room: float) -> str:
+    """Return a label wrapped into lines that fit, broken between words where possible."""
+    share = (room - _width_of_spaces(1)) / _text_width(label)
+    return label if share >= 1.0 else "\n".join(textwrap.wrap(label, int(len(label) * share), break_on_hyphens=False))

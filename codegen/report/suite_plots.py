@@ -5,40 +5,214 @@ Labels are in degrees and km/h, arguments in SI units.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from codegen.design.margins import WARN_PHASE_MARGIN_DEG
 from codegen.report.style import (
+    BLACK,
+    GREY,
+    SPEED_LABEL,
+    WHITE,
+    line_handle,
     new_figure,
+    patch_handle,
     plain,
     style,
 )
-from codegen.report.suite_cell_plots import (
-    FRICTION_TITLE,
-    cells_figure,
-    conditions_figure,
-    draw_spins,
-    friction_figure,
-    road_ticks,
-    slippery,
-)
 from codegen.report.suite_step_plots import (
+    LIMIT,
     MARGIN_PANELS,
     cell_title,
     draw_margins,
     draw_step,
+    lines_of,
     margins_figure,
+    markers_of,
+    name_handles,
     price_figure,
     reference_handles,
     spin_handle,
     steps_figure,
 )
-from codegen.report.suite_styles import lines_of, name_handles
+from hil_sim.suite.requirements import sideslip_limit
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from hil_sim.suite.runs import CellResult
     from hil_sim.suite.tracking import SuiteResult
+
+
+SMALL: dict[str, Any] = {"markersize": 4.5, "markeredgewidth": 0.0, "zorder": 3}
+ROW_SHARE, ROW_FACE = 0.9, "#F2F2F2"
+"""Fraction of the row height that its marks take; background of every other row."""
+LEVELS = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0)
+"""Bounds of the colours, in % of overshoot."""
+
+
+def cells_figure(result: SuiteResult) -> Figure:
+    """Draw the overshoot in every cell as configured and with the largest actuator lag, one panel for each subject."""
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+    wanted = [condition for condition in result.conditions if condition.name in ("nominal", "lag-100", "relaxation-300")]
+    wanted = wanted or list(result.conditions[:1])
+    colours = ListedColormap(["#F7FBFF", "#D6E6F4", "#ABD0E6", "#F9D1B0", "#F0935A", "#B8401A"])
+    scale = BoundaryNorm([*LEVELS, 1e6], colours.N)
+    with style():
+        figure = new_figure(2.35 * len(result.subjects) + 0.6, 2.5 * len(wanted) + 1.1)
+        panels = figure.subplots(len(wanted), len(result.subjects), sharex=True, sharey=True, squeeze=False)
+        for row, condition in enumerate(wanted):
+            for axes, name in zip(panels[row], result.subjects, strict=True):
+                _draw_cells(axes, result.results[name][condition.name], colours, scale)
+                if row == 0:
+                    axes.set_title(plain(name))
+                if row == len(wanted) - 1:
+                    axes.set_xlabel("Share of the angle (%)")
+            panels[row, 0].set_ylabel(f"{condition.title}\n{SPEED_LABEL}")
+        figure.suptitle("Overshoot (%) of step steers over speed and share of the largest feasible front angle")
+        figure.legend(handles=_level_handles(colours), loc="outside lower center", ncols=len(LEVELS) + 1)
+    return figure
+
+
+def _draw_cells(axes: Axes, results: Sequence[CellResult], colours: Any, scale: Any) -> None:
+    speeds = list(dict.fromkeys(one.cell.speed_km_h for one in results))
+    shares = list(dict.fromkeys(one.cell.share for one in results))
+    table = np.full((len(speeds), len(shares)), np.nan)
+    for one in results:
+        place = speeds.index(one.cell.speed_km_h), shares.index(one.cell.share)
+        table[place] = np.nan if one.overshoot_percent is None else one.overshoot_percent
+        dark = not one.spun and table[place] >= LEVELS[-1]
+        text = "spin" if one.spun else f"{table[place]:.1f}" if table[place] < 9.95 else f"{table[place]:.0f}"
+        colour = WHITE if one.spun or dark else BLACK
+        axes.text(place[1], place[0], text, ha="center", va="center", fontsize=8.5, color=colour)
+    axes.patch.set_facecolor(SPIN_FACE)
+    edges_x, edges_y = np.arange(len(shares) + 1) - 0.5, np.arange(len(speeds) + 1) - 0.5
+    axes.pcolormesh(edges_x, edges_y, np.ma.masked_invalid(table), cmap=colours, norm=scale, edgecolors=WHITE, linewidth=1.0)
+    axes.set_xticks(range(len(shares)), [f"{100.0 * (share or 0.0):g}" for share in shares])
+    axes.set_yticks(range(len(speeds)), [f"{speed:g}" for speed in speeds])
+    axes.tick_params(length=0)
+
+
+SPIN_FACE = "#333333"
+
+
+def _level_handles(colours: Any) -> list[Any]:
+    bounds = [f"{level:g}" for level in LEVELS]
+    names = [f"{low} to {high} %" for low, high in pairwise(bounds)] + [f"above {bounds[-1]} %"]
+    patches = [patch_handle(facecolor=colours(k), edgecolor=GREY, linewidth=0.5, label=name) for k, name in enumerate(names)]
+    return [*patches, patch_handle(facecolor=SPIN_FACE, label="the car spins")]
+
+
+def conditions_figure(result: SuiteResult) -> Figure:
+    """Draw the largest overshoot, map error and sideslip over the cells, and spins: rows are conditions, marks are subjects."""
+    with style():
+        figure = new_figure(13.0, 0.34 * len(result.conditions) + 1.6)
+        panels = figure.subplots(1, 4, sharey=True, width_ratios=(1.3, 1.0, 1.0, 0.8))
+        _draw_conditions(panels[0], result, lambda each: each.overshoot_percent and each.overshoot_percent.value)
+        _draw_conditions(panels[1], result, lambda each: each.sideslip_max_deg and each.sideslip_max_deg.value)
+        _draw_conditions(panels[2], result, lambda each: each.map_error_percent and each.map_error_percent.value)
+        _draw_conditions(panels[3], result, lambda each: float(len(each.spins)) or None)
+        panels[0].set_xscale("symlog", linthresh=1.0)
+        panels[0].set_xticks([0.0, 1.0, 3.0, 10.0, 30.0, 100.0], ["0", "1", "3", "10", "30", "100"])
+        panels[0].set_xticks([], minor=True)
+        panels[0].set_xlim(-0.12, 260.0)
+        panels[0].set(xlabel="Largest overshoot (%)")
+        panels[1].set(xlabel="Largest |sideslip| (deg)")
+        panels[1].set_xlim(left=0.0)
+        panels[2].set(xlabel="Error to the map, steady (%)")
+        panels[2].axvline(0.0, color=GREY, linewidth=0.8, label="_")
+        panels[3].set(xlabel=f"Spins, of {len(result.cells)} cells (no mark: none)", xlim=(0.0, None))
+        panels[0].set_yticks(range(len(result.conditions)), [condition.title for condition in result.conditions])
+        panels[0].set_ylim(len(result.conditions) - 0.5, -0.5)
+        markers = markers_of(result)
+        figure.suptitle("All cells under each condition; all but the spins are of those in which the car stays on the road")
+        figure.legend(handles=name_handles(result, markers), loc="outside lower center", ncols=len(result.subjects))
+    return figure
+
+
+def _draw_conditions(axes: Axes, result: SuiteResult, figure_of: Callable[[Any], float | None]) -> None:
+    markers = markers_of(result)
+    for number, name in enumerate(result.subjects):
+        # Shifted slightly, so that marks of equal values do not cover each other.
+        shift = ROW_SHARE * ((number + 0.5) / len(result.subjects) - 0.5)
+        found = [figure_of(result.summary(name, condition.name)) for condition in result.conditions]
+        values = np.array([math.nan if value is None else value for value in found])
+        axes.plot(values, np.arange(len(found)) + shift, label="_", clip_on=False, **{**markers[name], **SMALL})
+    axes.grid(True, axis="x")
+    for place in range(0, len(result.conditions), 2):
+        axes.axhspan(place - 0.5, place + 0.5, color=ROW_FACE, linewidth=0.0, zorder=0.5, label="_")
+    axes.tick_params(axis="y", length=0)
+
+
+def slippery(result: SuiteResult) -> list[Any]:
+    return [condition for condition in result.conditions if condition.group == "friction"]
+
+
+def friction_figure(result: SuiteResult) -> Figure:
+    """Draw the spins, and the largest sideslip of the other cells, on slippery roads with and without an estimate."""
+    with style():
+        figure = new_figure(11.0, 6.0)
+        panels = figure.subplots(2, 1, sharex=True)
+        draw_spins(panels[0], result)
+        _draw_bars(panels[1], result, lambda each: each.sideslip_max_deg and each.sideslip_max_deg.value, "{:.1f}")
+        panels[1].set(ylabel="Largest |sideslip| (deg)\nwhere the car stays on the road")
+        limit = _draw_sideslip_limits(panels[1], result)
+        figure.align_ylabels(panels)
+        figure.suptitle(FRICTION_TITLE)
+        looks = lines_of(result).items()
+        handles = [*(patch_handle(color=_bar_colour(look), label=plain(name)) for name, look in looks), *limit]
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    return figure
+
+
+FRICTION_TITLE = "Slippery roads, with and without an estimate of the friction"
+
+
+def _draw_sideslip_limits(axes: Axes, result: SuiteResult) -> list[Any]:
+    """Draw the sideslip limit of the controller under test over each road that has one; return the legend entry."""
+    for place, road in enumerate(slippery(result)):
+        asked = sideslip_limit(result.limits, road)
+        if asked is not None:
+            axes.plot([place - 0.45, place + 0.45], [asked, asked], **LIMIT)
+    return [line_handle(**{**LIMIT, "label": f"limit for {plain(result.tested)}"})]
+
+
+def draw_spins(axes: Axes, result: SuiteResult) -> None:
+    _draw_bars(axes, result, lambda each: float(len(each.spins)), "{:.0f}")
+    axes.set(ylabel=f"Spins, of {len(result.cells)} cells")
+
+
+def _draw_bars(axes: Axes, result: SuiteResult, figure_of: Callable[[Any], float | None], text: str) -> None:
+    looks, roads = lines_of(result), slippery(result)
+    width = 0.82 / len(result.subjects)
+    for place, name in enumerate(result.subjects):
+        values = [figure_of(result.summary(name, road.name)) or 0.0 for road in roads]
+        at = np.arange(len(roads)) + (place - 0.5 * (len(result.subjects) - 1)) * width
+        bars = axes.bar(at, values, 0.92 * width, color=_bar_colour(looks[name]), label="_", zorder=3)
+        ground = {"facecolor": WHITE, "edgecolor": "none", "pad": 0.6}  # a line of a limit may pass there
+        axes.bar_label(bars, [text.format(value) for value in values], padding=2.0, fontsize=8.0, bbox=ground)
+    axes.set_xticks(*road_ticks(result, (", ",)))
+    axes.tick_params(axis="x", length=0)
+    axes.margins(y=0.12)
+    axes.grid(True, axis="y")
+
+
+def road_ticks(result: SuiteResult, ends: Iterable[str]) -> tuple[range, list[str]]:
+    """Return positions and names of the roads; lines end after each of `ends`."""
+    names = [road.title for road in slippery(result)]
+    for end in ends:
+        names = [name.replace(end, end.strip(", ") + "\n") for name in names]
+    return range(len(names)), names
+
+
+def _bar_colour(look: Mapping[str, Any]) -> str:
+    return GREY if look["color"] == BLACK else str(look["color"])
 
 
 def figures(result: SuiteResult) -> dict[str, Figure]:

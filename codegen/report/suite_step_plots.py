@@ -1,4 +1,4 @@
-"""Step responses of the test set."""
+"""Step responses, margins and rise times of the test set, with the colours and markers of its subjects."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 from codegen.arrays import FloatArray
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG
-from codegen.report.run_marks import SPIN_MARKER, SPIN_NAME, until_spin
-from codegen.report.run_plots import column
+from codegen.report.run_plots import SPIN_MARKER, SPIN_NAME, column, until_spin
 from codegen.report.style import (
+    BLACK,
+    CONTROLLER_COLOURS,
     GREY,
+    ORANGE,
     REAR_ANGLE,
     SKY,
     SPEED_LABEL,
+    WHITE,
+    line_handle,
     new_figure,
     plain,
     style,
 )
-from codegen.report.suite_styles import LIMIT, REFERENCE, WARNING, lines_of, markers_of, name_handles
 from hil_sim.suite.cells import STEER_TIME
 
 if TYPE_CHECKING:
@@ -27,6 +30,38 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from hil_sim.suite.tracking import CellRuns, SuiteResult
+
+
+MORE_COLOURS = (ORANGE, GREY)
+MARKERS = ("o", "s", "^", "D", "v", "P", "*")
+LIMIT: dict[str, Any] = {"color": BLACK, "linewidth": 1.0, "linestyle": (0, (5, 2)), "zorder": 1.5, "label": "_"}
+WARNING: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}
+REFERENCE: dict[str, Any] = {"color": GREY, "linewidth": 1.2, "linestyle": (0, (4, 2)), "zorder": 2}
+
+
+def lines_of(result: SuiteResult) -> dict[str, dict[str, Any]]:
+    """Return colour and line style of each subject; the one under test has the widest line."""
+    spare = iter(MORE_COLOURS * len(result.subjects))
+    looks: dict[str, dict[str, Any]] = {}
+    for name in result.subjects:
+        looks[name] = {"color": CONTROLLER_COLOURS.get(name) or next(spare), "linewidth": 2.2 if name == result.tested else 1.3}
+        if name == "passive":
+            looks[name]["linestyle"] = ":"
+        looks[name]["zorder"] = 4 if name == result.tested else 3
+    return looks
+
+
+def markers_of(result: SuiteResult) -> dict[str, dict[str, Any]]:
+    """Return colour and marker of each subject, for pictures without lines."""
+    return {
+        name: {"color": look["color"], "marker": marker, "linestyle": "", "markersize": 5.5, "markeredgecolor": WHITE}
+        for (name, look), marker in zip(lines_of(result).items(), MARKERS, strict=False)
+    }
+
+
+def name_handles(result: SuiteResult, looks: Mapping[str, Mapping[str, Any]]) -> list[Any]:
+    """Return legend entries: names of the subjects, with lines or markers."""
+    return [line_handle(label=plain(name), **{**looks[name], "zorder": 2}) for name in result.subjects]
 
 
 def margins_figure(result: SuiteResult) -> Figure:
@@ -80,19 +115,17 @@ FAMILY: Mapping[str, dict[str, Any]] = {
 
 
 def _margin_handles(result: SuiteResult) -> list[Any]:
-    from matplotlib.lines import Line2D
-
     looks = lines_of(result)
     kinds = (("itself", "the car itself"), ("worst", "worst of the family"))
     handles: list[Any] = [
-        Line2D([], [], label=f"{plain(name)}: {text}", **{**looks[name], **FAMILY[kind]})
+        line_handle(label=f"{plain(name)}: {text}", **{**looks[name], **FAMILY[kind]})
         for name in _with_feedback(result)
         for kind, text in kinds
     ]
     return [
         *handles,
-        Line2D([], [], **{**LIMIT, "label": "required"}),
-        Line2D([], [], **{**WARNING, "label": "a build warns below"}),
+        line_handle(**{**LIMIT, "label": "required"}),
+        line_handle(**{**WARNING, "label": "a build warns below"}),
     ]
 
 
@@ -124,17 +157,14 @@ def _draw_sine(panels: Sequence[Axes], result: SuiteResult, speed: float) -> Non
     for name in reversed(result.subjects):
         sine = [row for row in result.sine[name] if row.speed_km_h == speed and row.phase_deg is not None]
         frequencies = [row.frequency_hz for row in sine]
+        marker = {key: markers[name][key] for key in ("marker", "markersize", "markeredgecolor")}
         for axes, field in zip(panels, ("gain_of_map", "phase_deg"), strict=True):
             values = [getattr(row, field) for row in sine]
-            axes.plot(frequencies, values, label="_", **{**looks[name], **_marked(markers[name])})
+            axes.plot(frequencies, values, label="_", **{**looks[name], **marker})
     for axes, figure, level in zip(panels, ("gain over the map's", "phase (deg)"), (1.0, 0.0), strict=True):
         axes.axhline(level, label="_", **REFERENCE)
         axes.set(xlabel="Frequency (Hz)", ylabel=f"Sine at {speed:g} km/h: {figure}")
         axes.set_xticks(list(dict.fromkeys(row.frequency_hz for row in result.sine[result.tested])))
-
-
-def _marked(marker: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: marker[key] for key in ("marker", "markersize", "markeredgecolor")}
 
 
 BEFORE, AFTER = 0.2, 2.0
@@ -208,15 +238,11 @@ def _draw_references(axes: Axes, result: SuiteResult, shown: CellRuns) -> None:
 
 
 def reference_handles(result: SuiteResult) -> list[Any]:
-    from matplotlib.lines import Line2D
-
     return [
-        Line2D([], [], label=f"reference of {plain(result.tested)}", **FOLLOWED),
-        Line2D([], [], label="the map's value", **REFERENCE),
+        line_handle(label=f"reference of {plain(result.tested)}", **FOLLOWED),
+        line_handle(label="the map's value", **REFERENCE),
     ]
 
 
 def spin_handle() -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], color=GREY, label=SPIN_NAME, **SPIN_MARKER)
+    return line_handle(color=GREY, label=SPIN_NAME, **SPIN_MARKER)

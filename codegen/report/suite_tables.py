@@ -44,7 +44,8 @@ def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
         yield "Rise time to 90 % over the amplitudes, mean / largest (s)", rise_table(result)
     yield "Sine at the steering wheel, 10 % of the largest front angle: gain over the map's / phase (deg)", sine_table(result)
     if BASELINE in result.subjects and result.tested != BASELINE:
-        yield f"Where {result.tested} is worse", worse_text(result)
+        worse = (_slower(result), _lags_more(result), _overshoots_more(result))
+        yield f"Where {result.tested} is worse", "\n".join(map(_wrapped, worse))
     if result.timing:
         yield "Yaw moment of 2,000 N m at 90 km/h: rms yaw-rate error (deg/s), settled / from its onset", timing_table(result)
     if result.path_errors:
@@ -305,11 +306,6 @@ def _sine(row: SineTracking) -> str:
     if row.gain_of_map is None or row.phase_deg is None:
         return SPUN
     return f"{row.gain_of_map:.2f} / {_number(row.phase_deg, 0)}"
-
-
-def worse_text(result: SuiteResult) -> str:
-    """Return the trade-offs: where the controller under test rises slower, tracks a sine less well, or overshoots more."""
-    return "\n".join(_wrapped(line) for line in (_slower(result), _lags_more(result), _overshoots_more(result)))
 
 
 def _slower(result: SuiteResult) -> str:

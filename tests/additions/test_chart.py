@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from codegen.report.html.blocks import Chart
-from codegen.report.html.charts import axis, layout, line
+from codegen.report.html.blocks import Chart, axis, layout, line
 from codegen.report.html.maps import SPEED, NamedMap
 from codegen.report.style import BLUE
 
@@ -31,7 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
-from codegen.report.html.charts import numbers
+from codegen.report.html.blocks import numbers
 from codegen.report.html.gather import Request, gather, read
 from codegen.report.html.page import charts_of, render
 from codegen.report.html.report import sections
@@ -52,8 +51,8 @@ def test_a_chart_touches_at_most_three_files(tree: Copy) -> None:
     report = "codegen/report/html/report.py"
     tree.replace(
         report,
-        "from codegen.report.html.blocks import Block",
-        "from codegen.report.html.acceleration import acceleration_chart\nfrom codegen.report.html.blocks import Block",
+        "from codegen.report.html.blocks import (",
+        "from codegen.report.html.acceleration import acceleration_chart\nfrom codegen.report.html.blocks import (",
     )
     tree.after(report, "    yield maps.heat_maps(one)\n", "    yield acceleration_chart(one)\n")
     tree.run("-c", CHECK, str(ROOT / "generated" / "4ws2.npz"))

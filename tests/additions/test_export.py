@@ -53,12 +53,11 @@ from pathlib import Path
 import click
 
 from codegen import console
-from codegen.cli.base import example, json_option
-from codegen.cli.run_options import build_option
-from codegen.cli.values import csv_to_write
+from codegen.cli.base import cli, example, json_option
+from codegen.cli.options import build_option, csv_to_write
 
 
-@click.command(
+@cli.command(
     short_help="Write the parameters of a build as CSV.",
     epilog=example("codegen parameters --build generated/4ws2 -o parameters.csv"),
 )
@@ -79,22 +78,17 @@ def parameters(build_path: Path, output: Path, as_json: bool) -> None:
         console.print_json({"csv": str(output), "parameters": count})
         return
     console.say(f"{output}: {count} parameters")
-
-
-COMMANDS = (parameters,)
 '''
 
 SYNOPSIS = "codegen parameters --build DIR -o CSV               name, value, range and unit of each parameter of a build\n"
 
-IMPORTED = "    map_commands,\n    parameters_command,\n    report_command,"
-LISTED = "    export_commands,\n    parameters_command,\n    completion_command,\n)"
+IMPORTED = "    exchange_commands,\n    map_commands,\n    parameters_command,"
 
 
 def test_an_export_touches_at_most_four_files(tree: Copy) -> None:
     tree.add("codegen/export/parameter_table.py", EXPORT)
     tree.add("codegen/cli/parameters_command.py", COMMAND)
-    tree.replace("codegen/cli/commands.py", "    map_commands,\n    report_command,", IMPORTED)
-    tree.replace("codegen/cli/commands.py", "    export_commands,\n    completion_command,\n)", LISTED)
+    tree.replace("codegen/cli/commands.py", "    exchange_commands,\n    map_commands,", IMPORTED)
     tree.replace("docs/interface.md", "codegen verify DIR [--quick]", f"{SYNOPSIS}codegen verify DIR [--quick]")
 
     build, output = ROOT / "generated" / "4ws2", tree.root / "parameters.csv"

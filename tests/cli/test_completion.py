@@ -8,12 +8,12 @@ import pytest
 from click.shell_completion import get_completion_class
 
 from codegen import configuration
-from codegen.cli import cli, completion, values
+from codegen.cli import cli, completion, options
 from codegen.cli.entry import COMPLETION, PROGRAM
 from codegen.configuration import Preset
 from codegen.export import runs
 from codegen.sil.vector import ISAS
-from hil_sim import logs, scenarios
+from hil_sim import log_formats, scenarios
 
 from .conftest import MAIN, Run, python
 
@@ -65,7 +65,7 @@ def test_matching_values_are_offered(files: None, monkeypatch: pytest.MonkeyPatc
 
 def test_bash_gets_the_part_after_its_word_break(monkeypatch: pytest.MonkeyPatch) -> None:
     """COMP_WORDBREAKS contains ':' and '='. In other shells an option and its value are one word."""
-    monkeypatch.setattr(values, "can_interfaces", lambda: ["can3"])
+    monkeypatch.setattr(options, "can_interfaces", lambda: ["can3"])
     assert offered("fish", "codegen hil --bus s", monkeypatch) == ["socketcan:can3", "socketcan:vcan0"]
     assert offered("bash", "codegen hil --bus socketcan:", monkeypatch, ":") == ["can3", "vcan0"]
     assert offered("bash", "codegen hil --bus=udp", monkeypatch, "udp") == ["udp_multicast:239.74.163.2"]
@@ -75,11 +75,11 @@ def test_bash_gets_the_part_after_its_word_break(monkeypatch: pytest.MonkeyPatch
 def test_names_copied_for_speed_match_the_project() -> None:
     (isa,) = (parameter.type for parameter in cli.commands["sweep"].params if parameter.name == "isa")
     assert isinstance(isa, click.Choice) and tuple(isa.choices) == ISAS
-    assert list(values.SCENARIOS) == list(scenarios.BUILT_IN)
+    assert list(options.SCENARIOS) == list(scenarios.BUILT_IN)
     for preset in get_args(Preset):
-        assert list(configuration.preset(preset).cases) == list(values.OF_EVERY_CASE)
-    assert set(values.run_to_write.endings or ()) == set(runs.FORMATS)
-    assert set(values.log_to_write.endings or ()) == set(logs.FORMATS)
+        assert list(configuration.preset(preset).cases) == list(options.OF_EVERY_CASE)
+    assert set(options.run_to_write.endings or ()) == set(runs.FORMATS)
+    assert set(options.log_to_write.endings or ()) == set(log_formats.FORMATS)
 
 
 def test_through_the_entry_point(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,9 +9,8 @@ from unittest.mock import Mock, call
 
 import pytest
 
-from codegen.doctor import buses, examination
-from codegen.doctor.finding import Finding, State
-from codegen.doctor.requirements import Requirement, extras_of, parse, requirements
+from codegen.doctor import Finding, State, buses, examination
+from codegen.doctor.examination import Requirement, extras_of, parse, requirements
 
 from .conftest import ROOT, Run
 
@@ -45,7 +44,7 @@ def versions(monkeypatch: pytest.MonkeyPatch, **changed: str | None) -> None:
 def test_a_needed_package(monkeypatch: pytest.MonkeyPatch, version: str | None, module: str, state: State, words: str) -> None:
     versions(monkeypatch, numpy=version)
     monkeypatch.setitem(examination.MODULES, "numpy", module)
-    (found,) = examination.needed([Requirement("numpy", ">=2.4,<3"), Requirement("other", "", "dev")])
+    found = examination.needed(Requirement("numpy", ">=2.4,<3"))
     assert (found.state, found.stops) == (state, True)
     assert found.what.startswith(words)
     assert found.remedy.startswith("pip install ") and found.remedy.endswith(' "numpy>=2.4,<3"')
@@ -67,6 +66,7 @@ def test_the_requirements_of_codegen_sil_determine_the_exit_code(
     data = json.loads(answer.out)
     found = [(each["state"], each["needed"]) for each in data["needed"] if each["name"] == "casadi"]
     assert (data["ready"], found) == (False, [("bad", True)])
+    assert {each["name"] for each in data["needed"]} == {"Python", *examination.SERVES}  # none of an extra
     monkeypatch.setenv("CC", "no-such-compiler")
     answer = run("doctor")
     assert answer.code == 1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from codegen import configuration
-from codegen.cli.values import memory_size, yaw_rate_error
+from codegen.cli.options import memory_size, yaw_rate_error
 from codegen.map_file import map as npz
 from codegen.optimum.solve import solve_case
 from tests import shared

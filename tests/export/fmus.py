@@ -16,8 +16,7 @@ from fmpy import fmi2, fmi3
 from fmpy.model_description import ModelDescription
 
 from codegen.export.fmu.export import Fmu, make_fmu
-from codegen.export.fmu.standard import Version
-from codegen.export.fmu.variables import What
+from codegen.export.fmu.variables import Version, What
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, load
 from hil_sim.scenarios import find

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from codegen.errors import BuildError
-from codegen.export.a2l.elf import Elf
-from codegen.export.a2l.fill import Filled, fill
+from codegen.export.a2l import Filled, fill
+from codegen.export.elf import Elf
 from codegen.map_file import map as refmap
 from codegen.sil.toolchain import compiler_command
 

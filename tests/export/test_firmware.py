@@ -11,8 +11,8 @@ import pytest
 from codegen.emit.folder import read_manifest
 from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
-from codegen.export.firmware import image
-from codegen.export.firmware.project import Project, project
+from codegen.export import firmware
+from codegen.export.firmware import Project, project
 from codegen.sil.software import load
 from tests.cli.conftest import Answer, everything_in, refused, run
 
@@ -98,11 +98,11 @@ def test_user_files_in_the_project_are_kept(refused: Refused, tmp_path: Path) ->
 
 def test_missing_tools_are_named(refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command = ("firmware", "--build", BUILD, "-o", tmp_path / "fw", "--run")
-    found = {"make", image.QEMU}
-    monkeypatch.setattr(image.shutil, "which", lambda name: name if name in found else None)
-    monkeypatch.setattr(image.importlib.util, "find_spec", lambda name: None)
+    found = {"make", firmware.QEMU}
+    monkeypatch.setattr(firmware.shutil, "which", lambda name: name if name in found else None)
+    monkeypatch.setattr(firmware.importlib.util, "find_spec", lambda name: None)
     assert "arm-none-eabi-gcc: it is not installed" in refused(*command)
     assert "ziglang: it is not installed; pip install ziglang" in refused(*command, "--toolchain", "zig")
-    monkeypatch.setattr(image.importlib.util, "find_spec", lambda name: name)
-    found.remove(image.QEMU)
+    monkeypatch.setattr(firmware.importlib.util, "find_spec", lambda name: name)
+    found.remove(firmware.QEMU)
     assert "qemu-system-arm: it is not installed" in refused(*command)

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from codegen.export.fmu.export import make_fmu
-from codegen.export.fmu.standard import Version
-from codegen.export.fmu.variables import What
+from codegen.export.fmu.variables import Version, What
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Status
 from codegen.sil.toolchain import compiler_command

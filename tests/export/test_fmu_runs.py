@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
-from codegen.export.fmu.standard import Version
+from codegen.export.fmu.variables import Version
 from codegen.sil.software import Measurement
 from tests.export import fmus
 from tests.export.fmus import OUTPUTS, SAMPLE, STEP, STEPS_PER_SAMPLE, Slave, column, made

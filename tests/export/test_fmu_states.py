@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from codegen.export.fmu.standard import Version
-from codegen.export.fmu.variables import What
+from codegen.export.fmu.variables import Version, What
 from codegen.sil.toolchain import compiler_command
 from tests.export.fmus import SAMPLE, STEP, Slave, listed_sources, made
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from codegen.errors import CodegenError
-from codegen.importing import mat
+from codegen.importing import maps as importing
 from codegen.importing.maps import Choices, import_map
 from codegen.importing.source import MIB, ImportFault, Source, read
 from codegen.importing.table import read_table
@@ -249,8 +249,8 @@ def matlab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Pat
     """Replace the reader of MATLAB files, which `test_mat` tests: the next import gets these arrays."""
 
     def file_with(**arrays: Any) -> Path:
-        found = mat.Contents({name: np.atleast_2d(array) for name, array in arrays.items()}, ())
-        monkeypatch.setattr(mat, "contents", lambda source: found)
+        found = importing.Contents({name: np.atleast_2d(array) for name, array in arrays.items()}, ())
+        monkeypatch.setattr(importing, "contents", lambda source: found)
         path = tmp_path / "x.mat"
         path.write_bytes(b"stand-in")
         return path

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from codegen.importing import mat, mat_child
-from codegen.importing.mat import contents
+from codegen.importing import maps, mat_child
+from codegen.importing.maps import contents
 from codegen.importing.source import ImportFault, Source
 
 KINDS = ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "bool", "c16"]
@@ -130,8 +130,8 @@ BOUND = f"import runpy; runpy.run_path({mat_child.__file__!r})['_bound_process']
 def test_every_failure_of_the_process_gives_one_line(
     monkeypatch: pytest.MonkeyPatch, program: tuple[str, ...], expected: str
 ) -> None:
-    monkeypatch.setattr(mat, "READER", program)
-    monkeypatch.setattr(mat, "SECONDS", 0.5 if "threading" in program[-1] else 60.0)
+    monkeypatch.setattr(maps, "READER", program)
+    monkeypatch.setattr(maps, "SECONDS", 0.5 if "threading" in program[-1] else 60.0)
     assert expected in message(WHOLE)
 
 

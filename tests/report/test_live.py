@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from codegen.emit.can_view import DIAGNOSTICS as IN_THE_C
-from codegen.report.live import LiveSample, LiveView
-from codegen.report.live_rows import BINS, TRACES, History, Line, LiveStyle, Trace, Window, chart, draw
+from codegen.report.live import BINS, TRACES, History, Line, LiveSample, LiveStyle, LiveView, Trace, Window, chart, draw
 from codegen.sil.software import Status
 from hil_sim.codec import DIAGNOSTICS, causes
 

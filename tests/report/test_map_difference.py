@@ -103,4 +103,4 @@ def test_unknown_figures_of_a_bare_map_are_omitted(linear: ReferenceMap) -> None
     for key in ("tyre_model", "binding_cells", "front_slip", "rear_slip", "unreached_cells"):
         assert data["first"][key] is None and data["second"][key] is not None
     assert {point["first_rear_angle_deg"] for point in data["points"]} == {None}
-    assert found.rows[0] == ("tyre of the optimisation", "-", "linear")
+    assert next(found.rows()) == ("tyre of the optimisation", "-", "linear")

@@ -21,7 +21,7 @@ from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import Binding, ReferenceMap
 from codegen.optimum.nonlinear import slip_use
 from codegen.optimum.solve import solve_case
-from codegen.report import plots, run_plots, style, tyre_plots
+from codegen.report import map_difference, map_plots, paper, run_plots, scenario_plots, style, tyre_plots
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.scenarios import find
@@ -105,21 +105,21 @@ def with_status() -> Any:
 
 
 def difference(one: ReferenceMap, other: ReferenceMap) -> Figure:
-    return plots.map_difference_figure((one, other), (slip_use(one), slip_use(other)), ("a" * 63, "$b_1$"))
+    return map_difference.map_difference_figure((one, other), (slip_use(one), slip_use(other)), ("a" * 63, "$b_1$"))
 
 
 def scenario(name: str, runs: Runs, *texts: str) -> Figure:
-    return plots.scenario_figure(find(name), CONFIG, runs, *texts)
+    return scenario_plots.scenario_figure(find(name), CONFIG, runs, *texts)
 
 
 FIGURES: dict[str, Callable[[Maps], Figure]] = {
-    "map": lambda maps: plots.map_figure(maps["4ws-2"], "4ws2.npz"),
+    "map": lambda maps: map_plots.map_figure(maps["4ws-2"], "4ws2.npz"),
     "difference": lambda maps: difference(maps["4ws-2"], maps["fws"]),
-    "three-maps": plots.three_maps_figure,
-    "cut": lambda maps: plots.front_angle_cut_figure(maps, FOUR_DEGREES),
-    "tyre": lambda maps: plots.tyre_figure(CONFIG),
-    "run-status": lambda maps: plots.run_figure({"C1": with_status(), "passive": made_run(status=2.0)}, "Faults"),
-    "overview": lambda maps: plots.overview_figure(CONFIG, maps, RUNS),
+    "three-maps": map_plots.three_maps_figure,
+    "cut": lambda maps: map_plots.front_angle_cut_figure(maps, FOUR_DEGREES),
+    "tyre": lambda maps: tyre_plots.tyre_figure(CONFIG),
+    "run-status": lambda maps: run_plots.run_figure({"C1": with_status(), "passive": made_run(status=2.0)}, "Faults"),
+    "overview": lambda maps: paper.overview_figure(CONFIG, maps, RUNS),
     "ramp-steer": lambda maps: scenario("ramp-steer", ramp_runs(), "4ws2"),
     "sine-sweep": lambda maps: scenario("sine-sweep", sweep_runs(), "4ws2"),
     "sine-with-dwell": lambda maps: scenario("sine-with-dwell", dwell_runs(), "4ws2"),
@@ -141,7 +141,7 @@ def test_layout_and_units(name: str, maps: Maps) -> None:
 
 def test_a_map_figure_shows_the_tables_in_degrees(maps: Maps) -> None:
     solved = maps["4ws-2"]
-    figure = plots.map_figure(solved, "map")
+    figure = map_plots.map_figure(solved, "map")
     for title, table in (("Yaw rate", "yaw_rate"), ("Sideslip", "sideslip"), ("Rear angle", "rear_angle")):
         drawn, expected = mesh(panel(figure, title)), np.degrees(getattr(solved, table)).T  # front angle upward
         assert np.array_equal(drawn.get_array().filled(np.nan), expected, equal_nan=True)
@@ -169,7 +169,7 @@ def test_a_difference_shows_the_yaw_rate_gained_and_the_worse_axle(maps: Maps) -
 
 def test_the_phase_line_is_where_the_rear_angle_is_zero(maps: Maps) -> None:
     solved = maps["4ws-2"]
-    figure = plots.map_figure(solved, "map")
+    figure = map_plots.map_figure(solved, "map")
     speed, front_angle = panel(figure, "Rear angle").get_lines()[0].get_data()
     # Only rounding remains: the line bends at cell edges, where linear interpolation gives the zero.
     rear_angle = RegularGridInterpolator((solved.speed, solved.front_angle), solved.rear_angle)
@@ -184,7 +184,7 @@ def test_each_set_of_binding_constraints_has_the_colour_of_its_name(maps: Maps) 
     active = solved.active.copy()
     # Two sets that the map lacks; the second has no separate colour.
     active[0, 0], active[1, 0] = Binding.SIDESLIP, Binding.SIDESLIP | Binding.REAR_ANGLE
-    figure = plots.map_figure(replace(solved, active=active), "map")
+    figure = map_plots.map_figure(replace(solved, active=active), "map")
     legend = next(one for one in figure.legends if "none" in [text.get_text() for text in one.get_texts()])
     patches = zip(legend.get_texts(), legend.get_patches(), strict=True)
     colours = {text.get_text(): patch.get_facecolor() for text, patch in patches}
@@ -198,7 +198,7 @@ def test_each_set_of_binding_constraints_has_the_colour_of_its_name(maps: Maps) 
 
 
 def test_a_cut_shows_the_values_of_the_maps(maps: Maps) -> None:
-    figure = plots.front_angle_cut_figure({case.upper(): one for case, one in maps.items()}, FOUR_DEGREES)
+    figure = map_plots.front_angle_cut_figure({case.upper(): one for case, one in maps.items()}, FOUR_DEGREES)
     assert names(figure)[:3] == ["FWS", "4WS-1", "4WS-2"]
     for case, one in maps.items():
         for axes, table in zip(figure.axes, (one.yaw_rate, one.sideslip), strict=True):
@@ -207,7 +207,7 @@ def test_a_cut_shows_the_values_of_the_maps(maps: Maps) -> None:
             # Equal, NaN where infeasible: 4 deg is breakpoint 7, so nothing is interpolated.
             assert np.array_equal(line.get_ydata(), np.degrees(table[:, 7]), equal_nan=True)
     one = maps["4ws-2"]
-    line = line_of(plots.front_angle_cut_figure({"mine": one}, math.radians(4.1)).axes[0], "mine")
+    line = line_of(map_plots.front_angle_cut_figure({"mine": one}, math.radians(4.1)).axes[0], "mine")
     expected = np.degrees(0.8 * one.yaw_rate[:, 7] + 0.2 * one.yaw_rate[:, 8])
     assert np.allclose(line.get_ydata(), expected, rtol=1e-9, equal_nan=True)
 
@@ -215,7 +215,7 @@ def test_a_cut_shows_the_values_of_the_maps(maps: Maps) -> None:
 def test_tyre_curves_tangent_and_linear_range() -> None:
     tyres = AxleTyres.from_config(CONFIG)
     bounds = (tyres.front_slip_bound, tyres.rear_slip_bound)
-    for axes, tyre, bound in zip(plots.tyre_figure(CONFIG).axes, (tyres.front, tyres.rear), bounds, strict=True):
+    for axes, tyre, bound in zip(tyre_plots.tyre_figure(CONFIG).axes, (tyres.front, tyres.rear), bounds, strict=True):
         *curves, tangent, dot = axes.get_lines()
         for curve, share in zip(curves, tyre_plots.LOAD_SHARES, strict=True):
             slip, force = curve.get_data()
@@ -233,7 +233,7 @@ def dashed(axes: Axes) -> list[Any]:
 
 
 def test_a_run_shows_its_columns_with_dashed_reference_and_command() -> None:
-    figure = plots.run_figure(RUNS, "Step steer")
+    figure = run_plots.run_figure(RUNS, "Step steer")
     columns = ("yaw_rate_rad_s", "sideslip_rad", "rear_angle_rad", "front_angle_rad", "lateral_acceleration_m_s2")
     dashes = {"yaw_rate_rad_s": "yaw_rate_reference_rad_s", "rear_angle_rad": "rear_angle_command_rad"}
     for axes, name in zip(figure.axes, columns, strict=True):
@@ -249,7 +249,7 @@ def test_a_run_shows_its_columns_with_dashed_reference_and_command() -> None:
 
 
 def test_an_abnormal_status_is_shown_for_its_duration() -> None:
-    figure = plots.run_figure({"C1": with_status(), "passive": made_run(status=2.0)}, "Faults")
+    figure = run_plots.run_figure({"C1": with_status(), "passive": made_run(status=2.0)}, "Faults")
     strip = figure.axes[-1]
     assert strip.get_ylabel() == "Status"
     assert [label.get_text() for label in strip.get_yticklabels()] == ["C1"]  # a passive car has no controller
@@ -319,7 +319,7 @@ def test_front_angle_over_lateral_acceleration() -> None:
 
 def test_the_overview_shows_map_and_runs(maps: Maps) -> None:
     one = maps["4ws-2"]
-    figure = plots.overview_figure(CONFIG, {"4WS-2": one}, RUNS)
+    figure = paper.overview_figure(CONFIG, {"4WS-2": one}, RUNS)
     figure.draw_without_rendering()
     assert mesh(figure.axes[0]).get_array().compressed() == pytest.approx(np.degrees(one.yaw_rate.T[one.feasible.T]))
     assert any("43.2 km/h, 6.7 deg" in name for name in names(figure))
@@ -328,21 +328,21 @@ def test_the_overview_shows_map_and_runs(maps: Maps) -> None:
 
 def test_messages_for_input_that_cannot_be_drawn(maps: Maps) -> None:
     for expected, draw in (
-        (r"run mine: shape \(5, 11\).*\(samples, 12\)", lambda: plots.run_figure({"mine": np.zeros((5, 11))}, "x")),
-        ("no runs", lambda: plots.run_figure({}, "x")),
-        ("no map 4ws-2", lambda: plots.overview_figure(CONFIG, {"fws": maps["fws"]}, RUNS)),
-        ("front angles; choose 0\\.5 to 10 deg", lambda: plots.front_angle_cut_figure(maps, math.radians(10.1))),
+        (r"run mine: shape \(5, 11\).*\(samples, 12\)", lambda: run_plots.run_figure({"mine": np.zeros((5, 11))}, "x")),
+        ("no runs", lambda: run_plots.run_figure({}, "x")),
+        ("no map 4ws-2", lambda: paper.overview_figure(CONFIG, {"fws": maps["fws"]}, RUNS)),
+        ("front angles; choose 0\\.5 to 10 deg", lambda: map_plots.front_angle_cut_figure(maps, math.radians(10.1))),
     ):
-        with pytest.raises(plots.PlotError, match=expected):
+        with pytest.raises(style.PlotError, match=expected):
             draw()
 
 
 def test_save_replaces_a_file_by_the_same_bytes_each_time(tmp_path: Path) -> None:
     figure, path = style.new_figure(1.0, 1.0), tmp_path / "map.PNG"
-    with pytest.raises(plots.PlotError, match=r"only PNG .*; name it .*\.png$"):
-        plots.save(figure, tmp_path / "map.pdf")
+    with pytest.raises(style.PlotError, match=r"only PNG .*; name it .*\.png$"):
+        style.save(figure, tmp_path / "map.pdf")
     path.write_bytes(b"old")
-    plots.save(figure, path)
+    style.save(figure, path)
     first = path.read_bytes()
     with matplotlib.rc_context({"font.size": 20.0, "figure.dpi": 50.0, "savefig.bbox": "tight"}):
         assert style.to_png(figure) == first

@@ -7,8 +7,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from codegen.report.sweep_plots import pictures
-from codegen.report.sweep_text import CRITERIA, markdown, sections
+from codegen.report.campaign import CRITERIA, markdown, pictures, sections
 from codegen.sweep.plan import Plan
 from codegen.sweep.summary import BINS, JUDGED, QUANTILES, WORST, Summary, _count_failures, summarise
 

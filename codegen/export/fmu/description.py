@@ -10,10 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from codegen.export.fmu.parameters import Status
-from codegen.export.fmu.standard import Version
-from codegen.export.fmu.units import UNITS
-from codegen.export.fmu.variables import Variable
+from codegen.export.fmu.variables import UNITS, Status, Variable, Version
 
 STATUS_TYPE = "Status"
 STOP_TIME = 10.0
@@ -122,14 +119,9 @@ def _common(variable: Variable, reference: str) -> Attributes:
     if variable.description:
         found["description"] = variable.description
     found["causality"] = _CAUSALITY[variable.role]
-    found["variability"] = _variability(variable)
+    own = variable.role in ("fixed", "tunable")
+    found["variability"] = variable.role if own else "continuous" if variable.continuous else "discrete"
     return found
-
-
-def _variability(variable: Variable) -> str:
-    if variable.role in ("fixed", "tunable"):
-        return variable.role
-    return "continuous" if variable.continuous else "discrete"
 
 
 def _of_type(variable: Variable) -> Attributes:

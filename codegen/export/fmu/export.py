@@ -1,8 +1,12 @@
-"""Export a build as an FMU."""
+"""Export a build as an FMU: its C with a wrapper, the binary, and the archive.
+
+The headers of the FMI standard come from the package `fmpy`.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import io
 import json
 import platform
@@ -11,26 +15,153 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 from codegen import __version__, configuration
 from codegen.configuration import Config
+from codegen.configuration.signals import MEASURED
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.render import render, verbatim
-from codegen.emit.text import Precision, comment_text
-from codegen.errors import BuildError
+from codegen.emit.text import Precision, comment_text, literal
+from codegen.errors import BuildError, CodegenError
 from codegen.export.fmu.description import Description, build_description, model_description
-from codegen.export.fmu.model_view import TITLES, context, rows, step_size
-from codegen.export.fmu.parameters import parameter_variables, status_values
-from codegen.export.fmu.standard import Version, headers, licence
-from codegen.export.fmu.variables import Variable, What, variables_of
+from codegen.export.fmu.variables import Role, Variable, Version, What, parameter_variables, status_values, variables_of
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.plant import plant_sources
 from codegen.sil.software import compile_build, require_can_side
 from codegen.sil.toolchain import compiler_command, require_success, run
+
+TITLES: dict[What, str] = {
+    "controller": "the controller",
+    "plant": "the car",
+    "loop": "the car with the controller, in closed loop",
+}
+
+_STORAGE = {
+    "": "STORED_DOUBLE",
+    "double": "STORED_DOUBLE",
+    "float": "STORED_FLOAT",
+    "int32_t": "STORED_INT32",
+    "uint16_t": "STORED_UINT16",
+    "bool": "STORED_BOOL",
+}
+_LARGEST = {"float": "FLT_MAX", "bool": "1.0"}
+
+
+def step_size(what: What, config: Config) -> float:
+    """Return the step of the model in s: a sample of the controller, or a step of the plant."""
+    return config.controller.sampling_time_s if what == "controller" else config.plant.sampling_time_s
+
+
+def _model(what: What, config: Config, prefix: str, variables: Sequence[Variable]) -> dict[str, object]:
+    """Return what model.h and the model's source print of one kind of model.
+
+    `groups` has the members of the struct, each with its declaration and comment; `starts` those that do not start at zero.
+    """
+    has_plant, has_controller = what != "controller", what != "plant"
+    steps = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
+    own = [each for each in variables if each.member and "." not in each.member]
+
+    def members(role: Role) -> list[tuple[str, str]]:
+        return [(f"{each.storage} {each.member}", each.unit) for each in own if each.role == role]
+
+    groups = {
+        "inputs": members("input"),
+        "outputs": [*members("output"), *([("plant_output_t output", "")] if has_plant else [])],
+        **({"parameters": [*members("fixed"), (f"{prefix}_parameters_t parameters", "")]} if has_controller else {}),
+        "states": [
+            *([("plant_state_t plant", "")] if has_plant else []),
+            *([(f"{prefix}_controller_t controller", "")] if has_controller else []),
+            *(_LOOP_STATES if what == "loop" else ()),
+        ],
+    }
+    return {
+        "title": TITLES[what],
+        "headers": [*(["plant.h"] if has_plant else []), *([f"{prefix}_controller.h"] if has_controller else [])],
+        "constants": {"SAMPLE_STEPS": steps, "DELAY_SAMPLES": config.plant.command_delay_samples} if what == "loop" else {},
+        "groups": groups,
+        "starts": {
+            **{each.member: literal(each.start, "double") for each in own if each.start and each.kind == "real"},
+            **{each.member: "true" for each in own if each.start and each.kind == "boolean"},
+        },
+        "step_size": literal(step_size(what, config), "double"),
+    }
+
+
+_LOOP_STATES = (
+    ("double waiting[DELAY_SAMPLES + 1]", "rad, newest last: commands that wait to act"),
+    ("double acting", "rad, the command that acts"),
+    ("uint32_t steps_since_sample", ""),
+)
+
+
+def row(variable: Variable, version: Version) -> dict[str, str]:
+    """Return a row of the table of variables."""
+    largest = _LARGEST.get(variable.storage, "DBL_MAX")
+    smallest = "0.0" if variable.storage == "bool" else f"-{largest}"
+    # A parameter may exceed its range here; it is rejected together with all others before the next step.
+    bounded = variable.role != "tunable" or variable.kind == "integer"
+    return {
+        "name": variable.name,
+        "type": _type(variable, version),
+        "storage": _STORAGE[variable.storage],
+        "role": f"ROLE_{variable.role.upper()}",
+        "offset": f"offsetof(model_t, {variable.member})" if variable.member else "0u",
+        "low": literal(variable.low, "double") if bounded and variable.low is not None else smallest,
+        "high": literal(variable.high, "double") if bounded and variable.high is not None else largest,
+    }
+
+
+def _type(variable: Variable, version: Version) -> str:
+    if variable.kind == "status":  # FMI 2.0 gets enumerations as integers
+        return "TYPE_INTEGER" if version == "2" else "TYPE_ENUMERATION"
+    return f"TYPE_{variable.kind.upper()}"
+
+
+def context(what: What, config: Config, prefix: str, precision: Precision, variables: Sequence[Variable]) -> dict[str, object]:
+    """Return the context of the templates of the model."""
+    return {
+        "build": {"prefix": prefix, "PREFIX": prefix.upper()},
+        "real": "float" if precision == "single" else "double",
+        "zero": literal(0.0, precision),
+        "measured": MEASURED,
+        "what": _model(what, config, prefix, variables),
+    }
+
+
+_HEADERS = {
+    "2": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    "3": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+_LICENCE = re.compile(r"^ *Copyright \(C\).*?POSSIBILITY OF SUCH DAMAGE\.$", re.DOTALL | re.MULTILINE)
+
+
+def headers(version: Version) -> dict[str, bytes]:
+    """Return name -> content of the standard's C headers. Raises CodegenError: fmpy or its headers are missing."""
+    remedy = 'pip install "ars-codegen[tools]"'
+    # Located, not imported: only its files are needed, and its import is slow.
+    found = importlib.util.find_spec("fmpy")
+    if found is None or found.origin is None:
+        raise CodegenError("fmpy, which has the headers of the FMI standard, is missing", where="codegen fmu", remedy=remedy)
+    folder = Path(found.origin).parent / "c-code"
+    try:
+        return {name: (folder / name).read_bytes() for name in _HEADERS[version]}
+    except OSError as error:
+        raise CodegenError(f"cannot be read ({error.strerror})", where=folder, remedy=remedy) from None
+
+
+def licence(files: dict[str, bytes]) -> bytes:
+    """Return the licence text that the headers contain."""
+    names = ", ".join(sorted(files))
+    for content in files.values():
+        text = content.decode("utf-8", "replace").replace("\r\n", "\n")
+        if found := _LICENCE.search(text):
+            lines = [line.strip() for line in found[0].split("\n")]
+            return (f"Of the files {names}:\n\n" + "\n".join(lines) + "\n").encode()
+    raise CodegenError("the headers of the FMI standard state no licence", where="fmpy", remedy="install fmpy again")
+
 
 FLAGS = (*DEFAULT_FLAGS, "-fvisibility=hidden")
 """Compiler flags of the SIL, for identical results; only FMI functions are exported."""
@@ -100,7 +231,7 @@ def model_sources(
     """Return the wrapper: model, variables, instance, FMI functions and, if used, the plant."""
     seen = {
         **context(what, config, prefix, precision, variables),
-        "variables": rows(variables, version),
+        "variables": [row(each, version) for each in variables],
         "token": token,
     }
     model = "plant_model.c" if what == "plant" else f"{what}_model.c.j2"
@@ -161,83 +292,55 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
     manifest = read_build(build)
     require_can_side(manifest, build)
     files = read_files(build, manifest, ("include/", "src/"))
-    maker = _Maker(what, version, manifest, files)
-    token = maker.token()
-    sources, description = maker.sources(token), maker.description(token)
-    path = library_path(version, maker.identifier)
-    library = compile_binary({**sources, **standard}, PurePosixPath(path).name)
+    config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+    prefix, precision = manifest["options"]["prefix"], manifest["options"]["precision"]
+    variables = variables_of(what, config)
+    if what != "plant":
+        # Compiled as for a run, so that the struct and its values come from the compiler.
+        variables += parameter_variables(compile_build(files, manifest), files)
+    name, identifier = comment_text(str(manifest["name"])), f"{prefix}_{manifest['name']}_{what}"
+    own = build_sources(files, prefix) if what != "plant" else {}
+
+    def sources_with(token: str) -> dict[str, bytes]:
+        return {**own, **model_sources(what, version, config, prefix, precision, variables, token)}
+
+    about = Description(
+        version=version,
+        identifier=re.sub(r"\W", "_", identifier, flags=re.ASCII),
+        name=f"{name}: {what}",
+        about=f"Active rear steering, {TITLES[what]}: C of the build {name}, kind {manifest['options']['kind']}",
+        build_id=str(manifest["build_id"]),
+        tool=f"ars-codegen {__version__}",
+        token="",
+        internal_step=step_size(what, config),
+        communication_step=config.controller.sampling_time_s,
+        variables=variables,
+        statuses=status_values(files, prefix),
+        sources=sorted(name for name in sources_with("") if name.endswith(".c")),
+    )
+    # The SHA-256 of all content except the token and the compiled binary.
+    hashed = {"flags": list(FLAGS), "description": hashlib.sha256(model_description(about)).hexdigest()}
+    hashes = {name: hashlib.sha256(text).hexdigest() for name, text in sources_with("").items()}
+    token = hashlib.sha256(json.dumps([hashed, hashes], sort_keys=True).encode()).hexdigest()
+    sources = {**sources_with(token), **standard}
+    path = library_path(version, about.identifier)
     content = {
-        _DESCRIPTION: description,
-        path: library,
+        _DESCRIPTION: model_description(replace(about, token=token)),
+        path: compile_binary(sources, PurePosixPath(path).name),
         "documentation/licenses/fmi-headers.txt": licence(standard),
-        **{f"sources/{name}": text for name, text in {**sources, **standard}.items()},
+        **{f"sources/{name}": text for name, text in sources.items()},
     }
     if version == "3":
-        content["sources/buildDescription.xml"] = build_description(maker.identifier, maker.units)
+        content["sources/buildDescription.xml"] = build_description(about.identifier, about.sources)
     return Fmu(
         _pack(content),
-        maker.identifier,
+        about.identifier,
         token,
         PurePosixPath(path).parent.name,
-        maker.internal_step,
-        maker.variables,
+        about.internal_step,
+        variables,
         tuple(verify_hashes(build)),
     )
-
-
-class _Maker:
-    """The parts of one FMU."""
-
-    def __init__(self, what: What, version: Version, manifest: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-        self._what, self._version, self._manifest = what, version, manifest
-        self._config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
-        self._prefix, self._precision = manifest["options"]["prefix"], manifest["options"]["precision"]
-        self._build = build_sources(files, self._prefix) if what != "plant" else {}
-        self.variables = variables_of(what, self._config)
-        if what != "plant":
-            # Compiled as for a run, so that the struct and its values come from the compiler.
-            software = compile_build(files, manifest)
-            self.variables += parameter_variables(software, files)
-        self._statuses = status_values(files, self._prefix)
-        self.internal_step = step_size(what, self._config)
-        self.identifier = re.sub(r"\W", "_", f"{self._prefix}_{manifest['name']}_{what}", flags=re.ASCII)
-
-    def sources(self, token: str) -> dict[str, bytes]:
-        """Return every C file except the headers of the standard."""
-        made = model_sources(self._what, self._version, self._config, self._prefix, self._precision, self.variables, token)
-        return {**self._build, **made}
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Return the names of the C files to compile."""
-        return tuple(sorted(name for name in self.sources("") if name.endswith(".c")))
-
-    def description(self, token: str) -> bytes:
-        """Return modelDescription.xml."""
-        manifest = self._manifest
-        name = comment_text(str(manifest["name"]))
-        return model_description(
-            Description(
-                version=self._version,
-                identifier=self.identifier,
-                name=f"{name}: {self._what}",
-                about=f"Active rear steering, {TITLES[self._what]}: C of the build {name}, kind {manifest['options']['kind']}",
-                build_id=str(manifest["build_id"]),
-                tool=f"ars-codegen {__version__}",
-                token=token,
-                internal_step=self.internal_step,
-                communication_step=self._config.controller.sampling_time_s,
-                variables=self.variables,
-                statuses=self._statuses,
-                sources=self.units,
-            )
-        )
-
-    def token(self) -> str:
-        """Return the SHA-256 of all content except the token and the compiled binary."""
-        content = {"flags": list(FLAGS), "description": hashlib.sha256(self.description("")).hexdigest()}
-        hashes = {name: hashlib.sha256(text).hexdigest() for name, text in self.sources("").items()}
-        return hashlib.sha256(json.dumps([content, hashes], sort_keys=True).encode()).hexdigest()
 
 
 def _pack(files: Mapping[str, bytes]) -> bytes:

@@ -1,23 +1,66 @@
-"""Variables of each kind of FMU: names, units, ranges and members in the C of the model.
+"""Variables of each kind of FMU: names, units, ranges and members in the C of the model, and the controller's parameters.
 
-Names are those of the columns of a run, or of fields of the C structs with the unit as suffix.
+Names are those of the columns of a run, or of fields of the C structs with the unit as suffix. Parameters are read from the
+build: its struct, and the comments and checks in its C. None is named here, so builds with other parameters or edited comments
+work as well.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from functools import reduce
+from operator import getitem
+from typing import Any, Literal
 
 import numpy as np
 
 from codegen.configuration import Config
 from codegen.configuration.signals import MEASURED, RECORDED
-from codegen.export.fmu.units import unit_of_name
+from codegen.emit.text import unit_of_comment
+from codegen.sil.software import Software
 from codegen.vehicle.dynamics import two_track
 
+DEGREES = math.degrees(1.0)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of FMI.
+
+    Attributes:
+        exponents: exponents of SI base units and rad.
+        shown: display unit and its number per unit; None: no other display unit.
+    """
+
+    exponents: Mapping[str, int]
+    shown: tuple[str, float] | None = None
+
+
+UNITS: Mapping[str, Unit] = {
+    "m": Unit({"m": 1}),
+    "m/s": Unit({"m": 1, "s": -1}, ("km/h", 3.6)),
+    "m/s2": Unit({"m": 1, "s": -2}),
+    "m/s3": Unit({"m": 1, "s": -3}),
+    "rad": Unit({"rad": 1}, ("deg", DEGREES)),
+    "rad/s": Unit({"rad": 1, "s": -1}, ("deg/s", DEGREES)),
+    "s": Unit({"s": 1}),
+    "1/s": Unit({"s": -1}),
+    "N.m": Unit({"kg": 1, "m": 2, "s": -2}),
+}
+
+_ENDINGS = {"_m_s2": "m/s2", "_rad_s": "rad/s", "_m_s": "m/s", "_n_m": "N.m", "_rad": "rad", "_s": "s"}
+
+
+def unit_of_name(name: str) -> str:
+    """Return the unit in the suffix of a name, such as "m/s" for speed_m_s; "" if there is none."""
+    return next((unit for ending, unit in _ENDINGS.items() if name.endswith(ending)), "")
+
+
+Version = Literal["2", "3"]
 What = Literal["controller", "plant", "loop"]
-WHATS: tuple[What, ...] = ("controller", "plant", "loop")
 
 Kind = Literal["real", "integer", "boolean", "status"]
 Role = Literal["time", "input", "output", "fixed", "tunable"]
@@ -211,6 +254,90 @@ def _initial(config: Config) -> Variable:
     )
 
 
-def of_role(variables: Sequence[Variable], role: Role) -> tuple[Variable, ...]:
-    """Return the variables of one role."""
-    return tuple(each for each in variables if each.role == role)
+GROUP = "parameters"
+
+_STRUCT = re.compile(r"typedef struct \{(?P<body>[^{}]*)\} (?P<name>\w+);")
+_FIELD = re.compile(r"^ *\w+ (?P<name>\w+)(?:\[[^;]*\])?; */\* (?P<comment>.*?) \*/$", re.MULTILINE)
+_CHECK = re.compile(r"\(const (?P<struct>\w+) \*parameters\)\n\{(?P<body>.*?)\n\}", re.DOTALL)
+_RANGE = re.compile(r"is_between\(parameters->(?P<name>\w+)(?:\[\w+\])*, (?P<low>[-+.\de]+)f?, (?P<high>[-+.\de]+)f?\)")
+_COUNTS = 65535.0
+
+Key = tuple[str, str]
+"""Names of a struct and of one of its fields."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """One value of the status enumeration."""
+
+    name: str
+    value: int
+    description: str
+
+
+def status_values(files: Mapping[str, bytes], prefix: str) -> tuple[Status, ...]:
+    """Return the values of `<prefix>_status_t` from the header."""
+    header = files[f"include/{prefix}_controller.h"].decode("ascii", "replace")
+    pattern = rf"\b{prefix.upper()}_STATUS_(\w+) = (\d+),? */\* (.*?) \*/"
+    return tuple(Status(name, int(value), comment) for name, value, comment in re.findall(pattern, header))
+
+
+def parameter_variables(software: Software, files: Mapping[str, bytes]) -> tuple[Variable, ...]:
+    """Return every number of `<prefix>_parameters_t`, array elements one by one (from 1), with the build's value as start.
+
+    A field whose type no variable can have, such as a pointer, keeps the value of the build.
+    """
+    texts = {path: content.decode("ascii", "replace") for path, content in files.items()}
+    comments, ranges = _comments(texts), _ranges(texts)
+    struct = software.ffi.typeof(f"{software.prefix}_parameters_t")
+    found = []
+    for key, kind, value, name, member in _numbers(struct, software.function("parameters_default"), GROUP):
+        comment = comments.get(key, "")
+        low, high = ranges.get(key, (None, None))
+        if kind.cname in ("float", "double"):
+            real = np.float32 if kind.cname == "float" else np.float64
+            start = float(str(real(value)))  # the shortest decimal that is equal in the build's precision
+            unit = unit_of_comment(comment).symbol.replace("^", "")  # as FMI writes exponents
+            found.append(Variable(name, member, "real", "tunable", comment, kind.cname, unit, start, low, high))
+        elif kind.cname == "uint16_t":
+            low, high = (0.0, _COUNTS) if low is None else (low, high)
+            found.append(Variable(name, member, "integer", "tunable", comment, kind.cname, "", float(value), low, high))
+    return tuple(found)
+
+
+def _comments(texts: Mapping[str, str]) -> dict[Key, str]:
+    return {
+        (struct["name"], field["name"]): field["comment"]
+        for path, text in texts.items()
+        if path.endswith(".h")
+        for struct in _STRUCT.finditer(text)
+        for field in _FIELD.finditer(struct["body"])
+    }
+
+
+def _ranges(texts: Mapping[str, str]) -> dict[Key, tuple[float, float]]:
+    return {
+        (check["struct"], found["name"]): (float(found["low"]), float(found["high"]))
+        for path, text in texts.items()
+        if path.endswith(".c")
+        for check in _CHECK.finditer(text)
+        for found in _RANGE.finditer(check["body"])
+    }
+
+
+def _numbers(struct: Any, values: Any, path: str) -> Iterator[tuple[Key, Any, Any, str, str]]:
+    """Yield key, type, value, name and member of every number in a struct, as cffi describes it."""
+    for field, about in struct.fields:
+        kind, value = about.type, getattr(values, field)
+        if kind.kind == "struct":
+            yield from _numbers(kind, value, f"{path}.{field}")
+            continue
+        shape = []
+        while kind.kind == "array":
+            shape.append(kind.length)
+            kind = kind.item
+        for index in np.ndindex(*shape):  # once with an empty index where the field is no array
+            number = f"[{','.join(str(k + 1) for k in index)}]" if index else ""
+            member = "".join(f"[{k}]" for k in index)
+            element = reduce(getitem, index, value)
+            yield (struct.cname, field), kind, element, f"{path}.{field}{number}", f"{path}.{field}{member}"

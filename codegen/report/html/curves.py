@@ -11,10 +11,9 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.optimum.turns import turns_of
-from codegen.report.html.blocks import INK, MUTED, Chart, Gallery
-from codegen.report.html.charts import axis, layout, line
+from codegen.report.html.blocks import INK, MUTED, Chart, Gallery, axis, layout, line
 from codegen.report.html.maps import SPEED
-from codegen.report.published import PAPER_TABLE, TABLE_SPEED_KM_H
+from codegen.report.paper_tables import PAPER_TABLE, TABLE_SPEED_KM_H
 from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, WHITE
 from codegen.report.summary import tyre_note
 from codegen.report.tyre_plots import LOAD_SHARES, TYRE_SLIP_MAX

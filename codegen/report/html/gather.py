@@ -16,12 +16,11 @@ from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap, choose_config
-from codegen.report.fault_table import fault_data
-from codegen.report.html.handling import HANDLING, RESPONSE
+from codegen.report.bus_tables import fault_data
 from codegen.report.html.inputs import Files, read_files
 from codegen.report.html.maps import NamedMap
 from codegen.report.html.report import Material, to_compare
-from codegen.report.html.runs import is_passive
+from codegen.report.html.runs import HANDLING, RESPONSE, is_passive
 from codegen.sil.software import load
 from codegen.sweep.region import Region, confirm, region
 from hil_sim.bench import run, run_through_can
@@ -82,7 +81,9 @@ def read(request: Request) -> Read:
     chosen = choose_config(one, None)
     config, notes = chosen.config, list(chosen.notes)
     if request.build is not None:  # it defines the car, even for a bare map
-        config = _config_of(request.build)
+        manifest = read_build(request.build)
+        with within(request.build):
+            config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
         notes = _differences(request, config, one.config)
     others: list[NamedMap] = []
     for path in request.compare:
@@ -147,12 +148,6 @@ def _linear_regions(loops: Mapping[str, Config]) -> dict[str, Region]:
     """Return the stable regions of the linearised loops that have feedback."""
     found = {name: region(config) for name, config in loops.items()}
     return {name: linear for name, linear in found.items() if linear is not None}
-
-
-def _config_of(build: Path) -> Config:
-    manifest = read_build(build)
-    with within(build):
-        return configuration.parse(manifest["configuration"], "manifest.json: configuration")
 
 
 def _is_built_from(request: Request) -> bool:

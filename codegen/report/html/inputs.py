@@ -15,18 +15,131 @@ from pydantic import TypeAdapter, ValidationError
 from codegen.arrays import FloatArray
 from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
-from codegen.files import read_file, require_regular
-from codegen.report.fault_table import FaultEntry, FaultFile
-from codegen.report.html.bus import BusTimes, read_log
+from codegen.files import read_file, reason_of, require_regular
+from codegen.report.bus_tables import FaultEntry, FaultFile
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.logs import load_csv
 
+TOOLS = 'pip install "ars-codegen[tools]"'
+TEXT_LOGS = (".asc", ".log")
+LOG_BYTES_MAX = 2**30
+LINE_BYTES_MAX = 2**20
+TIME_MAX_S = 1e11
+"""Largest time stamp of a frame; Unix time stays below for 3,000 years."""
+ASC_FRAME = re.compile(r"\s*(\S+)\s+(?:\d+\s+[0-9a-f]+x?|CANFD\s+\d+)\s+(?:Rx|Tx)\s", re.IGNORECASE)
+"""Beginning of a frame in an ASC: time, channel, identifier and direction; of CAN FD, the channel and the direction."""
+LOG_REMEDY = "give a log that `codegen hil --log` or another tool wrote"
 LOGS = (".blf", ".asc", ".log")
 FAULTS_BYTES_MAX = 2**24
 RUN_BYTES_MAX = 2**31
 VALUE_MAX = 1e9
 """Largest magnitude in a recording, in SI units: far above that of any car, and small enough to compute with."""
 KINDS = "a run (.csv, .parquet, .mf4), a log of the bus (.blf, .asc, .log, .mf4) or the JSON of codegen faults"
+
+
+@dataclass(frozen=True)
+class BusTimes:
+    """Periods and response times of the frames in a log, in ms.
+
+    Attributes:
+        name: name of the log.
+        periods: name of a message -> time from each of its frames to the next.
+        answers: time from each motion frame to the next command.
+        cycle: nominal period.
+    """
+
+    name: str
+    periods: dict[str, FloatArray]
+    answers: FloatArray
+    cycle: float
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether every period is the configured one to a microsecond, which no real clock achieves; False without any."""
+        return bool(self.periods) and all(bool(np.all(np.abs(values - self.cycle) < 1e-3)) for values in self.periods.values())
+
+
+def read_log(path: Path, can: Can, name: str) -> BusTimes:
+    """Read a log with python-can.
+
+    Args:
+        path: `.blf`, `.asc`, `.log` or `.mf4`.
+        can: messages of the build, found by their ids.
+        name: name in the report.
+
+    Raises:
+        CodegenError: it cannot be read, or contains no frame of the build.
+    """
+    messages = (can.vehicle_motion, can.vehicle_conditions, can.rear_steer_command)
+    sent: dict[int, list[float]] = {message.id: [] for message in messages}
+    received: dict[int, list[float]] = {message.id: [] for message in messages}
+    require_regular(path, LOG_BYTES_MAX, "give a shorter log")
+    if path.suffix.lower() in TEXT_LOGS:
+        _check_text(path)
+    try:
+        from can import LogReader
+
+        with LogReader(path) as reader:
+            whole = getattr(reader, "file_size", 0)  # from the header of a BLF
+            for frame in reader:
+                if frame.arbitration_id in sent and not frame.is_extended_id and not frame.is_error_frame:
+                    (received if frame.is_rx else sent)[frame.arbitration_id].append(frame.timestamp)
+    except ImportError as error:
+        raise CodegenError(f"the package that reads it is missing ({one_line(error)})", where=path, remedy=TOOLS) from None
+    except Exception as error:  # readers may raise anything for a damaged file
+        raise CodegenError(f"not a readable log of a CAN bus ({one_line(error)})", where=path, remedy=LOG_REMEDY) from None
+    if path.stat().st_size < whole:
+        what = f"it ends early: {path.stat().st_size} of {whole} bytes"
+        raise CodegenError(what, where=path, remedy="copy it again, or let the tool that writes it close it")
+    # On some buses, such as udp_multicast, a node also receives its own frames; the time of sending counts.
+    times = {key: sent[key] or received[key] for key in sent}
+    if not any(times.values()):
+        known = ", ".join(f"0x{message.id:x}" for message in messages)
+        raise CodegenError(f"no frame with an id of the build ({known})", where=path, remedy="name its build with --build")
+    if not all(abs(stamp) <= TIME_MAX_S for of_message in times.values() for stamp in of_message):  # NaN neither
+        raise CodegenError("a frame has an invalid time", where=path, remedy=LOG_REMEDY)
+    stamps = {message.name: np.sort(np.array(times[message.id])) for message in messages}
+    motion, command = stamps[can.vehicle_motion.name], stamps[can.rear_steer_command.name]
+    cycle = float(can.vehicle_motion.cycle_time_ms or 10.0)
+    # In simulated time the answer has the time of its sample.
+    following = np.searchsorted(command, motion, side="left")
+    # A motion frame that is answered only after the next one has no answer of its own.
+    ends = np.append(motion[1:], np.inf)
+    answered = following < command.size
+    delay = command[following[answered]] - motion[answered]
+    own = command[following[answered]] < ends[answered]
+    periods = {key: 1e3 * np.diff(values) for key, values in stamps.items() if values.size > 1}
+    return BusTimes(name, periods, 1e3 * delay[own], cycle)
+
+
+def _check_text(path: Path) -> None:
+    """Check the lines of a text log: their lengths, as the reader holds each in memory, and the times of an ASC.
+
+    python-can skips a frame with an invalid time. Raises CodegenError.
+    """
+    is_asc = path.suffix.lower() == ".asc"
+    try:
+        with path.open("rb") as file:
+            for number, line in enumerate(iter(lambda: file.readline(LINE_BYTES_MAX + 1), b""), start=1):
+                if len(line) > LINE_BYTES_MAX:
+                    raise CodegenError("not a log of a CAN bus: a line is over 1 MiB", where=path, remedy="give another log")
+                frame = ASC_FRAME.match(line.decode("utf-8", "replace")) if is_asc else None
+                if frame is not None and _is_invalid_time(frame[1]):
+                    what = f"a frame has an invalid time, {one_line(frame[1], 40)}"
+                    raise CodegenError(what, where=f"{path}, line {number}", remedy=LOG_REMEDY)
+    except OSError as error:
+        raise CodegenError(f"cannot be read ({reason_of(error)})", where=path, remedy="check its permissions") from None
+
+
+def _is_invalid_time(word: str) -> bool:
+    """Return whether the word is a number, but not one that an ASC has as time; other words begin comments."""
+    if re.fullmatch(r"-?\d+\.\d+", word):
+        return False
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 @dataclass(frozen=True)
@@ -170,4 +283,4 @@ def _no_run(path: Path, error: Exception) -> CodegenError:
 
 def _missing(package: str, path: Path) -> CodegenError:
     what = f"{package}, which reads {path.suffix}, is missing"
-    return CodegenError(what, where=path, remedy='pip install "ars-codegen[tools]"')
+    return CodegenError(what, where=path, remedy=TOOLS)

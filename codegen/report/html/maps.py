@@ -1,8 +1,8 @@
-"""Charts of a map: heat maps, binding constraints, and cuts."""
+"""Charts of a map: heat maps, binding constraints, cuts, and the loss of the rear steering."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,26 +10,32 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.arrays import FloatArray
+from codegen.configuration import Config
+from codegen.design.loss import MODES, LossOfFunction, loss_of_function
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
-from codegen.report.html.blocks import EMPTY, INK, Chart, Cuts, Gallery
-from codegen.report.html.charts import (
+from codegen.report.html.blocks import (
+    EMPTY,
+    INK,
+    Block,
+    Chart,
+    Cuts,
+    Gallery,
+    Text,
     axis,
-    categories,
     layout,
     numbers,
     patches,
     scale_of,
     small,
 )
-from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
-from codegen.report.style import BLACK, GREY, WHITE, phase_lines
+from codegen.report.map_plots import binding_colours
+from codegen.report.style import BLACK, QUANTITIES, SKY, VERMILION, WHITE, Quantity, phase_lines
 from codegen.report.summary import tyre_note
 from codegen.units import KM_H
 
 SPEED, FRONT_ANGLE = "Speed vx (km/h)", "Front angle δf (deg)"
 INFEASIBLE = "grey: no steady turn inside the limits"
-PHASE = "δr = 0: the rear wheels pass from the opposite to the same direction as the front wheels"
 
 
 @dataclass(frozen=True)
@@ -55,32 +61,11 @@ class NamedMap:
         return np.degrees(self.map.front_angle)
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A table of a map: attribute, name, unit, colour map of matplotlib; `diverging` ones are centred at zero."""
-
-    attribute: str
-    name: str
-    unit: str
-    scale: str
-    diverging: bool
-
-    def degrees(self, one: ReferenceMap) -> FloatArray | None:
-        """Return the values (n, m) in `unit`, NaN where infeasible; None if the map lacks the table."""
-        values = getattr(one, self.attribute)
-        return None if values is None else np.degrees(np.where(one.feasible, values, np.nan))
-
-    def limits(self, tables: Sequence[FloatArray]) -> tuple[float, float]:
-        """Return the ends of a colour scale that several tables share."""
-        finite = [float(np.nanmax(np.abs(table))) for table in tables if np.isfinite(table).any()]
-        largest = max([*finite, 1e-6])
-        return (-largest if self.diverging else 0.0), largest
-
-
-YAW_RATE = Quantity("yaw_rate", "Yaw rate r", "deg/s", "viridis", False)
-SIDESLIP = Quantity("sideslip", "Sideslip β", "deg", "PuOr_r", True)
-REAR_ANGLE = Quantity("rear_angle", "Rear angle δr", "deg", "RdBu_r", True)
-QUANTITIES = (YAW_RATE, SIDESLIP, REAR_ANGLE)
+def colour_limits(tables: Sequence[FloatArray], diverging: bool = False) -> tuple[float, float]:
+    """Return the ends of a colour scale that several tables share; `diverging` ones are centred at zero."""
+    finite = [float(np.nanmax(np.abs(table))) for table in tables if np.isfinite(table).any()]
+    largest = max([*finite, 1e-6])
+    return (-largest if diverging else 0.0), largest
 
 
 def heat_maps(one: NamedMap) -> Gallery:
@@ -93,27 +78,34 @@ def heat_maps(one: NamedMap) -> Gallery:
 
 
 def _heat_map(one: NamedMap, quantity: Quantity, table: FloatArray) -> Chart:
-    low, high = quantity.limits([table])
-    trace = {
-        "type": "heatmap",
-        "x": numbers(one.speed_km_h),
-        "y": numbers(one.front_angle_deg),
-        "z": numbers(table.T),
-        "zmin": low,
-        "zmax": high,
-        "colorscale": scale_of(quantity.scale),
-        "colorbar": colour_bar(quantity.unit),
-        "hoverongaps": False,
-        "hovertemplate": f"{quantity.name}: %{{z:.3f}} {quantity.unit}<br>vx %{{x:.1f}} km/h, δf %{{y:.2f}} deg<extra></extra>",
-    }
+    limits = colour_limits([table], quantity.diverging)
+    trace = heat_map(one, table, quantity.plain_name, quantity.unit, quantity.colours, limits)
     finite = table[np.isfinite(table)]
     span = f"{finite.min():.3g} to {finite.max():.3g} {quantity.unit}" if finite.size else "nowhere feasible"
-    spoken = f"Heat map of {quantity.name} over speed and front angle: {span}."
+    spoken = f"Heat map of {quantity.plain_name} over speed and front angle: {span}."
     lines = _phase_traces(one.map)
     figure = {"data": [trace, *lines], "layout": map_layout(one, legend=bool(lines))}
     name = f"map-{quantity.attribute.replace('_', '-')}"
     hidden = "" if one.map.feasible.all() else f"; {INFEASIBLE}"
-    return Chart(name, figure, f"{quantity.name}, {span}{hidden}.", spoken, 420)
+    return Chart(name, figure, f"{quantity.plain_name}, {span}{hidden}.", spoken, 420)
+
+
+def heat_map(
+    one: NamedMap, table: FloatArray, title: str, unit: str, colours: str, limits: tuple[float, float]
+) -> dict[str, Any]:
+    """Return a heat map of a table (n, m) over the axes of a map."""
+    return {
+        "type": "heatmap",
+        "x": numbers(one.speed_km_h),
+        "y": numbers(one.front_angle_deg),
+        "z": numbers(table.T),
+        "zmin": limits[0],
+        "zmax": limits[1],
+        "colorscale": scale_of(colours),
+        "colorbar": colour_bar(unit),
+        "hoverongaps": False,
+        "hovertemplate": f"{title}: %{{z:.3f}} {unit}<br>vx %{{x:.1f}} km/h, δf %{{y:.2f}} deg<extra></extra>",
+    }
 
 
 def colour_bar(unit: str) -> dict[str, Any]:
@@ -149,10 +141,8 @@ def _phase_traces(one: ReferenceMap) -> list[dict[str, Any]]:
 
 def _binding(one: NamedMap, active: npt.NDArray[np.uint8]) -> Chart:
     found, count = np.unique(active[one.map.feasible], return_counts=True)
-    others = iter(OTHER_COLOURS)
     flags = found[np.argsort(-count, kind="stable")].tolist()
-    names = [binding_text(flag) for flag in flags]
-    colours = [BINDING_COLOURS.get(flag) or next(others, GREY) for flag in flags]
+    names, colours = [binding_text(flag) for flag in flags], binding_colours(flags)
     index = np.zeros(256, dtype=np.uint8)
     index[flags] = np.arange(len(flags))
     codes = np.where(one.map.feasible, index[active], 0).astype(np.uint8)
@@ -175,7 +165,11 @@ def category_trace(
         "type": "heatmap",
         "x": numbers(speed),
         "y": numbers(angle),
-        **categories(codes.T, names, colours, hidden.T),
+        "z": numbers(np.where(hidden, np.nan, codes.astype(float)).T),
+        "zmin": -0.5,
+        "zmax": len(names) - 0.5,
+        "colorscale": [[edge / len(names), colours[k]] for k in range(len(names)) for edge in (k, k + 1)],
+        "showscale": False,
         "codes": {**small(codes.T), "names": list(names)},  # the page derives hover texts from them
         "hoverongaps": False,
         "hovertemplate": "%{text}<br>vx %{x:.1f} km/h, δf %{y:.2f} deg<extra></extra>",
@@ -201,3 +195,73 @@ def _cut_data(one: NamedMap) -> dict[str, Any]:
         "tables": {name: numbers(table) for name, table in tables.items() if table is not None},
         "binding": binding,
     }
+
+
+AFTER = {"hold": "held", "ramp": "led back by the fail-safe's ramp", "zero": "set straight at once"}
+"""Description of the rear angle after the loss, by mode."""
+
+CELLS = ("feasible with straight rear wheels too", "feasible only with rear steering")
+
+
+def loss_blocks(one: NamedMap, config: Config) -> Iterator[Block]:
+    """Yield a chart of the cells and of the operating points whose loss was simulated."""
+    loss = loss_of_function(one.map, config)
+    if loss.only_with_rear_steer is None:
+        yield Text("It is not known which cells of a bare map need rear steering; the points below were simulated.")
+    yield _chart(one, loss)
+    yield Text(
+        "Each mark is a steady turn in which the function is lost: the nonlinear car is simulated with the rear angle held, "
+        "led back by the fail-safe's ramp, and set straight at once. A car spins where its sideslip angle passes 10 deg while "
+        "its rear axle slides. A rear angle of zero is not by itself a safe state."
+    )
+
+
+def _chart(one: NamedMap, loss: LossOfFunction) -> Chart:
+    data: list[dict[str, Any]] = []
+    if loss.only_with_rear_steer is not None:
+        codes = loss.only_with_rear_steer.astype(np.uint8)
+        trace = category_trace(one.speed_km_h, one.front_angle_deg, codes, ~one.map.feasible, CELLS, (SKY, VERMILION))
+        data += [trace, *patches(CELLS, (SKY, VERMILION))]
+    data += _points(loss)
+    look = layout(
+        xaxis=axis(SPEED, zeroline=False, showgrid=False),
+        yaxis=axis(FRONT_ANGLE, zeroline=False, showgrid=False, rangemode="tozero"),
+        plot_bgcolor=EMPTY,
+    )
+    share = "" if loss.share_of_feasible is None else f" {100.0 * loss.share_of_feasible:.0f} % of the feasible cells need it."
+    spins = ", ".join(f"{int(loss.spins[k].sum())} with the rear angle {AFTER[mode]}" for k, mode in enumerate(MODES))
+    of = f"Of {loss.speed.size} simulated losses the car spins in {spins}."
+    caption = f"Where the loss of the rear steering is dangerous.{share} {of}"
+    return Chart("map-loss", {"data": data, "layout": look}, caption, caption, 480)
+
+
+def _points(loss: LossOfFunction) -> Iterator[dict[str, Any]]:
+    at_once = loss.spins[MODES.index("zero")]
+    groups = (
+        ("spins with the rear wheels straight at once", "x", loss.settles & at_once),
+        ("does not spin", "circle-open", loss.settles & ~at_once),
+        ("no steady turn before the loss", "diamond-open", ~loss.settles),
+    )
+    for name, symbol, chosen in groups:
+        if chosen.any():
+            yield {
+                "type": "scatter",
+                "mode": "markers",
+                "x": (loss.speed[chosen] / KM_H).round(2).tolist(),
+                "y": np.degrees(loss.front_angle[chosen]).round(3).tolist(),
+                "name": name,
+                "marker": {"symbol": symbol, "size": 11, "color": INK, "line": {"width": 2, "color": INK}},
+                "text": [_told(loss, int(k)) for k in np.flatnonzero(chosen)],
+                "hovertemplate": "%{text}<extra></extra>",
+            }
+
+
+def _told(loss: LossOfFunction, k: int) -> str:
+    lines = [f"vx {loss.speed[k] / KM_H:.0f} km/h, δf {np.degrees(loss.front_angle[k]):.2f} deg"]
+    if not loss.settles[k]:
+        return "<br>".join([*lines, "no steady turn before the loss"])
+    lines.append(f"before: δr {np.degrees(loss.rear_angle[k]):.2f} deg, β {np.degrees(loss.sideslip[k]):.1f} deg")
+    for row, mode in enumerate(MODES):
+        end = "spins" if loss.spins[row, k] else f"|β| up to {np.degrees(loss.sideslip_max[row, k]):.1f} deg"
+        lines.append(f"{AFTER[mode]}: {end}")
+    return "<br>".join(lines)

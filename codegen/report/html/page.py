@@ -1,8 +1,9 @@
-"""The HTML of a report: one file, with its style, its scripts and all data in it."""
+"""The HTML of a report: one file that works offline, with its style, its scripts, Plotly and all data in it."""
 
 from __future__ import annotations
 
 import html
+import importlib.util
 import json
 import re
 from collections.abc import Sequence
@@ -14,8 +15,37 @@ from markupsafe import Markup
 
 from codegen import __version__
 from codegen.emit.render import templates_root
+from codegen.errors import CodegenError
 from codegen.report.html.blocks import Chart, Cuts, Gallery, Section
-from codegen.report.html.bundle import plotly_javascript
+
+
+def require_plotly(command: str) -> None:
+    """Check that Plotly is installed, before long computations.
+
+    Args:
+        command: name of the command, for the message.
+
+    Raises:
+        CodegenError: Plotly is not installed.
+    """
+    if importlib.util.find_spec("plotly") is None:
+        remedy = 'pip install "ars-codegen[report]"'
+        raise CodegenError("plotly, which draws its pictures, is missing", where=f"codegen {command}", remedy=remedy)
+
+
+def plotly_javascript() -> str:
+    """Return the whole bundle of Plotly.js for a `<script>` element (about 5 MB).
+
+    Raises:
+        CodegenError: Plotly is not installed.
+    """
+    require_plotly("report")
+    from plotly.offline import get_plotlyjs
+
+    text: str = get_plotlyjs()
+    # A browser ends a script at the first closing tag in its text.
+    return text.replace("</script", r"<\/script").replace("<!--", r"<\!--")
+
 
 _CODE = re.compile(r"`([^`]+)`")
 

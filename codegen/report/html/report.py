@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -20,18 +20,35 @@ from codegen.emit.manifest import read_build
 from codegen.errors import MapError
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
-from codegen.report.fault_table import HEADER, FaultEntry, fault_cells
-from codegen.report.html import build as build_tables
+from codegen.report.bus_tables import HEADER, FaultEntry, fault_cells
 from codegen.report.html import maps
-from codegen.report.html.blocks import Block, Chart, Gallery, Section, Table, Text
-from codegen.report.html.bus import BusTimes, bus_blocks
-from codegen.report.html.charts import axis, cell_edges, layout, numbers, patches, scale_of
+from codegen.report.html.blocks import (
+    Block,
+    Chart,
+    Gallery,
+    Section,
+    Table,
+    Text,
+    axis,
+    cell_edges,
+    layout,
+    patches,
+)
+from codegen.report.html.build import manifest_blocks, verification_blocks
 from codegen.report.html.curves import front_angle_chart, tyre_charts
-from codegen.report.html.handling import handling_blocks
-from codegen.report.html.loss import loss_blocks
-from codegen.report.html.maps import FRONT_ANGLE, SPEED, YAW_RATE, NamedMap, category_trace, colour_bar, map_layout
+from codegen.report.html.inputs import BusTimes
+from codegen.report.html.maps import (
+    FRONT_ANGLE,
+    SPEED,
+    NamedMap,
+    category_trace,
+    colour_limits,
+    heat_map,
+    loss_blocks,
+    map_layout,
+)
 from codegen.report.html.robust import margins_chart, region_blocks
-from codegen.report.html.runs import run_blocks
+from codegen.report.html.runs import bus_blocks, handling_blocks, run_blocks
 from codegen.report.html.verdict import verdict_blocks
 from codegen.report.map_difference import (
     CAR_HEADER,
@@ -43,9 +60,8 @@ from codegen.report.map_difference import (
     same_car,
 )
 from codegen.report.map_plots import is_paper
-from codegen.report.paper_tables import RUNS, optimum_rows, optimum_table, run_table
-from codegen.report.published import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG
-from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from codegen.report.paper_tables import PAPER_TABLE, RUNS, TABLE_FRONT_ANGLE_DEG, optimum_rows, optimum_table, run_table
+from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, YAW_RATE
 from codegen.report.summary import TYRE, map_summary, tyre_note
 from codegen.sweep.region import Region
 from codegen.units import KM_H
@@ -65,30 +81,18 @@ def comparison(one: NamedMap, other: NamedMap, number: int = 1) -> Gallery:
     mine = YAW_RATE.degrees(one.map)
     theirs = np.degrees(on_axes_of(one.map, other.map))
     assert mine is not None
-    low, high = YAW_RATE.limits([mine, theirs])
-    gain = mine - theirs
+    both, gain = colour_limits([mine, theirs]), mine - theirs
     reach = max(float(np.nanmax(np.abs(gain))) if np.isfinite(gain).any() else 0.0, COLOUR_RANGE_MIN_DEG_S)
     shown = (
-        (f"compare-first-{number}", one.title, mine, "viridis", low, high),
-        (f"compare-second-{number}", other.title, theirs, "viridis", low, high),
-        (f"compare-difference-{number}", f"{one.title} minus {other.title}", gain, "BrBG", -reach, reach),
+        ("first", one.title, mine, "viridis", both),
+        ("second", other.title, theirs, "viridis", both),
+        ("difference", f"{one.title} minus {other.title}", gain, "BrBG", (-reach, reach)),
     )
     charts = []
-    for name, title, table, scale, smallest, largest in shown:
-        trace = {
-            "type": "heatmap",
-            "x": numbers(one.speed_km_h),
-            "y": numbers(one.front_angle_deg),
-            "z": numbers(table.T),
-            "zmin": smallest,
-            "zmax": largest,
-            "colorscale": scale_of(scale),
-            "colorbar": colour_bar("deg/s"),
-            "hoverongaps": False,
-            "hovertemplate": f"{title}: %{{z:.3f}} deg/s<br>vx %{{x:.1f}} km/h, δf %{{y:.2f}} deg<extra></extra>",
-        }
-        figure = {"data": [trace], "layout": map_layout(one, legend=False)}
-        charts.append(Chart(name, figure, f"Yaw rate: {title}.", f"Heat map of the yaw rate: {title}.", 360))
+    for name, title, table, colours, limits in shown:
+        figure = {"data": [heat_map(one, table, title, "deg/s", colours, limits)], "layout": map_layout(one, legend=False)}
+        spoken = f"Heat map of the yaw rate: {title}."
+        charts.append(Chart(f"compare-{name}-{number}", figure, f"Yaw rate: {title}.", spoken, 360))
     return Gallery(charts)
 
 
@@ -103,7 +107,7 @@ def difference_in_figures(one: NamedMap, other: NamedMap) -> Iterator[Block]:
         f"First: {one.name}, second: {other.name}. Slip is that of the plant in the steady turn with the map's yaw rate."
         + "".join(f" {text[0].upper()}{text[1:]}." for text in caveats(one.map, other.map))
     )
-    yield Table("Both maps in figures", CAR_HEADER, found.rows)
+    yield Table("Both maps in figures", CAR_HEADER, list(found.rows()))
     yield Table("Where both are feasible", DIFFERENCE_HEADER, [found.difference_row])
     if found.points:
         yield Table("Yaw rate r (deg/s) and rear angle (deg) at a few operating points", POINT_HEADER, found.point_rows)
@@ -113,56 +117,41 @@ YELLOW = "#F0E442"
 """Yellow of the palette in `codegen.report.style`."""
 LINEAR = ", from there linear to the first breakpoint"
 
-RULE_COLOURS = {
-    Rule.SOLVED: BLUE,
-    Rule.ZERO: YELLOW,
-    Rule.HOLD: ORANGE,
-    Rule.PASSIVE_SLOPE: GREEN,
-    Rule.BETWEEN: PURPLE,
-    Rule.NEIGHBOUR: SKY,
-    Rule.CONTINUED: VERMILION,
+RULES = {
+    Rule.SOLVED: ("as in the map", BLUE),
+    Rule.ZERO: ("linear, from zero", YELLOW),
+    Rule.HOLD: ("held: ay_cap / vx", ORANGE),
+    Rule.PASSIVE_SLOPE: ("on with the passive gain", GREEN),
+    Rule.BETWEEN: ("between feasible cells", PURPLE),
+    Rule.NEIGHBOUR: ("between speeds", SKY),
+    Rule.CONTINUED: ("beyond the cap, continued", VERMILION),
 }
-RULE_NAMES = {
-    Rule.SOLVED: "as in the map",
-    Rule.ZERO: "linear, from zero",
-    Rule.HOLD: "held: ay_cap / vx",
-    Rule.PASSIVE_SLOPE: "on with the passive gain",
-    Rule.BETWEEN: "between feasible cells",
-    Rule.NEIGHBOUR: "between speeds",
-    Rule.CONTINUED: "beyond the cap, continued",
-}
-"""Short names for a legend; RULE_TEXT has the full ones."""
+"""Short name for a legend, and colour; RULE_TEXT has the full names."""
 
 
-@dataclass(frozen=True)
-class _Cells:
-    """Breakpoints (n,) in m/s and (m,) in rad, and the rule of each cell, (n, m)."""
+def _cells(one: NamedMap, config: Config, build: Path | None) -> tuple[FloatArray, FloatArray, npt.NDArray[np.str_]]:
+    """Return breakpoints (n,) in m/s and (m,) in rad, and the rule of each cell (n, m), as the manifest of a build lists them.
 
-    speed: npt.NDArray[np.float64]
-    front_angle: npt.NDArray[np.float64]
-    rule: npt.NDArray[np.str_]
-
-
-def _cells(one: NamedMap, config: Config, build: Path | None) -> _Cells:
-    """Return the cells of a build as its manifest lists them; without a build, extend the map."""
+    Without a build, the map is extended.
+    """
     if build is None:
         total = extend(one.map, config)
-        return _Cells(total.speed, total.front_angle, total.rule)
+        return total.speed, total.front_angle, total.rule
     table = read_build(build)["map"]
     speed, front_angle = (np.array(table[key], dtype=np.float64) for key in ("speed_m_s", "front_angle_rad"))
-    return _Cells(speed, front_angle, np.array([list(row) for row in table["rule_by_speed_and_front_angle"]]))
+    return speed, front_angle, np.array([list(row) for row in table["rule_by_speed_and_front_angle"]])
 
 
 def extended(one: NamedMap, config: Config, build: Path | None = None) -> tuple[Chart, Table]:
     """Return a chart and a table of the ECU's cells: solved, or extended by which rule (`codegen.ecu_map.total`)."""
-    total = _cells(one, config, build)
-    rules = [rule for rule in Rule if (total.rule == rule.value).any()]
-    codes = np.zeros(total.rule.shape, dtype=np.uint8)
+    speed, front_angle, of_cells = _cells(one, config, build)
+    rules = [rule for rule in Rule if (of_cells == rule.value).any()]
+    codes = np.zeros(of_cells.shape, dtype=np.uint8)
     for code, rule in enumerate(rules):
-        codes[total.rule == rule.value] = code
-    names, colours = [RULE_NAMES[rule] for rule in rules], [RULE_COLOURS[rule] for rule in rules]
-    speed, angle = total.speed / KM_H, np.degrees(total.front_angle)
-    trace = category_trace(cell_edges(speed), cell_edges(angle), codes, np.zeros(codes.shape, dtype=bool), names, colours)
+        codes[of_cells == rule.value] = code
+    names, colours = zip(*(RULES[rule] for rule in rules), strict=True)
+    edges = (cell_edges(speed / KM_H), cell_edges(np.degrees(front_angle)))
+    trace = category_trace(*edges, codes, np.zeros(codes.shape, dtype=bool), names, colours)
     look = layout(
         xaxis=axis(SPEED, zeroline=False, showgrid=False),
         yaxis=axis(FRONT_ANGLE, zeroline=False, showgrid=False),
@@ -238,19 +227,34 @@ def sections(material: Material) -> Iterator[Section]:
     yield Section("map", "The map", list(_map(material)))
     if material.others:
         yield Section("compared", "Maps compared", list(_compared(material)))
-    yield Section("beyond", "Beyond the solved cells, and without the function", list(_beyond(material)))
+    beyond = (*extended(material.map, material.config, material.build), *loss_blocks(material.map, material.config))
+    yield Section("beyond", "Beyond the solved cells, and without the function", beyond)
     yield Section("optimum", f"The optimum at {TABLE_FRONT_ANGLE_DEG:g} deg, and the tyres", list(_optimum(material)))
-    yield Section("runs", "Runs", list(_runs(material)))
+    runs: Iterable[Block] = [NO_RUN]
+    if material.runs and material.scenario is not None:
+        runs = run_blocks(material.runs, material.config, material.scenario, material.look_up)
+    yield Section("runs", "Runs", list(runs))
     handling = handling_blocks(material.driven, material.runs, material.config)
     yield Section("handling", "Handling and frequency response", list(handling))
     yield Section("margins", "Margins over speed", list(_margins(material)))
     if material.regions:
         yield Section("region", "Where the loop is stable", list(region_blocks(material.regions)))
-    yield Section("faults", "Faults on the bus", list(_faults(material)))
-    yield Section("timing", "Timing on the bus", list(_timing(material)))
-    yield Section("verification", "What was verified", list(_verification(material)))
+    yield Section("faults", "Faults on the bus", list(_faults(material.faults)))
+    yield Section("timing", "Timing on the bus", list(bus_blocks(material.logs)) if material.logs else [NO_LOG])
+    build = material.build
+    verified = [NO_BUILD] if build is None else list(verification_blocks(build))
+    yield Section("verification", "What was verified", verified)
     yield Section("axes", "Axes, values and the car", list(_axes(material)))
-    yield Section("manifest", "Manifest", list(_manifest(material)))
+    yield Section("manifest", "Manifest", [NO_BUILD] if build is None else list(manifest_blocks(build)))
+
+
+NO_BUILD = Text("No build: name one with `--build`.", "notice")
+NO_RUN = Text("No run: name a build with `--build`, or recordings with `--run`.", "notice")
+NO_LOG = Text(
+    "No log of a bus: `codegen hil --build DIR --bus socketcan:vcan0 --ecu native --log run.blf` writes one, and "
+    "`--run run.blf` shows it here.",
+    "notice",
+)
 
 
 def _axes(material: Material) -> Iterator[Block]:
@@ -325,11 +329,6 @@ def _tyres(one: NamedMap, other: NamedMap) -> str:
     return f"; {TYRE}: {models[0] or 'not known'} of {one.name}, {models[1] or 'not known'} of {other.name}"
 
 
-def _beyond(material: Material) -> Iterator[Block]:
-    yield from extended(material.map, material.config, material.build)
-    yield from loss_blocks(material.map, material.config)
-
-
 def _optimum(material: Material) -> Iterator[Block]:
     if not material.configured:
         yield Text(
@@ -357,13 +356,6 @@ def _paper_runs(material: Material) -> dict[str, StepMetrics]:
     return {name: step_metrics(record, at, ratio) for name, record in material.runs.items() if name in RUNS}
 
 
-def _runs(material: Material) -> Iterator[Block]:
-    if not material.runs or material.scenario is None:
-        yield Text("No run: name a build with `--build`, or recordings with `--run`.", "notice")
-        return
-    yield from run_blocks(material.runs, material.config, material.scenario, material.look_up)
-
-
 def _margins(material: Material) -> Iterator[Block]:
     chart = margins_chart(material.loops or {})
     if chart is None:
@@ -376,37 +368,12 @@ def _margins(material: Material) -> Iterator[Block]:
         yield Text(f"{name}, least margins of the car itself up to {top:g} km/h: {least}.")
 
 
-def _faults(material: Material) -> Iterator[Block]:
-    if material.faults is None:
+def _faults(faults: Sequence[FaultEntry] | None) -> Iterator[Block]:
+    if faults is None:
         yield Text(
             "Not tested: name a build with `--build`, or pass the output of `codegen faults --json` with `--run`.", "notice"
         )
         return
-    rows = [fault_cells(entry) for entry in material.faults]
     yield Text("Each fault of the catalogue in the same turn-in; times from the moment it was injected.")
+    rows = [fault_cells(entry) for entry in faults]
     yield Table("Faults on the bus", HEADER, rows, words=(0, 1, 7, 8), verdicts={"yes": "good"})
-
-
-def _timing(material: Material) -> Iterator[Block]:
-    if not material.logs:
-        yield Text(
-            "No log of a bus: `codegen hil --build DIR --bus socketcan:vcan0 --ecu native --log run.blf` writes one, and "
-            "`--run run.blf` shows it here.",
-            "notice",
-        )
-        return
-    yield from bus_blocks(material.logs)
-
-
-def _verification(material: Material) -> Iterator[Block]:
-    if material.build is None:
-        yield Text("No build: name one with `--build`.", "notice")
-        return
-    yield from build_tables.verification_blocks(material.build)
-
-
-def _manifest(material: Material) -> Iterator[Block]:
-    if material.build is None:
-        yield Text("No build: name one with `--build`.", "notice")
-        return
-    yield from build_tables.manifest_blocks(material.build)

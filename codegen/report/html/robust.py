@@ -10,8 +10,7 @@ import numpy as np
 from codegen.configuration import Config, preset
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, family_margins, nominal_margins
 from codegen.emit.laws import LAWS, law_of
-from codegen.report.html.blocks import INK, MUTED, Block, Chart, Gallery, Table, Text
-from codegen.report.html.charts import axis, layout, line, numbers, scale_of
+from codegen.report.html.blocks import INK, MUTED, Block, Chart, Gallery, Table, Text, axis, layout, line, numbers, scale_of
 from codegen.report.html.maps import SPEED, colour_bar
 from codegen.report.run_plots import RUN_COLOURS
 from codegen.sweep.region import MARGIN_SHARES, TURN_SHARE, Region

@@ -1,4 +1,4 @@
-"""Charts of runs: all signals over time with their limits, and the figures of each run."""
+"""Charts of runs: signals over time, handling diagram, frequency response and timing on the bus; figures of each run."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.report.html.blocks import INK, MUTED, Block, Chart, Table, Text
-from codegen.report.html.charts import axis, layout, line
-from codegen.report.run_plots import SPEED_HELD, column, looks_of, run_window, signal_limits
-from codegen.report.style import BLACK, GREY
+from codegen.report.html.blocks import INK, MUTED, Block, Chart, Gallery, Table, Text, axis, layout, line, numbers
+from codegen.report.html.inputs import BusTimes
+from codegen.report.run_plots import SPEED_HELD, column, looks_of, run_window, signal_limits, until_spin
+from codegen.report.scenario_plots import title_of
+from codegen.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from codegen.report.summary import metric_rows
 from codegen.sil.software import Status
 from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres
-from hil_sim.metrics import evaluate
-from hil_sim.metrics.run import LookUp
-from hil_sim.scenarios import Scenario
+from hil_sim.metrics import evaluate, steering_response
+from hil_sim.metrics.run import LookUp, Run, spin_time
+from hil_sim.scenarios import BUILT_IN, Scenario
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,8 @@ def run_chart(
     data: list[dict[str, Any]] = []
     shapes: list[dict[str, Any]] = []
     limits = _limits(config)
-    panels = [panel for panel in panels if panel is not SPEED_PANEL or not _is_held(runs)]
+    is_held = all(np.ptp(column(record, "speed_m_s")) <= SPEED_HELD / KM_H for record in runs.values())
+    panels = [panel for panel in panels if panel is not SPEED_PANEL or not is_held]
     height = (1.0 - GAP * (len(panels) - 1)) / len(panels)
     for row, panel in enumerate(panels):
         name = "y" if row == 0 else f"y{row + 1}"
@@ -149,10 +151,6 @@ def run_chart(
     caption = f"{title}.{dashed}{dotted}{status}"
     spoken = f"Signals over time of the runs {', '.join(runs)}: {title}."
     return Chart("runs", {"data": data, "layout": look}, caption, spoken, 940)
-
-
-def _is_held(runs: Mapping[str, FloatArray]) -> bool:
-    return all(float(np.ptp(column(record, "speed_m_s"))) <= SPEED_HELD / KM_H for record in runs.values())
 
 
 def _lines(
@@ -201,3 +199,136 @@ def _status_text(run: str, record: FloatArray) -> str:
     counts = {each.name: int(np.count_nonzero(status == each)) for each in Status}
     seen = ", ".join(f"{name} {100.0 * count / len(status):.0f} %" for name, count in counts.items() if count)
     return f"{run} {seen}"
+
+
+Runs = Mapping[str, FloatArray]
+
+HANDLING, RESPONSE = BUILT_IN["ramp-steer"], BUILT_IN["sine-sweep"]
+"""Scenarios of the handling diagram and of the frequency response."""
+TICKS = [0.2, 0.5, 1.0, 2.0, 3.0]
+"""Ticks of the frequency axis, in Hz."""
+
+
+def handling_blocks(driven: Mapping[str, Runs], runs: Runs | None, config: Config) -> Iterator[Block]:
+    """Yield both diagrams, and the table of the actuator.
+
+    Args:
+        driven: runs by name of their scenario, HANDLING and RESPONSE; empty without a build.
+        runs: runs of the report's own scenario.
+        config: configuration of the car.
+    """
+    if not driven:
+        yield Text("Not simulated: name a build with `--build`.", "notice")
+        return
+    ramp, sweep = driven[HANDLING.name], driven[RESPONSE.name]
+    yield Gallery([_handling(ramp, config), *_response(sweep, config)])
+    everything = (("", runs or {}), (HANDLING.name, ramp), (RESPONSE.name, sweep))
+    rows = [row for name, each in everything for row in _actuator_rows(name, each)]
+    header = ("run", "angle, largest (deg)", "rate, largest (deg/s)", "rate, RMS (deg/s)", "travel (deg)")
+    limits = f"the actuator allows {config.rear_actuator.angle_max_deg:g} deg and {config.rear_actuator.rate_max_deg_s:g} deg/s"
+    yield Table(f"The rear actuator: {limits}", header, rows)
+
+
+def _handling(runs: Runs, config: Config) -> Chart:
+    """Steering-wheel angle over lateral acceleration of slowly increasing steer (ISO 4138)."""
+    data, colours = [], colours_of(runs)
+    for name, whole in runs.items():
+        run = Run(until_spin(whole), HANDLING, config)
+        shown = run.after
+        angle = np.degrees(run.steering_wheel_angle)[shown]
+        data.append(line(run["lateral_acceleration_m_s2"][shown], angle, name, colours[name]))
+    figure = {"data": data, "layout": layout(xaxis=axis("Lateral acceleration (m/s²)"), yaxis=axis("Steering wheel (deg)"))}
+    caption = f"Handling diagram. {title_of(HANDLING)}: the steeper, the more the car understeers."
+    return Chart("handling", figure, caption, "Steering-wheel angle over lateral acceleration of each car.", 400)
+
+
+def _response(runs: Runs, config: Config) -> Iterator[Chart]:
+    """Gain and phase of the yaw rate to the steering wheel (ISO 7401)."""
+    colours, found = colours_of(runs), {}
+    for name, record in runs.items():
+        response = (
+            None if spin_time(record) is not None else steering_response.frequency_response(Run(record, RESPONSE, config))
+        )
+        if response is not None:
+            found[name] = response
+    gain = {name: 20.0 * np.log10(one.gain) for name, one in found.items()}
+    phase = {name: np.degrees(one.phase) for name, one in found.items()}
+    for key, title, values in (("gain", "Yaw rate / steering wheel (dB)", gain), ("phase", "Phase (deg)", phase)):
+        data = [line(one.frequency, values[name], name, colours[name]) for name, one in found.items()]
+        ticks = {"type": "log", "tickvals": TICKS, "ticktext": [f"{tick:g}" for tick in TICKS]}
+        look = layout(xaxis=axis("Frequency (Hz)", **ticks), yaxis=axis(title))
+        caption = f"Frequency response, {key}. {title_of(RESPONSE)}."
+        yield Chart(f"response-{key}", {"data": data, "layout": look}, caption, f"{title} over frequency of each car.", 400)
+
+
+def _actuator_rows(scenario: str, runs: Runs) -> Iterator[tuple[str, ...]]:
+    """Yield the largest angle and rate, the RMS rate and the travel of the rear axle in each controlled run."""
+    for name, record in runs.items():
+        if is_passive(name):
+            continue
+        run = until_spin(record)
+        time, angle = column(run, "time_s"), column(run, "rear_angle_rad")
+        rate = np.diff(angle) / np.diff(time)
+        figures = (np.abs(angle).max(), np.abs(rate).max(), np.sqrt(np.mean(rate**2)), np.abs(np.diff(angle)).sum())
+        yield (f"{name}, {scenario}" if scenario else name, *(f"{value:.2f}" for value in figures))
+
+
+COLOURS = (BLUE, ORANGE, VERMILION)
+BINS = 120
+HISTOGRAM_SPAN_MIN_MS = 0.1
+"""Minimum span of a histogram, in ms."""
+ANSWER = "Command after the motion frame"
+
+
+def bus_blocks(logs: Sequence[BusTimes]) -> Iterator[Block]:
+    """Yield histograms and a table for each log."""
+    for number, log in enumerate(logs, start=1):
+        yield Text(f"{log.name}: period of the frames (nominal {log.cycle:g} ms), and time from a sample to its command.")
+        if log.is_simulated:
+            yield Text("These times are simulated. They do not measure the timing of the ECU.", "notice")
+        yield Gallery(list(_histograms(log, number)))
+        rows = [_times_row(f"{name}, period", values) for name, values in log.periods.items()]
+        if log.answers.size:
+            rows.append(_times_row(ANSWER, log.answers))
+        yield Table(f"{log.name}: times in ms", ("", "number", "median", "99 %", "least", "largest"), rows)
+
+
+def _times_row(what: str, values: FloatArray) -> tuple[str, ...]:
+    shares = (np.median(values), np.percentile(values, 99.0), values.min(), values.max())
+    return what, f"{values.size:,}", *(f"{float(value):.3f}" for value in shares)
+
+
+def _histograms(log: BusTimes, number: int) -> Iterator[Chart]:
+    if log.periods:
+        edges = _edges(np.concatenate(list(log.periods.values())))  # the same for all, so that they can be compared
+        for k, ((name, values), colour) in enumerate(zip(log.periods.items(), COLOURS, strict=False), start=1):
+            yield _histogram(values, edges, f"Period of {name} (ms)", colour, f"can-{number}-{k}")
+    if log.answers.size:
+        yield _histogram(log.answers, _edges(log.answers), f"{ANSWER} (ms)", GREEN, f"can-{number}-answer")
+
+
+def _edges(values: FloatArray) -> FloatArray:
+    low, high = float(values.min()), float(values.max())
+    if high - low < HISTOGRAM_SPAN_MIN_MS:  # centre times that are all equal
+        low, high = (low + high - HISTOGRAM_SPAN_MIN_MS) / 2.0, (low + high + HISTOGRAM_SPAN_MIN_MS) / 2.0
+    return np.linspace(low, high, BINS + 1)
+
+
+def _histogram(values: FloatArray, edges: FloatArray, title: str, colour: str, name: str) -> Chart:
+    counts, _ = np.histogram(values, edges)
+    bars = {
+        "type": "bar",
+        "x": numbers((edges[:-1] + edges[1:]) / 2.0),
+        "y": counts.tolist(),
+        "width": float(edges[1] - edges[0]),
+        "marker": {"color": colour, "line": {"width": 0}},
+        "hovertemplate": "%{y} frames around %{x:.3f} ms<extra></extra>",
+    }
+    look = layout(
+        bargap=0.0,
+        showlegend=False,
+        xaxis=axis(title, range=[float(edges[0]), float(edges[-1])], zeroline=False),
+        yaxis=axis("Frames", type="log", dtick=1, range=[-0.3, float(np.log10(max(int(counts.max()), 2))) + 0.2]),
+    )
+    told = f"{title}: median {np.median(values):.3f}, largest {values.max():.3f}."
+    return Chart(name, {"data": [bars], "layout": look}, told, f"Histogram. {told}", 300)

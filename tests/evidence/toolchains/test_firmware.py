@@ -10,8 +10,8 @@ import pytest
 
 from codegen.emit.write import write_folder
 from codegen.errors import CodegenError
-from codegen.export.firmware import image
-from codegen.export.firmware.image import ImageRun, Toolchain, image_sizes, run_image
+from codegen.export import firmware
+from codegen.export.firmware import ImageRun, Toolchain, image_sizes, run_image
 from tests.export.test_firmware import made
 
 TOOLCHAINS: tuple[Toolchain, ...] = ("gcc", "zig")
@@ -101,7 +101,7 @@ def test_a_failed_self_test_ends_it() -> None:
 
 @pytest.mark.long
 def test_only_systick_starts_a_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(image, "RUN_LIMIT", 3.0)
+    monkeypatch.setattr(firmware, "RUN_LIMIT", 3.0)
     with pytest.raises(CodegenError, match="did not end within 3 s"):
         run_project(changed("src/board_mps2_an386.c", "SYSTICK->control = 7u", "SYSTICK->control = 5u"))
 
@@ -110,7 +110,7 @@ def test_its_own_makefile_does_it_all(tmp_path: Path) -> None:
     """The folder's name has blanks, `CC` names another compiler and the objects are elsewhere."""
     folder = tmp_path / "a firmware"
     write_folder(made().folder, folder)
-    environment = {name: value for name, value in os.environ.items() if name not in image.VARIABLES_OF_MAKE}
+    environment = {name: value for name, value in os.environ.items() if name not in firmware.VARIABLES_OF_MAKE}
 
     def make(*arguments: str, code: int = 0) -> str:
         result = subprocess.run(["make", *arguments], cwd=folder, env=environment, capture_output=True, text=True, check=False)
@@ -131,4 +131,4 @@ def test_its_own_makefile_does_it_all(tmp_path: Path) -> None:
     assert "differ" in make("check", code=2)
     make("clean")
     assert not (folder / "build").exists()
-    assert "-ffp-contract=off" in make("-n", f"CC={image.GCC} -DMORE", "BUILD=out")
+    assert "-ffp-contract=off" in make("-n", f"CC={firmware.GCC} -DMORE", "BUILD=out")

@@ -9,7 +9,7 @@ from fmpy.validation import validate_fmu
 from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
 from codegen.export.fmu.export import make_fmu
-from codegen.export.fmu.standard import Version
+from codegen.export.fmu.variables import Version
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import load
 from tests.export import fmus

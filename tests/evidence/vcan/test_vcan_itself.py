@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen.doctor import buses
-from codegen.doctor.finding import State
+from codegen.doctor import State, buses
 from tests.docs.blocks import PAGES, blocks
 from tests.docs.page import run_page
 from tests.evidence.vcan.interfaces import set_interface

@@ -22,7 +22,7 @@ from pyxcp.daq_stim import DaqOnlinePolicy
 from pyxcp.master import Master
 from pyxcp.types import XcpTimeoutError
 
-from codegen.export.a2l.elf import Elf, Place
+from codegen.export.elf import Elf, Place
 from codegen.sil.software import Software, Status
 from hil_sim import ecu_process, manoeuvres
 from hil_sim.bench import Cycle, run_through_can

@@ -14,15 +14,13 @@ from codegen.map_file.map import from_arrays
 from codegen.optimum import exact
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.report.html import maps
-from codegen.report.html.blocks import Chart
-from codegen.report.html.charts import cell_edges
+from codegen.report.html.blocks import Chart, cell_edges
 from codegen.report.html.curves import front_angle_chart
-from codegen.report.html.loss import loss_blocks
-from codegen.report.html.maps import NamedMap
+from codegen.report.html.maps import NamedMap, loss_blocks
 from codegen.report.html.report import comparison, extended, to_compare
 from codegen.report.html.robust import margins_chart
 from codegen.report.html.runs import PANELS, run_chart
-from codegen.report.published import PAPER_TABLE
+from codegen.report.paper_tables import PAPER_TABLE
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres

@@ -14,7 +14,7 @@ import pytest
 from codegen.configuration import preset
 from codegen.errors import CodegenError
 from codegen.export import runs as exported
-from codegen.report.fault_table import FaultEntry
+from codegen.report.bus_tables import FaultEntry
 from codegen.report.html import build, page
 from codegen.report.html.blocks import Chart, Section, Table, Text
 from codegen.report.html.gather import Request, _scenario_of, gather, read

@@ -114,10 +114,23 @@ class Elf:
             )
         if not found:
             return None
-        address, ctype = found[0].address, found[0].type
+        address, (lengths, element) = found[0].address, _dimensions(found[0].type)
         for step in steps[1:]:
-            address, ctype = self._inside(path, address, ctype, step)
-        return self._numbers(path, address, ctype)
+            if step["index"] and lengths and int(step["index"]) < lengths[0]:
+                lengths = lengths[1:]
+                address += int(step["index"]) * math.prod(lengths) * int(element.attributes["DW_AT_byte_size"].value)
+                continue
+            member = None if lengths else _member(element, step["field"])
+            if member is None:
+                raise BuildError(f"{path} has no {step[0]}", where=self.name, remedy="link the program with this build")
+            address += _offset(member)
+            lengths, element = _dimensions(_referenced(member, "DW_AT_type"))
+        kind: Kind | None = "unsigned" if element.tag == "DW_TAG_enumeration_type" else None
+        if element.tag == "DW_TAG_base_type":
+            kind = _KINDS.get(element.attributes["DW_AT_encoding"].value)
+        if kind is None:
+            raise BuildError(f"{path} is not a number", where=self.name, remedy="link the program with this build")
+        return Place(address, element.attributes["DW_AT_byte_size"].value, kind, math.prod(lengths))
 
     def instances(self, type_name: str) -> list[str]:
         """Return the paths of all objects of a named type, including members of structs."""
@@ -176,37 +189,6 @@ class Elf:
             return next(iter(known)) if len(known) == 1 else None
         return None
 
-    def _inside(self, path: str, address: int, ctype: Any, step: re.Match[str]) -> tuple[int, Any]:
-        ctype = _stripped(ctype)
-        if step["field"] and ctype.tag in _STRUCTS:
-            for member in children(ctype):
-                if member.tag == "DW_TAG_member" and _name(member) == step["field"]:
-                    return address + _offset(member), _referenced(member, "DW_AT_type")
-        if step["index"] and ctype.tag in ("", "DW_TAG_array_type"):
-            first, *rest = _lengths(ctype) if ctype.tag else ctype.lengths
-            element = _referenced(ctype, "DW_AT_type") if ctype.tag else ctype.element
-            if int(step["index"]) < first:
-                size = _size_of(element) * math.prod(rest)
-                return address + size * int(step["index"]), _Rest(element, tuple(rest)) if rest else element
-        raise BuildError(f"{path} has no {step[0]}", where=self.name, remedy="link the program with this build")
-
-    def _numbers(self, path: str, address: int, ctype: Any) -> Place:
-        count, ctype, dimensions = 1, _stripped(ctype), 0
-        while isinstance(ctype, _Rest) or ctype.tag == "DW_TAG_array_type":
-            lengths = ctype.lengths if isinstance(ctype, _Rest) else _lengths(ctype)
-            for length in lengths:
-                count *= length
-            ctype = _stripped(ctype.element if isinstance(ctype, _Rest) else _referenced(ctype, "DW_AT_type"))
-            dimensions += 1
-            if dimensions > ALIASES_MAX:
-                raise ValueError("arrays are elements of each other")
-        if ctype.tag == "DW_TAG_enumeration_type":
-            return Place(address, ctype.attributes["DW_AT_byte_size"].value, "unsigned", count)
-        encoding = ctype.attributes["DW_AT_encoding"].value if ctype.tag == "DW_TAG_base_type" else None
-        if encoding not in _KINDS:
-            raise BuildError(f"{path} is not a number", where=self.name, remedy="link the program with this build")
-        return Place(address, ctype.attributes["DW_AT_byte_size"].value, _KINDS[encoding], count)
-
 
 @contextmanager
 def _whole(name: str) -> Iterator[None]:
@@ -219,15 +201,6 @@ def _whole(name: str) -> Iterator[None]:
         raise BuildError(
             f"damaged, or no ELF as a linker writes it ({type(error).__name__})", where=name, remedy="link the program again"
         ) from error
-
-
-@dataclass(frozen=True)
-class _Rest:
-    """Remaining dimensions of an array after indexing."""
-
-    element: Any
-    lengths: tuple[int, ...]
-    tag: str = ""
 
 
 def _parsed(name: str, content: bytes) -> Any:
@@ -267,6 +240,12 @@ def _variables_below(entry: Any) -> Iterator[Any]:
             yield from _variables_below(child)
 
 
+def _member(struct: Any, name: str | None) -> Any:
+    """Return a member of a struct; None if the type is none or has no such member."""
+    members = children(struct) if name and struct.tag in _STRUCTS else ()
+    return next((each for each in members if each.tag == "DW_TAG_member" and _name(each) == name), None)
+
+
 def _offset(member: Any) -> int:
     """Return the offset of a member in its struct: a number, or before DWARF 3 an expression (DW_OP_plus_uconst)."""
     if "DW_AT_data_member_location" not in member.attributes:
@@ -284,11 +263,6 @@ def _name(entry: Any, attribute: str = "DW_AT_name") -> str:
 
 def _referenced(entry: Any, attribute: str) -> Any:
     return entry.get_DIE_from_attribute(attribute) if attribute in entry.attributes else None
-
-
-def _stripped(ctype: Any) -> Any:
-    *_, last = aliases(ctype)
-    return last
 
 
 ALIASES_MAX = 100
@@ -310,12 +284,20 @@ def aliases(ctype: Any) -> Iterator[Any]:
     raise ValueError("types are names of each other")
 
 
-def _size_of(ctype: Any) -> int:
-    """Return the size of an object of a type, in bytes."""
-    ctype = _stripped(ctype)
-    if ctype.tag == "DW_TAG_array_type":
-        return math.prod(_lengths(ctype)) * _size_of(_referenced(ctype, "DW_AT_type"))
-    return int(ctype.attributes["DW_AT_byte_size"].value)
+def _dimensions(ctype: Any) -> tuple[list[int], Any]:
+    """Return the lengths of an array, outermost first, and the type of its elements; no length for another type.
+
+    Raises:
+        ValueError: the file is damaged: arrays are elements of each other.
+    """
+    lengths: list[int] = []
+    for _ in range(ALIASES_MAX):
+        *_, ctype = aliases(ctype)
+        if ctype.tag != "DW_TAG_array_type":
+            return lengths, ctype
+        lengths += _lengths(ctype)
+        ctype = _referenced(ctype, "DW_AT_type")
+    raise ValueError("arrays are elements of each other")
 
 
 def _lengths(array: Any) -> list[int]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Literal
@@ -14,7 +13,7 @@ from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.text import comment_text
 from codegen.errors import BuildError
-from codegen.export.a2l.elf import Elf, Place
+from codegen.export.elf import Elf, Place
 
 _BLOCK = re.compile(
     r"^ *\/begin (?P<kind>AXIS_PTS|CHARACTERISTIC|MEASUREMENT) (?P<name>\S+) .*?^ *\/end (?P=kind)\n", re.DOTALL | re.MULTILINE
@@ -81,7 +80,8 @@ def fill(build: Path, elf: Elf, instance: str | None = None) -> Filled:
     text = _BLOCK.sub(lambda block: blocks.filled(block), text)
     for name in blocks.left_out:
         text = _without(text, name)
-    segment = _segment(blocks.calibration)
+    first = min(place.address for place in blocks.calibration)
+    segment = (first, max(place.address + place.bytes for place in blocks.calibration) - first)
     return Filled(
         _headed(text, elf, segment, epk),
         blocks.places,
@@ -206,27 +206,21 @@ def _moved(link: str, prefix: str, instance: _Instance) -> str | None:
     return None
 
 
-def _segment(places: list[Place]) -> tuple[int, int]:
-    first = min(place.address for place in places)
-    return first, max(place.address + place.bytes for place in places) - first
-
-
 def _headed(text: str, elf: Elf, segment: tuple[int, int], epk: Place) -> str:
     digest = hashlib.sha256(elf.content).hexdigest()
+    address, size = segment
+    memory = (
+        '      /begin MEMORY_SEGMENT calibration "parameters, map and axes" DATA FLASH INTERN '
+        f"0x{address:08X} 0x{size:X} -1 -1 -1 -1 -1\n      /end MEMORY_SEGMENT\n    "
+    )
     origin = f"Addresses of {comment_text(PurePath(elf.name).name)}, SHA-256 {digest}"
     for pattern, new in (
         (r"(?<=/begin HEADER \")[^\"]*", f"Made by codegen; do not edit, build again. {origin}"),
         (r"(?<=BYTE_ORDER )MSB_\w+", "MSB_LAST" if elf.is_little else "MSB_FIRST"),
         (r"(?<=ADDR_EPK )0x00000000", f"0x{epk.address:08X}"),
-        (r"^ *(?=/end MOD_PAR)", "".join(_memory(segment))),
+        (r"^ *(?=/end MOD_PAR)", memory),
     ):
         text, count = re.subn(pattern, new, text, flags=re.MULTILINE)
         if count != 1:
             raise BuildError("its header is not as it was built", where="the build's A2L", remedy="build again")
     return text
-
-
-def _memory(segment: tuple[int, int]) -> Iterator[str]:
-    address, size = segment
-    yield '      /begin MEMORY_SEGMENT calibration "parameters, map and axes" DATA FLASH INTERN '
-    yield f"0x{address:08X} 0x{size:X} -1 -1 -1 -1 -1\n      /end MEMORY_SEGMENT\n    "

@@ -1,7 +1,8 @@
-"""Build the image of a firmware project, run it in QEMU, and compare it with the software in the loop."""
+"""The firmware project of a build, its image, and a run in QEMU that is compared with the software in the loop."""
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import os
 import re
@@ -17,9 +18,163 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal
 
+from codegen import __version__
+from codegen.emit.can_view import task_name
+from codegen.emit.folder import MANIFEST, Folder, owned_paths, read_files, read_manifest, verify_hashes
+from codegen.emit.manifest import read_build
+from codegen.emit.render import render, verbatim
+from codegen.emit.text import comment_text
 from codegen.errors import BuildError, CodegenError, one_line
+from codegen.files import resolved
 from codegen.programs import run_program
+from codegen.sil.software import Software, load
 from codegen.sil.toolchain import require_success
+from hil_sim.codec import Frame
+from hil_sim.plant_node import PlantNode
+from hil_sim.scenarios import Scenario, find
+
+
+def record(software: Software, scenario: Scenario) -> tuple[list[tuple[Frame, ...]], list[Frame]]:
+    """Run the compiled task and the plant in closed loop, as `codegen sil --can` does, without faults on the bus.
+
+    Returns:
+        For each cycle the frames that came before its task ran, and the frame that its task sent.
+    """
+    node, task = PlantNode(software.config, scenario, precision=software.precision), software.task()
+    received, sent = [], []
+    for cycle in range(node.cycles):
+        frames = tuple(node.outgoing(cycle))
+        for frame in frames:
+            task.on_can_frame(frame.id, frame.data)
+        answer = Frame(*task.run())
+        node.receive(answer)
+        node.finish(cycle)
+        received.append(frames)
+        sent.append(answer)
+    return received, sent
+
+
+SCENARIO = "step-steer"
+WHAT = "firmware"
+"""Manifest entry that distinguishes a firmware project from a build."""
+
+CLOCK_HZ = 25_000_000
+"""Clock of QEMU's mps2-an386 (Arm DAI 0386: SYSCLK)."""
+
+SYSTICK_RELOAD_MAX = 2**24 - 1
+MADE_BY_MAKE = "build"
+PROGRAM = ("main", "startup", "board_mps2_an386", "report", "memory", "trace")
+VERBATIM = ("startup.c", "board_mps2_an386.c", "report.c", "memory.c", "board.h", "startup.h", "report.h")
+"""Sources that are the same in every project."""
+RENDERED = (
+    *("src/main.c", "src/trace.c", "src/trace.h", "src/firmware_config.h"),
+    *("mps2_an386.ld", "Makefile", "README.md"),
+)
+
+
+@dataclass(frozen=True)
+class Project:
+    """A firmware project and the expected frames of its image.
+
+    Attributes:
+        folder: files of the project.
+        sent: expected frames as text, one for each cycle.
+        edited: files of the build that were changed after generation.
+    """
+
+    folder: Folder
+    sent: tuple[str, ...]
+    edited: tuple[str, ...]
+
+
+def project(build: Path) -> Project:
+    """Return the project of a build without writing files.
+
+    Raises:
+        BuildError: not a build, one of double precision, or C that does not compile.
+    """
+    manifest = read_build(build)
+    if manifest["options"]["precision"] != "single":
+        what = "it computes in double precision, and the FPU of a Cortex-M4F is single"
+        raise BuildError(what, where=build, remedy="build with --precision single")
+    software = load(build)
+    files = {
+        f"controller/{path}": content
+        for path, content in read_files(build, manifest, ("include/", "src/")).items()
+        if not path.endswith(("_dynamics.c", "_dynamics.h"))  # the task does not need them, and they need a C library
+    }
+    scenario = find(SCENARIO, software.config)
+    received, answers = record(software, scenario)
+    # As candump -L and the firmware print a frame: 201#0011223344556677.
+    sent = tuple(f"{frame.id:03X}#{frame.data.hex().upper()}" for frame in answers)
+    digest = hashlib.sha256((build / MANIFEST).read_bytes()).hexdigest()
+    period = software.config.controller.sampling_time_s
+    view = {
+        "build_name": comment_text(manifest["name"]),
+        "build_id": f"0x{manifest['build_id']}",
+        "manifest_sha256": digest,
+        "edited": [comment_text(path) for path in software.edited],
+        "version": __version__,
+        "prefix": software.prefix,
+        "kind": manifest["options"]["kind"],
+        "period_text": f"{period * 1e3:g} ms",
+        "reload": _systick_reload(period),
+        "task_function": task_name(period),
+        "sources": [*(f"src/{name}.c" for name in PROGRAM), *sorted(path for path in files if path.endswith(".c"))],
+        "drive_text": comment_text(scenario.title),
+        "cycles": len(sent),
+        "frames": [(cycle, frame) for cycle, frames in enumerate(received) for frame in frames],
+    }
+    files |= {name: render(f"firmware/{name.removeprefix('src/')}.j2", {"firmware": view}) for name in RENDERED}
+    files |= {f"src/{name}": verbatim(f"firmware/{name}") for name in VERBATIM}
+    files["expected.txt"] = "".join(f"{line}\n" for line in sent).encode("ascii")
+    facts = {
+        "schema_version": 1,
+        "version": __version__,
+        "what": WHAT,
+        "name": manifest["name"],
+        "options": manifest["options"],
+        "build": {"id": manifest["build_id"], "manifest_sha256": digest, "edited": list(software.edited)},
+        "drive": {"scenario": scenario.name, "cycles": len(sent), "frames": sum(map(len, received))},
+    }
+    return Project(Folder(files, facts), sent, software.edited)
+
+
+def _systick_reload(period: float) -> int:
+    """Return the timer clocks of a period in s, less one. Raises BuildError: the timer is too short."""
+    ticks = round(period * CLOCK_HZ)
+    if ticks - 1 > SYSTICK_RELOAD_MAX:
+        limit = (SYSTICK_RELOAD_MAX + 1) / CLOCK_HZ
+        raise BuildError(
+            f"a sampling time of {period:g} s is too long for a timer of 24 bits at 25 MHz",
+            where="controller.sampling_time_s",
+            remedy=f"take at most {limit:.2g} s",
+        )
+    return ticks - 1
+
+
+def refuse_target(target: Path) -> None:
+    """Check that writing a project to a folder destroys nothing.
+
+    Raises:
+        BuildError: the folder holds generated output of another kind, or a firmware project in which a file was changed; or
+        it lies inside such a folder.
+    """
+    place = resolved(target, BuildError)
+    for parent in place.parents:
+        if owned_paths(parent):
+            raise BuildError("it lies inside a generated folder", where=target, remedy=f"name a folder outside of {parent}")
+    if not owned_paths(place):
+        return
+    if read_manifest(place).get("what") != WHAT:
+        raise BuildError("it is a build, not a firmware project", where=target, remedy="choose another folder with -o")
+    if (place / MADE_BY_MAKE).exists():
+        remedy = f"run `make -C {target} clean`, then this command again; or choose another folder with -o"
+        raise BuildError(f"it holds {MADE_BY_MAKE}/, which its Makefile made", where=target, remedy=remedy)
+    if changed := verify_hashes(place):
+        remedy = "nothing was changed; choose another folder with -o, or move that one away"
+        raise BuildError(f"{changed[0]} was changed since it was written", where=target, remedy=remedy)
+
 
 Toolchain = Literal["gcc", "zig"]
 
@@ -126,7 +281,8 @@ def run_image(files: Mapping[str, bytes], expected: Sequence[str], toolchain: To
             for path, content in files.items():
                 (folder / path).parent.mkdir(parents=True, exist_ok=True)
                 (folder / path).write_bytes(content)
-            sizes = _build(folder, toolchain)
+            require_success(_make(folder, toolchain, "--silent", "all"), "the firmware")
+            sizes = image_sizes((folder / "build" / "firmware.elf").read_bytes())
             ended = _run(folder, toolchain)
     except OSError as error:
         remedy = "free space for temporary files"
@@ -155,11 +311,6 @@ def _make(folder: Path, toolchain: Toolchain, *arguments: str) -> subprocess.Com
     environment |= {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
     command = ["make", "--no-print-directory", "BUILD=build", f"TOOLCHAIN={toolchain}", *zig, *arguments]
     return run_program(command, folder, environment=environment)
-
-
-def _build(folder: Path, toolchain: Toolchain) -> Sizes:
-    require_success(_make(folder, toolchain, "--silent", "all"), "the firmware")
-    return image_sizes((folder / "build" / "firmware.elf").read_bytes())
 
 
 def _run(folder: Path, toolchain: Toolchain) -> subprocess.CompletedProcess[str]:

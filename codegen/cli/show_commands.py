@@ -1,0 +1,358 @@
+"""Commands that show a map: as text and picture, as an HTML report, and on a local page to explore its settings."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from html import escape
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
+
+import click
+
+from codegen import console
+from codegen.cli.base import cli, example, json_option
+from codegen.cli.options import (
+    build_folder,
+    configuration_file,
+    folder_to_write,
+    map_file,
+    picture_to_write,
+    report_to_write,
+    result_names,
+    scenario_names,
+)
+from codegen.errors import CodegenError, MapError, within
+from codegen.files import read_text, resolved, write_atomically
+from codegen.text_table import text_table
+
+if TYPE_CHECKING:
+    from codegen.explore.server import ExploreServer
+    from codegen.explore.toml_file import Target
+    from codegen.map_file.map import ReferenceMap
+
+
+SHOW_EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --against nonlinear.npz --plot difference.png"
+
+
+@cli.command(short_help="Print the contents of a map, or plot it.", epilog=example(SHOW_EXAMPLE))
+@click.argument("map_path", metavar="MAP.npz", type=map_file)
+@click.option(
+    "--plot", "plot", type=picture_to_write, metavar="PNG", help="Also draw it: the map, both maps, or error against flash."
+)
+@click.option("--against", type=map_file, metavar="OTHER.npz", help="Print the changes from this map to another one instead.")
+@click.option(
+    "--flash",
+    is_flag=True,
+    help="Print the flash size of chosen breakpoints for errors from 1 to 0.02 deg/s instead; takes minutes.",
+)
+@click.option("--config", "config_path", type=configuration_file, help="With --flash: ars.toml with the kind of controller.")
+@json_option
+def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, config_path: Path | None, as_json: bool) -> None:
+    """Print a map: axes, units, ranges, feasibility and binding constraints."""
+    from codegen.emit.outputs import check_output
+    from codegen.map_file import map as npz
+    from codegen.plausibility.map import beyond_grip
+    from codegen.report.summary import map_summary
+
+    check_output(plot, ".png", (map_path, config_path, against))
+    if against is not None and flash:
+        raise CodegenError("cannot be combined with --flash", where="--against", remedy="leave one of them out")
+    if config_path is not None and not flash:
+        raise CodegenError("has no effect here", where="--config", remedy="add --flash, or leave it out")
+    reference_map = npz.load(map_path)
+    if flash:
+        _show_flash(map_path, reference_map, config_path, plot, as_json)
+        return
+    if against is not None:
+        _show_difference(map_path, reference_map, against, plot, as_json)
+        return
+    summary = map_summary(reference_map)
+    if plot is not None:
+        from codegen.report.map_plots import map_figure
+        from codegen.report.style import save
+
+        with console.status("drawing"):
+            save(map_figure(reference_map, map_path.stem), plot)
+    if as_json:
+        console.print_json({"map": str(map_path), **summary.to_dict(), "plot": None if plot is None else str(plot)})
+        return
+    if text := beyond_grip(reference_map):
+        console.warn(text)
+    console.say(f"{map_path}: {summary.headline}")
+    if summary.tyre_line:
+        console.say(summary.tyre_line)
+    console.say(text_table(("", "from", "to", "unit", "points"), summary.axis_rows))
+    console.say("")
+    console.say(text_table(("", "from", "to", "unit"), summary.value_rows))
+    if summary.binding_rows:
+        console.say("")
+        console.say(text_table(("what binds", "cells", "share"), summary.binding_rows))
+    if summary.stack_rows:
+        console.say("")
+        console.say(
+            text_table(("friction", "feasible cells", "share", "lateral acceleration, largest [m/s^2]"), summary.stack_rows)
+        )
+    if plot is not None:
+        console.say(f"\nplot: {plot}")
+
+
+def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: Path | None, as_json: bool) -> None:
+    """Print the changes from one map to another."""
+    from codegen.map_file import map as npz
+    from codegen.optimum.nonlinear import slip_use
+    from codegen.report.map_difference import (
+        CAR_HEADER,
+        DIFFERENCE_HEADER,
+        POINT_HEADER,
+        caveats,
+        map_difference,
+        map_difference_figure,
+        same_car,
+    )
+
+    if against.exists() and against.samefile(map_path):
+        raise CodegenError("is the map itself", where=f"--against {against}", remedy="name another map")
+    second = npz.load(against)
+    with console.status("comparing"):
+        used = (slip_use(first), slip_use(second))
+        try:
+            found = map_difference(first, second, used)
+        except MapError as error:
+            raise MapError(error.what, where=f"{map_path}, {against}", remedy=error.remedy) from error
+    if plot is not None:
+        from codegen.report.style import save
+
+        with console.status("drawing"):
+            names = (map_path.stem, against.stem)
+            save(map_difference_figure((first, second), used, names), plot)
+    if as_json:
+        written = None if plot is None else str(plot)
+        console.print_json({"map": str(map_path), "against": str(against), **found.to_dict(), "plot": written})
+        return
+    if same_car(first, second) is False:
+        console.note("the maps are of different cars or roads")
+    console.note(*caveats(first, second))
+    console.say(f"first:  {map_path}\nsecond: {against}\n")
+    console.say(text_table(CAR_HEADER, list(found.rows())))
+    console.say("")
+    console.say(text_table(DIFFERENCE_HEADER, [found.difference_row]))
+    if found.points:
+        console.say("\nyaw rate r [deg/s] and rear angle [deg]:")
+        console.say(text_table(POINT_HEADER, found.point_rows))
+    if plot is not None:
+        console.say(f"\nplot: {plot}")
+
+
+def _show_flash(
+    map_path: Path, reference_map: ReferenceMap, config_path: Path | None, plot: Path | None, as_json: bool
+) -> None:
+    """Print the flash size of chosen breakpoints, for the kind of controller of the configuration."""
+    from codegen.ecu_map.placement_sweep import flash_table
+    from codegen.emit.laws import law_of
+    from codegen.map_file.map import choose_config
+    from codegen.report.flash import HEADER, flash_dict, flash_figure, flash_headline, flash_rows
+
+    chosen = choose_config(reference_map, config_path)
+    tables = 2 if law_of(chosen.config).uses_rear_angle else 1
+    with within(map_path), console.progress("placing breakpoints") as progress:
+        found = flash_table(reference_map, chosen.config, tables, progress=progress)
+    if plot is not None:
+        from codegen.report.style import save
+
+        save(flash_figure(found, map_path.stem), plot)
+    if as_json:
+        console.print_json({"map": str(map_path), **flash_dict(found), "plot": None if plot is None else str(plot)})
+        return
+    console.note(*chosen.notes)
+    console.say(f"{map_path}: {flash_headline(found)}\n")
+    console.say(text_table(HEADER, flash_rows(found)))
+    if plot is not None:
+        console.say(f"\nplot: {plot}")
+
+
+REPORT_EXAMPLE = (
+    "codegen report --map generated/4ws2.npz --build generated/4ws2 -o report.html\n"
+    "  codegen report --map 4ws2.npz --build generated/4ws2 --run C1=c1.csv --run bus=run.blf -o report.html"
+)
+
+
+@cli.command(short_help="Write an HTML report of a map, a build and its runs.", epilog=example(REPORT_EXAMPLE))
+@click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
+@click.option(
+    "--compare",
+    multiple=True,
+    type=map_file,
+    metavar="MAP.npz",
+    help="A map to compare with; may be repeated. By default that of the same car without rear steering.",
+)
+@click.option("--build", "build_path", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
+@click.option(
+    "--run",
+    "runs",
+    multiple=True,
+    shell_complete=result_names,
+    metavar="[NAME=]FILE",
+    help="A recording (.csv, .parquet, .mf4), a log of the bus (.blf, .asc, .log, .mf4), or the JSON of codegen faults; "
+    "may be repeated.",
+)
+@click.option(
+    "--scenario",
+    shell_complete=scenario_names,
+    metavar="NAME|FILE",
+    help="Scenario of the recordings, or scenario to simulate.",
+)
+@click.option("--no-simulation", is_flag=True, help="Simulate nothing; show only the given files.")
+@click.option("-o", "--output", required=True, type=report_to_write, metavar="HTML", help="The report to write.")
+@json_option
+def report(
+    map_path: Path,
+    compare: tuple[Path, ...],
+    build_path: Path | None,
+    runs: tuple[str, ...],
+    scenario: str | None,
+    no_simulation: bool,
+    output: Path,
+    as_json: bool,
+) -> None:
+    """Write one self-contained HTML file: maps, curves, runs, margins, faults, timing, verification, manifest.
+
+    With --build, the C is simulated together with other controllers and the passive car, and bus faults are injected, unless
+    --run provides the results. The file works offline.
+    """
+    from codegen.emit.outputs import check_output
+    from codegen.report.html.gather import Request, gather, read
+    from codegen.report.html.inputs import named
+    from codegen.report.html.page import charts_of, render, require_plotly
+    from codegen.report.html.report import sections
+
+    require_plotly("report")
+    check_output(output, ".html", (map_path, *compare, *(named(argument)[1] for argument in runs)))
+    found = read(Request(map_path, compare, build_path, runs, scenario, simulate=not no_simulation))
+    with console.progress("report") as progress:
+        material = gather(found, progress)
+        made = list(sections(material))
+        content = render(f"{material.map.name}: from the map to the ECU", made)
+    write_atomically(output, content)
+    charts, notes = [chart.name for chart in charts_of(made)], list(material.notes)
+    if as_json:
+        told = {"report": str(output), "bytes": len(content), "sections": [section.name for section in made]}
+        console.print_json({**told, "charts": charts, "notes": notes})
+        return
+    console.note(*notes)
+    console.say(f"{output}: {len(made)} sections, {len(charts)} charts, {len(content) / 1e6:.1f} MB; open it in a browser")
+
+
+@cli.command(
+    short_help="Change settings on a local web page; see map and margins.", epilog=example("codegen explore --map 4ws2.npz")
+)
+@click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz", help="A map made by codegen solve.")
+@click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
+@click.option(
+    "--folder",
+    type=folder_to_write,
+    metavar="DIR",
+    help="Where the page's button writes ars.toml; by default the current folder.",
+)
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="On 127.0.0.1; 0 selects a free port."
+)
+@click.option("--no-browser", is_flag=True, help="Only print the address.")
+def explore(map_path: Path, config_path: Path | None, folder: Path | None, port: int, no_browser: bool) -> None:
+    """Serve a page on this computer to change lambda, limits, friction and gains, until interrupted.
+
+    Each change solves the map again and simulates the step response with the generated C. A button writes ars.toml.
+    """
+    from codegen.explore.explorer import opened
+    from codegen.explore.server import ExploreServer
+    from codegen.report.html.page import require_plotly
+
+    require_plotly("explore")
+    target = _target(folder, config_path)
+    explorer = opened(map_path, config_path)
+    console.note(*explorer.notes)
+    with ExploreServer(explorer, target, port) as server:
+        _serve(server, browser=not no_browser)
+
+
+def _target(folder: Path | None, config_path: Path | None) -> Target:
+    from codegen.configuration import CONFIG_BYTES_MAX
+    from codegen.explore.server import FILE
+    from codegen.explore.toml_file import Target, preset_bases
+
+    place = folder or Path()
+    if not place.is_dir():
+        raise CodegenError("there is no such folder", where=place, remedy="create it first, or name another --folder")
+    own: tuple[str, ...] = ()
+    if config_path is not None and config_path.is_file():
+        with contextlib.suppress(CodegenError):  # loading the configuration later reports the error
+            own = (read_text(config_path, CONFIG_BYTES_MAX, ""),)
+    return Target(resolved(place) / FILE, (*own, *preset_bases()))
+
+
+def _serve(server: ExploreServer, *, browser: bool) -> None:
+    """Serve until SIGINT or SIGTERM."""
+    ended = threading.Event()
+
+    def end(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        ended.set()
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGINT)}
+    serving = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
+    serving.start()
+    try:
+        console.say(f"{server.address}\nCtrl-C ends it.")
+        sys.stdout.flush()
+        with _opened(server.address) if browser else contextlib.nullcontext():
+            ended.wait()
+    finally:
+        server.shutdown()
+        serving.join()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _opened(address: str) -> Iterator[None]:
+    """Open an address in the user's browser, through a file that redirects to it and is deleted at the end.
+
+    Every user of the computer can read the arguments of a process, and the address contains the key of the page. Only this user
+    can read the file and its folder.
+    """
+    with contextlib.ExitStack() as stack:
+        try:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ars-explore-", ignore_cleanup_errors=True)))
+            shown = _show(_leading_to(address, folder))
+        except OSError:
+            shown = False  # no space for the file, or no browser; the address is printed
+        if not shown:
+            console.note("no browser was opened; open the address in a browser on this computer")
+        yield
+
+
+def _leading_to(address: str, folder: Path) -> Path:
+    """Write a page that opens the address into the folder, readable only by this user, and return its path."""
+    path = folder / "open.html"
+    path.touch(mode=0o600)
+    link = escape(address)
+    path.write_text(
+        f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={link}">'
+        f'<title>Explore</title><a href="{link}">Explore</a>\n',
+        encoding="utf-8",
+    )
+    return path
+
+
+def _show(page: Path) -> bool:
+    """Open the page in a browser and return whether one started. Requires a display: a text browser would take the terminal."""
+    import webbrowser
+
+    screen = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return bool(screen) and webbrowser.open(page.as_uri())

@@ -1,1 +1,0 @@
-"""An A2L with the addresses of an ELF."""

@@ -1,1 +1,0 @@
-"""A bare-metal project around a build, and its run in QEMU."""
