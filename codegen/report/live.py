@@ -177,7 +177,7 @@ class LiveSample:
         sideslip: rad.
         rear_angle_command, rear_angle: rad, commanded and achieved.
         status: code of `Status`.
-        diagnostics: bits of hil_sim.diagnostics.
+        diagnostics: bits of hil_sim.codec.
         cycle_time: duration of the last cycle (s).
         lost_frames, late_cycles: since the start.
     """
