@@ -7,7 +7,7 @@ Each names its source. Inputs are arrays with a row for each plant step; columns
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -203,18 +203,11 @@ SCENARIOS: Mapping[str, Scenario] = {
             settings=Settings(steering_wheel_angle_deg=45.0),
         ),
         _LOW_FRICTION,
-        Scenario(
+        replace(
+            _LOW_FRICTION,
             name="low-friction-estimated",
-            subject="Low friction",
             what="the same step with the friction of the road given to the controller",
-            source=_LOW_FRICTION.source,
-            duration=_LOW_FRICTION.duration,
-            steer_time=_LOW_FRICTION.steer_time,
-            kind="step",
-            drive=_LOW_FRICTION.drive,
             settings=Settings(speed_km_h=80.0, friction=0.5, friction_estimate=0.5),
-            angle_text=_LOW_FRICTION.angle_text,
-            adjustable=_HELD,
         ),
         Scenario(
             name="split-friction",

@@ -38,18 +38,6 @@ YAW_RATE_ERROR_MAX_RAD_S = 1000.0
 """Bound on the last yaw-rate error passed to the control law, far above the error of any law."""
 
 
-def _no_parameters(_config: Config) -> tuple[Parameter, ...]:
-    return ()
-
-
-def _no_gains(_config: Config) -> Gains | None:
-    return None
-
-
-def _no_arrays(_config: Config, _prefix: str) -> tuple[tuple[str, int], ...]:
-    return ()
-
-
 @dataclass(frozen=True)
 class Law:
     """A kind of controller.
@@ -69,11 +57,11 @@ class Law:
     title: str
     parameters: Callable[[Config], tuple[Parameter, ...]]
     state: tuple[Field, ...] = ()
-    gains: Callable[[Config], Gains | None] = _no_gains
+    gains: Callable[[Config], Gains | None] = lambda _: None
     scheduled: bool = False
     uses_rear_angle: bool = False
     uses_reference_model: bool = False
-    points: Callable[[Config, str], tuple[tuple[str, int], ...]] = _no_arrays
+    points: Callable[[Config, str], tuple[tuple[str, int], ...]] = lambda _config, _prefix: ()
 
 
 def law_of(config: Config) -> Law:
@@ -270,7 +258,7 @@ LAWS = {
         Law(
             kind="feedforward",
             title="the optimum's own rear angle, without feedback",
-            parameters=_no_parameters,
+            parameters=lambda _: (),
             uses_rear_angle=True,
         ),
         Law(

@@ -247,7 +247,7 @@ class Tuned:
         responses: lead and response gain at each speed of the schedule that was driven; empty for a map that was not solved.
         excess: excess of the reference model over the map where the trim was too small for it; None where it was enough.
         fail_safe: rate of the fail-safe, and the candidates; None for a map that was not solved.
-        software: the build that was driven, without the parameters tuned on it (see `fail_safe.tuned_parameters`); None for
+        software: the build that was driven, without the parameters tuned on it (see `tuned_parameters`); None for
             a map that was not solved.
     """
 

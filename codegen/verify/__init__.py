@@ -2,7 +2,7 @@
 
 Each check is a function `check`, in the module `contracts` or `memory`, or in the module `check` of a package: `compilation`,
 `analysis`, `pil`, `budgets`, `law`, `sanitizers`. `runner` runs them; `record` and `manual` write the results. `target`
-emulates the ECU core; `drives` and `suites` provide inputs that several checks share.
+emulates the ECU core; `drives` and `traffic` provide inputs that several checks share.
 
 Imports only from the layers up to `hil_sim`. What it needs beside them is the extra `verify`.
 """

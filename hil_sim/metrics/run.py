@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -38,6 +38,15 @@ def spin_time(record: FloatArray) -> float | None:
     spinning |= ~np.isfinite(record[:, : RECORD_COLUMNS.index("slip_rear_rad") + 1]).all(axis=1)
     first = np.flatnonzero(spinning)
     return float(column(record, "time_s")[first[0]]) if first.size else None
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Base of results whose JSON values are their fields."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return asdict(self)
 
 
 @dataclass(frozen=True)

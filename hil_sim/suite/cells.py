@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -25,6 +25,7 @@ from codegen.units import KM_H
 from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 from hil_sim import manoeuvres
 from hil_sim.manoeuvres import Settings
+from hil_sim.metrics.run import Figures
 from hil_sim.scenarios import Scenario
 
 SPEEDS_KM_H = (25.0, 42.5, 60.0, 80.0, 100.0, 120.0)
@@ -41,7 +42,7 @@ C1_STEERING_WHEEL_DEG = 90.0
 
 
 @dataclass(frozen=True)
-class Cell:
+class Cell(Figures):
     """A step steer at a constant speed, the steering wheel turned as fast as the configuration allows.
 
     Attributes:
@@ -73,10 +74,6 @@ class Cell:
             drive=manoeuvres.step(STEER_TIME),
             settings=Settings(self.speed_km_h, self.front_angle_deg * config.steering.ratio, friction, estimate),
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return JSON values."""
-        return asdict(self)
 
 
 def cells(

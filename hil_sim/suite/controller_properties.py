@@ -23,7 +23,7 @@ from codegen.units import KM_H
 from hil_sim.bench import run_through_can
 from hil_sim.clocks import FREE_RUNNING
 from hil_sim.faults import Fault
-from hil_sim.metrics.run import Run, column, spin_time
+from hil_sim.metrics.run import Figures, Run, column, spin_time
 from hil_sim.metrics.steering_response import FrequencyResponse, frequency_response
 from hil_sim.scenarios import Scenario, find
 from hil_sim.suite.cells import NOMINAL, Cell, Condition
@@ -37,7 +37,7 @@ SINE_SHARE = 0.1
 
 
 @dataclass(frozen=True)
-class RiseTime:
+class RiseTime(Figures):
     """Rise time t90 of a subject at one speed, over its cells that stay on the road; None without such a cell."""
 
     subject: str
@@ -45,13 +45,9 @@ class RiseTime:
     mean_s: float | None
     largest_s: float | None
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return JSON values."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
-class SineTracking:
+class SineTracking(Figures):
     """Tracking of a sine by a subject at one speed and frequency.
 
     Attributes:
@@ -66,10 +62,6 @@ class SineTracking:
     gain_of_steady: float | None
     gain_of_map: float | None
     phase_deg: float | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return JSON values."""
-        return asdict(self)
 
 
 def rise_times(subject: str, results: Sequence[CellResult]) -> tuple[RiseTime, ...]:
@@ -264,15 +256,11 @@ IN_STEP = next(iter(TIMINGS))
 
 
 @dataclass(frozen=True)
-class TimingError:
+class TimingError(Figures):
     """RMS of the yaw rate (rad/s), whose reference is zero: once settled, and from the onset of the moment."""
 
     settled_rad_s: float
     whole_rad_s: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return JSON values."""
-        return asdict(self)
 
 
 def timing_errors(subject: Subject) -> dict[str, TimingError]:

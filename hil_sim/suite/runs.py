@@ -5,8 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from codegen.tuning.transient import unit_step
 from codegen.units import KM_H
 from codegen.vehicle.plant_car import plant_parameters
 from hil_sim.metrics import evaluate
-from hil_sim.metrics.run import spin_time
+from hil_sim.metrics.run import Figures, spin_time
 from hil_sim.metrics.step import StepMetrics, slip_bounds, step_metrics
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cells import DURATION, STEER_TIME, Cell, Condition, front_angle
@@ -26,7 +25,7 @@ from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
 
 
 @dataclass(frozen=True)
-class CellResult:
+class CellResult(Figures):
     """Figures of one run. A car that spins has only the time of the spin.
 
     Attributes:
@@ -63,10 +62,6 @@ class CellResult:
     def spun(self) -> bool:
         """Whether the car left the road."""
         return self.spun_at_s is not None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return JSON values."""
-        return asdict(self)
 
 
 @functools.lru_cache(maxsize=256)
@@ -195,7 +190,7 @@ class Extreme:
 
 
 @dataclass(frozen=True)
-class Summary:
+class Summary(Figures):
     """Figures over the cells in which the car does not spin; None if there is none.
 
     Attributes:
@@ -220,10 +215,6 @@ class Summary:
     map_overshoot_percent: Extreme | None
     slip_percent: Extreme | None
     sideslip_excess_deg: Extreme | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return JSON values."""
-        return asdict(self)
 
 
 LARGEST = (

@@ -321,7 +321,9 @@ LIBRARY = ("sin", "cos", "atan", "sqrt")
 
 def exported(content: bytes) -> tuple[str, ...]:
     """Return the sorted names that an object exports. Raises MissingTool."""
-    return tuple(sorted(symbol.name for symbol in _symbols(content) if _is_global(symbol) and not _is_undefined(symbol)))
+    return tuple(
+        sorted(each.name for each in _symbols(content) if each["st_info"]["bind"] == "STB_GLOBAL" and not _is_undefined(each))
+    )
 
 
 def needed(content: bytes) -> tuple[str, ...]:
@@ -358,7 +360,3 @@ def _symbols(content: bytes) -> list[Any]:
 
 def _is_undefined(symbol: Any) -> bool:
     return bool(symbol["st_shndx"] == "SHN_UNDEF")
-
-
-def _is_global(symbol: Any) -> bool:
-    return bool(symbol["st_info"]["bind"] == "STB_GLOBAL")

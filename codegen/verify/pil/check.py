@@ -65,20 +65,16 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     Raises:
         MissingTool: a package of the extra, or a C compiler, is missing.
     """
-    _require_tools()
+    require("ziglang")
+    module("unicorn", "unicorn")
+    module("elftools.elf.elffile", "pyelftools")
+    require_compiler()
     try:
         return _compared(subject, effort)
     except MightNotReturn as error:
         return Outcome(SHOWS, "", Verdict.NOT_RUN, (str(error),), limits=LIMITS, tools=_tools())
     except BuildError as error:  # the C does not compile, or leaves the core's memory
         return Outcome(SHOWS, "the C does not run", Verdict.FAILED, (str(error),), limits=LIMITS, tools=_tools())
-
-
-def _require_tools() -> None:
-    require("ziglang")
-    module("unicorn", "unicorn")
-    module("elftools.elf.elffile", "pyelftools")
-    require_compiler()
 
 
 def streams(subject: Subject, software: Software, program: Program, steps: int, seed: int = 0) -> Iterator[Stream]:
