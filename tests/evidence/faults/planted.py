@@ -7,6 +7,7 @@ unit. The faults are in planted.txt.
 import dataclasses
 import re
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -63,7 +64,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     """Plant each fault in the last build; a quick run plants one, because the tests of each check plant others."""
     subject = Subject.read(folders[-1])
     faults = [fault for fault in FAULTS if fault.name == QUICK or not effort.quick]
-    found = {each.name: progress.once(each.name, lambda each=each: verdicts(planted(subject, each), each)) for each in faults}
+    found = {each.name: progress.once(each.name, partial(verdicts, planted(subject, each), each)) for each in faults}
     findings: list[str] = []
     for fault in faults:
         findings += [f"{fault.name}: {name} was not run: {reason}" for name, reason in found[fault.name]["not run"].items()]
