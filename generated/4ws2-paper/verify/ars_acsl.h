@@ -219,6 +219,11 @@
 */
 
 /*@
+    predicate are_mirrored{L}(float first, float second) =
+        \eq_float(first, (float)(-second)) || (\is_NaN(first) && \is_NaN(second));
+*/
+
+/*@
     predicate ars_map_speed_breakpoints_hold{L}(integer k) =
         k >= (uint32_t)ARS_MAP_SPEED_POINTS || (lies_between(ars_map_speed_breakpoints[k], 0.0f, 150.0f) && (k == 0u || \lt_float(ars_map_speed_breakpoints[k - 1u], ars_map_speed_breakpoints[k])));
 */
@@ -509,36 +514,6 @@ void ars_controller_init(ars_controller_t *self, float rear_angle);
         self->enabled != 0 || \le_float(magnitude_of(\result.rear_angle), magnitude_of(\old(self->rear_angle)));
     ensures "the command and the status are kept":
         \eq_float(\result.rear_angle, self->rear_angle) && \result.status == self->status;
-    ensures "an unusable sample leads to the fail-safe, which stays while a signal is missing":
-        (\result.status == ARS_STATUS_FAIL_SAFE) <==> (self->quality == ARS_QUALITY_UNUSABLE || (\old(self->status) == ARS_STATUS_FAIL_SAFE && self->quality == ARS_QUALITY_MISSING));
-    ensures "only a speed below disable_speed, or below enable_speed before control, leads to standby":
-        \result.status == ARS_STATUS_STANDBY ==> (self->quality <= ARS_QUALITY_REPLACED && !\ge_float(self->sample.speed, parameters->enable_speed) && (\old(self->enabled) != 0 ==> !\ge_float(self->sample.speed, parameters->disable_speed)));
-    ensures "only a replaced or missing signal leads to degraded":
-        !(\result.status == ARS_STATUS_DEGRADED) || self->quality == ARS_QUALITY_REPLACED || self->quality == ARS_QUALITY_MISSING;
-    ensures "only a good sample is followed":
-        \result.status > ARS_STATUS_LIMITED || self->quality == ARS_QUALITY_GOOD;
-    ensures "control starts at enable_speed, with a sample":
-        \old(self->enabled) != 0 || self->enabled == 0 || (\ge_float(self->sample.speed, parameters->enable_speed) && self->quality <= ARS_QUALITY_REPLACED);
-    ensures "control ends below disable_speed":
-        self->enabled != 0 ==> \ge_float(self->sample.speed, parameters->disable_speed);
-    ensures "without control the reference is zero":
-        self->enabled != 0 || \eq_float(\result.yaw_rate_reference, (float)0.0f);
-    ensures "the fail-safe is left only when front angle or yaw rate is good for recovery_samples":
-        \old(self->status) != ARS_STATUS_FAIL_SAFE || \old(self->quality) != ARS_QUALITY_UNUSABLE || \result.status == ARS_STATUS_FAIL_SAFE || (self->inputs.front_angle.source == ARS_SIGNAL_MEASURED && lies_within(measurement->front_angle, parameters->inputs.front_angle_max) && (uint32_t)(\old(self->inputs.front_angle.good) + 1u) >= parameters->inputs.recovery_samples) || (self->inputs.yaw_rate.source == ARS_SIGNAL_MEASURED && lies_within(measurement->yaw_rate, parameters->inputs.yaw_rate_max) && (uint32_t)(\old(self->inputs.yaw_rate.good) + 1u) >= parameters->inputs.recovery_samples);
-    ensures "the fail-safe starts no later than when front angle and yaw rate are missing for more than missing_samples_max":
-        (!lies_within(measurement->front_angle, parameters->inputs.front_angle_max) && (\old(self->inputs.front_angle.source) == ARS_SIGNAL_MEASURED ==> \old(self->inputs.front_angle.missing) >= parameters->inputs.missing_samples_max) && !lies_within(measurement->yaw_rate, parameters->inputs.yaw_rate_max) && (\old(self->inputs.yaw_rate.source) == ARS_SIGNAL_MEASURED ==> \old(self->inputs.yaw_rate.missing) >= parameters->inputs.missing_samples_max)) ==> \result.status == ARS_STATUS_FAIL_SAFE;
-    ensures "in standby it returns to zero from the left":
-        self->limiter.speed_known == 0 || \result.status != ARS_STATUS_STANDBY || \le_float(\result.rear_angle, (float)0.0f) || \le_float(\result.rear_angle, (float)(\old(self->rear_angle) - (float)(parameters->standby_rate * 0.01f))) || \le_float(\result.rear_angle, (float)(\old(self->rear_angle) - (float)(parameters->limiter.rear_rate_max * 0.01f)));
-    ensures "in standby it returns to zero from the right":
-        self->limiter.speed_known == 0 || \result.status != ARS_STATUS_STANDBY || \le_float((float)0.0f, \result.rear_angle) || \le_float((float)(\old(self->rear_angle) + (float)(parameters->standby_rate * 0.01f)), \result.rear_angle) || \le_float((float)(\old(self->rear_angle) + (float)(parameters->limiter.rear_rate_max * 0.01f)), \result.rear_angle);
-    ensures "in fail-safe it returns to zero from the left":
-        self->limiter.speed_known == 0 || \result.status != ARS_STATUS_FAIL_SAFE || \le_float(\result.rear_angle, (float)0.0f) || \le_float(\result.rear_angle, (float)(\old(self->rear_angle) - (float)(parameters->fail_safe_rate * 0.01f))) || \le_float(\result.rear_angle, (float)(\old(self->rear_angle) - (float)(parameters->limiter.rear_rate_max * 0.01f)));
-    ensures "in fail-safe it returns to zero from the right":
-        self->limiter.speed_known == 0 || \result.status != ARS_STATUS_FAIL_SAFE || \le_float((float)0.0f, \result.rear_angle) || \le_float((float)(\old(self->rear_angle) + (float)(parameters->fail_safe_rate * 0.01f)), \result.rear_angle) || \le_float((float)(\old(self->rear_angle) + (float)(parameters->limiter.rear_rate_max * 0.01f)), \result.rear_angle);
-    ensures "under control, from its first sample on, it leaves zero by at most the lower of both rates, to the left":
-        self->enabled == 0 || ((\lt_float(parameters->rear_rate_max, parameters->limiter.rear_rate_max) ==> \le_float(\result.rear_angle, (float)(\old(self->rear_angle) + (float)(parameters->rear_rate_max * 0.01f)))) && (!\lt_float(parameters->rear_rate_max, parameters->limiter.rear_rate_max) ==> \le_float(\result.rear_angle, (float)(\old(self->rear_angle) + (float)(parameters->limiter.rear_rate_max * 0.01f))))) || \le_float(\result.rear_angle, (float)0.0f);
-    ensures "under control, from its first sample on, it leaves zero by at most the lower of both rates, to the right":
-        self->enabled == 0 || ((\lt_float(parameters->rear_rate_max, parameters->limiter.rear_rate_max) ==> \le_float((float)(\old(self->rear_angle) - (float)(parameters->rear_rate_max * 0.01f)), \result.rear_angle)) && (!\lt_float(parameters->rear_rate_max, parameters->limiter.rear_rate_max) ==> \le_float((float)(\old(self->rear_angle) - (float)(parameters->limiter.rear_rate_max * 0.01f)), \result.rear_angle))) || \le_float((float)0.0f, \result.rear_angle);
 */
 ars_command_t ars_controller_step(ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement);
 
