@@ -55,8 +55,10 @@ class ChainUnits(Conditions):
 
     def _mirrored(self, step: Unit) -> Unit:
         """Return the harness that a limiter with all angles mirrored gives the mirrored result."""
-        odd = (("mirrored", "self", "rear_angle"), ("mirrored", "self", "front_angle"))
-        odd += (("other", "input", "demand"), ("other", "input", "front_angle"))
+        odd = (
+            *(("mirrored", "self", name) for name in ("rear_angle", "front_angle")),
+            *(("other", "input", name) for name in ("demand", "front_angle")),
+        )
         before = (
             f"{self.own('limiter_t')} mirrored = self;",
             f"{self.own('limiter_input_t')} other = input;",
