@@ -44,7 +44,7 @@ def test_a_requirement_has_the_worst_result_of_its_evidence() -> None:
 def test_an_open_or_failed_contract_shows_in_its_requirements(state: str) -> None:
     found = outcomes()
     found["contracts"].figures["harnesses"]["ars_limiter_step"] = state  # type: ignore[index]
-    assert {key for key, result in results(found).items() if result == state} == {"ARS-LIM-1", "ARS-LIM-2"}
+    assert {key for key, result in results(found).items() if result == state} == {"ARS-CTL-8", "ARS-LIM-1", "ARS-LIM-2"}
 
 
 def test_without_proofs_their_requirements_are_not_run() -> None:

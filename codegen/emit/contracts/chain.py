@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from codegen.emit.contracts.conditions import Conditions
+from codegen.emit.contracts.conditions import SIGNALS_CHECKED, Conditions
 from codegen.emit.contracts.contract import Argument, Claim, Unit
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD
 
@@ -89,8 +89,18 @@ class ChainUnits(Conditions):
         ends = (before, "input->demand", zero)
         yield Claim("it is not above its last value, the demand and zero", " || ".join(f"(result <= {each})" for each in ends))
         yield Claim("it is not below its last value, the demand and zero", " || ".join(f"({each} <= result)" for each in ends))
+        yield from self._follows("result", before, "input->demand", "parameters->")
         inside = self.within(before, "parameters->rear_angle_max")
         yield Claim("it is held as long as no speed is known", f"self->speed_known || !{inside} || (result == {before})")
+
+    def _follows(self, angle: str, before: str, demand: str, limiter: str) -> Iterator[Claim]:
+        """A demand toward zero is reached, as fast as the rate limit lets it."""
+        step, zero, known = self.step(f"{limiter}rear_rate_max"), self.number(0.0), "!self->speed_known"
+        falls = " || ".join(f"({angle} <= {each})" for each in (demand, zero, f"({before} - {step})"))
+        rises = " || ".join(f"({each} <= {angle})" for each in (demand, zero, f"({before} + {step})"))
+        words = "follows a demand toward zero as fast as rear_rate_max lets it"
+        yield Claim(f"from the left, it {words}", f"{known} || ({demand} != {demand}) || {falls}")
+        yield Claim(f"from the right, it {words}", f"{known} || ({demand} != {demand}) || {rises}")
 
     def _inputs_units(self) -> Iterator[Unit]:
         unit = self.own("inputs")
@@ -108,6 +118,38 @@ class ChainUnits(Conditions):
             Claim("inhibit is true or false", "is_flag(measured->inhibit)"),
             Claim("rear_angle is within its range", self.within("rear_angle", REAR_ANGLE_MAX_RAD)),
         )
-        quality = Claim("the quality is one of its enumerators", self.is_code("result", 3))
-        ensures = (*self.checked_sample("checked->"), quality)
+        ensures = (*self.checked_sample("checked->"), *self._judged(), *self._signals_counted())
         yield Unit(self.own("inputs_step"), unit, arguments, self.own("quality_t"), requires=requires, ensures=ensures)
+
+    def _judged(self) -> Iterator[Claim]:
+        """Quality of the sample, by the sources of its signals."""
+        quality = f"{self.upper}_QUALITY"
+        used = {name: self.is_measured(f"self->{name}") for name in SIGNALS_CHECKED}
+        unusable = f"!{used['front_angle']} && !{used['yaw_rate']}"
+        missing = " || ".join(f"(self->{name}.missing > 0u)" for name in used)
+        yield Claim("the quality is one of its enumerators", self.is_code("result", 3))
+        yield Claim(
+            "the sample is unusable if neither front angle nor yaw rate is used",
+            f"(result == {quality}_UNUSABLE) == ({unusable})",
+        )
+        yield Claim("a good sample has all signals", f"(result != {quality}_GOOD) || ({' && '.join(used.values())})")
+        replaced = " || ".join(f"!{each}" for each in used.values())
+        yield Claim("a signal of a replaced sample is not used", f"(result != {quality}_REPLACED) || {replaced}")
+        yield Claim("a signal of a missing sample is missing", f"(result != {quality}_MISSING) || {missing}")
+
+    def _signals_counted(self) -> Iterator[Claim]:
+        """Counts of good and missing samples, which decide when a signal is used."""
+        for name in SIGNALS_CHECKED:
+            before, after = f"self_before->{name}", f"self->{name}"
+            was, used, available = self.is_measured(before), self.is_measured(after), self.is_available("measured->", name, "")
+            back = f"({available} && (({before}.good + 1u) >= parameters->recovery_samples))"
+            counted = f"({after}.good == 0u) || ({available} && ({after}.good == ({before}.good + 1u)))"
+            missed = f"({after}.missing == ({before}.missing + 1u))"
+            kept = f"(!{used} || ({after}.missing <= parameters->missing_samples_max))"
+            words = "is used again only after recovery_samples good ones in a row"
+            yield Claim(f"{name} {words}", f"{was} || !{used} || {back}")
+            yield Claim(f"without {name}, its count of good samples starts anew", f"{was} || {used} || {counted}")
+            yield Claim(f"{name} that is no longer used has no good sample", f"!{was} || {used} || ({after}.good == 0u)")
+            yield Claim(
+                f"{name} is not used after missing_samples_max missing ones", f"!{was} || {available} || ({missed} && {kept})"
+            )

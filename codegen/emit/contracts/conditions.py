@@ -23,6 +23,8 @@ LATERAL_ACCELERATION_MAX_M_S2 = 4096.0
 """Bound of the lateral acceleration that is computed from checked signals."""
 E2E_COUNTER_MAX = 14
 """AUTOSAR E2E profile 1: 15 is never sent."""
+SIGNALS_CHECKED = ("speed", "front_angle", "yaw_rate")
+"""Signals that the inputs check and replace."""
 
 
 class Conditions:
@@ -95,11 +97,23 @@ class Conditions:
         yield Claim("it rises by at most rear_rate_max, or to -rear_angle_max", rises)
         yield Claim("it falls by at most rear_rate_max, or to rear_angle_max", falls)
 
+    def lower_step(self) -> str:
+        """Return the largest change in a sample at the lower rate of law and limiter."""
+        own, limiter = "parameters->rear_rate_max", "parameters->limiter.rear_rate_max"
+        return self.step(f"(({own} < {limiter}) ? {own} : {limiter})")
+
     def within_rates(self, angle: str, before: str) -> str:
         """Return the condition that an angle moves by at most the lower of both rates."""
-        own, limiter = "parameters->rear_rate_max", "parameters->limiter.rear_rate_max"
-        step = self.step(f"(({own} < {limiter}) ? {own} : {limiter})")
+        step = self.lower_step()
         return f"((({before} - {step}) <= {angle}) && ({angle} <= ({before} + {step})))"
+
+    def is_measured(self, signal: str) -> str:
+        """Return the condition that a signal is used as measured."""
+        return f"({signal}.source == {self.upper}_SIGNAL_MEASURED)"
+
+    def is_available(self, sample: str, name: str, inputs: str) -> str:
+        """Return the condition that a signal is in its range; that the grip allows the yaw rate is a condition more."""
+        return self.within(f"{sample}{name}", f"parameters->{inputs}{name}_max")
 
     def checked_sample(self, sample: str) -> Iterator[Claim]:
         """Yield the ranges of a checked sample."""

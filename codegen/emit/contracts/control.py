@@ -103,7 +103,11 @@ class ControlUnits(Conditions):
         inhibit = Claim("inhibit is true or false", "is_flag(measurement->inhibit)")
         steps = tuple(own(each) for each in ("inputs_step", "law_step", "limiter_step", *(f"grip_{name}" for name in grip[1:])))
         command, ensures = own("command_t"), tuple(self._commanded())
-        yield Unit(own("controller_step"), unit, arguments, command, True, (inhibit,), ensures, callees=(*init, *steps))
+        sound: dict[str, Any] = {"includes": True, "stand_in": "is_sound_of_lemma", "replaced": ("is_sound",)}
+        step = Unit(
+            own("controller_step"), unit, arguments, command, True, (inhibit,), ensures, callees=(*init, *steps), **sound
+        )
+        yield step
 
     def _commanded(self) -> Iterator[Claim]:
         status, angle, before = f"{self.upper}_STATUS", "result->rear_angle", "self_before->rear_angle"
@@ -116,5 +120,67 @@ class ControlUnits(Conditions):
             "tracking, it moves by at most the lower of both rates", f"(result->status != {status}_TRACKING) || {rates}"
         )
         shrinks = f"(magnitude_of({angle}) <= magnitude_of({before}))"
-        yield Claim("in fail-safe |rear_angle| does not grow", f"(result->status != {status}_FAIL_SAFE) || {shrinks}")
+        yield Claim("without control |rear_angle| does not grow", f"self->enabled || {shrinks}")
         yield Claim("the command and the status are kept", f"({angle} == self->rear_angle) && (result->status == self->status)")
+        yield from self._status_transitions()
+        yield from self._fail_safe_times()
+        yield from self._returns(angle, before)
+        slower, faster = (f"({before} {sign} {self.lower_step()})" for sign in "-+")
+        zero = self.number(0.0)
+        words = "under control, from its first sample on, it leaves zero by at most the lower of both rates"
+        yield Claim(f"{words}, to the left", f"!self->enabled || ({angle} <= {faster}) || ({angle} <= {zero})")
+        yield Claim(f"{words}, to the right", f"!self->enabled || ({slower} <= {angle}) || ({zero} <= {angle})")
+
+    def _status_transitions(self) -> Iterator[Claim]:
+        """Every status follows from the quality, the speed and the status before. Each status can follow each other one."""
+        was, is_, quality = (
+            f"self_before->status == {self.upper}_STATUS",
+            f"result->status == {self.upper}_STATUS",
+            "self->quality",
+        )
+        good, replaced, missing, unusable = (
+            f"{self.upper}_QUALITY_{name}" for name in ("GOOD", "REPLACED", "MISSING", "UNUSABLE")
+        )
+        speed, starts = "self->sample.speed", "(self->sample.speed >= parameters->enable_speed)"
+        drives = f"({speed} >= parameters->disable_speed)"
+        table = {
+            "an unusable sample leads to the fail-safe, which stays while a signal is missing": f"({is_}_FAIL_SAFE)"
+            f" == (({quality} == {unusable}) || (({was}_FAIL_SAFE) && ({quality} == {missing})))",
+            "only a speed below disable_speed, or below enable_speed before control, leads to standby": f"!({is_}_STANDBY)"
+            f" || (({quality} <= {replaced}) && !{starts} && (!self_before->enabled || !{drives}))",
+            "only a replaced or missing signal leads to degraded": f"!({is_}_DEGRADED) || ({quality} == {replaced})"
+            f" || ({quality} == {missing})",
+            "only a good sample is followed": f"(result->status > {self.upper}_STATUS_LIMITED) || ({quality} == {good})",
+            "control starts at enable_speed, with a sample": "self_before->enabled || !self->enabled"
+            f" || ({starts} && ({quality} <= {replaced}))",
+            "control ends below disable_speed": f"!self->enabled || {drives}",
+            "without control the reference is zero": f"self->enabled || (result->yaw_rate_reference == {self.number(0.0)})",
+        }
+        yield from (Claim(text, condition) for text, condition in table.items())
+
+    def _fail_safe_times(self) -> Iterator[Claim]:
+        """The fail-safe ends and starts with the counts of samples that the inputs keep."""
+        status, upper = f"result->status == {self.upper}_STATUS_FAIL_SAFE", self.upper
+        recovered, lost = [], []
+        for name in ("front_angle", "yaw_rate"):
+            used, before = self.is_measured(f"self->inputs.{name}"), f"self_before->inputs.{name}"
+            given = self.is_available("measurement->", name, "inputs.")
+            recovered.append(f"({used} && {given} && (({before}.good + 1u) >= parameters->inputs.recovery_samples))")
+            late = f"({before}.missing >= parameters->inputs.missing_samples_max)"
+            lost.append(f"(!{given} && (!{self.is_measured(before)} || {late}))")
+        held = f"(self_before->status != {upper}_STATUS_FAIL_SAFE) || (self_before->quality != {upper}_QUALITY_UNUSABLE)"
+        words = "front angle or yaw rate is good for recovery_samples"
+        yield Claim(f"the fail-safe is left only when {words}", f"{held} || ({status}) || {' || '.join(recovered)}")
+        words = "front angle and yaw rate are missing for more than missing_samples_max"
+        yield Claim(f"the fail-safe starts no later than when {words}", f"!({' && '.join(lost)}) || ({status})")
+
+    def _returns(self, angle: str, before: str) -> Iterator[Claim]:
+        """In standby and fail-safe the angle returns to zero, by its rate or as fast as the limiter lets it."""
+        limiter, zero = self.step("parameters->limiter.rear_rate_max"), self.number(0.0)
+        for status in ("standby", "fail_safe"):
+            step = self.step(f"parameters->{status}_rate")
+            other = f"!self->limiter.speed_known || (result->status != {self.upper}_STATUS_{status.upper()})"
+            for side, sign, order in (("left", "-", "{0} <= {1}"), ("right", "+", "{1} <= {0}")):
+                ends = (zero, f"({before} {sign} {step})", f"({before} {sign} {limiter})")
+                reached = " || ".join(f"({order.format(angle, each)})" for each in ends)
+                yield Claim(f"in {status.replace('_', '-')} it returns to zero from the {side}", f"{other} || {reached}")

@@ -14,6 +14,8 @@ from codegen.emit.parameters import ParameterView
 TASK_COUNT_MAX = 64
 """Bound of the counts of disturbances in the task."""
 GOOD_SAMPLES_MAX = 10_000
+MISSING_SAMPLES_MAX = 100
+"""Largest missing_samples_max; a count is at most one above it."""
 
 
 class Invariants(Conditions):
@@ -83,6 +85,11 @@ class Invariants(Conditions):
         signals = {"speed": self.high("speed_max"), "front_angle": self.high("front_angle_max"), "yaw_rate": yaw}
         claims = [self.within(f"value->{name}.value", each) for name, each in signals.items()]
         claims += [self.is_code(f"value->{name}.source", 2) for name in signals]
+        claims += [f"(value->{name}.missing <= {MISSING_SAMPLES_MAX + 1}u)" for name in signals]
+        claims += [
+            f"(!{self.is_measured(f'value->{name}')} || (value->{name}.missing <= {MISSING_SAMPLES_MAX}u))" for name in signals
+        ]
+        claims += [f"(!{self.is_measured('value->front_angle')} || (value->front_angle.good == 0u))"]
         claims += [f"(value->{name}.good <= {GOOD_SAMPLES_MAX}u)" for name in ("front_angle", "yaw_rate")]
         claims += [self.within(f"value->{name}", yaw) for name in ("expected_yaw_rate", "beyond_linear")]
         claims += [f"lies_between(value->{name}, {self.number(0.0)}, {twice})" for name in ("least", "least_of_front")]
@@ -128,6 +135,9 @@ class Invariants(Conditions):
         yield f"((value->status > {status}_LIMITED) || value->enabled)"
         yield f"(((value->status != {status}_STANDBY) && (value->status != {status}_FAIL_SAFE)) || !value->enabled)"
         yield "(value->rear_angle == value->limiter.rear_angle)"
+        unused = " && ".join(f"!{self.is_measured(f'value->inputs.{name}')}" for name in ("front_angle", "yaw_rate"))
+        fails = f"((value->status == {status}_FAIL_SAFE) && {unused})"
+        yield f"((value->quality != {self.upper}_QUALITY_UNUSABLE) || {fails})"
 
     def _task(self) -> Iterator[str]:
         yield f"{self.own('controller_holds')}(&value->controller)"

@@ -54,3 +54,4 @@ def _lemmas(build: Conditions) -> Iterator[Lemma]:
     yield Lemma("lemma_magnitude", (number["value"],), unit=build.own("limiter"))
     bounds = (Argument(name, "int32_t") for name in ("low", "high"))
     yield Lemma("lemma_code", (number["value"], number["scale"], *bounds), unit=build.own("can"))
+    yield Lemma("lemma_sound", (build.argument("self", "controller_t", "in"),), unit=build.own("controller"))

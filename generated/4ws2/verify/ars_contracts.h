@@ -159,6 +159,13 @@ static inline bool ars_inputs_holds(const ars_inputs_t *value)
         && ((uint32_t)value->speed.source <= 2u)
         && ((uint32_t)value->front_angle.source <= 2u)
         && ((uint32_t)value->yaw_rate.source <= 2u)
+        && (value->speed.missing <= 101u)
+        && (value->front_angle.missing <= 101u)
+        && (value->yaw_rate.missing <= 101u)
+        && (!(value->speed.source == ARS_SIGNAL_MEASURED) || (value->speed.missing <= 100u))
+        && (!(value->front_angle.source == ARS_SIGNAL_MEASURED) || (value->front_angle.missing <= 100u))
+        && (!(value->yaw_rate.source == ARS_SIGNAL_MEASURED) || (value->yaw_rate.missing <= 100u))
+        && (!(value->front_angle.source == ARS_SIGNAL_MEASURED) || (value->front_angle.good == 0u))
         && (value->front_angle.good <= 10000u)
         && (value->yaw_rate.good <= 10000u)
         && lies_within(value->expected_yaw_rate, 20.0f)
@@ -222,7 +229,8 @@ static inline bool ars_controller_holds(const ars_controller_t *value)
         && is_flag(value->enabled)
         && ((value->status > ARS_STATUS_LIMITED) || value->enabled)
         && (((value->status != ARS_STATUS_STANDBY) && (value->status != ARS_STATUS_FAIL_SAFE)) || !value->enabled)
-        && (value->rear_angle == value->limiter.rear_angle);
+        && (value->rear_angle == value->limiter.rear_angle)
+        && ((value->quality != ARS_QUALITY_UNUSABLE) || ((value->status == ARS_STATUS_FAIL_SAFE) && !(value->inputs.front_angle.source == ARS_SIGNAL_MEASURED) && !(value->inputs.yaw_rate.source == ARS_SIGNAL_MEASURED)));
     return holds;
 }
 
@@ -436,6 +444,8 @@ static inline void ars_limiter_step_ensures(const ars_limiter_t *self, const ars
     CONTRACT_ENSURE(self->speed_known == (lies_within(input->speed, parameters->speed_max) || self_before->speed_known), "a speed is known once there was one");
     CONTRACT_ENSURE((result <= self_before->rear_angle) || (result <= input->demand) || (result <= 0.0f), "it is not above its last value, the demand and zero");
     CONTRACT_ENSURE((self_before->rear_angle <= result) || (input->demand <= result) || (0.0f <= result), "it is not below its last value, the demand and zero");
+    CONTRACT_ENSURE(!self->speed_known || (input->demand != input->demand) || (result <= input->demand) || (result <= 0.0f) || (result <= (self_before->rear_angle - (parameters->rear_rate_max * 0.01f))), "from the left, it follows a demand toward zero as fast as rear_rate_max lets it");
+    CONTRACT_ENSURE(!self->speed_known || (input->demand != input->demand) || (input->demand <= result) || (0.0f <= result) || ((self_before->rear_angle + (parameters->rear_rate_max * 0.01f)) <= result), "from the right, it follows a demand toward zero as fast as rear_rate_max lets it");
     CONTRACT_ENSURE(self->speed_known || !lies_within(self_before->rear_angle, parameters->rear_angle_max) || (result == self_before->rear_angle), "it is held as long as no speed is known");
 }
 
@@ -495,6 +505,22 @@ static inline void ars_inputs_step_ensures(const ars_inputs_t *self, const ars_i
     CONTRACT_ENSURE(lies_between(checked->friction, 0.0f, 2.0f), "friction is within its range");
     CONTRACT_ENSURE(is_flag(checked->inhibit), "inhibit is true or false");
     CONTRACT_ENSURE(((uint32_t)result <= 3u), "the quality is one of its enumerators");
+    CONTRACT_ENSURE((result == ARS_QUALITY_UNUSABLE) == (!(self->front_angle.source == ARS_SIGNAL_MEASURED) && !(self->yaw_rate.source == ARS_SIGNAL_MEASURED)), "the sample is unusable if neither front angle nor yaw rate is used");
+    CONTRACT_ENSURE((result != ARS_QUALITY_GOOD) || ((self->speed.source == ARS_SIGNAL_MEASURED) && (self->front_angle.source == ARS_SIGNAL_MEASURED) && (self->yaw_rate.source == ARS_SIGNAL_MEASURED)), "a good sample has all signals");
+    CONTRACT_ENSURE((result != ARS_QUALITY_REPLACED) || !(self->speed.source == ARS_SIGNAL_MEASURED) || !(self->front_angle.source == ARS_SIGNAL_MEASURED) || !(self->yaw_rate.source == ARS_SIGNAL_MEASURED), "a signal of a replaced sample is not used");
+    CONTRACT_ENSURE((result != ARS_QUALITY_MISSING) || (self->speed.missing > 0u) || (self->front_angle.missing > 0u) || (self->yaw_rate.missing > 0u), "a signal of a missing sample is missing");
+    CONTRACT_ENSURE((self_before->speed.source == ARS_SIGNAL_MEASURED) || !(self->speed.source == ARS_SIGNAL_MEASURED) || (lies_within(measured->speed, parameters->speed_max) && ((self_before->speed.good + 1u) >= parameters->recovery_samples)), "speed is used again only after recovery_samples good ones in a row");
+    CONTRACT_ENSURE((self_before->speed.source == ARS_SIGNAL_MEASURED) || (self->speed.source == ARS_SIGNAL_MEASURED) || (self->speed.good == 0u) || (lies_within(measured->speed, parameters->speed_max) && (self->speed.good == (self_before->speed.good + 1u))), "without speed, its count of good samples starts anew");
+    CONTRACT_ENSURE(!(self_before->speed.source == ARS_SIGNAL_MEASURED) || (self->speed.source == ARS_SIGNAL_MEASURED) || (self->speed.good == 0u), "speed that is no longer used has no good sample");
+    CONTRACT_ENSURE(!(self_before->speed.source == ARS_SIGNAL_MEASURED) || lies_within(measured->speed, parameters->speed_max) || ((self->speed.missing == (self_before->speed.missing + 1u)) && (!(self->speed.source == ARS_SIGNAL_MEASURED) || (self->speed.missing <= parameters->missing_samples_max))), "speed is not used after missing_samples_max missing ones");
+    CONTRACT_ENSURE((self_before->front_angle.source == ARS_SIGNAL_MEASURED) || !(self->front_angle.source == ARS_SIGNAL_MEASURED) || (lies_within(measured->front_angle, parameters->front_angle_max) && ((self_before->front_angle.good + 1u) >= parameters->recovery_samples)), "front_angle is used again only after recovery_samples good ones in a row");
+    CONTRACT_ENSURE((self_before->front_angle.source == ARS_SIGNAL_MEASURED) || (self->front_angle.source == ARS_SIGNAL_MEASURED) || (self->front_angle.good == 0u) || (lies_within(measured->front_angle, parameters->front_angle_max) && (self->front_angle.good == (self_before->front_angle.good + 1u))), "without front_angle, its count of good samples starts anew");
+    CONTRACT_ENSURE(!(self_before->front_angle.source == ARS_SIGNAL_MEASURED) || (self->front_angle.source == ARS_SIGNAL_MEASURED) || (self->front_angle.good == 0u), "front_angle that is no longer used has no good sample");
+    CONTRACT_ENSURE(!(self_before->front_angle.source == ARS_SIGNAL_MEASURED) || lies_within(measured->front_angle, parameters->front_angle_max) || ((self->front_angle.missing == (self_before->front_angle.missing + 1u)) && (!(self->front_angle.source == ARS_SIGNAL_MEASURED) || (self->front_angle.missing <= parameters->missing_samples_max))), "front_angle is not used after missing_samples_max missing ones");
+    CONTRACT_ENSURE((self_before->yaw_rate.source == ARS_SIGNAL_MEASURED) || !(self->yaw_rate.source == ARS_SIGNAL_MEASURED) || (lies_within(measured->yaw_rate, parameters->yaw_rate_max) && ((self_before->yaw_rate.good + 1u) >= parameters->recovery_samples)), "yaw_rate is used again only after recovery_samples good ones in a row");
+    CONTRACT_ENSURE((self_before->yaw_rate.source == ARS_SIGNAL_MEASURED) || (self->yaw_rate.source == ARS_SIGNAL_MEASURED) || (self->yaw_rate.good == 0u) || (lies_within(measured->yaw_rate, parameters->yaw_rate_max) && (self->yaw_rate.good == (self_before->yaw_rate.good + 1u))), "without yaw_rate, its count of good samples starts anew");
+    CONTRACT_ENSURE(!(self_before->yaw_rate.source == ARS_SIGNAL_MEASURED) || (self->yaw_rate.source == ARS_SIGNAL_MEASURED) || (self->yaw_rate.good == 0u), "yaw_rate that is no longer used has no good sample");
+    CONTRACT_ENSURE(!(self_before->yaw_rate.source == ARS_SIGNAL_MEASURED) || lies_within(measured->yaw_rate, parameters->yaw_rate_max) || ((self->yaw_rate.missing == (self_before->yaw_rate.missing + 1u)) && (!(self->yaw_rate.source == ARS_SIGNAL_MEASURED) || (self->yaw_rate.missing <= parameters->missing_samples_max))), "yaw_rate is not used after missing_samples_max missing ones");
 }
 
 static inline void ars_map_valid_requires(void)
@@ -746,8 +772,23 @@ static inline void ars_controller_step_ensures(const ars_controller_t *self, con
     CONTRACT_ENSURE((result->rear_angle <= (self_before->rear_angle + (parameters->limiter.rear_rate_max * 0.01f))) || (result->rear_angle == -parameters->limiter.rear_angle_max), "it rises by at most rear_rate_max, or to -rear_angle_max");
     CONTRACT_ENSURE(((self_before->rear_angle - (parameters->limiter.rear_rate_max * 0.01f)) <= result->rear_angle) || (result->rear_angle == parameters->limiter.rear_angle_max), "it falls by at most rear_rate_max, or to rear_angle_max");
     CONTRACT_ENSURE((result->status != ARS_STATUS_TRACKING) || (((self_before->rear_angle - (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f)) <= result->rear_angle) && (result->rear_angle <= (self_before->rear_angle + (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f)))), "tracking, it moves by at most the lower of both rates");
-    CONTRACT_ENSURE((result->status != ARS_STATUS_FAIL_SAFE) || (magnitude_of(result->rear_angle) <= magnitude_of(self_before->rear_angle)), "in fail-safe |rear_angle| does not grow");
+    CONTRACT_ENSURE(self->enabled || (magnitude_of(result->rear_angle) <= magnitude_of(self_before->rear_angle)), "without control |rear_angle| does not grow");
     CONTRACT_ENSURE((result->rear_angle == self->rear_angle) && (result->status == self->status), "the command and the status are kept");
+    CONTRACT_ENSURE((result->status == ARS_STATUS_FAIL_SAFE) == ((self->quality == ARS_QUALITY_UNUSABLE) || ((self_before->status == ARS_STATUS_FAIL_SAFE) && (self->quality == ARS_QUALITY_MISSING))), "an unusable sample leads to the fail-safe, which stays while a signal is missing");
+    CONTRACT_ENSURE(!(result->status == ARS_STATUS_STANDBY) || ((self->quality <= ARS_QUALITY_REPLACED) && !(self->sample.speed >= parameters->enable_speed) && (!self_before->enabled || !(self->sample.speed >= parameters->disable_speed))), "only a speed below disable_speed, or below enable_speed before control, leads to standby");
+    CONTRACT_ENSURE(!(result->status == ARS_STATUS_DEGRADED) || (self->quality == ARS_QUALITY_REPLACED) || (self->quality == ARS_QUALITY_MISSING), "only a replaced or missing signal leads to degraded");
+    CONTRACT_ENSURE((result->status > ARS_STATUS_LIMITED) || (self->quality == ARS_QUALITY_GOOD), "only a good sample is followed");
+    CONTRACT_ENSURE(self_before->enabled || !self->enabled || ((self->sample.speed >= parameters->enable_speed) && (self->quality <= ARS_QUALITY_REPLACED)), "control starts at enable_speed, with a sample");
+    CONTRACT_ENSURE(!self->enabled || (self->sample.speed >= parameters->disable_speed), "control ends below disable_speed");
+    CONTRACT_ENSURE(self->enabled || (result->yaw_rate_reference == 0.0f), "without control the reference is zero");
+    CONTRACT_ENSURE((self_before->status != ARS_STATUS_FAIL_SAFE) || (self_before->quality != ARS_QUALITY_UNUSABLE) || (result->status == ARS_STATUS_FAIL_SAFE) || ((self->inputs.front_angle.source == ARS_SIGNAL_MEASURED) && lies_within(measurement->front_angle, parameters->inputs.front_angle_max) && ((self_before->inputs.front_angle.good + 1u) >= parameters->inputs.recovery_samples)) || ((self->inputs.yaw_rate.source == ARS_SIGNAL_MEASURED) && lies_within(measurement->yaw_rate, parameters->inputs.yaw_rate_max) && ((self_before->inputs.yaw_rate.good + 1u) >= parameters->inputs.recovery_samples)), "the fail-safe is left only when front angle or yaw rate is good for recovery_samples");
+    CONTRACT_ENSURE(!((!lies_within(measurement->front_angle, parameters->inputs.front_angle_max) && (!(self_before->inputs.front_angle.source == ARS_SIGNAL_MEASURED) || (self_before->inputs.front_angle.missing >= parameters->inputs.missing_samples_max))) && (!lies_within(measurement->yaw_rate, parameters->inputs.yaw_rate_max) && (!(self_before->inputs.yaw_rate.source == ARS_SIGNAL_MEASURED) || (self_before->inputs.yaw_rate.missing >= parameters->inputs.missing_samples_max)))) || (result->status == ARS_STATUS_FAIL_SAFE), "the fail-safe starts no later than when front angle and yaw rate are missing for more than missing_samples_max");
+    CONTRACT_ENSURE(!self->limiter.speed_known || (result->status != ARS_STATUS_STANDBY) || (result->rear_angle <= 0.0f) || (result->rear_angle <= (self_before->rear_angle - (parameters->standby_rate * 0.01f))) || (result->rear_angle <= (self_before->rear_angle - (parameters->limiter.rear_rate_max * 0.01f))), "in standby it returns to zero from the left");
+    CONTRACT_ENSURE(!self->limiter.speed_known || (result->status != ARS_STATUS_STANDBY) || (0.0f <= result->rear_angle) || ((self_before->rear_angle + (parameters->standby_rate * 0.01f)) <= result->rear_angle) || ((self_before->rear_angle + (parameters->limiter.rear_rate_max * 0.01f)) <= result->rear_angle), "in standby it returns to zero from the right");
+    CONTRACT_ENSURE(!self->limiter.speed_known || (result->status != ARS_STATUS_FAIL_SAFE) || (result->rear_angle <= 0.0f) || (result->rear_angle <= (self_before->rear_angle - (parameters->fail_safe_rate * 0.01f))) || (result->rear_angle <= (self_before->rear_angle - (parameters->limiter.rear_rate_max * 0.01f))), "in fail-safe it returns to zero from the left");
+    CONTRACT_ENSURE(!self->limiter.speed_known || (result->status != ARS_STATUS_FAIL_SAFE) || (0.0f <= result->rear_angle) || ((self_before->rear_angle + (parameters->fail_safe_rate * 0.01f)) <= result->rear_angle) || ((self_before->rear_angle + (parameters->limiter.rear_rate_max * 0.01f)) <= result->rear_angle), "in fail-safe it returns to zero from the right");
+    CONTRACT_ENSURE(!self->enabled || (result->rear_angle <= (self_before->rear_angle + (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f))) || (result->rear_angle <= 0.0f), "under control, from its first sample on, it leaves zero by at most the lower of both rates, to the left");
+    CONTRACT_ENSURE(!self->enabled || ((self_before->rear_angle - (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f)) <= result->rear_angle) || (0.0f <= result->rear_angle), "under control, from its first sample on, it leaves zero by at most the lower of both rates, to the right");
 }
 
 static inline void ars_e2e_receiver_init_requires(const ars_e2e_receiver_t *self)
