@@ -80,7 +80,7 @@ REQUIREMENTS = (
     ),
     Requirement(
         "ARS-CTL-7",
-        "The status follows from the quality of the sample and the speed: standby only below the enabling speed, with hysteresis.",
+        "The status follows from the quality of the sample and the speed; only a speed below enable_speed leads to standby.",
         ("controller_step",),
         ("law",),
         ("sil/checks_supervision.py",),
@@ -94,7 +94,7 @@ REQUIREMENTS = (
     ),
     Requirement(
         "ARS-CTL-9",
-        "Control starts without a jump: from its first sample on, the command leaves zero by at most the lower of both rear_rate_max.",
+        "From the first sample of control on, the command leaves zero by at most the lower of both rear_rate_max in a sample.",
         ("controller_step", "law_step"),
         ("law",),
         ("sil/checks_tracking.py",),
@@ -108,7 +108,7 @@ REQUIREMENTS = (
     ),
     Requirement(
         "ARS-INP-2",
-        "A signal is replaced after missing_samples_max missing samples, and used again only after recovery_samples good ones in a row.",
+        "A signal is not used after missing_samples_max missing samples, until there were recovery_samples good ones in a row.",
         ("inputs_step",),
         ("law",),
         ("sil/checks_inputs.py",),
@@ -153,6 +153,20 @@ REQUIREMENTS = (
         "A sent frame carries the next counter and the right CRC.",
         ("e2e_protect",),
         ("sanitizers", "law"),
+        ("hil_sim/test_e2e.py",),
+    ),
+    Requirement(
+        "ARS-E2E-3",
+        "After the first frame, data are used only if the counter advances within its window, in sequence after a silence.",
+        ("e2e_check", "e2e_no_new_data"),
+        ("sanitizers",),
+        ("hil_sim/test_e2e.py",),
+    ),
+    Requirement(
+        "ARS-E2E-4",
+        "The state of a message follows the thresholds of AUTOSAR's E2E state machine over the last cycles.",
+        ("e2e_supervise", "e2e_supervision_init"),
+        ("sanitizers",),
         ("hil_sim/test_e2e.py",),
     ),
     Requirement(

@@ -8,6 +8,10 @@ from typing import Any
 from codegen.emit.contracts.conditions import E2E_COUNTER_MAX, Conditions
 from codegen.emit.contracts.contract import Argument, Claim, Unit
 
+_ADVANCED = "self_before->max_delta_counter"
+_ADVANCE = f"(({_ADVANCED} < {E2E_COUNTER_MAX}u) ? ({_ADVANCED} + 1u) : {E2E_COUNTER_MAX}u)"
+"""Largest accepted advance of the counter in a cycle."""
+
 
 class FrameUnits(Conditions):
     """Contracts of E2E protection, CAN and task."""
@@ -24,12 +28,11 @@ class FrameUnits(Conditions):
         new, state = (self.argument("self", "e2e_receiver_t", role) for role in ("new", "state"))
         status = own("e2e_status_t")
         yield Unit(own("e2e_receiver_init"), unit, (new,))
-        damaged = f"(({own('e2e_crc')}(data_id, data) != data[0]) || ((data[1] & 0x0Fu) == 15u))"
-        wrong = Claim("a wrong CRC is found", f"(result == {self.upper}_E2E_WRONG_CRC) == {damaged}")
         code = Claim("the result is one of its enumerators", self.is_code("result", 7))
-        yield Unit(own("e2e_check"), unit, (state, identifier, data), status, ensures=(code, wrong))
+        yield Unit(own("e2e_check"), unit, (state, identifier, data), status, ensures=(code, *self._checked()))
         none = Claim("it returns NO_NEW_DATA", f"result == {self.upper}_E2E_NO_NEW_DATA")
-        yield Unit(own("e2e_no_new_data"), unit, (state,), status, ensures=(none,))
+        silent = Claim("the accepted advance of the counter grows by one", f"self->max_delta_counter == {_ADVANCE}")
+        yield Unit(own("e2e_no_new_data"), unit, (state,), status, ensures=(none, silent))
         arguments = (identifier, Argument("counter", "uint8_t", "state"), Argument("data", "uint8_t", "bytes out"))
         sent = (
             Claim("the counter for the next frame is at most 14", f"*counter <= {E2E_COUNTER_MAX}u"),
@@ -41,7 +44,62 @@ class FrameUnits(Conditions):
         yield Unit(own("e2e_supervision_init"), unit, (new,))
         arguments = (state, Argument("is_good", "bool"), Argument("is_damaged", "bool"))
         kept = Claim("the result is kept", "result == self->state")
-        yield Unit(own("e2e_supervise"), unit, arguments, own("e2e_state_t"), ensures=(kept,))
+        yield Unit(own("e2e_supervise"), unit, arguments, own("e2e_state_t"), ensures=(kept, *self._supervised()))
+
+    def _checked(self) -> Iterator[Claim]:
+        """Yield the result of a check as AUTOSAR's profile 1 states it, by the advance of the counter."""
+        result, counter, span = f"result == {self.upper}_E2E", "(data[1] & 0x0Fu)", E2E_COUNTER_MAX + 1
+        damaged = f"(({self.own('e2e_crc')}(data_id, data) != data[0]) || ({counter} == {span}u))"
+        counted = f"(!{damaged} && !self_before->waits_for_first)"
+        advance = f"(({counter} + {span}u - self_before->last_counter) % {span}u)"
+        within = f"({advance} <= {_ADVANCE})"
+        silence = f"(self_before->no_new_or_repeated_data_counter > {self.can.max_no_new_or_repeated_data}u)"
+        in_sequence = f"({counted} && !{silence} && (self_before->sync_counter == 0u))"
+        old = f"(({result}_WRONG_CRC) || ({result}_REPEATED))"
+        renewed = f"(self->sync_counter == {self.can.sync_counter_init}u)"
+        table = {
+            "a wrong CRC is found": f"({result}_WRONG_CRC) == {damaged}",
+            "only the first intact frame may have any counter": f"({result}_INITIAL)"
+            f" == (!{damaged} && self_before->waits_for_first)",
+            "the first intact frame ends the wait for it": "self->waits_for_first"
+            f" == (({result}_WRONG_CRC) && self_before->waits_for_first)",
+            "a repeated counter is found": f"({result}_REPEATED) == ({counted} && ({advance} == 0u))",
+            "a counter beyond the window is found": f"({result}_WRONG_SEQUENCE)"
+            f" == ({counted} && ({advance} > 0u) && !{within})",
+            "a frame is accepted if its counter advances by one": f"({result}_OK)"
+            f" == ({in_sequence} && ({advance} == 1u) && {within})",
+            "after lost frames, one is accepted within the window only": f"({result}_OK_SOME_LOST)"
+            f" == ({in_sequence} && ({advance} > 1u) && {within})",
+            "the window grows until a new frame": "self->max_delta_counter"
+            f" == ({old} ? {_ADVANCE} : {self.can.max_delta_counter_init}u)",
+            "the last counter is that of the last new frame": "self->last_counter"
+            f" == ({old} ? self_before->last_counter : {counter})",
+            "after a jump, frames must be in sequence": f"!({result}_WRONG_SEQUENCE) || {renewed}",
+        }
+        yield from (Claim(text, condition) for text, condition in table.items())
+
+    def _supervised(self) -> Iterator[Claim]:
+        """Yield the transitions of AUTOSAR's E2E state machine, with the cycles of the window counted bit by bit."""
+        state, can, size = f"{self.upper}_E2E_STATE", self.can, self.can.window_size
+        was, is_, mask = f"self_before->state == {state}", f"self->state == {state}", f"0x{(1 << size) - 1:X}u"
+        good, damaged = (" + ".join(f"((self->window >> {first + k}u) & 1u)" for k in range(size)) for first in (0, 16))
+        started = f"({was}_NO_DATA)"
+        first_state = f"(self->state == (is_good ? {state}_INIT : {state}_NO_DATA))"
+        yield Claim("the first good frame ends NO_DATA", f"!{started} || {first_state}")
+        yield Claim("NO_DATA does not return", f"{started} || !({is_}_NO_DATA)")
+        for words, first in (("good", 0), ("damaged", 16)):
+            moved = f"((((self_before->window >> {first}u) << 1u) | (is_{words} ? 1u : 0u)) & {mask})"
+            kept = f"(((self->window >> {first}u) & {mask}) == {moved})"
+            yield Claim(f"the window has the last {words} cycles", f"{started} || {kept}")
+        for name in ("INIT", "VALID", "INVALID"):
+            least, most = (getattr(can, f"{each}_state_{name.lower()}") for each in ("min_ok", "max_error"))
+            few, enough = f"(({damaged}) <= {most}u)", f"(({good}) >= {least}u)"
+            decided = f"(({is_}_VALID) == ({enough} && {few}))"
+            yield Claim(f"from {name}, the thresholds decide on VALID", f"!({was}_{name}) || {decided}")
+            stays = f"(({is_}_INIT) == ({few} && !{enough}))" if name == "INIT" else f"!({is_}_INIT)"
+            words = "INIT stays until there are enough good or too many damaged cycles"
+            words = words if name == "INIT" else f"from {name}, INIT does not return"
+            yield Claim(words, f"!({was}_{name}) || {stays}")
 
     def _can_units(self) -> Iterator[Unit]:
         unit = self.own("can")

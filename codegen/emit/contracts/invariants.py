@@ -46,7 +46,10 @@ class Invariants(Conditions):
         yield Invariant(own("law_t"), tuple(self._law()))
         yield Invariant(own("controller_t"), tuple(self._controller()))
         counters = ("last_counter", "max_delta_counter", "no_new_or_repeated_data_counter")
-        receiver = (*(f"(value->{name} <= {E2E_COUNTER_MAX}u)" for name in counters), "(value->sync_counter <= 1u)")
+        receiver = (
+            *(f"(value->{name} <= {E2E_COUNTER_MAX}u)" for name in counters),
+            f"(value->sync_counter <= {self.can.sync_counter_init}u)",
+        )
         yield Invariant(own("e2e_receiver_t"), (*receiver, "is_flag(value->waits_for_first)"))
         yield Invariant(own("e2e_supervision_t"), (self.is_code("value->state", 3),))
         states = (f"{own(f'e2e_{name}_holds')}(&value->{name})" for name in ("receiver", "supervision"))

@@ -820,6 +820,15 @@ static inline void ars_e2e_check_ensures(const ars_e2e_receiver_t *self, uint16_
     CONTRACT_ENSURE(ars_e2e_receiver_holds(self), "self is within its invariant");
     CONTRACT_ENSURE(((uint32_t)result <= 7u), "the result is one of its enumerators");
     CONTRACT_ENSURE((result == ARS_E2E_WRONG_CRC) == ((ars_e2e_crc(data_id, data) != data[0]) || ((data[1] & 0x0Fu) == 15u)), "a wrong CRC is found");
+    CONTRACT_ENSURE((result == ARS_E2E_INITIAL) == (!((ars_e2e_crc(data_id, data) != data[0]) || ((data[1] & 0x0Fu) == 15u)) && self_before->waits_for_first), "only the first intact frame may have any counter");
+    CONTRACT_ENSURE(self->waits_for_first == ((result == ARS_E2E_WRONG_CRC) && self_before->waits_for_first), "the first intact frame ends the wait for it");
+    CONTRACT_ENSURE((result == ARS_E2E_REPEATED) == ((!((ars_e2e_crc(data_id, data) != data[0]) || ((data[1] & 0x0Fu) == 15u)) && !self_before->waits_for_first) && ((((data[1] & 0x0Fu) + 15u - self_before->last_counter) % 15u) == 0u)), "a repeated counter is found");
+    CONTRACT_ENSURE((result == ARS_E2E_WRONG_SEQUENCE) == ((!((ars_e2e_crc(data_id, data) != data[0]) || ((data[1] & 0x0Fu) == 15u)) && !self_before->waits_for_first) && ((((data[1] & 0x0Fu) + 15u - self_before->last_counter) % 15u) > 0u) && !((((data[1] & 0x0Fu) + 15u - self_before->last_counter) % 15u) <= ((self_before->max_delta_counter < 14u) ? (self_before->max_delta_counter + 1u) : 14u))), "a counter beyond the window is found");
+    CONTRACT_ENSURE((result == ARS_E2E_OK) == (((!((ars_e2e_crc(data_id, data) != data[0]) || ((data[1] & 0x0Fu) == 15u)) && !self_before->waits_for_first) && !(self_before->no_new_or_repeated_data_counter > 3u) && (self_before->sync_counter == 0u)) && ((((data[1] & 0x0Fu) + 15u - self_before->last_counter) % 15u) == 1u) && ((((data[1] & 0x0Fu) + 15u - self_before->last_counter) % 15u) <= ((self_before->max_delta_counter < 14u) ? (self_before->max_delta_counter + 1u) : 14u))), "a frame is accepted if its counter advances by one");
+    CONTRACT_ENSURE((result == ARS_E2E_OK_SOME_LOST) == (((!((ars_e2e_crc(data_id, data) != data[0]) || ((data[1] & 0x0Fu) == 15u)) && !self_before->waits_for_first) && !(self_before->no_new_or_repeated_data_counter > 3u) && (self_before->sync_counter == 0u)) && ((((data[1] & 0x0Fu) + 15u - self_before->last_counter) % 15u) > 1u) && ((((data[1] & 0x0Fu) + 15u - self_before->last_counter) % 15u) <= ((self_before->max_delta_counter < 14u) ? (self_before->max_delta_counter + 1u) : 14u))), "after lost frames, one is accepted within the window only");
+    CONTRACT_ENSURE(self->max_delta_counter == (((result == ARS_E2E_WRONG_CRC) || (result == ARS_E2E_REPEATED)) ? ((self_before->max_delta_counter < 14u) ? (self_before->max_delta_counter + 1u) : 14u) : 1u), "the window grows until a new frame");
+    CONTRACT_ENSURE(self->last_counter == (((result == ARS_E2E_WRONG_CRC) || (result == ARS_E2E_REPEATED)) ? self_before->last_counter : (data[1] & 0x0Fu)), "the last counter is that of the last new frame");
+    CONTRACT_ENSURE(!(result == ARS_E2E_WRONG_SEQUENCE) || (self->sync_counter == 1u), "after a jump, frames must be in sequence");
 }
 
 static inline void ars_e2e_no_new_data_requires(const ars_e2e_receiver_t *self)
@@ -835,6 +844,7 @@ static inline void ars_e2e_no_new_data_ensures(const ars_e2e_receiver_t *self, a
     (void)self_before;
     CONTRACT_ENSURE(ars_e2e_receiver_holds(self), "self is within its invariant");
     CONTRACT_ENSURE(result == ARS_E2E_NO_NEW_DATA, "it returns NO_NEW_DATA");
+    CONTRACT_ENSURE(self->max_delta_counter == ((self_before->max_delta_counter < 14u) ? (self_before->max_delta_counter + 1u) : 14u), "the accepted advance of the counter grows by one");
 }
 
 static inline void ars_e2e_protect_requires(uint16_t data_id, const uint8_t *counter, const uint8_t data[8])
@@ -883,6 +893,16 @@ static inline void ars_e2e_supervise_ensures(const ars_e2e_supervision_t *self, 
     (void)self_before;
     CONTRACT_ENSURE(ars_e2e_supervision_holds(self), "self is within its invariant");
     CONTRACT_ENSURE(result == self->state, "the result is kept");
+    CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_NO_DATA) || (self->state == (is_good ? ARS_E2E_STATE_INIT : ARS_E2E_STATE_NO_DATA)), "the first good frame ends NO_DATA");
+    CONTRACT_ENSURE((self_before->state == ARS_E2E_STATE_NO_DATA) || !(self->state == ARS_E2E_STATE_NO_DATA), "NO_DATA does not return");
+    CONTRACT_ENSURE((self_before->state == ARS_E2E_STATE_NO_DATA) || (((self->window >> 0u) & 0x3Fu) == ((((self_before->window >> 0u) << 1u) | (is_good ? 1u : 0u)) & 0x3Fu)), "the window has the last good cycles");
+    CONTRACT_ENSURE((self_before->state == ARS_E2E_STATE_NO_DATA) || (((self->window >> 16u) & 0x3Fu) == ((((self_before->window >> 16u) << 1u) | (is_damaged ? 1u : 0u)) & 0x3Fu)), "the window has the last damaged cycles");
+    CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_INIT) || ((self->state == ARS_E2E_STATE_VALID) == (((((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u) + ((self->window >> 2u) & 1u) + ((self->window >> 3u) & 1u) + ((self->window >> 4u) & 1u) + ((self->window >> 5u) & 1u)) >= 2u) && ((((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u) + ((self->window >> 18u) & 1u) + ((self->window >> 19u) & 1u) + ((self->window >> 20u) & 1u) + ((self->window >> 21u) & 1u)) <= 1u))), "from INIT, the thresholds decide on VALID");
+    CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_INIT) || ((self->state == ARS_E2E_STATE_INIT) == (((((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u) + ((self->window >> 18u) & 1u) + ((self->window >> 19u) & 1u) + ((self->window >> 20u) & 1u) + ((self->window >> 21u) & 1u)) <= 1u) && !((((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u) + ((self->window >> 2u) & 1u) + ((self->window >> 3u) & 1u) + ((self->window >> 4u) & 1u) + ((self->window >> 5u) & 1u)) >= 2u))), "INIT stays until there are enough good or too many damaged cycles");
+    CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_VALID) || ((self->state == ARS_E2E_STATE_VALID) == (((((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u) + ((self->window >> 2u) & 1u) + ((self->window >> 3u) & 1u) + ((self->window >> 4u) & 1u) + ((self->window >> 5u) & 1u)) >= 2u) && ((((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u) + ((self->window >> 18u) & 1u) + ((self->window >> 19u) & 1u) + ((self->window >> 20u) & 1u) + ((self->window >> 21u) & 1u)) <= 3u))), "from VALID, the thresholds decide on VALID");
+    CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_VALID) || !(self->state == ARS_E2E_STATE_INIT), "from VALID, INIT does not return");
+    CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_INVALID) || ((self->state == ARS_E2E_STATE_VALID) == (((((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u) + ((self->window >> 2u) & 1u) + ((self->window >> 3u) & 1u) + ((self->window >> 4u) & 1u) + ((self->window >> 5u) & 1u)) >= 3u) && ((((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u) + ((self->window >> 18u) & 1u) + ((self->window >> 19u) & 1u) + ((self->window >> 20u) & 1u) + ((self->window >> 21u) & 1u)) <= 2u))), "from INVALID, the thresholds decide on VALID");
+    CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_INVALID) || !(self->state == ARS_E2E_STATE_INIT), "from INVALID, INIT does not return");
 }
 
 static inline void ars_can_not_available_requires(void)
