@@ -129,7 +129,12 @@ class FrameSignal:
         """C expression of a real signal's value from `code`, whose sign bit is inverted."""
         assert isinstance(self.layout, RealSignal)
         code = f"(int32_t)code - {self.sign_bit}" if self.sign_bit else "(int32_t)code"
-        return f"to_value({code}, {self.scale}, {self.layout.raw_not_available}){self._offset(' + ', ' - ')}"
+        return f"to_value({code}, {self.scale}, {self.layout.raw_not_available}){self.offset}"
+
+    @property
+    def offset(self) -> str:
+        """C operator and number that add the offset; empty if it is zero."""
+        return self._offset(" + ", " - ")
 
     def _offset(self, positive: str, negative: str) -> str:
         assert isinstance(self.layout, RealSignal)

@@ -36,6 +36,8 @@ class Requirement:
     tests: tuple[str, ...] = ()
 
 
+_PACKED = ("can_pack_vehicle_motion", "can_pack_vehicle_conditions", "can_pack_rear_steer_command")
+
 REQUIREMENTS = (
     Requirement(
         "ARS-CTL-1",
@@ -173,6 +175,13 @@ REQUIREMENTS = (
         "ARS-CAN-1",
         "A received signal is within the range of its frame, or NaN for not available.",
         ("can_unpack_vehicle_motion", "can_unpack_vehicle_conditions"),
+        ("processor-in-the-loop",),
+        ("hil_sim/test_codec.py",),
+    ),
+    Requirement(
+        "ARS-CAN-2",
+        "Each signal is sent in the bits that the DBC states, by the code nearest to its value, on cores of either byte order.",
+        (*_PACKED, *(f"{name}_big_endian" for name in _PACKED)),
         ("processor-in-the-loop",),
         ("hil_sim/test_codec.py",),
     ),

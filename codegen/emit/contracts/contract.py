@@ -113,6 +113,7 @@ class Unit:
         linked: further units of the build whose C is part of the proof.
         unwind: loop rounds, one more than the longest loop has.
         conversions: conversions from float to integer are checked; signed numbers that become unsigned would count as faults.
+        options: options of the model checker beside the usual ones.
         open: reason why the contract is not proved; "" for one that is.
     """
 
@@ -134,6 +135,7 @@ class Unit:
     linked: tuple[str, ...] = ()
     unwind: int = 16
     conversions: bool = True
+    options: str = ""
     open: str = ""
 
     @property

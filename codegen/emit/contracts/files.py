@@ -36,7 +36,9 @@ def frama_c_command(prefix: str, sources: Iterable[str], report: str) -> str:
     )
 
 
-def command_of(name: str, files: Iterable[str], unwind: int, conversions: bool = True, replaced: Iterable[str] = ()) -> str:
+def command_of(
+    name: str, files: Iterable[str], unwind: int, conversions: bool = True, replaced: Iterable[str] = (), options: str = ""
+) -> str:
     """Return the command that proves a harness in the folder of the build."""
     entry = f"prove_{name}"
     given = f"{' '.join((f'{FOLDER}/{entry}.c', *files))} -Iinclude -I{FOLDER}"
@@ -46,7 +48,7 @@ def command_of(name: str, files: Iterable[str], unwind: int, conversions: bool =
         calls = " ".join(f"--replace-calls {name}:{name}_of_lemma" for name in replaced)
         before = f"goto-cc -o {program} {given} && goto-instrument {calls} {program} {program} >/dev/null && "
         given = program
-    checks = f"{CHECKS} {CONVERSIONS}" if conversions else CHECKS
+    checks = " ".join(each for each in (options, CHECKS, CONVERSIONS if conversions else "") if each)
     return f"{before}cbmc {given} --function {entry} --unwind {unwind} {checks} {SOLVER}"
 
 
@@ -76,7 +78,7 @@ def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
         command = command_of(lemma.name, [f"src/{each}.c" for each in lemma.linked], lemma.unwind)
         files[f"{FOLDER}/prove_{lemma.name}.c"] = render("contracts/lemma.c.j2", {**known, "lemma": lemma, "command": command})
     for unit in contracts.units:
-        command = command_of(unit.name, _files_of(unit), unit.unwind, unit.conversions, unit.replaced)
+        command = command_of(unit.name, _files_of(unit), unit.unwind, unit.conversions, unit.replaced, unit.options)
         more = {"unit": unit, "command": command, "ensured": _ensured(unit, True)}
         files[f"{FOLDER}/prove_{unit.name}.c"] = render("contracts/prove.c.j2", {**known, **more})
     for function in sorted({callee for unit in contracts.units for callee in unit.callees}):

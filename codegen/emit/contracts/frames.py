@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
+from codegen.configuration.can import RealSignal
+from codegen.emit.can_view import Frame
 from codegen.emit.contracts.conditions import E2E_COUNTER_MAX, Conditions
 from codegen.emit.contracts.contract import Argument, Claim, Unit
 
@@ -111,7 +114,47 @@ class FrameUnits(Conditions):
             out = self.argument("signals", signals, "out")
             yield Unit(self.own(f"can_unpack_{frame.role}"), unit, (data, out), ensures=tuple(ensures))
             arguments = (self.argument("signals", signals, "in"), Argument("data", "uint8_t", "bytes out"))
-            yield Unit(self.own(f"can_pack_{frame.role}"), unit, arguments, conversions=False)
+            received = (f"{self.own(signals)} unpacked;", f"{self.own(f'can_unpack_{frame.role}')}(data, &unpacked);")
+            more: dict[str, Any] = {"facts": received, "more": tuple(self._packed(frame)), "includes": True, "unwind": 26}
+            more |= {"stand_in": "to_code_of_lemma", "replaced": ("to_code",)}
+            pack = Unit(self.own(f"can_pack_{frame.role}"), unit, arguments, conversions=False, **more)
+            yield pack
+            # Code that reads the bytes of a number is right for one byte order only. A program of goto-cc has that of the host.
+            yield replace(pack, part="_big_endian", options="--big-endian", stand_in="", replaced=())
+
+    def _packed(self, frame: Frame) -> Iterator[Claim]:
+        """Yield for each signal that its code is in its bits of the frame, and that the receiver gets its value."""
+        codes: dict[str, str] = {}
+        for signal in frame.reals:
+            layout = signal.layout
+            assert isinstance(layout, RealSignal)
+            limits = f"{layout.raw_low}, {layout.raw_high}, {layout.raw_not_available}"
+            codes[signal.definition.role] = f"to_code({signal.value.replace('->', '.')}, {signal.scale}, {limits})"
+        for signal in frame.signals:
+            role, layout, mask = signal.definition.role, signal.layout, f"0x{signal.mask:X}u"
+            place = f"code_in(data, {layout.start_bit}u, {layout.length}u, {str(signal.byte_order == 'motorola').lower()})"
+            received = ""
+            if isinstance(layout, RealSignal):
+                value = f"((({self.real}){codes[role]} {self.can.to_value.split()[0]} {signal.scale}){signal.offset})"
+                code = f"((uint32_t){codes[role]} & {mask})"
+                absent = f"({codes[role]} == {layout.raw_not_available})"
+                received = f"{absent} ? (unpacked.{role} != unpacked.{role}) : (unpacked.{role} == {value})"
+            elif role == "qualifier":
+                present = (
+                    f"(({codes[each.definition.role]} != {each.layout.raw_not_available}) ? {each.qualifier_bit}u : 0u)"
+                    for each in frame.reals
+                    if isinstance(each.layout, RealSignal)
+                )
+                code = f"({' | '.join(present)})"
+            elif signal.field_type == "bool":
+                code = f"(signals.{role} ? 1u : 0u)"
+                received = f"(unpacked.{role} ? 1u : 0u) == {code}"
+            else:
+                code = f"((uint32_t)signals.{role} & {mask})"
+                received = f"(uint32_t)unpacked.{role} == {code}"
+            yield Claim(f"the code of {role} is in its bits of the frame", f"{place} == {code}")
+            if received:
+                yield Claim(f"{role} is received as its code says", received)
 
     def _task_units(self) -> Iterator[Unit]:
         own, unit, init = self.own, self.own("task"), self.own("controller_init")

@@ -52,6 +52,6 @@ def _lemmas(build: Conditions) -> Iterator[Lemma]:
     limited = (build.argument("parameters", "limiter_parameters_t", "in"), number["speed"])
     yield Lemma("lemma_opposite_phase", limited, unit=build.own("limiter"))
     yield Lemma("lemma_magnitude", (number["value"],), unit=build.own("limiter"))
-    bounds = (Argument(name, "int32_t") for name in ("low", "high"))
+    bounds = (Argument(name, "int32_t") for name in ("low", "high", "not_available"))
     yield Lemma("lemma_code", (number["value"], number["scale"], *bounds), unit=build.own("can"))
     yield Lemma("lemma_sound", (build.argument("self", "controller_t", "in"),), unit=build.own("controller"))

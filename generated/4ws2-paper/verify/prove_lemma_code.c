@@ -20,13 +20,18 @@
 #ifndef CONTRACT_LEMMA_CODE
 #define CONTRACT_LEMMA_CODE(condition, text) __CPROVER_assume(condition)
 #endif
-/* The conversions of packing that are not checked with the frames, where codes with a sign become bytes. */
-static inline void lemma_code(float value, float scale, int32_t low, int32_t high)
+/* A code is nearest to its number. The conversions of packing are checked here, as codes with a sign become bytes elsewhere. */
+static inline void lemma_code(float value, float scale, int32_t low, int32_t high, int32_t not_available)
 {
     CONTRACT_ASSUME((scale > 0.0f) && (low < high) && (low > -0x1000000) && (high < 0x1000000));
-    const int32_t code = to_code(value, scale, low, high, low - 1);
+    const int32_t code = to_code(value, scale, low, high, not_available);
+    const float scaled = value * scale;
+    const float most = (scaled < (float)high) ? scaled : (float)high;
+    const float bounded = (most > (float)low) ? most : (float)low;
+    const bool is_number = (scaled == scaled);
 
-    CONTRACT_LEMMA_CODE((code >= (low - 1)) && (code <= high), "the code is in range");
+    CONTRACT_LEMMA_CODE(is_number ? ((code >= low) && (code <= high)) : (code == not_available), "the code is in range, or that of NaN");
+    CONTRACT_LEMMA_CODE(!is_number || lies_within(bounded - (float)code, 0.5f), "the code is within half a step of the number");
 }
 
 /* The end of a proof. With CHECK_END its assertion must fail: otherwise no claim was reached. */
@@ -46,7 +51,8 @@ void prove_lemma_code(void)
     float scale;
     int32_t low;
     int32_t high;
+    int32_t not_available;
 
-    lemma_code(value, scale, low, high);
+    lemma_code(value, scale, low, high, not_available);
     check_end();
 }

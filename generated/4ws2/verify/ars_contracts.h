@@ -50,6 +50,28 @@ static inline bool is_flag(bool value)
     return (value == false) || (value == true);
 }
 
+/* Return the code of a signal in a frame. Bits are numbered as in a DBC: from the least significant one for Intel byte order, from the
+ * most significant one for Motorola. */
+static inline uint32_t code_in(const uint8_t data[8], uint32_t start_bit, uint32_t length, bool is_motorola)
+{
+    uint32_t code = 0u;
+    uint32_t bit = start_bit;
+    uint32_t k;
+
+    for (k = 0u; k < length; k++) {
+        const uint32_t value = ((uint32_t)data[bit / 8u] >> (bit % 8u)) & 1u;
+
+        if (is_motorola) {
+            code = (code << 1u) | value;
+            bit = ((bit % 8u) == 0u) ? (bit + 15u) : (bit - 1u);
+        } else {
+            code |= value << k;
+            bit++;
+        }
+    }
+    return code;
+}
+
 static inline bool ars_limiter_parameters_holds(const ars_limiter_parameters_t *value)
 {
     bool holds = lies_between(value->rear_angle_max, 1.0e-04f, 1.0f)
