@@ -23,6 +23,7 @@ class MapUnits(Conditions):
             yield Lemma("lemma_axes", before=("assume_breakpoints();",), unwind=self._rounds())
             yield Lemma("lemma_place", searched, unit, before=("lemma_axes();",))
             yield Lemma("lemma_cell", unit=unit)
+            yield Lemma("lemma_grid", unit=unit)
             yield Lemma("lemma_numbers", unit=unit, unwind=self._rounds())
 
     def units(self) -> Iterator[Unit]:
