@@ -137,6 +137,13 @@ REQUIREMENTS = (
         ("sil/checks_limiter.py",),
     ),
     Requirement(
+        "ARS-SYM-1",
+        "Map and limiter are the same for left and right: mirrored angles give the mirrored result.",
+        ("limiter_step_mirrored", "map_yaw_rate_on_road_mirrored"),
+        ("law",),
+        ("sil/checks_lookup.py", "sil/checks_limiter.py"),
+    ),
+    Requirement(
         "ARS-PAR-1",
         "Parameters that the validity functions accept are within the ranges and relations that all functions require.",
         ("parameters_valid", "inputs_parameters_valid", "limiter_parameters_valid"),

@@ -51,6 +51,21 @@ class ChainUnits(Conditions):
         yield replace(step, more=tuple(bounds))
         alone: dict[str, Any] = {"stand_in": "magnitude_of_lemma", "replaced": ("magnitude",)}
         yield replace(step, facts=(), more=(passes,), part="_demand", **alone)
+        yield self._mirrored(step)
+
+    def _mirrored(self, step: Unit) -> Unit:
+        """Return the harness that a limiter with all angles mirrored gives the mirrored result."""
+        odd = (("mirrored", "self", "rear_angle"), ("mirrored", "self", "front_angle"))
+        odd += (("other", "input", "demand"), ("other", "input", "front_angle"))
+        before = (
+            f"{self.own('limiter_t')} mirrored = self;",
+            f"{self.own('limiter_input_t')} other = input;",
+            *(f"{copy}.{name} = -{original}.{name};" for copy, original, name in odd),
+        )
+        facts = f"const {self.real} mirrored_result = {step.function}(&mirrored, &parameters, &other);"
+        mirrored = Claim("the mirrored angles give the mirrored result", "are_mirrored(result, mirrored_result)")
+        alone: dict[str, Any] = {"stand_in": "bound_of_lemma", "replaced": ("magnitude", "opposite_phase_bound")}
+        return replace(step, part="_mirrored", before=before, facts=(facts,), more=(mirrored,), only_claims=True, **alone)
 
     def _bounded_over_speed(self) -> Iterator[Claim]:
         """Claims that no caller uses: the bound against the front wheels, and that the limiter does nothing of its own."""

@@ -113,6 +113,7 @@ class Unit:
         linked: further units of the build whose C is part of the proof.
         unwind: loop rounds, one more than the longest loop has.
         conversions: conversions from float to integer are checked; signed numbers that become unsigned would count as faults.
+        only_claims: undefined behaviour is checked by another harness of the function.
         options: options of the model checker beside the usual ones.
         open: reason why the contract is not proved; "" for one that is.
     """
@@ -135,6 +136,7 @@ class Unit:
     linked: tuple[str, ...] = ()
     unwind: int = 16
     conversions: bool = True
+    only_claims: bool = False
     options: str = ""
     open: str = ""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 from codegen.configuration.signals import STATUSES
@@ -107,7 +108,7 @@ class ControlUnits(Conditions):
         step = Unit(
             own("controller_step"), unit, arguments, command, True, (inhibit,), ensures, callees=(*init, *steps), **sound
         )
-        yield step
+        yield replace(step, more=tuple(replace(each, condition=each.condition.replace("->", ".")) for each in self._behaved()))
 
     def _commanded(self) -> Iterator[Claim]:
         status, angle, before = f"{self.upper}_STATUS", "result->rear_angle", "self_before->rear_angle"
@@ -122,6 +123,10 @@ class ControlUnits(Conditions):
         shrinks = f"(magnitude_of({angle}) <= magnitude_of({before}))"
         yield Claim("without control |rear_angle| does not grow", f"self->enabled || {shrinks}")
         yield Claim("the command and the status are kept", f"({angle} == self->rear_angle) && (result->status == self->status)")
+
+    def _behaved(self) -> Iterator[Claim]:
+        """Yield the claims on behaviour, which no caller uses."""
+        angle, before = "result->rear_angle", "self_before->rear_angle"
         yield from self._status_transitions()
         yield from self._fail_safe_times()
         yield from self._returns(angle, before)

@@ -37,7 +37,7 @@ def frama_c_command(prefix: str, sources: Iterable[str], report: str) -> str:
 
 
 def command_of(
-    name: str, files: Iterable[str], unwind: int, conversions: bool = True, replaced: Iterable[str] = (), options: str = ""
+    name: str, files: Iterable[str], unwind: int, checks: Iterable[str] = (CHECKS, CONVERSIONS), replaced: Iterable[str] = ()
 ) -> str:
     """Return the command that proves a harness in the folder of the build."""
     entry = f"prove_{name}"
@@ -48,8 +48,7 @@ def command_of(
         calls = " ".join(f"--replace-calls {name}:{name}_of_lemma" for name in replaced)
         before = f"goto-cc -o {program} {given} && goto-instrument {calls} {program} {program} >/dev/null && "
         given = program
-    checks = " ".join(each for each in (options, CHECKS, CONVERSIONS if conversions else "") if each)
-    return f"{before}cbmc {given} --function {entry} --unwind {unwind} {checks} {SOLVER}"
+    return f"{before}cbmc {given} --function {entry} --unwind {unwind} {' '.join((*checks, SOLVER))}"
 
 
 def _files_of(unit: Unit) -> Iterator[str]:
@@ -58,6 +57,16 @@ def _files_of(unit: Unit) -> Iterator[str]:
     if not unit.includes:
         yield f"src/{unit.unit}.c"
     yield from (f"{FOLDER}/assume_{each}.c" for each in unit.callees)
+
+
+def _checks_of(unit: Unit) -> Iterator[str]:
+    """Yield the options of a proof beside those of the solver."""
+    if unit.options:
+        yield unit.options
+    if not unit.only_claims:
+        yield CHECKS
+        if unit.conversions:
+            yield CONVERSIONS
 
 
 def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
@@ -78,7 +87,7 @@ def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
         command = command_of(lemma.name, [f"src/{each}.c" for each in lemma.linked], lemma.unwind)
         files[f"{FOLDER}/prove_{lemma.name}.c"] = render("contracts/lemma.c.j2", {**known, "lemma": lemma, "command": command})
     for unit in contracts.units:
-        command = command_of(unit.name, _files_of(unit), unit.unwind, unit.conversions, unit.replaced, unit.options)
+        command = command_of(unit.name, _files_of(unit), unit.unwind, _checks_of(unit), unit.replaced)
         more = {"unit": unit, "command": command, "ensured": _ensured(unit, True)}
         files[f"{FOLDER}/prove_{unit.name}.c"] = render("contracts/prove.c.j2", {**known, **more})
     for function in sorted({callee for unit in contracts.units for callee in unit.callees}):

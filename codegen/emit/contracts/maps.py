@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 from codegen.emit.contracts.conditions import Conditions
@@ -34,14 +35,32 @@ class MapUnits(Conditions):
         yield self._map_valid() if self.has_plain_map else Unit(own("map_valid"), unit, (), "bool", **missing)
         more: dict[str, Any] = self._look_up() if self.has_plain_map else missing
         bound = Claim("the yaw rate is in range", self.within("result", MAP_YAW_RATE_MAX_RAD_S))
-        yield Unit(own("map_yaw_rate_on_road"), unit, arguments, self.real, ensures=(bound,), **more)
+        look_ups = [Unit(own("map_yaw_rate_on_road"), unit, arguments, self.real, ensures=(bound,), **more)]
         if view.with_rear_angle:
             bounds = (
                 Claim("the yaw rate is in range", self.within("result->yaw_rate", MAP_YAW_RATE_MAX_RAD_S)),
                 Claim("the rear angle is in range", self.within("result->rear_angle", REAR_ANGLE_MAX_RAD)),
                 Claim("the acceleration is in range", self.between("result->lateral_acceleration_max", 0.0, 100.0)),
             )
-            yield Unit(own("map_reference"), unit, arguments, own("map_reference_t"), True, ensures=bounds, **more)
+            look_ups += [Unit(own("map_reference"), unit, arguments, own("map_reference_t"), True, ensures=bounds, **more)]
+        yield from look_ups
+        if self.has_plain_map:
+            yield from map(self._mirrored, look_ups)
+
+    def _mirrored(self, look_up: Unit) -> Unit:
+        """Return the harness that the look-up is odd in the front angle."""
+        facts = f"const {look_up.result} mirrored = {look_up.function}(speed, -front_angle, friction);"
+        names = [f".{name}" for name in ("yaw_rate", "rear_angle")] if look_up.result_is_struct else [""]
+        turns = f"((front_angle < {self.number(0.0)}) || (front_angle > {self.number(0.0)}))"
+        claims = (
+            Claim(
+                f"the mirrored front angle gives the mirrored{name.replace('.', ' ').replace('_', ' ') or ' yaw rate'}",
+                f"!{turns} || are_mirrored(result{name}, mirrored{name})",
+            )
+            for name in names
+        )
+        alone: dict[str, Any] = {"stand_in": "cell_of_lemma", "replaced": ("magnitude", "interpolate"), "only_claims": True}
+        return replace(look_up, part="_mirrored", before=(), facts=(facts,), more=tuple(claims), **alone)
 
     def _map_valid(self) -> Unit:
         own, view = self.own, self.map

@@ -44,6 +44,12 @@ static inline bool lies_within(float value, float largest)
     return lies_between(value, -largest, largest);
 }
 
+/* Return whether a number is the negative of another one; zero has no sign here. True for two NaN. */
+static inline bool are_mirrored(float first, float second)
+{
+    return (first == -second) || ((first != first) && (second != second));
+}
+
 /* Return whether a bool is true or false: memory may hold other numbers. */
 static inline bool is_flag(bool value)
 {
@@ -796,21 +802,6 @@ static inline void ars_controller_step_ensures(const ars_controller_t *self, con
     CONTRACT_ENSURE((result->status != ARS_STATUS_TRACKING) || (((self_before->rear_angle - (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f)) <= result->rear_angle) && (result->rear_angle <= (self_before->rear_angle + (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f)))), "tracking, it moves by at most the lower of both rates");
     CONTRACT_ENSURE(self->enabled || (magnitude_of(result->rear_angle) <= magnitude_of(self_before->rear_angle)), "without control |rear_angle| does not grow");
     CONTRACT_ENSURE((result->rear_angle == self->rear_angle) && (result->status == self->status), "the command and the status are kept");
-    CONTRACT_ENSURE((result->status == ARS_STATUS_FAIL_SAFE) == ((self->quality == ARS_QUALITY_UNUSABLE) || ((self_before->status == ARS_STATUS_FAIL_SAFE) && (self->quality == ARS_QUALITY_MISSING))), "an unusable sample leads to the fail-safe, which stays while a signal is missing");
-    CONTRACT_ENSURE(!(result->status == ARS_STATUS_STANDBY) || ((self->quality <= ARS_QUALITY_REPLACED) && !(self->sample.speed >= parameters->enable_speed) && (!self_before->enabled || !(self->sample.speed >= parameters->disable_speed))), "only a speed below disable_speed, or below enable_speed before control, leads to standby");
-    CONTRACT_ENSURE(!(result->status == ARS_STATUS_DEGRADED) || (self->quality == ARS_QUALITY_REPLACED) || (self->quality == ARS_QUALITY_MISSING), "only a replaced or missing signal leads to degraded");
-    CONTRACT_ENSURE((result->status > ARS_STATUS_LIMITED) || (self->quality == ARS_QUALITY_GOOD), "only a good sample is followed");
-    CONTRACT_ENSURE(self_before->enabled || !self->enabled || ((self->sample.speed >= parameters->enable_speed) && (self->quality <= ARS_QUALITY_REPLACED)), "control starts at enable_speed, with a sample");
-    CONTRACT_ENSURE(!self->enabled || (self->sample.speed >= parameters->disable_speed), "control ends below disable_speed");
-    CONTRACT_ENSURE(self->enabled || (result->yaw_rate_reference == 0.0f), "without control the reference is zero");
-    CONTRACT_ENSURE((self_before->status != ARS_STATUS_FAIL_SAFE) || (self_before->quality != ARS_QUALITY_UNUSABLE) || (result->status == ARS_STATUS_FAIL_SAFE) || ((self->inputs.front_angle.source == ARS_SIGNAL_MEASURED) && lies_within(measurement->front_angle, parameters->inputs.front_angle_max) && ((self_before->inputs.front_angle.good + 1u) >= parameters->inputs.recovery_samples)) || ((self->inputs.yaw_rate.source == ARS_SIGNAL_MEASURED) && lies_within(measurement->yaw_rate, parameters->inputs.yaw_rate_max) && ((self_before->inputs.yaw_rate.good + 1u) >= parameters->inputs.recovery_samples)), "the fail-safe is left only when front angle or yaw rate is good for recovery_samples");
-    CONTRACT_ENSURE(!((!lies_within(measurement->front_angle, parameters->inputs.front_angle_max) && (!(self_before->inputs.front_angle.source == ARS_SIGNAL_MEASURED) || (self_before->inputs.front_angle.missing >= parameters->inputs.missing_samples_max))) && (!lies_within(measurement->yaw_rate, parameters->inputs.yaw_rate_max) && (!(self_before->inputs.yaw_rate.source == ARS_SIGNAL_MEASURED) || (self_before->inputs.yaw_rate.missing >= parameters->inputs.missing_samples_max)))) || (result->status == ARS_STATUS_FAIL_SAFE), "the fail-safe starts no later than when front angle and yaw rate are missing for more than missing_samples_max");
-    CONTRACT_ENSURE(!self->limiter.speed_known || (result->status != ARS_STATUS_STANDBY) || (result->rear_angle <= 0.0f) || (result->rear_angle <= (self_before->rear_angle - (parameters->standby_rate * 0.01f))) || (result->rear_angle <= (self_before->rear_angle - (parameters->limiter.rear_rate_max * 0.01f))), "in standby it returns to zero from the left");
-    CONTRACT_ENSURE(!self->limiter.speed_known || (result->status != ARS_STATUS_STANDBY) || (0.0f <= result->rear_angle) || ((self_before->rear_angle + (parameters->standby_rate * 0.01f)) <= result->rear_angle) || ((self_before->rear_angle + (parameters->limiter.rear_rate_max * 0.01f)) <= result->rear_angle), "in standby it returns to zero from the right");
-    CONTRACT_ENSURE(!self->limiter.speed_known || (result->status != ARS_STATUS_FAIL_SAFE) || (result->rear_angle <= 0.0f) || (result->rear_angle <= (self_before->rear_angle - (parameters->fail_safe_rate * 0.01f))) || (result->rear_angle <= (self_before->rear_angle - (parameters->limiter.rear_rate_max * 0.01f))), "in fail-safe it returns to zero from the left");
-    CONTRACT_ENSURE(!self->limiter.speed_known || (result->status != ARS_STATUS_FAIL_SAFE) || (0.0f <= result->rear_angle) || ((self_before->rear_angle + (parameters->fail_safe_rate * 0.01f)) <= result->rear_angle) || ((self_before->rear_angle + (parameters->limiter.rear_rate_max * 0.01f)) <= result->rear_angle), "in fail-safe it returns to zero from the right");
-    CONTRACT_ENSURE(!self->enabled || (result->rear_angle <= (self_before->rear_angle + (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f))) || (result->rear_angle <= 0.0f), "under control, from its first sample on, it leaves zero by at most the lower of both rates, to the left");
-    CONTRACT_ENSURE(!self->enabled || ((self_before->rear_angle - (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f)) <= result->rear_angle) || (0.0f <= result->rear_angle), "under control, from its first sample on, it leaves zero by at most the lower of both rates, to the right");
 }
 
 static inline void ars_e2e_receiver_init_requires(const ars_e2e_receiver_t *self)
