@@ -13,7 +13,7 @@ from codegen.cli.entry import COMPLETION, PROGRAM
 from codegen.configuration import Preset
 from codegen.export import runs
 from codegen.sil.vector import ISAS
-from hil_sim import log_formats, scenarios
+from hil_sim import logs, scenarios
 
 from .conftest import MAIN, Run, python
 
@@ -79,7 +79,7 @@ def test_names_copied_for_speed_match_the_project() -> None:
     for preset in get_args(Preset):
         assert list(configuration.preset(preset).cases) == list(options.OF_EVERY_CASE)
     assert set(options.run_to_write.endings or ()) == set(runs.FORMATS)
-    assert set(options.log_to_write.endings or ()) == set(log_formats.FORMATS)
+    assert set(options.log_to_write.endings or ()) == set(logs.FORMATS)
 
 
 def test_through_the_entry_point(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

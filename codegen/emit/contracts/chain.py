@@ -48,6 +48,8 @@ class ChainUnits(Conditions):
         )
         step = Unit(own("limiter_step"), unit, arguments, self.real, ensures=tuple(self._limited()), facts=facts, includes=True)
         *bounds, passes = self._bounded_over_speed()
+        bound = f"lies_between(opposite_phase_bound(&parameters, {speed}), {zero}, {largest} + {one})"
+        bounds.append(Claim("the bound is not negative, and close to rear_angle_max at most", bound))
         yield replace(step, more=tuple(bounds))
         alone: dict[str, Any] = {"stand_in": "magnitude_of_lemma", "replaced": ("magnitude",)}
         yield replace(step, facts=(), more=(passes,), part="_demand", **alone)
@@ -55,10 +57,8 @@ class ChainUnits(Conditions):
 
     def _mirrored(self, step: Unit) -> Unit:
         """Return the harness that a limiter with all angles mirrored gives the mirrored result."""
-        odd = (
-            *(("mirrored", "self", name) for name in ("rear_angle", "front_angle")),
-            *(("other", "input", name) for name in ("demand", "front_angle")),
-        )
+        signs = {"mirrored": ("self", "rear_angle", "front_angle"), "other": ("input", "demand", "front_angle")}
+        odd = ((copy, original, name) for copy, (original, *names) in signs.items() for name in names)
         before = (
             f"{self.own('limiter_t')} mirrored = self;",
             f"{self.own('limiter_input_t')} other = input;",

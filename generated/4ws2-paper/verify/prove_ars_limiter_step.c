@@ -47,5 +47,6 @@ void prove_ars_limiter_step(void)
     ars_limiter_step_ensures(&self, &parameters, &input, result, &self_before);
     CONTRACT_ENSURE(!self.speed_known || (self.front_angle < 0.0f) || (-opposite_phase_bound(&parameters, self.speed) <= result) || ((self_before.rear_angle + (parameters.rear_rate_max * 0.01f)) <= result), "to the right of front wheels to the left, it is within opposite_phase_max, or returns at rear_rate_max");
     CONTRACT_ENSURE(!self.speed_known || (self.front_angle > 0.0f) || (result <= opposite_phase_bound(&parameters, self.speed)) || (result <= (self_before.rear_angle - (parameters.rear_rate_max * 0.01f))), "to the left of front wheels to the right, it is within opposite_phase_max, or returns at rear_rate_max");
+    CONTRACT_ENSURE(lies_between(opposite_phase_bound(&parameters, self.speed), 0.0f, parameters.rear_angle_max + 1.0f), "the bound is not negative, and close to rear_angle_max at most");
     check_end();
 }

@@ -53,6 +53,7 @@ void prove_ars_limiter_step_mirrored(void)
 
     ars_limiter_step_requires(&self, &parameters, &input);
     self_before = self;
+    (void)self_before;
     ars_limiter_t mirrored = self;
     ars_limiter_input_t other = input;
     mirrored.rear_angle = -self.rear_angle;
