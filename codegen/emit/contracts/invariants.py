@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from codegen.configuration.signals import STATUSES
 from codegen.emit.contracts.conditions import E2E_COUNTER_MAX, REFERENCE_MAX_RAD_S, Conditions
 from codegen.emit.contracts.contract import Invariant
+from codegen.emit.controller_view import ACTUATOR_SAMPLES_MAX
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
 from codegen.emit.parameters import ParameterView
 
@@ -150,5 +151,6 @@ class Invariants(Conditions):
             yield from (claim.condition for claim in self.signals_in_range(frame, f"value->{name}."))
         yield f"(value->counter <= {E2E_COUNTER_MAX}u)"
         yield f"((value->backlog <= {TASK_COUNT_MAX}u) && (value->disturbance <= {TASK_COUNT_MAX}u))"
+        yield f"(value->actuator_samples <= {ACTUATOR_SAMPLES_MAX + 1}u)"
         yield self.within("value->expected_angle", self.high("rear_angle_max"))
         yield from (f"is_flag(value->{name})" for name in ("conditions.inhibit", "conditions_close", "started"))

@@ -261,6 +261,7 @@ static inline bool ars_task_holds(const ars_task_t *value)
         && ((value->conditions.lateral_acceleration != value->conditions.lateral_acceleration) || lies_between(value->conditions.lateral_acceleration, -32.768f, 32.768f))
         && (value->counter <= 14u)
         && ((value->backlog <= 64u) && (value->disturbance <= 64u))
+        && (value->actuator_samples <= 60001u)
         && lies_within(value->expected_angle, 0.7853982f)
         && is_flag(value->conditions.inhibit)
         && is_flag(value->conditions_close)
@@ -276,14 +277,14 @@ static inline bool ars_map_speed_breakpoints_hold(uint32_t k)
 {
     return (k >= (uint32_t)ARS_MAP_SPEED_POINTS)
         || (lies_between(ars_map_speed_breakpoints[k], 0.0f, 150.0f)
-            && ((k == 0u) || (ars_map_speed_breakpoints[k - 1u] < ars_map_speed_breakpoints[k])));
+            && ((k == 0u) ? (ars_map_speed_breakpoints[0] <= 0.0f) : (ars_map_speed_breakpoints[k - 1u] < ars_map_speed_breakpoints[k])));
 }
 
 static inline bool ars_map_front_angle_breakpoints_hold(uint32_t k)
 {
     return (k >= (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS)
         || (lies_between(ars_map_front_angle_breakpoints[k], 0.0f, 1.2f)
-            && ((k == 0u) || (ars_map_front_angle_breakpoints[k - 1u] < ars_map_front_angle_breakpoints[k])));
+            && ((k == 0u) ? (ars_map_front_angle_breakpoints[0] <= 0.0f) : (ars_map_front_angle_breakpoints[k - 1u] < ars_map_front_angle_breakpoints[k])));
 }
 
 static inline bool ars_map_cell_holds(uint32_t row, uint32_t column)

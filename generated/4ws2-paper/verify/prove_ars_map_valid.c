@@ -31,10 +31,10 @@ bool are_increasing_of_lemma(const float *numbers, uint32_t count)
 {
     bool result;
 
-    CONTRACT_ASSUME(!result || (any_row >= count) || (numbers != ars_map_speed_breakpoints) || (any_row == 0u)
-        || (ars_map_speed_breakpoints[any_row - 1u] < ars_map_speed_breakpoints[any_row]));
-    CONTRACT_ASSUME(!result || (any_column >= count) || (numbers != ars_map_front_angle_breakpoints) || (any_column == 0u)
-        || (ars_map_front_angle_breakpoints[any_column - 1u] < ars_map_front_angle_breakpoints[any_column]));
+    CONTRACT_ASSUME(!result || (any_row >= count) || (numbers != ars_map_speed_breakpoints)
+        || ((any_row == 0u) ? (ars_map_speed_breakpoints[0] <= 0.0f) : (ars_map_speed_breakpoints[any_row - 1u] < ars_map_speed_breakpoints[any_row])));
+    CONTRACT_ASSUME(!result || (any_column >= count) || (numbers != ars_map_front_angle_breakpoints)
+        || ((any_column == 0u) ? (ars_map_front_angle_breakpoints[0] <= 0.0f) : (ars_map_front_angle_breakpoints[any_column - 1u] < ars_map_front_angle_breakpoints[any_column])));
     return result;
 }
 

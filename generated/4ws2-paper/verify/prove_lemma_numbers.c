@@ -32,7 +32,7 @@ static inline void lemma_numbers(void)
     increasing = are_increasing(numbers, count);
     (void)are_even(numbers, (count > 1u) ? (count - 1u) : 1u);
     CONTRACT_LEMMA_NUMBERS(!between || lies_between(numbers[k], low, high), "any number is in range");
-    CONTRACT_LEMMA_NUMBERS(!increasing || (k == 0u) || (numbers[k - 1u] < numbers[k]), "any number is above the one before");
+    CONTRACT_LEMMA_NUMBERS(!increasing || ((k == 0u) ? (numbers[0] <= 0.0f) : (numbers[k - 1u] < numbers[k])), "an axis starts at zero or below and increases");
 }
 
 /* The end of a proof. With CHECK_END its assertion must fail: otherwise no claim was reached. */

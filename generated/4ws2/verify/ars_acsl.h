@@ -248,6 +248,7 @@
         && (\is_NaN(value->conditions.lateral_acceleration) || lies_between(value->conditions.lateral_acceleration, -32.768f, 32.768f))
         && value->counter <= 14u
         && value->backlog <= 64u && value->disturbance <= 64u
+        && value->actuator_samples <= 60001u
         && lies_within(value->expected_angle, 0.7853982f)
         && is_flag(value->conditions.inhibit)
         && is_flag(value->conditions_close)
@@ -261,12 +262,12 @@
 
 /*@
     predicate ars_map_speed_breakpoints_hold{L}(integer k) =
-        k >= (uint32_t)ARS_MAP_SPEED_POINTS || (lies_between(ars_map_speed_breakpoints[k], 0.0f, 150.0f) && (k == 0u || \lt_float(ars_map_speed_breakpoints[k - 1u], ars_map_speed_breakpoints[k])));
+        k >= (uint32_t)ARS_MAP_SPEED_POINTS || (lies_between(ars_map_speed_breakpoints[k], 0.0f, 150.0f) && ((k == 0u ==> \le_float(ars_map_speed_breakpoints[0], (float)0.0f)) && (!(k == 0u) ==> \lt_float(ars_map_speed_breakpoints[k - 1u], ars_map_speed_breakpoints[k]))));
 */
 
 /*@
     predicate ars_map_front_angle_breakpoints_hold{L}(integer k) =
-        k >= (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS || (lies_between(ars_map_front_angle_breakpoints[k], 0.0f, 1.2f) && (k == 0u || \lt_float(ars_map_front_angle_breakpoints[k - 1u], ars_map_front_angle_breakpoints[k])));
+        k >= (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS || (lies_between(ars_map_front_angle_breakpoints[k], 0.0f, 1.2f) && ((k == 0u ==> \le_float(ars_map_front_angle_breakpoints[0], (float)0.0f)) && (!(k == 0u) ==> \lt_float(ars_map_front_angle_breakpoints[k - 1u], ars_map_front_angle_breakpoints[k]))));
 */
 
 /*@
