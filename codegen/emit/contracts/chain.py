@@ -64,10 +64,11 @@ class ChainUnits(Conditions):
             f"{self.own('limiter_input_t')} other = input;",
             *(f"{copy}.{name} = -{original}.{name};" for copy, original, name in odd),
         )
-        facts = f"const {self.real} mirrored_result = {step.function}(&mirrored, &parameters, &other);"
+        *_, in_phase = step.facts
+        facts = (f"const {self.real} mirrored_result = {step.function}(&mirrored, &parameters, &other);", in_phase)
         mirrored = Claim("the mirrored angles give the mirrored result", "are_mirrored(result, mirrored_result)")
         alone: dict[str, Any] = {"stand_in": "bound_of_lemma", "replaced": ("magnitude", "opposite_phase_bound")}
-        return replace(step, part="_mirrored", before=before, facts=(facts,), more=(mirrored,), only_claims=True, **alone)
+        return replace(step, part="_mirrored", before=before, facts=facts, more=(mirrored,), only_claims=True, **alone)
 
     def _bounded_over_speed(self) -> Iterator[Claim]:
         """Claims that no caller uses: the bound against the front wheels, and that the limiter does nothing of its own."""
