@@ -166,7 +166,8 @@ LIMITS = (
     "code is the subject of the processor in the loop.",
     "It assumes that pointers are valid and do not overlap, that one call at a time uses a state, and that calibration does "
     "not change during a call.",
-    "An index inside a struct is checked against the whole object only. The abstract interpretation checks the array.",
+    "An index inside a struct is checked against the whole object only. The abstract interpretation checks arrays that are "
+    "indexed by name; lemma_gains covers the schedule of gains, which is read through pointers.",
     "A function that calls others is proved with their contracts in place of their code. Each of these is proved too.",
 )
 
