@@ -201,7 +201,7 @@ def margins() -> Figure:
                 markerfacecolor=look.WHITE,
                 label="worst of the family, designed",
             )
-            axes.axhline(demand, color=look.GREEN, linestyle="--", linewidth=1.1, label="asked of every member")
+            axes.axhline(demand, color=look.GREEN, linestyle="--", linewidth=1.1, label="required of every car")
             axes.axhline(warning, color=look.GREY, linestyle=":", linewidth=1.1, label="a build warns below")
             axes.set(xlabel=look.SPEED_LABEL, ylabel=label, xlim=(speed_km_h[0], speed_km_h[-1]), ylim=(0.0, None))
             axes.grid(True)

@@ -72,6 +72,11 @@ class Scenario:
     path: PathOf | None = None
 
     @property
+    def step_time(self) -> float | None:
+        """Time of the steering step in s; None for a scenario of another kind."""
+        return self.steer_time if self.kind == "step" else None
+
+    @property
     def title(self) -> str:
         """The subject with its angle, speed and road, for plots and the console."""
         settings, parts = self.settings, []

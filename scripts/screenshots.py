@@ -36,7 +36,7 @@ def main() -> int:
     target.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright, explorer() as address:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
-        shown = {"report": (REPORT.as_uri(), "html[data-printable=yes]"), "explore": (address, "#pictures[data-drawn]")}
+        shown = {"report": (REPORT.as_uri(), "html[data-drawn=yes]"), "explore": (address, "#pictures[data-drawn]")}
         shown |= {f"guide-{page.partition('.')[0]}": ((GUIDE / page).as_uri(), "[role=main]") for page in PAGES}
         for width in WIDTHS:
             for scheme in SCHEMES:

@@ -89,6 +89,14 @@ def split(text: str, where: object) -> Cells:
     Raises:
         ImportFault: there is no table, or a line has another number of cells than the first, or a title stands above the names.
     """
+    try:
+        return _split(text, where)
+    except csv.Error as error:
+        remedy = "give a table with a separator between the cells"
+        raise ImportFault(f"a line cannot be split into cells ({error})", where=where, remedy=remedy) from None
+
+
+def _split(text: str, where: object) -> Cells:
     lines = [(number, line) for number, line in enumerate(text.split("\n"), start=1) if not _is_empty(line)]
     comments = [(number, line) for number, line in lines if line.lstrip()[0] in COMMENT]
     lines = [(number, line) for number, line in lines if line.lstrip()[0] not in COMMENT]
@@ -136,11 +144,7 @@ def _line(number: int, line: str, separator: str | None, *, head: bool) -> Line:
     if separator is None:
         cells = line.split()
         return Line(number, tuple(_with_units(cells) if head else cells))
-    try:
-        row = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
-    except csv.Error as error:
-        remedy = "give a table with a separator between the cells"
-        raise ImportFault(f"cannot be split into cells ({error})", where=f"line {number}", remedy=remedy) from None
+    row = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
     return Line(number, tuple(cell.strip() for cell in row))
 
 

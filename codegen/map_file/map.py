@@ -97,7 +97,7 @@ class ReferenceMap:
         case: name of the case in it.
         meta: the parsed JSON of the file; {} where it has none.
         layers: the stack, lowest friction first; () where the file has none. A layer's map always has the configuration
-            (`road.on_road`), case and meta of this one: replacing those here replaces them there.
+            (`on_road`), case and meta of this one: replacing those here replaces them there.
 
     Raises:
         ConfigError: the configuration is invalid for a friction of the stack.

@@ -1,7 +1,7 @@
 """Solve the steady-turn problem point by point with IPOPT: the reference for the other solvers.
 
 The solver shares no equations with `exact` or `nonlinear`. The variables are (beta, r, delta_r); steady state is an equality
-constraint made from the CasADi models (see `ipopt_turns`). The solver is built once and warm-started along the grid. Where the
+constraint made from the CasADi models (see `turns`). The solver is built once and warm-started along the grid. Where the
 objective is concave over the steady turns, it starts from both ends and keeps the better result.
 """
 

@@ -170,8 +170,8 @@ def _controller(config: Config) -> Iterator[str]:
             f"{min(family):g} to {max(family):g}; include it there and run `codegen tune`"
         )
     schedule, lead = controller.tracking.schedule, controller.tracking.lead_s
-    # Without a schedule, the default stands for a lead that `codegen tune` is yet to choose.
-    is_fixed = lead != Tracking.model_fields["lead_s"].default if schedule is None else schedule.lead_s is None
+    # The default stands for a lead that nobody chose.
+    is_fixed = lead != Tracking.model_fields["lead_s"].default and (schedule is None or schedule.lead_s is None)
     low, high = LEAD_PER_LAG
     if is_fixed and not low * lag <= lead <= high * lag:
         factor = _beyond(lead / lag, LEAD_PER_LAG)

@@ -32,7 +32,17 @@ from codegen.report.html.page import render
 from codegen.report.html.report import Material, sections
 from codegen.report.map_plots import front_angle_cut_figure, three_maps_figure
 from codegen.report.paper_tables import CASES, RUNS, TABLE_FRONT_ANGLE_DEG, TableRow, optimum_rows, optimum_table, run_table
-from codegen.report.run_plots import YAW_RATE_SIGNAL, column, draw_signal, looks_of, run_figure, run_handles, run_window
+from codegen.report.run_plots import (
+    YAW_RATE_SIGNAL,
+    column,
+    draw_signal,
+    looks_of,
+    run_figure,
+    run_handles,
+    run_window,
+    signal_limits,
+)
+from codegen.report.scenario_plots import AFTER_STEP, after_step
 from codegen.report.style import (
     FRONT_ANGLE_LABEL,
     SPEED_LABEL,
@@ -181,12 +191,13 @@ def reproduce(folder: Path, done: Callable[[int, int], None] | None = None) -> R
 
 
 def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], records: Mapping[str, Any]) -> dict[str, Path]:
+    step = find(DEFAULT)
     figures = {
         "maps": three_maps_figure(maps),
         "front-angle-4deg": front_angle_cut_figure(maps, math.radians(TABLE_FRONT_ANGLE_DEG)),
         "tyres": tyre_figure(config),
-        "c1-c2": run_figure(records, find(DEFAULT).title),
-        "overview": overview_figure(config, maps, records),
+        "c1-c2": run_figure(after_step(records, step), step.title, limits=signal_limits(config), time_label=AFTER_STEP),
+        "overview": overview_figure(config, maps, after_step(records, step)),
     }
     paths = {}
     for name, figure in figures.items():
@@ -224,7 +235,7 @@ def _report(
 
 
 def overview_figure(config: Config, maps: Mapping[str, ReferenceMap], runs: Mapping[str, FloatArray]) -> Figure:
-    """Draw the 4WS-2 map and its closed-loop step response in one wide picture, 1600 by 620 pixels.
+    """Draw the 4WS-2 map and its closed-loop step response in one wide picture, 1600 by 620 pixels; time zero is the step.
 
     Raises:
         PlotError: there is no map "4ws-2", or the runs cannot be drawn.
@@ -239,7 +250,7 @@ def overview_figure(config: Config, maps: Mapping[str, ReferenceMap], runs: Mapp
         _draw_overview_map(figure, left, reference_map, runs)
         left.set_title(f"Optimal yaw-rate map 4WS-2, road friction {config.road.friction:g}")
         draw_signal(right, runs, looks, YAW_RATE_SIGNAL, window)
-        right.set(xlabel="Time (s)", ylabel=YAW_RATE.label, title="Generated C in the loop: step steer")
+        right.set(xlabel=AFTER_STEP, ylabel=YAW_RATE.label, title="Generated C in the loop: step steer")
         right.legend(handles=run_handles(right, "reference"), loc="lower right")
     return figure
 

@@ -27,6 +27,7 @@ FIT_LINE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.1}
 GUIDE: dict[str, Any] = {"color": GREY, "linewidth": 0.9, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}
 CONTROLLED = "controlled"
 """Name of the build's run in `runs`."""
+AFTER_STEP = "Time after the step (s)"
 TITLE_LENGTH = 64
 """Largest number of characters of name and title on one line."""
 LINE_LENGTH = 78
@@ -72,8 +73,12 @@ def scenario_figure(
     limits = signal_limits(config)
     if scenario.kind != "step":
         return run_figure(runs, title, of_map=of_map, limits=limits)
-    after = {run: np.column_stack([record[:, 0] - scenario.steer_time, record[:, 1:]]) for run, record in runs.items()}
-    return run_figure(after, title, of_map=of_map, limits=limits, time_label="Time after the step (s)")
+    return run_figure(after_step(runs, scenario), title, of_map=of_map, limits=limits, time_label=AFTER_STEP)
+
+
+def after_step(runs: Mapping[str, FloatArray], scenario: Scenario) -> dict[str, FloatArray]:
+    """Return the runs with the time of the step as zero."""
+    return {run: np.column_stack([record[:, 0] - scenario.steer_time, record[:, 1:]]) for run, record in runs.items()}
 
 
 def _named(runs: Mapping[str, FloatArray], config: Config) -> dict[str, FloatArray]:

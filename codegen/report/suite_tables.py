@@ -35,7 +35,7 @@ def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
     """Yield titles and texts in reading order."""
     yield f"Requirements, and results of {result.tested}", requirement_table(result.requirements)
     if why := explanation(result.requirements, result.limits):
-        yield "Missed limits, and their reasons", why
+        yield "Missed limits, and what they are for", why
     yield from condition_tables(result)
     yield "The paper's step, C1", c1_table(result)
     if result.margins:
@@ -141,7 +141,7 @@ def car_sections(result: CarsResult) -> Iterator[tuple[str, str]]:
     limits = "; ".join(f"{row.figure} {row.asked}" for row in driven[0].requirements) if driven else ""
     yield "Limits of every car", _wrapped(f"{limits}. {told}")
     if why := explanation([row for car in driven for row in car.requirements], result.limits):
-        yield "Missed limits, and their reasons", why
+        yield "Missed limits, and what they are for", why
     yield "Result", f"{result.passed} of {len(result.cars)} cars meet all limits"
 
 

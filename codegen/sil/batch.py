@@ -132,7 +132,7 @@ class Lanes:
     """Values that differ between the n runs of a batch: an array (n,), or one number for all runs.
 
     Attributes:
-        cars: (n, k), rows from `vehicle.dynamics.plant_parameters`, columns PLANT_PARAMETERS.
+        cars: (n, k), rows from `vehicle.plant_car.plant_parameters`, columns PLANT_PARAMETERS.
         speed_factor: multiplies the scenario's speed; above zero.
         wheel_factor: multiplies the scenario's steering-wheel command.
         friction: replaces the road friction of the scenario. A friction that changes over time is instead multiplied by the

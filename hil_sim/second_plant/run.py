@@ -100,7 +100,7 @@ def run(
         config: of the car (see `car_of`), its actuators and time steps; may differ from the build's.
         scenario: scenario; its faults are ignored, because there is no bus.
         delay_samples: control samples between computing a command and its acting.
-        parameters: of the car; None takes the default of `package.published`.
+        parameters: of the car; None takes the default of `plant.published`.
         controller_parameters: a C parameter struct; None takes the build's.
 
     Raises:

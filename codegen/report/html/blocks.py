@@ -89,7 +89,7 @@ class Gallery:
 
 @dataclass(frozen=True)
 class Cuts:
-    """The map cut at a front angle and at a speed, moved by sliders; `data` as `maps.cut_data` makes it."""
+    """The map cut at a front angle and at a speed, moved by sliders; `data` as `maps._cut_data` makes it."""
 
     data: Mapping[str, Any]
     caption: str

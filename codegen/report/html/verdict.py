@@ -134,8 +134,7 @@ def _pictures(material: Material) -> Iterator[Chart]:
     yield _named(first, "verdict-map")
     if material.runs and material.scenario is not None:
         scenario = material.scenario
-        step_time = scenario.steer_time if scenario.kind == "step" else None
-        chart = runs.run_chart(material.runs, material.config, scenario.title, runs.PANELS[:1], step_time)
+        chart = runs.run_chart(material.runs, material.config, scenario.title, runs.PANELS[:1], scenario.step_time)
         yield _named(chart, "verdict-run")
 
 

@@ -1,6 +1,6 @@
 """Drives that bring counters to their limits: inputs held for an hour, and inputs chosen by the state.
 
-A drive of an hour is a few samples that repeat; see `repetition`. The lengths of losses lie around the powers of two at which a
+A drive of an hour is a few samples that repeat; see `pairs`. The lengths of losses lie around the powers of two at which a
 counter would overflow.
 """
 
