@@ -137,7 +137,7 @@ def choice(speed_km_h: float = 43.35, front_angle_deg: float = 4.0) -> Figure:
 
 
 def rules() -> Figure:
-    """Where each cell of the total map comes from."""
+    """Draw the rule that each cell of the total map comes from."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 

@@ -1,4 +1,4 @@
-"""The clocks of car and ECU, which no bus synchronises: in some cycles of the task no frame comes, in others two do."""
+"""Clocks of car and ECU, which are not synchronised: some cycles of the task receive no frame, others two."""
 
 from __future__ import annotations
 

@@ -216,7 +216,7 @@ class _Tables:
     _searches: dict[tuple[Spacing, float], Search] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def search(self, spacing: Spacing, bytes_max: float) -> Search:
-        """Return the search for axes of a spacing within a number of bytes, for any bound."""
+        """Return the search among axes of one spacing within `bytes_max` bytes; it serves every bound on the error."""
         key = (spacing, bytes_max)
         if key not in self._searches:
             self._searches[key] = Search(self.surface, self.layouts, spacing, self.bytes_of, bytes_max)

@@ -90,7 +90,7 @@ def grip_surfaces(
     gain = turns.problem.car.yaw_gain(speeds)[:, np.newaxis]
     rows = [_row(angles, float(gain[i, 0]), optimum[:, i]) for i in range(points)]
     asked, line, rear_angle, left, least = (np.array(table) for table in zip(*rows, strict=True))
-    # Where another bound limits the optimum, a grip limit known elsewhere must not.
+    # Where another bound limits the optimum, the grip limit of neighbouring points must not limit it.
     known = _between_rows(speeds, left * speeds[:, np.newaxis])
     acceleration = np.fmax(np.where(np.isnan(known), cap, known), least * speeds[:, np.newaxis])
     asked, line, rear_angle = (_between_rows(speeds, table) for table in (asked, line, rear_angle))

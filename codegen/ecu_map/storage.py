@@ -1,4 +1,4 @@
-"""What an ECU stores of a map: the axes of the lookup and the numbers of the tables.
+"""The part of a map that an ECU stores: the axes of the lookup and the numbers of the tables.
 
 An axis is evenly spaced, perhaps with one wider cell at either end, or uneven. The even kind finds its cell with one
 multiplication; the uneven kind with a binary search of fixed length. Tables hold real numbers, or 16-bit integers with one

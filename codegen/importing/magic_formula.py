@@ -278,7 +278,7 @@ def _units(file: PropertyFile) -> tuple[float, float]:
         choice = {"FORCE": "'newton' or 'kN'", "ANGLE": "'radian' or 'degree'"}[key]
         if entry is None:
             remedy = f"add {key} = {choice} to [UNITS]"
-            raise ImportFault(f"[UNITS] says nothing of {key}", where=file.source.path, remedy=remedy)
+            raise ImportFault(f"[UNITS] does not have {key}", where=file.source.path, remedy=remedy)
         word = entry.text.lower()
         size = known.get(word, known.get(word.removesuffix("s")))
         if size is None:

@@ -157,7 +157,7 @@ def _imported(source: Source, found: Contents | None, choices: Choices, given: M
     columns = {key: {"name": raw.names[key].text, "unit": units[key]} for key in raw.values}
     reference_map = replace(from_arrays(arrays, path), meta=_meta(source, columns))
     overruled = [
-        f"{name.text} is taken in {given[key]}, as --units says"
+        f"{name.text} is taken in {given[key]}, as given with --units"
         for key, name in raw.names.items()
         if key in given and name.unit not in (None, given[key])
     ]
@@ -191,7 +191,7 @@ def _units(raw: RawMap, given: Mapping[str, str], source: Source) -> dict[str, s
         choice = {each: "|".join(FACTORS[QUANTITIES[each].kind]) for each in missing}
         pairs = ",".join(f"{each}={unit}" for each, unit in (likely or choice).items())
         raise ImportFault(
-            f"nothing says in which unit {key} is",
+            f"the unit of {key} is not known",
             where=f"{source.path}: {raw.names[key].text}",
             remedy=f"add --units {pairs}" + (" (these would fit the values)" if likely else ""),
         )

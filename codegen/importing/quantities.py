@@ -363,7 +363,7 @@ def _doubts_of_motion(speed: FloatArray, angle: FloatArray, yaw_rate: FloatArray
     said = f"with vx in {units['vx']}, delta_f in {units['delta_f']} and yaw_rate in {units['yaw_rate']}"
     in_g = speed[:, np.newaxis] * yaw_rate / GRAVITY
     if np.isfinite(in_g).any() and np.nanmax(in_g) > ACCELERATION_MAX_G:
-        what = f"{said} the map asks for {np.nanmax(in_g):.3g} g of lateral acceleration, above {ACCELERATION_MAX_G:g} g"
+        what = f"{said} the map requires {np.nanmax(in_g):.3g} g of lateral acceleration, above {ACCELERATION_MAX_G:g} g"
         yield _Doubt(("vx", "yaw_rate"), what)
     length = _turning_lengths(speed, angle, yaw_rate)
     slow = _slow_turns(length, speed)

@@ -332,7 +332,9 @@ def _matrix(cells: Cells, top: Line, body: tuple[Line, ...], rows: Axis | None, 
         raise ImportFault(NO_HEAD, where=place, remedy=f"{NAMES_WANTED}; {A_TITLE}")
     corner = top.cells[0].strip()
     if cells.is_number(corner) and corner and not math.isnan(cells.value(top, 0, source.path)):
-        raise ImportFault("the first line has no names", where=place, remedy=NAMES_WANTED + ", or leave a matrix' corner empty")
+        raise ImportFault(
+            "the first line has no names", where=place, remedy=NAMES_WANTED + ", or leave the corner of a matrix empty"
+        )
     names, found = _corner("" if cells.is_number(corner) else corner, place)
     if rows is not None and found is not None and rows != found:
         raise ImportFault(f"the corner says that the rows are {found}", where=place, remedy="leave --rows out")

@@ -69,7 +69,7 @@ def read_archive(
 
 
 def _read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, place: str) -> AnyArray:
-    # Other methods of compression allocate what their stream asks for.
+    # Other methods of compression allocate as much memory as their stream states.
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise MapError("compressed in a way that NumPy does not use", where=place, remedy=SAVE_AS)
     with _refuse_damage(place):

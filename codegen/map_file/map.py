@@ -55,7 +55,7 @@ def on_road(config: Config, friction: float) -> Config:
             "tyre": config.tyre.model_copy(update=tyres),
         }
     )
-    # Copies are unchecked, and this one may end in a file.
+    # `model_copy` validates nothing, and this configuration may be written into a file.
     return parse(changed.model_dump(mode="json"), f"on a road of friction {friction:g}")
 
 
@@ -83,7 +83,7 @@ class FrictionLayer:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceMap:
-    """Yaw rates for n speeds and m front angles. SI units, ISO 8855 signs; a left turn, for the map is symmetric.
+    """Yaw rates for n speeds and m front angles, in left turns: right turns mirror them. SI units, ISO 8855 signs.
 
     Attributes:
         speed: (n,) m/s, strictly increasing, zero or above.

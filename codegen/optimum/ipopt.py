@@ -271,7 +271,7 @@ def _best(solvers: _Solvers, parameters: FloatArray, starts: list[FloatArray]) -
     if not found:
         return None
     least = min(objective for objective, _ in found)
-    # Without a weight on sideslip a turn to the right can be as good; a front angle to the left asks for the left one.
+    # Without a weight on sideslip a turn to the right can be as good; a front angle to the left selects the left one.
     equal = [point for objective, point in found if objective <= least + _TIE * max(1.0, abs(least))]
     return max(equal, key=lambda point: float(point[1]))
 

@@ -264,7 +264,7 @@ def _until_unstable(problem: SteadyTurnProblem, car: SteadyCar, found: Curves, l
 
 
 def _first(there: BoolArray) -> IndexArray:
-    """(p,): of the samples (SAMPLES, p) the first that is; SAMPLES where none is."""
+    """Return the index (p,) of the first true sample of each column of (SAMPLES, p); SAMPLES where there is none."""
     return np.where(there.any(axis=0), there.argmax(axis=0), SAMPLES)
 
 

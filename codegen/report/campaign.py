@@ -94,7 +94,7 @@ def factors_of(row: Mapping[str, float]) -> str:
     for key in FACTORS:
         if key in row and key not in DRIVEN and key not in IN_TITLE:
             name, unit = next((key.removesuffix(f"_{ending}"), unit) for ending, unit in UNITS if key.endswith(f"_{ending}"))
-            # A percentage of this kind, and a shift, is a change of the configured car.
+            # A factor whose range includes negative numbers is a change of the configured car: it has a sign.
             sign = "+" if FACTORS[key].low < 0.0 else ""
             told.append(f"{name.replace('_', ' ')} {round(row[key], 3) + 0.0:{sign}.3g}\N{NO-BREAK SPACE}{unit}")
     return ", ".join(told)

@@ -136,7 +136,7 @@ class Profile:
     def digest(self) -> str:
         """SHA-256 of the inputs and of what `amplitudes` and the figures read, in hexadecimal digits."""
         own = self.scenario
-        # The inputs have REFERENCE_ANGLE_DEG: the own amplitude is in the settings, or follows from the car by a rule.
+        # The inputs are for REFERENCE_ANGLE_DEG. The amplitude of the scenario is in its settings, or follows from the car.
         read = (own.kind, own.steer_time, self.steer_time, own.angle_text, asdict(own.settings))
         found = hashlib.sha256(json.dumps(read).encode())
         found.update(np.ascontiguousarray(self.inputs).tobytes())
@@ -152,7 +152,7 @@ class Profile:
             return np.full(speeds.shape, np.radians(self.scenario.settings.steering_wheel_angle_deg))
         wheel = self.inputs[:, WHEEL]
         at = int(np.abs(wheel).argmax())
-        # The same instant in the whole scenario, which begins before the profile.
+        # The same time, counted from the start of the scenario, which begins before the profile.
         time = np.array([at * config.plant.sampling_time_s + self.scenario.steer_time - self.steer_time])
         each, place = np.unique(speeds, return_inverse=True)
         found = np.empty(each.shape)

@@ -112,7 +112,7 @@ class _Run:
         streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
         with (
             tempfile.TemporaryDirectory() as folder,
-            # A session of its own: the solver is a child that would go on.
+            # A session of its own, so that the solver, a child process, ends with it.
             subprocess.Popen(
                 ["sh", "-c", command],
                 cwd=self.build,

@@ -251,7 +251,7 @@ def tracking_law() -> Figure:
 
 
 def status_machine() -> Figure:
-    """What `status` may become from one step to the next."""
+    """Draw the values of `status` and how one follows another."""
     with style():
         figure = new_figure(7.4, 4.5)
         axes = figure.subplots()

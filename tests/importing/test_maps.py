@@ -103,7 +103,7 @@ def test_the_command_writes_the_map_and_prints_how_it_was_read(run: Run, tmp_pat
     answer = run("import", path, "--delta-r", "rear_rad", "--units", "delta_r=deg", "-o", output, "--json")
     printed = json.loads(answer.out)
     assert printed["variables"]["delta_r"] == {"name": "rear_rad", "unit": "deg"}
-    assert {"columns left out: extra", "rear_rad is taken in deg, as --units says"} <= set(printed["read"])
+    assert {"columns left out: extra", "rear_rad is taken in deg, as given with --units"} <= set(printed["read"])
     made = npz.load(output)
     assert made.sideslip is not None and made.rear_angle is not None
     np.testing.assert_allclose(made.rear_angle[0], np.radians([1.0, 1.5]), rtol=1e-15)
@@ -190,7 +190,7 @@ BAD_TABLES = [
     (GOOD.replace("5,0.2,0.2", "5,0.2,1_0"), "line 3: '1_0' where a number is needed"),
     (GOOD.replace("5,0.2,0.2", "5,0.2"), "line 3: 2 cells, where the first line has 3"),
     (GOOD.replace("yaw_rate_rad_s", "gier"), "no variable is called yaw_rate or the like; name it with --yaw-rate NAME"),
-    (GOOD.replace("vx_m_s", "vx"), "x.csv: vx: nothing says in which unit vx is; add --units vx="),
+    (GOOD.replace("vx_m_s", "vx"), "x.csv: vx: the unit of vx is not known; add --units vx="),
     (GOOD.replace("delta_f_rad", "v_m_s"), "'vx_m_s' and 'v_m_s' may both be vx; name one with --vx NAME"),
     (GOOD.replace("9,0.2,0.3", "9,0.2,-0.3"), "yaw_rate[1, 1]: -0.3 is outside 0 to 10 rad/s"),
     (GOOD.partition("\n")[2], "line 1: the first line has no names"),
@@ -230,7 +230,7 @@ IMPLAUSIBLE = [
     ((1.0, 1.0, 1.0), "vx=km/h,delta_f=deg,yaw_rate=rad/s", "delta_f goes to 0.2 deg", "delta_f=rad,vx=m/s"),
     ((1.0, 0.2, 0.057), UNITS, "a wheelbase of 10.2 m (at most 8)", "vx=km/h"),
     ((100.0, 1.0, 1.0), UNITS, "vx goes to 3000 m/s", "check the units of all three"),
-    ((3.6, DEGREES, DEGREES), None, "nothing says in which unit vx is", f"add --units {ALL_THREE} (these would fit the v"),
+    ((3.6, DEGREES, DEGREES), None, "the unit of vx is not known", f"add --units {ALL_THREE} (these would fit the v"),
     ((1.0, 40.0, 1.0), UNITS, "delta_f goes to 8 rad", WHEEL),
 ]
 

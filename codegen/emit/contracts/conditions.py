@@ -139,7 +139,7 @@ class Conditions:
 
     @property
     def has_plain_map(self) -> bool:
-        """Whether the map has one table a quantity, of real numbers: lemmas on other storage are still missing."""
+        """Return whether each quantity of the map is one table of real numbers. Other storage has no lemmas yet."""
         view = self.map
         return not (view.is_raw or view.stacked or view.grip)
 

@@ -180,7 +180,7 @@ class ControlUnits(Conditions):
         yield Claim(f"the fail-safe starts no later than when {words}", f"!({' && '.join(lost)}) || ({status})")
 
     def _returns(self, angle: str, before: str) -> Iterator[Claim]:
-        """In standby and fail-safe the angle returns to zero, by its rate or as fast as the limiter lets it."""
+        """Yield that the angle returns to zero in standby and fail-safe, at the rate of the status or of the limiter."""
         limiter, zero = self.step("parameters->limiter.rear_rate_max"), self.number(0.0)
         for status in ("standby", "fail_safe"):
             step = self.step(f"parameters->{status}_rate")

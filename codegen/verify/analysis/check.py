@@ -45,7 +45,7 @@ Rows = list[tuple[int, Deviation]]
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Run check 2 on a build.
+    """Analyse the C of a build.
 
     Raises:
         MissingTool: cppcheck is not installed, or does not work.

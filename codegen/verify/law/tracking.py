@@ -117,7 +117,7 @@ class SecondReferenceModel:
     """States (sideslip, yaw rate, rear angle) and inputs (speed, front angle, rear angle, friction) as arrays of one shape."""
 
     is_constant = True
-    """It is given the state and returns the next one; see `pairs.state_of`."""
+    """The object itself has no state: `step` receives one and returns the next; see `pairs.state_of`."""
 
     def __init__(self, config: Config, real: Any) -> None:
         actuator, period = config.rear_actuator, config.controller.sampling_time_s

@@ -90,7 +90,7 @@ def find_compiler() -> Compiler:
     candidates: list[tuple[str, ...]] = []
     with contextlib.suppress(BuildError):
         candidates.append(compiler_command())
-    # An explicit choice is not overruled: the result is for the user's compiler.
+    # If the user names a compiler with CC, no other one is tried.
     others = (
         () if os.environ.get("CC", "").strip() else ("gcc", "clang", *(f"clang-{version}" for version in range(30, 10, -1)))
     )
