@@ -81,9 +81,10 @@ def test_a_fixed_lead_of_another_actuator_is_found(schedule: Any, lead: float, l
     assert [f"controller.tracking.lead_s = {lead:g} is {lead / lag:.2g} times" in text for text in found] == [True] * is_found
 
 
-def test_a_lead_that_is_tuned_or_yet_to_be_tuned_has_no_warning() -> None:
+def test_a_lead_that_is_tuned_or_the_default_has_no_warning() -> None:
     slow = {"lag_s": 0.08}
-    assert car_warnings(hatchback(rear_actuator=slow)) == ()
+    for schedule in (None, SCHEDULE):
+        assert car_warnings(hatchback(controller={"tracking": {"schedule": schedule}}, rear_actuator=slow)) == ()
     tuned = {"schedule": {**SCHEDULE, "lead_s": [0.0, 0.03], "response_gain_s": [0.1, 0.1]}, "lead_s": 0.05}
     assert car_warnings(hatchback(controller={"tracking": tuned}, rear_actuator=slow)) == ()
 
