@@ -42,8 +42,9 @@ from codegen.report.run_plots import (
     run_window,
     signal_limits,
 )
-from codegen.report.scenario_plots import AFTER_STEP, after_step
+from codegen.report.scenario_plots import after_step
 from codegen.report.style import (
+    AFTER_STEP,
     FRONT_ANGLE_LABEL,
     SPEED_LABEL,
     VERMILION,

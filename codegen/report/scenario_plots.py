@@ -13,7 +13,19 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import one_line
 from codegen.report.run_plots import Mark, Span, heading, looks_of, run_figure, signal_limits, until_spin
-from codegen.report.style import FRONT_ANGLE, GREY, REAR_ANGLE, RUN_NAMES, legend_below, line_handle, new_figure, plain, style
+from codegen.report.style import (
+    AFTER_STEP,
+    FREQUENCY_TICKS,
+    FRONT_ANGLE,
+    GREY,
+    REAR_ANGLE,
+    RUN_NAMES,
+    legend_below,
+    line_handle,
+    new_figure,
+    plain,
+    style,
+)
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -27,12 +39,10 @@ FIT_LINE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.1}
 GUIDE: dict[str, Any] = {"color": GREY, "linewidth": 0.9, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}
 CONTROLLED = "controlled"
 """Name of the build's run in `runs`."""
-AFTER_STEP = "Time after the step (s)"
 TITLE_LENGTH = 64
 """Largest number of characters of name and title on one line."""
 LINE_LENGTH = 78
 """Largest number of characters on one line."""
-FREQUENCY_TICKS = (0.2, 0.5, 1.0, 2.0, 3.0)
 
 
 def scenario_figure(

@@ -39,7 +39,10 @@ INFEASIBLE_FACE, INFEASIBLE_HATCH = "#E2E2E2", "#A6A6A6"
 
 FRONT_ANGLE, REAR_ANGLE = r"$\delta_f$", r"$\delta_r$"
 SPEED_LABEL = "Speed (km/h)"
+AFTER_STEP = "Time after the step (s)"
 FRONT_ANGLE_LABEL = f"Front angle {FRONT_ANGLE} (deg)"
+FREQUENCY_TICKS = (0.2, 0.5, 1.0, 2.0, 3.0)
+"""Ticks of a frequency axis, in Hz."""
 
 RUN_NAMES = {
     "C1": "C1 (4WS-2 map, PI)",

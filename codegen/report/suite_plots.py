@@ -14,6 +14,7 @@ import numpy as np
 
 from codegen.design.margins import WARN_PHASE_MARGIN_DEG
 from codegen.report.style import (
+    AFTER_STEP,
     BLACK,
     GREY,
     SPEED_LABEL,
@@ -239,7 +240,7 @@ def overview_figure(result: SuiteResult) -> Figure:
         spun = False
         for axes, shown in zip(panels[0], (result.shown[0], result.shown[-1]), strict=True):
             spun |= draw_step(axes, result, shown, "yaw_rate_rad_s", looks)
-            axes.set(xlabel="Time after the step (s)", ylabel="Yaw rate (deg/s)", title=f"Step steer, {cell_title(shown)}")
+            axes.set(xlabel=AFTER_STEP, ylabel="Yaw rate (deg/s)", title=f"Step steer, {cell_title(shown)}")
         draw_margins(panels[1, 0], result, *MARGIN_PANELS[1])
         asked = result.limits.phase_margin_deg
         for level, text in ((asked, "required of the worst car"), (WARN_PHASE_MARGIN_DEG, "a build warns below")):

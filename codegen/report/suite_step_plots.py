@@ -10,6 +10,7 @@ from codegen.arrays import FloatArray
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG
 from codegen.report.run_plots import SPIN_MARKER, SPIN_NAME, column, until_spin
 from codegen.report.style import (
+    AFTER_STEP,
     BLACK,
     CONTROLLER_COLOURS,
     GREY,
@@ -193,7 +194,7 @@ def steps_figure(result: SuiteResult) -> Figure:
                     axes.set_ylabel(label)
             title = "C1: " if place == 0 else ""
             panels[0, place].set_title(f"{title}{cell_title(shown)}")
-            panels[-1, place].set_xlabel("Time after the step (s)")
+            panels[-1, place].set_xlabel(AFTER_STEP)
         handles = [*name_handles(result, looks), *reference_handles(result)]
         handles += [spin_handle()] if spun else []
         figure.align_ylabels(panels[:, 0])

@@ -25,6 +25,7 @@ ANY_INDEX = ("any_row", "any_column")
 """Constants of any value, over which ACSL quantifies."""
 _COMPARISONS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
 _REALS = ("float", "double")
+_BEFORE = "_before"
 _UNSIGNED = ("uint32_t", "unsigned")
 _STRUCT = re.compile(r"^typedef struct \{\n(.*?)^\} (\w+);", re.S | re.M)
 _MEMBER = re.compile(r"^ +(?:const )?(\w+) (\*?)(\w+)((?:\[\w+\])*);", re.M)
@@ -89,6 +90,8 @@ def acsl_header(context: Mapping[str, Any], headers: Iterable[bytes]) -> bytes:
 
 
 class Translation:
+    """Contracts in ACSL, with the types of structs and tables that the headers define."""
+
     def __init__(self, real: str, headers: str, invariants: dict[str, Invariant]) -> None:
         self.real = real
         self.invariants = invariants
@@ -285,7 +288,7 @@ class Conditions:
         return self._term(node).text
 
     def _term(self, node: Any) -> _Term:
-        if (root := _root(node)).endswith("_before"):
+        if (root := _root(node)).endswith(_BEFORE) and root not in self.scope:
             return self._before(node, root)
         match node:
             case c_ast.Constant():
@@ -346,30 +349,15 @@ class Conditions:
             return _Term(name, "int")
         if name not in self.scope:
             raise NotExpressibleError(f"{name} is not an argument")
-        return _Term(r"\result" if name == "result" else name, self.scope[name])
+        return _Term(r"\result" if name == "result" else name.removesuffix(_BEFORE), self.scope[name])
 
     def _member(self, struct: str, name: str) -> str:
         return self.known.structs[struct][name].ctype
 
     def _before(self, node: Any, root: str) -> _Term:
         """Return the value of an lvalue before the call; its indices must not depend on the state."""
-        name = root.removesuffix("_before")
-        inner = Conditions(self.known, {root: self.scope[name], "k": "integer"})._plain(node, root)
-        return _Term(rf"\old({inner.text.replace(root, name)})", inner.ctype)
-
-    def _plain(self, node: Any, root: str) -> _Term:
-        match node:
-            case c_ast.ID(name=name) if name == root:
-                return _Term(name, self.scope[name])
-            case c_ast.StructRef():
-                base = self._plain(node.name, root)
-                return _Term(f"{base.text}{node.type}{node.field.name}", self._member(base.ctype, node.field.name))
-            case c_ast.ArrayRef():
-                base = self._plain(node.name, root)
-                return _Term(f"{base.text}[{self._argument(node.subscript)}]", base.ctype)
-            case _:
-                inner = self._plain(node.expr, root)
-                return _Term(f"{node.op}{inner.text}", inner.ctype)
+        inner = Conditions(self.known, {root: self.scope[root.removesuffix(_BEFORE)], "k": "integer"})._term(node)
+        return _Term(rf"\old({inner.text})", inner.ctype)
 
     def _cast(self, node: Any) -> _Term:
         ctype, inner = node.to_type.type.type.names[0], self._operand(node.expr)

@@ -21,6 +21,11 @@ class Claim:
     text: str
     condition: str
 
+    @property
+    def of_objects(self) -> str:
+        """The condition where arguments are objects instead of pointers."""
+        return self.condition.replace("->", ".")
+
 
 @dataclass(frozen=True)
 class Argument:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from typing import Any
 
 from codegen.configuration.signals import STATUSES
@@ -105,10 +104,10 @@ class ControlUnits(Conditions):
         steps = tuple(own(each) for each in ("inputs_step", "law_step", "limiter_step", *(f"grip_{name}" for name in grip[1:])))
         command, ensures = own("command_t"), tuple(self._commanded())
         sound: dict[str, Any] = {"includes": True, "stand_in": "is_sound_of_lemma", "replaced": ("is_sound",)}
-        step = Unit(
+        sound["more"] = tuple(self._behaved())
+        yield Unit(
             own("controller_step"), unit, arguments, command, True, (inhibit,), ensures, callees=(*init, *steps), **sound
         )
-        yield replace(step, more=tuple(replace(each, condition=each.condition.replace("->", ".")) for each in self._behaved()))
 
     def _commanded(self) -> Iterator[Claim]:
         status, angle, before = f"{self.upper}_STATUS", "result->rear_angle", "self_before->rear_angle"

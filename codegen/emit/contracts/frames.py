@@ -129,7 +129,7 @@ class FrameUnits(Conditions):
             layout = signal.layout
             assert isinstance(layout, RealSignal)
             limits = f"{layout.raw_low}, {layout.raw_high}, {layout.raw_not_available}"
-            codes[signal.definition.role] = f"to_code({signal.value.replace('->', '.')}, {signal.scale}, {limits})"
+            codes[signal.definition.role] = f"to_code({signal.value}, {signal.scale}, {limits})"
         for signal in frame.signals:
             role, layout, mask = signal.definition.role, signal.layout, f"0x{signal.mask:X}u"
             place = f"code_in(data, {layout.start_bit}u, {layout.length}u, {str(signal.byte_order == 'motorola').lower()})"

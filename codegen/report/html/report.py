@@ -35,6 +35,7 @@ from codegen.report.html.blocks import (
     patches,
 )
 from codegen.report.html.build import manifest_blocks, verification_blocks
+from codegen.report.html.bus import bus_blocks
 from codegen.report.html.curves import front_angle_chart, tyre_charts
 from codegen.report.html.inputs import BusTimes
 from codegen.report.html.maps import (
@@ -48,7 +49,7 @@ from codegen.report.html.maps import (
     map_layout,
 )
 from codegen.report.html.robust import margins_chart, region_blocks
-from codegen.report.html.runs import bus_blocks, handling_blocks, run_blocks
+from codegen.report.html.runs import handling_blocks, run_blocks
 from codegen.report.html.verdict import verdict_blocks
 from codegen.report.map_difference import (
     CAR_HEADER,

@@ -1,4 +1,4 @@
-"""Charts of runs: signals over time, handling diagram, frequency response and timing on the bus; figures of each run."""
+"""Charts of runs: signals over time, handling diagram and frequency response; figures of each run."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.report.html.blocks import INK, MUTED, Block, Chart, Gallery, Table, Text, axis, layout, line, numbers
-from codegen.report.html.inputs import BusTimes
+from codegen.report.html.blocks import INK, MUTED, Block, Chart, Gallery, Table, Text, axis, layout, line
 from codegen.report.run_plots import SPEED_HELD, column, looks_of, run_window, signal_limits, until_spin
 from codegen.report.scenario_plots import title_of
-from codegen.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from codegen.report.style import AFTER_STEP, BLACK, FREQUENCY_TICKS, GREY
 from codegen.report.summary import metric_rows
 from codegen.sil.software import Status
 from codegen.units import KM_H
@@ -40,7 +39,7 @@ class Panel:
 
 
 SPEED_PANEL = Panel("Speed<br>(km/h)", (("speed_m_s", "solid"),))
-"""CellRuns if the speed is not constant."""
+"""Drawn if the speed is not constant."""
 
 PANELS = (
     Panel("Yaw rate<br>(deg/s)", (("yaw_rate_rad_s", "solid"), ("yaw_rate_reference_rad_s", "dash"))),
@@ -135,7 +134,7 @@ def run_chart(
     data += [_entry("reference or command", INK, "dash")] if is_dashed else []
     data += [_entry("limit", MUTED, "dot")] if shapes else []
     first, last = (time - origin for time in run_window(runs))
-    time_title = "Time (s)" if step_time is None else "Time after the step (s)"
+    time_title = "Time (s)" if step_time is None else AFTER_STEP
     bottom = f"y{len(panels)}"
     look = layout(
         **axes,
@@ -205,8 +204,6 @@ Runs = Mapping[str, FloatArray]
 
 HANDLING, RESPONSE = BUILT_IN["ramp-steer"], BUILT_IN["sine-sweep"]
 """Scenarios of the handling diagram and of the frequency response."""
-TICKS = [0.2, 0.5, 1.0, 2.0, 3.0]
-"""Ticks of the frequency axis, in Hz."""
 
 
 def handling_blocks(driven: Mapping[str, Runs], runs: Runs | None, config: Config) -> Iterator[Block]:
@@ -255,7 +252,7 @@ def _response(runs: Runs, config: Config) -> Iterator[Chart]:
     phase = {name: np.degrees(one.phase) for name, one in found.items()}
     for key, title, values in (("gain", "Yaw rate / steering wheel (dB)", gain), ("phase", "Phase (deg)", phase)):
         data = [line(one.frequency, values[name], name, colours[name]) for name, one in found.items()]
-        ticks = {"type": "log", "tickvals": TICKS, "ticktext": [f"{tick:g}" for tick in TICKS]}
+        ticks = {"type": "log", "tickvals": FREQUENCY_TICKS, "ticktext": [f"{tick:g}" for tick in FREQUENCY_TICKS]}
         look = layout(xaxis=axis("Frequency (Hz)", **ticks), yaxis=axis(title))
         caption = f"Frequency response, {key}. {title_of(RESPONSE)}."
         yield Chart(f"response-{key}", {"data": data, "layout": look}, caption, f"{title} over frequency of each car.", 400)
@@ -271,64 +268,3 @@ def _actuator_rows(scenario: str, runs: Runs) -> Iterator[tuple[str, ...]]:
         rate = np.diff(angle) / np.diff(time)
         figures = (np.abs(angle).max(), np.abs(rate).max(), np.sqrt(np.mean(rate**2)), np.abs(np.diff(angle)).sum())
         yield (f"{name}, {scenario}" if scenario else name, *(f"{value:.2f}" for value in figures))
-
-
-COLOURS = (BLUE, ORANGE, VERMILION)
-BINS = 120
-HISTOGRAM_SPAN_MIN_MS = 0.1
-"""Minimum span of a histogram, in ms."""
-ANSWER = "Command after the motion frame"
-
-
-def bus_blocks(logs: Sequence[BusTimes]) -> Iterator[Block]:
-    """Yield histograms and a table for each log."""
-    for number, log in enumerate(logs, start=1):
-        yield Text(f"{log.name}: period of the frames (nominal {log.cycle:g} ms), and time from a sample to its command.")
-        if log.is_simulated:
-            yield Text("These times are simulated. They do not measure the timing of the ECU.", "notice")
-        yield Gallery(list(_histograms(log, number)))
-        rows = [_times_row(f"{name}, period", values) for name, values in log.periods.items()]
-        if log.answers.size:
-            rows.append(_times_row(ANSWER, log.answers))
-        yield Table(f"{log.name}: times in ms", ("", "number", "median", "99 %", "least", "largest"), rows)
-
-
-def _times_row(what: str, values: FloatArray) -> tuple[str, ...]:
-    shares = (np.median(values), np.percentile(values, 99.0), values.min(), values.max())
-    return what, f"{values.size:,}", *(f"{float(value):.3f}" for value in shares)
-
-
-def _histograms(log: BusTimes, number: int) -> Iterator[Chart]:
-    if log.periods:
-        edges = _edges(np.concatenate(list(log.periods.values())))  # the same for all, so that they can be compared
-        for k, ((name, values), colour) in enumerate(zip(log.periods.items(), COLOURS, strict=False), start=1):
-            yield _histogram(values, edges, f"Period of {name} (ms)", colour, f"can-{number}-{k}")
-    if log.answers.size:
-        yield _histogram(log.answers, _edges(log.answers), f"{ANSWER} (ms)", GREEN, f"can-{number}-answer")
-
-
-def _edges(values: FloatArray) -> FloatArray:
-    low, high = float(values.min()), float(values.max())
-    if high - low < HISTOGRAM_SPAN_MIN_MS:  # centre times that are all equal
-        low, high = (low + high - HISTOGRAM_SPAN_MIN_MS) / 2.0, (low + high + HISTOGRAM_SPAN_MIN_MS) / 2.0
-    return np.linspace(low, high, BINS + 1)
-
-
-def _histogram(values: FloatArray, edges: FloatArray, title: str, colour: str, name: str) -> Chart:
-    counts, _ = np.histogram(values, edges)
-    bars = {
-        "type": "bar",
-        "x": numbers((edges[:-1] + edges[1:]) / 2.0),
-        "y": counts.tolist(),
-        "width": float(edges[1] - edges[0]),
-        "marker": {"color": colour, "line": {"width": 0}},
-        "hovertemplate": "%{y} frames around %{x:.3f} ms<extra></extra>",
-    }
-    look = layout(
-        bargap=0.0,
-        showlegend=False,
-        xaxis=axis(title, range=[float(edges[0]), float(edges[-1])], zeroline=False),
-        yaxis=axis("Frames", type="log", dtick=1, range=[-0.3, float(np.log10(max(int(counts.max()), 2))) + 0.2]),
-    )
-    told = f"{title}: median {np.median(values):.3f}, largest {values.max():.3f}."
-    return Chart(name, {"data": [bars], "layout": look}, told, f"Histogram. {told}", 300)
