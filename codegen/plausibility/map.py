@@ -19,11 +19,18 @@ from codegen.optimum.nonlinear import slip_use
 from codegen.optimum.turns import turns_behind
 from codegen.plausibility.car import distinct, is_limit_beyond_actuator
 from codegen.units import GRAVITY, KM_H
+from codegen.vehicle.single_track import SingleTrack
 
 GRIP_MAX_G = 1.5
 """Upper estimate of the lateral acceleration that road tyres reach without aerodynamic downforce, with a reserve."""
 SLIP_USE_MAX_PERCENT = 101.0
 """Warn when a map uses more than this percentage of a slip bound. Maps solved with the nonlinear tyre stay below it."""
+YAW_RATE_FALL = 0.05
+"""Warn when the yaw rate of a square map falls by more than this fraction up to the largest front angle. Solved maps fall by
+less than 0.01; transposed, by 0.09 to 0.3."""
+GAIN_RATIO = (0.25, 4.0)
+"""Plausible range of a map's yaw rates over those of the passive linear car, median of all cells. Solved maps have 0.9 to 1.1;
+over a steering-wheel angle they have less than 0.1."""
 TURNS_LESS_FACTOR = 0.99
 """Fraction of the front-steered car's yaw rate below which the controlled car counts as turning less."""
 
@@ -93,8 +100,36 @@ def map_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:
     if units := beyond_grip(reference_map):
         yield units
         return
+    yield from axis_warnings(reference_map, config)
     yield from rear_angle_warnings(reference_map, config)
     yield from slip_warnings(reference_map)
+
+
+def axis_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:
+    """Yield a warning if the axes seem to be exchanged or, if they are not, for front angles of another wheel or unit."""
+    rates = np.where(reference_map.feasible, reference_map.yaw_rate, np.nan)
+    if rates.shape[0] == rates.shape[1] and (falls := _fall_with_angle(rates)) > YAW_RATE_FALL >= _fall_with_angle(rates.T):
+        yield (
+            f"the yaw rate falls with the front angle, at the median speed by {100.0 * falls:.0f} % up to the largest angle; "
+            "transpose yaw_rate: its rows are speeds, its columns front angles"
+        )
+        return
+    moving, steered = reference_map.speed > 0.0, reference_map.front_angle > 0.0
+    passive = SingleTrack.from_config(config).yaw_gain(reference_map.speed[moving])[:, np.newaxis]
+    gain = rates[np.ix_(moving, steered)] / (passive * reference_map.front_angle[steered])
+    ratio, (low, high) = float(np.nanmedian(gain)) if np.isfinite(gain).any() else 1.0, GAIN_RATIO
+    if ratio and not low <= abs(ratio) <= high:  # a map of zeros is refused for what it is
+        yield (
+            f"the map's yaw rates are {ratio:.2g} times those of the passive car (median of all cells; {low:g} to {high:g} is "
+            f"plausible); delta_f must be the angle of the front wheels, not of the steering wheel, and in rad"
+        )
+
+
+def _fall_with_angle(yaw_rate: FloatArray) -> float:
+    """Return by which fraction of its peak the yaw rate (speeds, angles) falls up to the largest angle, at the median speed."""
+    peaks = np.fmax.reduce(yaw_rate, axis=1)
+    known = np.isfinite(yaw_rate[:, -1]) & (peaks > 0.0)
+    return float(np.median(1.0 - yaw_rate[known, -1] / peaks[known])) if known.any() else 0.0
 
 
 def rear_angle_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:

@@ -18,7 +18,7 @@ from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import margins_line, schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings, distinct
 from codegen.plausibility.check import Found, check_path
-from codegen.plausibility.map import MapFacts, beyond_grip, map_warnings
+from codegen.plausibility.map import MapFacts, axis_warnings, beyond_grip, map_warnings
 from hil_sim.suite.cars import TEST_SEED, random_cars
 from hil_sim.suite.cells import changed
 
@@ -180,6 +180,19 @@ def test_wrong_units_and_a_transposed_table_are_named() -> None:
     rates = np.pad(rates, ((0, 0), (0, own.speed.size - rates.shape[1])))
     turned = replace(square, yaw_rate=rates.T, feasible=np.ones(rates.shape, dtype=bool))
     assert "transpose yaw_rate: its rows are speeds" in beyond_grip(turned)
+
+
+def test_axes_are_checked_where_the_acceleration_is_plausible() -> None:
+    own = npz.load(GENERATED / "4ws2-paper.npz")
+    assert own.config is not None
+    slow = replace(own, speed=own.speed[:60], yaw_rate=own.yaw_rate[:60, :60].T, feasible=own.feasible[:60, :60].T)
+    turned = replace(slow, front_angle=own.front_angle[:60])
+    assert beyond_grip(turned) == ""
+    (text,) = axis_warnings(turned, own.config)
+    assert "transpose yaw_rate: its rows are speeds" in text
+    (text,) = axis_warnings(replace(own, front_angle=16.0 * own.front_angle), own.config)
+    assert "not of the steering wheel" in text
+    assert not list(axis_warnings(own, own.config))
 
 
 def test_committed_files_and_a_modified_build(tmp_path: Path) -> None:
