@@ -25,6 +25,8 @@ from codegen.doctor import Finding, State, buses
 from codegen.errors import BuildError, one_line
 from codegen.programs import run_program
 from codegen.sil.toolchain import compiler_command, compiler_identity
+from codegen.verify import cbmc
+from codegen.verify.packages import MissingTool
 
 DISTRIBUTION = "ars-codegen"
 EVERYTHING = "all"
@@ -342,6 +344,16 @@ def look_for(program: OptionalProgram) -> Finding:
     return Finding(name, State.GOOD, one_line(told[0], 80), program.serves)
 
 
+def model_checker() -> Finding:
+    """Check CBMC with Bitwuzla, which may be in the cache instead of the system."""
+    serves = "proofs of the contracts in codegen verify"
+    try:
+        version = cbmc.installed().version
+    except MissingTool as error:
+        return Finding("cbmc", State.MISSING, f"{error.where} is not installed", serves, cbmc.INSTALL)
+    return Finding("cbmc", State.GOOD if version else State.BAD, version or "it does not report its version", serves)
+
+
 @dataclass(frozen=True)
 class Section:
     """Findings of one kind."""
@@ -384,7 +396,7 @@ def examine() -> Examination:
         Section("needed", "Needed by every command", (python(), *(needed(each) for each in asked if not each.extra))),
         Section("compiler", "C on this machine", (compiler(), cache(), module())),
         Section("extras", "Extras", tuple(extra(name, asked) for name in extras_of(asked))),
-        Section("programs", "Programs", tuple(map(look_for, PROGRAMS))),
+        Section("programs", "Programs", (*map(look_for, PROGRAMS), model_checker())),
         Section("buses", "Buses", (buses.socketcan(), buses.multicast())),
         Section("clock", "Real time", (punctuality(), real_time())),
     )

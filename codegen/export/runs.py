@@ -49,7 +49,7 @@ COLUMNS = (
     Column("yaw_rate_reference_rad_s", "rad/s", "Yaw rate that the controller aims at"),
     Column("sideslip_rad", "rad", "Sideslip angle at the centre of gravity, positive to the left"),
     Column("lateral_acceleration_m_s2", "m/s^2", "Lateral acceleration at the centre of gravity, positive to the left"),
-    Column("rear_angle_command_rad", "rad", "Steer angle of the rear road wheels that the controller asks for"),
+    Column("rear_angle_command_rad", "rad", "Steer angle of the rear road wheels that the controller commands"),
     Column("rear_angle_rad", "rad", "Steer angle of the rear road wheels that the actuator has reached"),
     Column("slip_front_rad", "rad", "Slip angle at the middle of the front axle"),
     Column("slip_rear_rad", "rad", "Slip angle at the middle of the rear axle"),

@@ -154,7 +154,7 @@ def _road(config: Config) -> tuple[Variable, ...]:
         _input(
             "steering_wheel_command_rad",
             "steering_wheel_command",
-            "angle of the steering wheel that the driver asks for; positive to the left",
+            "angle of the steering wheel that the driver demands; positive to the left",
             (-WHEEL_ANGLE_MAX, WHEEL_ANGLE_MAX),
         ),
         _input("friction", "friction", "peak friction of the road", (0.0, FRICTION_MAX), friction),
