@@ -75,9 +75,10 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     tests it with faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1
     if a check fails or none can run. A check whose tool is missing is reported as not run.
     """
+    from codegen.emit import requirements
     from codegen.emit.outputs import check_output
     from codegen.sil.software import require_can_side
-    from codegen.verify import record, requirements, runner
+    from codegen.verify import record, runner
     from codegen.verify.check import Effort, Subject, Verdict
 
     check_output(json_file, ".json", (build,))
@@ -88,10 +89,11 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     note_edited(build, subject.edited)
     with console.progress(f"verifying {build}") as progress:
         report = runner.run(subject, Effort(quick), progress)
+    found = record.to_dict(report)
     if json_file is not None:
-        write_atomically(json_file, record.render(report))
+        write_atomically(json_file, record.render(found))
     if requirements_file is not None:
-        write_atomically(requirements_file, requirements.table(report.outcomes, subject.prefix))
+        write_atomically(requirements_file, requirements.table(found["requirements"]))
     console.say(record.table(report))
     console.say(*record.findings(report))
     if record.write(report, build):

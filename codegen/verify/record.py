@@ -19,13 +19,13 @@ from rich.console import Console
 from rich.table import Table
 
 from codegen import __version__
+from codegen.emit import requirements
 from codegen.emit.folder import VERIFICATION_FILES
+from codegen.emit.manual import manual
 from codegen.errors import CodegenError
 from codegen.files import write_atomically
 from codegen.plausibility.build import read_record
-from codegen.verify import requirements
 from codegen.verify.check import Outcome, Verdict
-from codegen.verify.manual import manual
 from codegen.verify.runner import CHECKS, LEFT_OUT, VerificationReport
 
 SCHEMA_VERSION = 1
@@ -36,6 +36,7 @@ def to_dict(report: VerificationReport) -> dict[str, Any]:
     """Return the report as JSON values, without times; tool versions are its only data of the machine."""
     subject = report.subject
     options = subject.manifest["options"]
+    checks = {name: _outcome(outcome) for name, outcome in report.outcomes.items()}
     return {
         "schema_version": SCHEMA_VERSION,
         "codegen": __version__,
@@ -49,8 +50,8 @@ def to_dict(report: VerificationReport) -> dict[str, Any]:
         "edited": list(subject.edited),
         "files": {path: hashlib.sha256(content).hexdigest() for path, content in sorted(subject.files.items())},
         "counts": {str(verdict): report.count(verdict) for verdict in Verdict},
-        "requirements": requirements.entries(report.outcomes, subject.prefix),
-        "checks": {name: _outcome(outcome) for name, outcome in report.outcomes.items()},
+        "requirements": requirements.entries(checks, subject.prefix),
+        "checks": checks,
     }
 
 
@@ -66,9 +67,9 @@ def _outcome(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def render(report: VerificationReport) -> bytes:
+def render(record: dict[str, Any]) -> bytes:
     """Return the content of `verify.json` and of `--json`."""
-    return (json.dumps(to_dict(report), indent=1, allow_nan=False) + "\n").encode()
+    return (json.dumps(record, indent=1, allow_nan=False) + "\n").encode()
 
 
 def write(report: VerificationReport, folder: Path) -> bool:
@@ -81,8 +82,8 @@ def write(report: VerificationReport, folder: Path) -> bool:
     """
     if report.effort.quick and _has_full_record(folder, report.subject.manifest_sha256, report.subject.edited):
         return False
-    written = {JSON: render(report), MANUAL: manual(report).encode()}
-    for name, content in written.items():
+    record = to_dict(report)
+    for name, content in ((JSON, render(record)), (MANUAL, manual(record, report.subject.manifest, TITLES).encode())):
         write_atomically(folder / name, content)
     return True
 

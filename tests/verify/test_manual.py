@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from codegen.emit import manual
 from codegen.map_file.map import from_arrays
 from codegen.optimum.solve import solve_case
-from codegen.verify import manual
+from codegen.verify import record
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.runner import CHECKS, VerificationReport
 from hil_sim.suite.cells import changed
@@ -28,22 +29,20 @@ def recorded(name: str) -> Manifest:
 
 @pytest.mark.parametrize("name", ["4ws2-paper", "4ws2"])
 def test_the_committed_manual_matches_the_committed_record(name: str) -> None:
-    outcomes, record, subject = {}, recorded(name), Subject.read(COMMITTED / name)
-    assert record["build"]["manifest_sha256"] == subject.manifest_sha256
-    assert (record["effort"], record["edited"], list(subject.edited)) == ("whole", [], [])
-    assert {check["verdict"] for check in record["checks"].values()} == {"passed"}
-    for check, found in record["checks"].items():
-        lists = {key: tuple(found[key]) for key in ("findings", "limits")}
-        outcomes[check] = Outcome(**{**found, **lists, "verdict": Verdict(found["verdict"])})
-    assert list(outcomes) == [check.name for check in CHECKS] == list(manual.TABLES)
-    report = VerificationReport(subject, Effort(), outcomes)
-    assert manual.manual(report) == (COMMITTED / name / "verify.md").read_text(encoding="ascii")
+    found, subject = recorded(name), Subject.read(COMMITTED / name)
+    assert found["build"]["manifest_sha256"] == subject.manifest_sha256
+    assert (found["effort"], found["edited"], list(subject.edited)) == ("whole", [], [])
+    assert {check["verdict"] for check in found["checks"].values()} == {"passed"}
+    assert list(found["checks"]) == [check.name for check in CHECKS] == list(manual.TABLES)
+    text = manual.manual(found, subject.manifest, record.TITLES)
+    assert text == (COMMITTED / name / "verify.md").read_text(encoding="ascii")
 
 
 def text_of(manifest: Manifest, **outcomes: Outcome) -> str:
     """Return the manual with its sentences on one line each."""
     named = {name.replace("_", "-"): outcome for name, outcome in outcomes.items()}
-    text = manual.manual(VerificationReport(Subject("sample", {}, manifest, (), "0123abcd" * 8), Effort(), named))
+    report = VerificationReport(Subject("sample", {}, manifest, (), "0123abcd" * 8), Effort(), named)
+    text = manual.manual(record.to_dict(report), manifest, record.TITLES)
     assert text.isascii()
     assert "None" not in text, "a value that is missing"
     return text.replace("\n  ", " ")

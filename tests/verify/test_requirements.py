@@ -2,26 +2,32 @@
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from codegen.verify import requirements
-from codegen.verify.check import Outcome, Verdict
-from codegen.verify.requirements import REQUIREMENTS
+from codegen.emit import requirements
+from codegen.emit.requirements import REQUIREMENTS
+from codegen.verify.check import Verdict
 from codegen.verify.runner import CHECKS
 from tests.verify import builds
 
 TESTS = Path(__file__).parents[1]
 
 
-def outcomes(**changed: Verdict) -> dict[str, Outcome]:
-    found = {check.name: Outcome("", "", changed.get(check.name.replace("-", "_"), Verdict.PASSED)) for check in CHECKS}
+Checks = dict[str, dict[str, Any]]
+
+
+def checks(**changed: Verdict) -> Checks:
+    """Return the checks of a record, all passed but for those that are changed."""
+    verdicts = {check.name: changed.get(check.name.replace("-", "_"), Verdict.PASSED) for check in CHECKS}
     proofs = {f"ars_{name}": "proved" for each in REQUIREMENTS for name in each.contracts}
-    return {**found, "contracts": Outcome("", "", Verdict.PASSED, figures={"harnesses": proofs})}
+    found: Checks = {name: {"verdict": str(verdict), "figures": {}} for name, verdict in verdicts.items()}
+    return {**found, "contracts": {"verdict": "passed", "figures": {"harnesses": proofs}}}
 
 
-def results(found: dict[str, Outcome]) -> dict[str, str]:
-    return {row[0]: row[-1] for row in requirements.rows(found, "ars")}
+def results(found: Checks) -> dict[str, str]:
+    return {row["id"]: row["result"] for row in requirements.entries(found, "ars")}
 
 
 def test_every_piece_of_evidence_exists() -> None:
@@ -35,24 +41,24 @@ def test_every_piece_of_evidence_exists() -> None:
 
 
 def test_a_requirement_has_the_worst_result_of_its_evidence() -> None:
-    assert set(results(outcomes()).values()) == {"shown"}
-    assert results(outcomes(budgets=Verdict.FAILED))["ARS-SYS-2"] == "failed"
-    assert results(outcomes(budgets=Verdict.NOT_RUN))["ARS-SYS-2"] == "not run"
+    assert set(results(checks()).values()) == {"shown"}
+    assert results(checks(budgets=Verdict.FAILED))["ARS-SYS-2"] == "failed"
+    assert results(checks(budgets=Verdict.NOT_RUN))["ARS-SYS-2"] == "not run"
 
 
 @pytest.mark.parametrize("state", ["open", "failed"])
 def test_an_open_or_failed_contract_shows_in_its_requirements(state: str) -> None:
-    found = outcomes()
-    found["contracts"].figures["harnesses"]["ars_limiter_step"] = state  # type: ignore[index]
+    found = checks()
+    found["contracts"]["figures"]["harnesses"]["ars_limiter_step"] = state
     assert {key for key, result in results(found).items() if result == state} == {"ARS-CTL-8", "ARS-LIM-1", "ARS-LIM-2"}
 
 
 def test_without_proofs_their_requirements_are_not_run() -> None:
-    found = {**outcomes(), "contracts": Outcome("", "", Verdict.NOT_RUN)}
+    found = {**checks(), "contracts": {"verdict": str(Verdict.NOT_RUN), "figures": {}}}
     assert results(found)["ARS-CTL-1"] == "not run"
 
 
 def test_the_table_reads_back_as_csv() -> None:
-    header, *rows = csv.reader(requirements.table(outcomes(), "ars").decode().splitlines())
+    header, *rows = csv.reader(requirements.table(requirements.entries(checks(), "ars")).decode().splitlines())
     assert tuple(header) == requirements.HEADER
     assert [row[0] for row in rows] == [each.id for each in REQUIREMENTS]

@@ -1,28 +1,27 @@
 """Safety manual of a build, `verify.md`: conditions of use, results of the checks, and limitations.
 
-The template holds the text. This module supplies the facts of a build and formats the results of the checks as tables.
+The manual is a view of the manifest and of the verification record. The template holds the text. This module supplies the facts
+of the build and formats the results of the checks as tables.
 """
 
 from __future__ import annotations
 
-import hashlib
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees
 from typing import Any, TypeVar
 
-from codegen import __version__
+from codegen import configuration
 from codegen.configuration import Config
 from codegen.configuration.budgets import KEY_OF_FUNCTION
 from codegen.ecu_map.total import Rule
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
 from codegen.emit.render import render
+from codegen.emit.requirements import HEADER
 from codegen.errors import one_line
 from codegen.units import KM_H
-from codegen.verify import requirements
-from codegen.verify.check import Outcome, Verdict
-from codegen.verify.runner import CHECKS, VerificationReport
 
 Figures = Mapping[str, Any]
 Formatted = TypeVar("Formatted")
@@ -100,42 +99,46 @@ class MapView:
     frictions: tuple[str, ...]
 
 
-def manual(report: VerificationReport) -> str:
-    """Return the text of `verify.md`, in Markdown."""
-    subject = report.subject
-    config = subject.config
+def manual(record: Figures, manifest: Figures, titles: Mapping[str, str]) -> str:
+    """Return the text of `verify.md`, in Markdown.
+
+    Args:
+        record: content of `verify.json`.
+        manifest: manifest of the build.
+        titles: titles of the checks by name.
+    """
+    config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+    sources = {path: digest for path, digest in record["files"].items() if re.match(r"(include|src)/.*\.[ch]\Z", path)}
     context = {
-        "version": __version__,
-        "subject": subject,
-        "manifest": subject.manifest,
-        "quick": report.effort.quick,
-        "checks": [_check(name, outcome) for name, outcome in report.outcomes.items()],
-        "requirements": Table(requirements.HEADER, tuple(requirements.rows(report.outcomes, subject.prefix))),
-        "counts": {str(verdict).replace(" ", "_"): report.count(verdict) for verdict in Verdict},
-        "map": _map(subject.manifest),
+        "record": record,
+        "build": record["build"],
+        "manifest": manifest,
+        "checks": [_check(name, titles.get(name, name), found) for name, found in record["checks"].items()],
+        "requirements": Table(HEADER, tuple(tuple(row.values()) for row in record["requirements"])),
+        "counts": {verdict.replace(" ", "_"): count for verdict, count in record["counts"].items()},
+        "map": _map(manifest),
         "law": LAWS[config.controller.kind],
         "overshoot": f"{100.0 * (REFERENCE_OVERSHOOT - 1.0):.0f}",
         "config": config,
         "rates": _rates(config),
         "period_ms": 1e3 * config.controller.sampling_time_s,
-        "files": [(path, hashlib.sha256(content).hexdigest()) for path, content in sorted(subject.sources().items())],
+        "files": sources,
     }
     return render("verify/manual.md.j2", context).decode("ascii")
 
 
-def _check(name: str, outcome: Outcome) -> CheckView:
+def _check(name: str, title: str, found: Figures) -> CheckView:
+    formatted = (_tolerant(formatter, found["figures"]) for formatter in TABLES.get(name, ()))
     return CheckView(
         name=name,
-        title=next((check.title for check in CHECKS if check.name == name), name),
-        shows=_ascii(outcome.shows),
-        figure=_ascii(outcome.figure) or "-",
-        verdict=str(outcome.verdict),
-        findings=tuple(map(_ascii, outcome.findings)),
-        limits=tuple(map(_ascii, outcome.limits)),
-        tools=_ascii(", ".join(_tool(*each) for each in outcome.tools.items())),
-        tables=tuple(
-            table for formatter in TABLES.get(name, ()) if (table := _tolerant(formatter, outcome.figures)) and table.rows
-        ),
+        title=title,
+        shows=_ascii(found["shows"]),
+        figure=_ascii(found["figure"]) or "-",
+        verdict=found["verdict"],
+        findings=tuple(map(_ascii, found["findings"])),
+        limits=tuple(map(_ascii, found["limits"])),
+        tools=_ascii(", ".join(_tool(*each) for each in found["tools"].items())),
+        tables=tuple(table for table in formatted if table and table.rows),
     )
 
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-
-from codegen.verify.check import Outcome, Verdict
+from typing import Any
 
 HEADER = ("id", "requirement", "shown by", "tests", "result")
-OPEN = "open"
+FAILED, OPEN, NOT_RUN, SHOWN = RESULTS = ("failed", "open", "not run", "shown")
+"""Results of a requirement, the worst first."""
 
 
 @dataclass(frozen=True)
@@ -229,38 +229,32 @@ REQUIREMENTS = (
 )
 
 
-def rows(outcomes: Mapping[str, Outcome], prefix: str) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each requirement, in the order of `HEADER`; contracts that a kind does not have are left out."""
-    recorded = outcomes["contracts"].figures.get("harnesses") if "contracts" in outcomes else None
+def entries(checks: Mapping[str, Mapping[str, Any]], prefix: str) -> list[dict[str, str]]:
+    """Return a row by `HEADER` for each requirement.
+
+    Args:
+        checks: the checks of `verify.json` by name; of each, `verdict` and `figures` are used.
+        prefix: prefix of the build. Contracts that its kind does not have are left out.
+    """
+    recorded = checks.get("contracts", {}).get("figures", {}).get("harnesses")
     harnesses = recorded if isinstance(recorded, Mapping) else {}
+    found = []
     for each in REQUIREMENTS:
-        proofs = {name: harnesses[f"{prefix}_{name}"] for name in each.contracts if f"{prefix}_{name}" in harnesses}
-        checks = {name: str(outcomes[name].verdict) for name in each.checks if name in outcomes}
+        proofs = [harnesses[f"{prefix}_{name}"] for name in each.contracts if f"{prefix}_{name}" in harnesses]
+        results = [*proofs, *(checks[name]["verdict"] for name in each.checks if name in checks)]
+        if len(proofs) < len(each.contracts) or not results:
+            results.append(NOT_RUN)
         evidence = [*(f"contract of {name}" for name in each.contracts), *(f"check {name}" for name in each.checks)]
-        result = _result([*proofs.values(), *checks.values()], complete=len(proofs) == len(each.contracts))
-        yield each.id, each.text, ", ".join(evidence), ", ".join(each.tests), result
+        worst = next((result for result in RESULTS if result in results), SHOWN)
+        row = (each.id, each.text, ", ".join(evidence), ", ".join(each.tests), worst)
+        found.append(dict(zip(HEADER, row, strict=True)))
+    return found
 
 
-def _result(results: list[str], *, complete: bool) -> str:
-    """Return the worst result: failed, then open, then not run, then shown."""
-    if "failed" in results:
-        return "failed"
-    if OPEN in results:
-        return OPEN
-    if not complete or str(Verdict.NOT_RUN) in results or not results:
-        return str(Verdict.NOT_RUN)
-    return "shown"
-
-
-def entries(outcomes: Mapping[str, Outcome], prefix: str) -> list[dict[str, str]]:
-    """Return the table as JSON values."""
-    return [dict(zip(HEADER, row, strict=True)) for row in rows(outcomes, prefix)]
-
-
-def table(outcomes: Mapping[str, Outcome], prefix: str) -> bytes:
-    """Return the table as CSV with a header."""
+def table(rows: Sequence[Mapping[str, str]]) -> bytes:
+    """Return the rows as CSV with a header."""
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(HEADER)
-    writer.writerows(rows(outcomes, prefix))
+    writer = csv.DictWriter(text, HEADER, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
     return text.getvalue().encode("ascii")
