@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.cache import cache_folder
+from codegen.emit.render import verbatim
 from codegen.errors import CodegenError
 from codegen.programs import run_program
 from codegen.verify.packages import MissingTool
@@ -29,27 +30,6 @@ PACKAGES = ("cbmc", "libc6", "libstdc++6", "libgcc-s1", "zlib1g", "minisat")
 PROGRAMS = ("cbmc", "goto-cc", "goto-instrument")
 """The programs of CBMC that proofs use."""
 KEYRING = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
-_SHIM = '''#!{python}
-"""Bitwuzla as a command that solves one SMT-LIB file."""
-import sys
-
-sys.path.insert(0, {packages!r})
-import bitwuzla
-
-with open(sys.argv[-1], encoding="ascii") as file:
-    commands = file.read().replace("(exit)", "")
-# The answer goes out before the model is requested: without a model that request is an error.
-head, check, values = commands.partition("(check-sat)")
-terms, options = bitwuzla.TermManager(), bitwuzla.Options()
-options.set(bitwuzla.Option.PRODUCE_MODELS, True)
-parser = bitwuzla.Parser(terms, options, "smt2")
-parser.parse(head + check, False, False)
-sys.stdout.flush()
-try:
-    parser.parse(values, False, False)
-except bitwuzla.BitwuzlaException as error:
-    print(error, file=sys.stderr)
-'''
 _LAUNCHER = """#!/bin/sh
 exec {loader} --library-path {libraries} {program} "$@"
 """
@@ -99,7 +79,8 @@ def install(folder: Path) -> None:
         _write_command(commands / name, _LAUNCHER.format(**{key: shlex.quote(word) for key, word in words.items()}))
     _run(sys.executable, "-m", "pip", "install", "--quiet", "--upgrade", "--target", str(wheels), "bitwuzla")
     # Links are followed: a virtual environment may be removed, the Python that it links to stays.
-    _write_command(commands / "bitwuzla", _SHIM.format(python=Path(sys.executable).resolve(), packages=str(wheels)))
+    shim = verbatim("verify/bitwuzla.py").decode("ascii")
+    _write_command(commands / "bitwuzla", f"#!{Path(sys.executable).resolve()}\n{shim}")
 
 
 def _unpack(folder: Path, root: Path) -> None:

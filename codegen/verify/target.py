@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from codegen.arrays import IntArray
+from codegen.emit.render import verbatim
 from codegen.errors import BuildError
 from codegen.programs import run_program
 from codegen.sil.toolchain import require_success
@@ -66,42 +67,6 @@ FLAGS = (
     "-g",  # or zig strips the symbols from a small image
 )
 
-FLASH, RAM = 0x0800_0000, 0x2000_0000
-
-# Functions that a compiler may call to copy or clear a struct. Every toolchain provides them; unused ones are not linked.
-_MEMORY = """#include <stddef.h>
-void *memcpy(void *to, const void *from, size_t size);
-void *memset(void *to, int value, size_t size);
-void __aeabi_memcpy(void *to, const void *from, size_t size);
-void __aeabi_memclr(void *to, size_t size);
-void *memcpy(void *to, const void *from, size_t size)
-{
-    __aeabi_memcpy(to, from, size);
-    return to;
-}
-void *memset(void *to, int value, size_t size)
-{
-    for (size_t k = 0; k < size; k++) {
-        ((unsigned char *)to)[k] = (unsigned char)value;
-    }
-    return to;
-}
-void __aeabi_memcpy(void *to, const void *from, size_t size)
-{
-    for (size_t k = 0; k < size; k++) {
-        ((unsigned char *)to)[k] = ((const unsigned char *)from)[k];
-    }
-}
-void __aeabi_memclr(void *to, size_t size)
-{
-    (void)memset(to, 0, size);
-}
-void __aeabi_memcpy4(void *to, const void *from, size_t size) __attribute__((alias("__aeabi_memcpy")));
-void __aeabi_memcpy8(void *to, const void *from, size_t size) __attribute__((alias("__aeabi_memcpy")));
-void __aeabi_memclr4(void *to, size_t size) __attribute__((alias("__aeabi_memclr")));
-void __aeabi_memclr8(void *to, size_t size) __attribute__((alias("__aeabi_memclr")));
-"""
-
 MEMORY_UNIT, SCRIPT = "bare/memory.c", "image.ld"
 INCLUDES = ("-Iinclude", "-isystem", "bare")
 # A bare target has no C library. The generated C may use only these prototypes.
@@ -109,17 +74,6 @@ BARE_HEADERS = {
     "bare/math.h": "float sinf(float); float cosf(float); float atanf(float);\n",
     "bare/string.h": "#include <stddef.h>\nvoid *memcpy(void *to, const void *from, size_t size);\n",
 }
-
-_SCRIPT = f"""SECTIONS {{
-  . = {FLASH:#x};
-  .text : {{ *(.text*) }}
-  .rodata : {{ *(.rodata*) }}
-  . = {RAM:#x};
-  .data : {{ *(.data*) }}
-  .bss : {{ *(.bss*) *(COMMON) }}
-  /DISCARD/ : {{ *(.ARM.exidx*) *(.ARM.extab*) }}
-}}
-"""
 
 
 def compile_image(
@@ -140,7 +94,7 @@ def compile_image(
     units = sorted(path for path in sources if path.endswith((".c", ".o")))
     keep = [f"-Wl,-u,{entry}" for entry in entries]
     link = ["-nostdlib", f"-Wl,-e,{entries[0]},--gc-sections,-T,{SCRIPT}", *keep]
-    with source_tree({**sources, MEMORY_UNIT: _MEMORY, SCRIPT: _SCRIPT}) as tree:
+    with source_tree({**sources, MEMORY_UNIT: verbatim("verify/memory.c"), SCRIPT: verbatim(f"verify/{SCRIPT}")}) as tree:
         image = tree.parent / "image.elf"
         zig(["cc", *core.flags, *FLAGS, *flags, *INCLUDES, *link, *units, MEMORY_UNIT, "-o", f"../{image.name}"], tree)
         return image.read_bytes()

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.emit.misra_rules import RULES, category
+from codegen.emit.render import verbatim
 from codegen.errors import BuildError
 from codegen.programs import run_program
 from codegen.sil.toolchain import require_success, run
@@ -72,19 +73,7 @@ NOT_FOR_PROGRAMS = {
 PLATFORM = "arm32-wchar_t4"
 """Sizes of the types: those of an ECU of 32 bits."""
 
-MISRA_CANARY = "canary.c"
-MISRA_CANARY_TEXT = """int canary(int count);
-int canary(int count)
-{
-    const int pair[2] = { 0, 0 };
-    if (count > 017) {
-        goto end;
-    }
-    return pair[2];
-end:
-    return count;
-}
-"""
+MISRA_CANARY = "misra_canary.c"
 MISRA_CANARY_FAULTS = frozenset({"7.1", "15.1", "arrayIndexOutOfBounds"})
 
 _TEMPLATE = "--template={file}\\t{line}\\t{id}\\t{message}"
@@ -123,7 +112,7 @@ def judged_by_misra(tree: Path, folder: str = "src") -> tuple[Finding, ...]:
         MissingTool: cppcheck is not installed, or misses the planted faults.
         BuildError: it cannot be started.
     """
-    (tree / MISRA_CANARY).write_text(MISRA_CANARY_TEXT, encoding="ascii")
+    (tree / MISRA_CANARY).write_bytes(verbatim(f"verify/{MISRA_CANARY}"))
     addon = ("--addon=misra", f"--addon-python={sys.executable}")
     found = _cppcheck((*addon, folder, MISRA_CANARY), tree)
     seen = {finding.rule for finding in found if finding.file == MISRA_CANARY}
@@ -177,16 +166,6 @@ LEFT = "-Wanalyzer-too-complex"
 """Warning for a path that gcc gave up; not a finding."""
 
 GCC_CANARY = "analyzer_canary.c"
-GCC_CANARY_TEXT = """int analyzer_canary(int count);
-int analyzer_canary(int count)
-{
-    int *nowhere = 0;
-    if (count > 7) {
-        return *nowhere;
-    }
-    return count;
-}
-"""
 GCC_CANARY_FAULT = "-Wanalyzer-null-dereference"
 
 _WARNING = re.compile(
@@ -218,7 +197,7 @@ def analyse(program: str, units: Mapping[str, Sequence[str]], tree: Path) -> Ana
         MissingTool: this gcc does not support -fanalyzer.
         BuildError: a unit does not compile.
     """
-    (tree / GCC_CANARY).write_text(GCC_CANARY_TEXT, encoding="ascii")
+    (tree / GCC_CANARY).write_bytes(verbatim(f"verify/{GCC_CANARY}"))
     try:
         planted = _run_gcc(program, GCC_CANARY, (), tree)
     except BuildError:  # too old to know the flags

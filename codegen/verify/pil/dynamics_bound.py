@@ -33,29 +33,8 @@ LARGEST_ARGUMENT = 3.0
 """Largest argument of sin and cos in the tyre curve: its shape factor times a right angle. That of atan is unbounded."""
 
 SUPPORTED = frozenset({"sin", "cos", "atan"})
-
-# Minimax polynomials of Cephes in double precision, good for both.
-_SIN = (
-    *(-1.66666666666666307295e-1, 8.33333333332211858878e-3, -1.98412698295895385996e-4),
-    *(2.75573136213857245213e-6, -2.50507477628578072866e-8, 1.58962301576546568060e-10),
-)
-_COS = (
-    *(4.16666666666665929218e-2, -1.38888888888730564116e-3, 2.48015872888517045348e-5),
-    *(-2.75573141792967388112e-7, 2.08757008419747316778e-9, -1.13585365213876817300e-11),
-)
-_ATAN_NUMERATOR = (
-    *(-6.485021904942025371773e1, -1.228866684490136173410e2, -7.500855792314704667340e1),
-    *(-1.615753718733365076637e1, -8.750608600031904122785e-1),
-)
-_ATAN_DENOMINATOR = (
-    *(1.945506571482613964425e2, 4.853903996359136964868e2, 4.328810604912902668951e2),
-    *(1.650270098316988542046e2, 2.485846490142306297962e1, 1.0),
-)
-_HALF_PI_REST = 6.123233995736765886130e-17
-_HALF_PI_PARTS: dict[Precision, tuple[float, float, float]] = {
-    "single": (1.5703125, 4.837512969970703125e-4, 7.54978995489188216e-8),
-    "double": (1.57079625129699707031, 7.54978941586159635335e-8, 5.39030285815811905290e-15),
-}
+HALF_PI_REST = 6.123233995736765886130e-17
+"""Difference between half of pi and its value in double precision."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +60,7 @@ class Difference:
 
 def library(precision: Precision) -> dict[str, bytes]:
     """Return sources of sin, cos and atan for a bare core, and their header."""
-    real = numpy_type(precision)
-    suffix = "f" if precision == "single" else ""
-    half_pi = float(real(0.5 * math.pi))
+    half_pi = float(numpy_type(precision)(0.5 * math.pi))
 
     def number(value: float) -> str:
         return literal(value, precision)
@@ -94,20 +71,16 @@ def library(precision: Precision) -> dict[str, bytes]:
             text = f"({number(coefficient)} + ({variable} * {text}))"
         return text
 
-    names = {name: f"{name}{suffix}" for name in sorted(SUPPORTED)}
+    names = {name: f"{name}{'f' if precision == 'single' else ''}" for name in sorted(SUPPORTED)}
     context = {
         **names,
         "real": c_type(precision),
         "number": number,
         "horner": horner,
+        "precision": precision,
         "two_over_pi": 2.0 / math.pi,
-        "half_pi_parts": _HALF_PI_PARTS[precision],
         "half_pi": half_pi,
-        "half_pi_rest": (0.5 * math.pi - half_pi) + _HALF_PI_REST,
-        "sin_coefficients": _SIN,
-        "cos_coefficients": _COS,
-        "atan_numerator": _ATAN_NUMERATOR,
-        "atan_denominator": _ATAN_DENOMINATOR,
+        "half_pi_rest": (0.5 * math.pi - half_pi) + HALF_PI_REST,
     }
     header = "".join(f"{c_type(precision)} {name}({c_type(precision)});\n" for name in names.values())
     return {"bare/libm.c": render("verify/libm.c.j2", context), "bare/math.h": header.encode()}
