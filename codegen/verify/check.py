@@ -14,12 +14,13 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, cast
 
 from codegen import __version__, configuration
 from codegen.configuration import Config
 from codegen.emit.folder import MANIFEST, read_files, verify_hashes
 from codegen.emit.manifest import read_build
+from codegen.emit.text import Precision
 from codegen.errors import BuildError
 
 
@@ -101,9 +102,14 @@ class Subject:
         return str(self.manifest["options"]["prefix"])
 
     @property
+    def precision(self) -> Precision:
+        """Precision of the numbers."""
+        return cast(Precision, self.manifest["options"]["precision"])
+
+    @property
     def is_single(self) -> bool:
         """Whether the build computes in single precision."""
-        return bool(self.manifest["options"]["precision"] == "single")
+        return self.precision == "single"
 
     @property
     def is_of_this_version(self) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from codegen.configuration import Config
 from codegen.configuration.can import Can
 from codegen.errors import CodegenError
-from codegen.sil.software import Software
+from codegen.sil.software import Measurement, Software
 from hil_sim.codec import Codec, Frame, VehicleConditions, VehicleMotion
 from hil_sim.e2e import next_counter, protect
 from hil_sim.plant_node import PlantNode
@@ -34,8 +34,10 @@ FAULT = 0.15
 """Probability of a fault for a frame of noisy traffic."""
 
 
-def frames_of(can: Can, codec: Codec, counter: int, motion: VehicleMotion, conditions: VehicleConditions) -> Cycle:
-    """Return the protected frames of a cycle."""
+def frames_of(can: Can, codec: Codec, counter: int, sample: Measurement) -> Cycle:
+    """Return the protected frames of a cycle, with the signals that the controller uses."""
+    motion = VehicleMotion(sample.speed, sample.front_angle, sample.yaw_rate)
+    conditions = VehicleConditions(sample.rear_angle, sample.friction, sample.lateral_acceleration, sample.inhibit)
     sent = ((can.vehicle_motion, motion), (can.vehicle_conditions, conditions))
     return tuple(Frame(each.id, protect(each.e2e_data_id, counter, codec.encode(contents))) for each, contents in sent)
 

@@ -8,7 +8,8 @@ import numpy.typing as npt
 
 from codegen.configuration import Config
 from codegen.sil.software import Status
-from codegen.verify.law.controller import NUMBERS, SecondController
+from codegen.verify.law.controller import SecondController
+from codegen.verify.law.inputs import NUMBERS
 from codegen.verify.law.kinds import second_controller
 from tests.builds import Built
 

@@ -16,9 +16,9 @@ import numpy.typing as npt
 from codegen.arrays import IntArray
 from codegen.configuration import Config
 from codegen.units import KM_H
-from codegen.verify.drives import COLUMNS, Samples, Thresholds, drawn
+from codegen.verify.drives import COLUMNS, Samples, Thresholds, drawn, measurements_of
 from codegen.verify.traffic import Cycle, frames_of
-from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
+from hil_sim.codec import Codec
 from hil_sim.e2e import next_counter
 
 Rows = npt.NDArray[np.float32]
@@ -26,7 +26,6 @@ Rows = npt.NDArray[np.float32]
 
 PLACE_COLUMNS = ("speed", "front_angle", "friction")
 STEP_COLUMNS = (*COLUMNS, "restart")
-MOTION_SIGNALS, CONDITIONS_SIGNALS = COLUMNS[:3], COLUMNS[3:6]
 DEMAND_COLUMNS = ("speed", "front_angle", "demand", "restart")
 
 EVENT = np.dtype([("kind", "<u4"), ("id", "<u4"), ("length", "<u4"), ("data", "S8")])
@@ -139,12 +138,9 @@ def _with_special_numbers(rows: npt.NDArray[np.floating], usual: int, generator:
 def cycles_of(config: Config, steps: Rows) -> list[Cycle]:
     """Return the protected frames of each step. After a step without speed, a frame is missing too."""
     can, codec, counter, found = config.can, Codec(config.can), 0, []
-    for row in steps.tolist():
-        sample = dict(zip(STEP_COLUMNS, row, strict=True))
-        motion = VehicleMotion(**{name: sample[name] for name in MOTION_SIGNALS})
-        conditions = VehicleConditions(**{name: sample[name] for name in CONDITIONS_SIGNALS}, inhibit=sample["inhibit"] > 0.0)
-        found.append(frames_of(can, codec, counter, motion, conditions))
-        counter = next_counter(next_counter(counter) if math.isnan(motion.speed) else counter)
+    for sample in measurements_of(steps[:, : len(COLUMNS)]):
+        found.append(frames_of(can, codec, counter, sample))
+        counter = next_counter(next_counter(counter) if math.isnan(sample.speed) else counter)
     return found
 
 

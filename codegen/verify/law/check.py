@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import metadata
 from itertools import pairwise
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
-from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.sil.software import Measurement, Status
 from codegen.sil.toolchain import compiler_command, compiler_identity
@@ -116,7 +115,6 @@ class _Comparison:
         self._lookup = lookup_of(subject, self._software)
         facts = subject.manifest["map"]
         self._road = Road(facts["friction"], facts["lateral_acceleration_cap_m_s2"])
-        self._precision = cast(Precision, subject.manifest["options"]["precision"])
         self._thresholds = Thresholds.of(subject.manifest)
         self._sets = [sets.drawn(self._software, np.random.default_rng((5, number))) for number in range(size.sets)]
         self._statuses: Counter[Status] = Counter()
@@ -164,8 +162,7 @@ class _Comparison:
                 yield f"The samples do not reach the status {status.name}."
         if self._unsettled:
             yield f"These long drives were cut, because the law did not settle: {'; '.join(self._unsettled)}."
-        unchanged = sets.names(self._software).difference(*(sets.changed(self._software, each) for each in self._sets))
-        if unchanged:
+        if unchanged := sets.unchanged(self._software, self._sets):
             yield NEVER_OTHER.format(names=", ".join(sorted(unchanged)))
 
     def _runs(self) -> Iterator[_Run]:
@@ -174,7 +171,7 @@ class _Comparison:
 
         def run(name: str, samples: Sequence[Measurement], parameters: Any = defaults, start: float | None = None) -> _Run:
             begin = next(starts) if start is None else start
-            return name, ControllerPair(software, self._second(parameters, begin), parameters, begin), samples
+            return name, self._controller(parameters, begin), samples
 
         for number, samples in enumerate(drives_of(self._thresholds, size.drive)):
             yield run(f"drive {number}", measurements_of(samples))
@@ -223,6 +220,9 @@ class _Comparison:
     def _second(self, parameters: Any, start: float) -> SecondController:
         return second_controller(self._software.config, parameters, self._lookup, self._road, start)
 
+    def _controller(self, parameters: Any, start: float = STARTS[1]) -> ControllerPair:
+        return ControllerPair(self._software, self._second(parameters, start), parameters, start)
+
     def _traffic(self) -> Iterator[_Traffic]:
         software, cycles = self._software, self._size.cycles
         defaults, config = software.parameters(), software.config
@@ -233,7 +233,7 @@ class _Comparison:
         yield "disturbed frames", defaults, disturbed, traffic.restarts_of(cycles)
         for number, parameters in enumerate((defaults, *self._sets[:2])):
             samples = self._drive_cycle(number)
-            frames = cycles_of(config, self._precision, samples, seed=number)
+            frames = cycles_of(config, self._software.precision, samples, seed=number)
             of = f" of parameter set {number - 1}" if number else ""
             yield f"frames of drive cycle {number}{of}", parameters, frames, range(0, len(samples), LIFE)
 
@@ -248,14 +248,14 @@ class _Comparison:
 
     def _task(self, parameters: Any) -> TaskPair:
         software = self._software
-        codec = Codec(software.config.can, self._precision)
+        codec = Codec(software.config.can, self._software.precision)
         second = SecondTask(software.config.can, parameters, codec, lambda rear_angle: self._second(parameters, rear_angle))
         return TaskPair(software, second, codec, parameters)
 
     def _long_drives(self) -> LongDrives:
-        codec = Codec(self._software.config.can, self._precision)
+        codec = Codec(self._software.config.can, self._software.precision)
         is_quick = not self._size.all_long_drives
-        return LongDrives(self._software, codec, self._second, self._task, self._turn, is_quick)
+        return LongDrives(self._software, codec, self._controller, self._task, self._turn, is_quick)
 
     def _differences(self, name: str, pair: Pair, stretches: Sequence[Stretch], first: int = 0) -> Iterator[str]:
         """Yield the first output that differs; the following ones depend on it. `first`: number of the first sample."""

@@ -10,7 +10,6 @@ import math
 from typing import Any, NamedTuple
 
 from codegen.configuration import Config
-from codegen.configuration.signals import MEASURED
 from codegen.ecu_map.lookup import Lookup
 from codegen.sil.software import Command, Measurement, Status
 from codegen.verify.law.inputs import Quality, SecondInputs
@@ -75,10 +74,6 @@ class SecondLimiter:
         return bounds[-1]
 
 
-NUMBERS = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
-"""Numbers of a measurement that the controller uses, in order."""
-
-
 class Road(NamedTuple):
     """Road for which the map was made: peak friction, and the lateral acceleration in m/s^2 that the map allows on it."""
 
@@ -128,10 +123,8 @@ class SecondController:
         return self.real(getattr(self.p, name))
 
     def step(self, measurement: Measurement) -> Command:
-        numbers = {name: self.real(getattr(measurement, name)) for name in NUMBERS}
-        measured = Measurement(**numbers, inhibit=measurement.inhibit)
         yaw_rate_reference = self.real(0.0)
-        self.quality, sample = self.inputs.step(measured, self.angle)
+        self.quality, sample = self.inputs.step(measurement, self.angle)
         if self.quality is Quality.UNUSABLE:
             self.status, self.above_enabling_speed = Status.FAIL_SAFE, False
         elif self.quality is Quality.MISSING:

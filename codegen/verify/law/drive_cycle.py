@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,9 @@ from codegen.ecu_map.lookup import Lookup
 from codegen.emit.text import Precision
 from codegen.sil.software import Measurement
 from codegen.verify.drives import gaps_of
-from codegen.verify.law.controller import NUMBERS
+from codegen.verify.law.inputs import NUMBERS
 from codegen.verify.traffic import Cycle, frames_of
-from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
+from hil_sim.codec import Codec
 from hil_sim.e2e import next_counter
 
 
@@ -86,9 +87,7 @@ def cycles_of(config: Config, precision: Precision, samples: Sequence[Measuremen
             angle = (angle, math.nan, impossible)[life % 3]
         elif math.isfinite(sample.rear_angle):
             angle = math.nan
-        motion = VehicleMotion(sample.speed, sample.front_angle, sample.yaw_rate)
-        conditions = VehicleConditions(angle, sample.friction, sample.lateral_acceleration, sample.inhibit)
-        frames = frames_of(can, codec, counter, motion, conditions)
+        frames = frames_of(can, codec, counter, replace(sample, rear_angle=angle))
         found.append(tuple(frame for frame, gap in zip(frames, gaps, strict=True) if not gap[number] or age <= waits))
         counter = next_counter(counter)
     return found

@@ -7,12 +7,16 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any
 
+from codegen.configuration.signals import MEASURED
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
 from codegen.sil.software import Measurement
 
+NUMBERS = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
+"""Numbers of a measurement that the controller uses, in order."""
+
 
 class Quality(Enum):
-    """Quality of a sample."""
+    """Quality of a sample, in the order of the C enum."""
 
     GOOD = auto()
     REPLACED = auto()
@@ -60,8 +64,10 @@ class SecondInputs:
     def parameter(self, name: str) -> Any:
         return self.real(getattr(self.p, name))
 
-    def step(self, m: Measurement, command: Any) -> tuple[Quality, Measurement]:
+    def step(self, measurement: Measurement, command: Any) -> tuple[Quality, Measurement]:
         """Return the quality of a sample and the accepted values. `command`: last command in rad."""
+        numbers: dict[str, Any] = {name: self.real(getattr(measurement, name)) for name in NUMBERS}
+        m = Measurement(**numbers, inhibit=measurement.inhibit)
         p, signals = self.parameter, (self.speed, self.front_angle, self.yaw_rate)
         rear = m.rear_angle if abs(m.rear_angle) <= p("rear_angle_max") else command
         taken = [self._take_speed(m.speed)]
@@ -96,8 +102,7 @@ class SecondInputs:
         yaw_rate = self._without_offset(gain) if self.yaw_rate.is_measured else self.yaw_rate.value
         speed = self.speed.value
         lateral = speed * (yaw_rate if self.lateral is None else self.lateral)
-        numbers = (speed, self.front_angle.value, yaw_rate, rear, self.friction, lateral)
-        return quality, Measurement(*numbers, inhibit=m.inhibit)
+        return quality, Measurement(speed, self.front_angle.value, yaw_rate, rear, self.friction, lateral, inhibit=m.inhibit)
 
     def _gain(self, speed: Any) -> Any:
         """Return the yaw rate gain of the linear car in (rad/s)/rad."""

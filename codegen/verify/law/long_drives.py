@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 
 from codegen.sil.software import Measurement, Software
-from codegen.verify.law.controller import NUMBERS, SecondController
 from codegen.verify.law.inputs import SecondInputs, Signal
 from codegen.verify.law.pairs import ControllerPair, InputsPair, LimiterPair, Pair, ReceiverPair, Stretch, TaskPair
 from codegen.verify.traffic import Cycle, frames_of
-from hil_sim.codec import Codec, Frame, VehicleConditions, VehicleMotion
+from hil_sim.codec import Codec, Frame
 
 HOUR_S = 3_600.0
 OVERFLOW = 70_000
@@ -61,14 +60,13 @@ class LongDrives:
 
     Attributes:
         software: the compiled C.
-        second: second controller for parameters and an initial rear angle in rad.
-        task: both tasks in their initial state, for parameters.
+        controller, task: both implementations in their initial state, for parameters.
         turn: plausible turn at a speed in m/s.
     """
 
     software: Software
     codec: Codec
-    second: Callable[[Any, float], SecondController]
+    controller: Callable[[Any], ControllerPair]
     task: Callable[[Any], TaskPair]
     turn: Callable[[float], Measurement]
     is_quick: bool
@@ -109,13 +107,10 @@ class LongDrives:
         for name in [*held][:2] if self.is_quick else held:
             samples = held[name]
             stretches = (recovery, Stretch(samples, self._hour // len(samples)), recovery, Stretch(turning, 20))
-            yield Drive(f"an hour of {name}", self._controller(parameters), stretches)
-        yield Drive("an hour at standstill", self._controller(parameters), (Stretch([STANDING], self._hour), recovery))
+            yield Drive(f"an hour of {name}", self.controller(parameters), stretches)
+        yield Drive("an hour at standstill", self.controller(parameters), (Stretch([STANDING], self._hour), recovery))
         directed = self._directed(parameters, 400 if self.is_quick else 2_000)
-        yield Drive("losses up to the limits", self._controller(parameters), (Stretch(directed),))
-
-    def _controller(self, parameters: Any, start: float = 0.02) -> ControllerPair:
-        return ControllerPair(self.software, self.second(parameters, start), parameters, start)
+        yield Drive("losses up to the limits", self.controller(parameters), (Stretch(directed),))
 
     def _inputs(self) -> Iterator[Drive]:
         turning = self._turning
@@ -130,18 +125,15 @@ class LongDrives:
             for overflow, around in itertools.product(overflows, AROUND):
                 stretches += [Stretch(lost, overflow + around), Stretch(turning, recovery // 2 + 1)]
             name = f"recovery after {recovery} samples"
-            yield Drive(f"losses around overflows, {name}", self._input(parameters), stretches)
+            yield Drive(f"losses around overflows, {name}", InputsPair(self.software, parameters), stretches)
             directed = self._directed(parameters, 1_500 if self.is_quick else 5_000)
-            yield Drive(f"input losses up to the limits, {name}", self._input(parameters), (Stretch(directed),))
+            yield Drive(f"input losses up to the limits, {name}", InputsPair(self.software, parameters), (Stretch(directed),))
         parameters = self.software.parameters()
         subsets = [names for count in (1, 2, 3) for names in itertools.combinations(SIGNALS, count)]
         for names in () if self.is_quick else subsets:
             samples = [_without(sample, names) for sample in turning]
             stretches = [Stretch(turning, 10), Stretch(samples, OVERFLOW // len(samples)), Stretch(turning, 20)]
-            yield Drive(f"no {', '.join(names)}", self._input(parameters), stretches)
-
-    def _input(self, parameters: Any) -> InputsPair:
-        return InputsPair(self.software, parameters, is_trusted=False)
+            yield Drive(f"no {', '.join(names)}", InputsPair(self.software, parameters), stretches)
 
     def _directed(self, parameters: Any, count: int) -> list[Measurement]:
         """Return samples in which each signal is lost and returns. Whether a loss or a recovery goes on is drawn anew where
@@ -155,9 +147,8 @@ class LongDrives:
                 if generator.random() < (0.5 if at_limit else 0.01):
                     is_lost[name] = not is_lost[name]
             samples.append(_without(sample, [name for name in SIGNALS if is_lost[name]]))
-            measured: dict[str, Any] = {name: self.software.real(getattr(samples[-1], name)) for name in NUMBERS}
             with np.errstate(all="ignore"):
-                second.step(Measurement(**measured), self.software.real(0.0))
+                second.step(samples[-1], self.software.real(0.0))
         return samples
 
     def _limiters(self) -> Iterator[Drive]:
@@ -272,10 +263,9 @@ class _Bus:
 
     def cycle(self, number: int, rear_angle: float = 0.0) -> Cycle:
         """Return both frames with the counter of a cycle."""
-        motion, counter = self._motion, number % COUNTER_STEPS
-        yaw_rate = motion.yaw_rate + YAW_RATE_NOISE[number % len(YAW_RATE_NOISE)]
-        sent = VehicleMotion(motion.speed, motion.front_angle, yaw_rate), VehicleConditions(rear_angle)
-        return frames_of(self._can, self._codec, counter, *sent)
+        yaw_rate = self._motion.yaw_rate + YAW_RATE_NOISE[number % len(YAW_RATE_NOISE)]
+        sample = replace(self._motion, yaw_rate=yaw_rate, rear_angle=rear_angle)
+        return frames_of(self._can, self._codec, number % COUNTER_STEPS, sample)
 
     def cycles(self, rear_angle: float = 0.0, count: int = COUNTER_STEPS, first: int = 0) -> list[Cycle]:
         """Return consecutive cycles; the default number can be repeated."""

@@ -19,8 +19,8 @@ import numpy.typing as npt
 from codegen.configuration.can import FRAME_BYTES
 from codegen.configuration.signals import MEASURED
 from codegen.sil.software import Measurement, Software, Status
-from codegen.verify.law.controller import NUMBERS, SecondController, SecondLimiter
-from codegen.verify.law.inputs import Quality, SecondInputs
+from codegen.verify.law.controller import SecondController, SecondLimiter
+from codegen.verify.law.inputs import NUMBERS, Quality, SecondInputs
 from codegen.verify.law.task import SecondTask
 from codegen.verify.traffic import Cycle
 from hil_sim.codec import Codec, Frame
@@ -35,6 +35,9 @@ SETTLING_MAX = 8_000
 class Pair(ABC):
     """One unit in C and its second implementation, both in the same state."""
 
+    _second: Any
+    """The second implementation."""
+
     @abstractmethod
     def second(self, sample: Any) -> Any:
         """Advance the second implementation and return its output."""
@@ -43,9 +46,9 @@ class Pair(ABC):
     def compiled(self, sample: Any) -> Any:
         """Advance the C and return its output, comparable with that of `second`."""
 
-    @abstractmethod
     def state(self) -> Any:
         """Return the objects that hold the state of the second implementation."""
+        return self._second
 
     def first_difference(self, samples: Sequence[Any], wanted: Sequence[Any], rounds: int) -> tuple[int, Any] | None:
         """Run the C on the samples a number of times. Return index and output of the first difference."""
@@ -99,43 +102,41 @@ def compare(pair: Pair, stretches: Iterable[Stretch]) -> Result:
 
 
 def _compare_stretch(pair: Pair, stretch: Stretch, result: Result) -> None:
-    samples, left = stretch.samples, stretch.rounds
     outputs: list[Any] = []
     seen: dict[Hashable, int] = {}
-    has_recurred = stretch.rounds == 1
-
-    def run_compiled(wanted: Sequence[Any], rounds: int) -> bool:
-        """Return whether the C gives the wanted outputs."""
-        period = [*samples] * (len(wanted) // len(samples))
-        found = pair.first_difference(period, wanted, rounds)
-        if found is not None:
-            index, got = found
-            at = index % len(wanted)
-            result.difference = (result.compared + result.repeated + index, period[at], got, wanted[at])
-        return found is None
-
+    left, has_recurred = stretch.rounds, stretch.rounds == 1
     while left:
-        wanted = [pair.second(sample) for sample in samples]
-        if not run_compiled(wanted, 1):
+        with np.errstate(all="ignore"):
+            wanted = [pair.second(sample) for sample in stretch.samples]
+        if not _is_equal(pair, stretch, wanted, 1, result):
             return
         left -= 1
-        result.compared += len(samples)
+        result.compared += len(wanted)
         if has_recurred:
             continue
         outputs += wanted
         state = state_of(pair.state())
         if state in seen:
-            cycle = outputs[seen[state] :]
-            rounds = left // (len(cycle) // len(samples))
-            if not run_compiled(cycle, rounds):
+            has_recurred, cycle = True, outputs[seen[state] :]
+            rounds, left = divmod(left, len(cycle) // len(stretch.samples))
+            if not _is_equal(pair, stretch, cycle, rounds, result):
                 return
             result.repeated += rounds * len(cycle)
-            left -= rounds * (len(cycle) // len(samples))
-            has_recurred = True
         elif len(outputs) >= SETTLING_MAX:
             result.unsettled += 1
             return
         seen[state] = len(outputs)
+
+
+def _is_equal(pair: Pair, stretch: Stretch, wanted: Sequence[Any], rounds: int, result: Result) -> bool:
+    """Return whether the C gives the wanted outputs a number of times. If not, the difference is in the result."""
+    samples = [*stretch.samples] * (len(wanted) // len(stretch.samples))
+    found = pair.first_difference(samples, wanted, rounds)
+    if found is not None:
+        index, got = found
+        at = index % len(wanted)
+        result.difference = (result.compared + result.repeated + index, samples[at], got, wanted[at])
+    return found is None
 
 
 def state_of(value: Any) -> Hashable:
@@ -157,10 +158,15 @@ def state_of(value: Any) -> Hashable:
     return id(value)
 
 
+def _fill(measured: Any, sample: Measurement) -> None:
+    """Fill a measurement struct of the C."""
+    for signal in MEASURED:
+        setattr(measured, signal.role, getattr(sample, signal.role))
+
+
 BATCH = 36_000
 """Maximum samples in one call of the C."""
-QUALITIES = (Quality.GOOD, Quality.REPLACED, Quality.MISSING, Quality.UNUSABLE)
-"""In the order of the C enum."""
+QUALITIES = tuple(Quality)
 COMMAND = ("rear_angle", "yaw_rate_reference", "status")
 
 
@@ -173,17 +179,13 @@ class ControllerPair(Pair):
         self.statuses: Counter[Status] = Counter()
 
     def second(self, sample: Measurement) -> tuple[float, float, int]:
-        with np.errstate(all="ignore"):
-            command = self._second.step(sample)
+        command = self._second.step(sample)
         self.statuses[command.status] += 1
         return command.rear_angle, command.yaw_rate_reference, int(command.status)
 
     def compiled(self, sample: Measurement) -> tuple[float, float, int]:
         (command,) = self._run([sample], 1)
         return tuple(command.tolist())
-
-    def state(self) -> SecondController:
-        return self._second
 
     def first_difference(
         self, samples: Sequence[Measurement], wanted: Sequence[Any], rounds: int
@@ -205,8 +207,7 @@ class ControllerPair(Pair):
         ffi, prefix = software.ffi, software.prefix
         once = ffi.new(f"{prefix}_measurement_t[]", len(samples))
         for each, sample in zip(once, samples, strict=True):
-            for signal in MEASURED:
-                setattr(each, signal.role, getattr(sample, signal.role))
+            _fill(each, sample)
         measurements, commands = (ffi.new(f"{prefix}_{name}_t[]", count) for name in ("measurement", "command"))
         ffi.buffer(measurements)[:] = bytes(ffi.buffer(once)) * rounds
         controller = self._controller
@@ -227,34 +228,28 @@ class ControllerPair(Pair):
 
 
 class InputsPair(Pair):
-    """The input monitoring: measurements in, quality and accepted values out. `command`: rear angle in rad."""
+    """The input monitoring, untrusted at first: measurements in, quality and accepted values out, with a command of zero."""
 
-    def __init__(self, software: Software, parameters: Any, is_trusted: bool, command: float = 0.0) -> None:
-        self._second = SecondInputs(parameters.inputs, software.real, is_trusted)
+    def __init__(self, software: Software, parameters: Any) -> None:
+        self._second = SecondInputs(parameters.inputs, software.real, is_trusted=False)
         self._parameters = software.ffi.addressof(parameters, "inputs")
         self._state, self._measured, self._found = (software.new(name) for name in ("inputs", "measurement", "measurement"))
-        self._step, self._command, self._real = software.function("inputs_step"), software.real(command), software.real
+        self._step, self._command = software.function("inputs_step"), software.real(0.0)
         self._last: Measurement | None = None
         self._owner = parameters  # the struct above is a part of it
-        software.function("inputs_init")(self._state, is_trusted)
+        software.function("inputs_init")(self._state, False)
 
     def second(self, sample: Measurement) -> tuple[Any, ...]:
-        numbers: dict[str, Any] = {name: self._real(getattr(sample, name)) for name in NUMBERS}
-        with np.errstate(all="ignore"):
-            quality, found = self._second.step(Measurement(**numbers, inhibit=sample.inhibit), self._command)
+        quality, found = self._second.step(sample, self._command)
         return (QUALITIES.index(quality), found.inhibit, *(float(getattr(found, name)) for name in NUMBERS))
 
     def compiled(self, sample: Measurement) -> tuple[Any, ...]:
         if sample is not self._last:
-            for signal in MEASURED:
-                setattr(self._measured, signal.role, getattr(sample, signal.role))
+            _fill(self._measured, sample)
             self._last = sample
         found = self._found
         quality = self._step(self._state, self._parameters, self._measured, self._command, found)
         return (quality, found.inhibit, *[getattr(found, name) for name in NUMBERS])
-
-    def state(self) -> SecondInputs:
-        return self._second
 
     def text(self, output: tuple[Any, ...]) -> str:
         quality, inhibit, *numbers = output
@@ -272,16 +267,12 @@ class LimiterPair(Pair):
         software.function("limiter_init")(self._state, start)
 
     def second(self, sample: tuple[float, float, float]) -> float:
-        with np.errstate(all="ignore"):
-            return float(self._second.step(*sample))
+        return float(self._second.step(*sample))
 
     def compiled(self, sample: tuple[float, float, float]) -> float:
         given = self._input
         given.speed, given.front_angle, given.demand = sample
         return float(self._step(self._state, self._parameters, given))
-
-    def state(self) -> SecondLimiter:
-        return self._second
 
 
 class ReceiverPair(Pair):
@@ -340,17 +331,13 @@ class TaskPair(Pair):
         self._task, self._second, self._codec = software.task(parameters), second, codec
 
     def second(self, sample: Cycle) -> tuple[int, bytes]:
-        with np.errstate(all="ignore"):
-            return self._second.run(sample)
+        return self._second.run(sample)  # type: ignore[no-any-return]
 
     def compiled(self, sample: Cycle) -> tuple[int, bytes]:
         task = self._task
         for frame in sample:
             task.on_can_frame(frame.id, frame.data)
         return task.run()
-
-    def state(self) -> SecondTask:
-        return self._second
 
     def text(self, output: tuple[int, bytes]) -> str:
         identifier, data = output

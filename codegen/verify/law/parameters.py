@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -69,19 +69,14 @@ def drawn(software: Software, generator: np.random.Generator) -> Any:
     return parameters
 
 
-def changed(software: Software, parameters: Any) -> set[str]:
-    """Return the qualified names of parameters that differ from the default."""
-    fields = zip(_fields(software.config, parameters), _fields(software.config, software.parameters()), strict=True)
-    return {
+def unchanged(software: Software, sets: Iterable[Any]) -> list[str]:
+    """Return the qualified names of parameters that have their default in every set."""
+    fields = zip(*(_fields(software.config, each) for each in (software.parameters(), *sets)), strict=True)
+    return [
         name
-        for (holder, parameter, name), (default, _, _) in fields
-        if _value(holder, parameter.name) != _value(default, parameter.name)
-    }
-
-
-def names(software: Software) -> set[str]:
-    """Return the qualified names of all parameters."""
-    return {name for _, _, name in _fields(software.config, software.parameters())}
+        for (default, parameter, name), *others in fields
+        if all(_value(holder, parameter.name) == _value(default, parameter.name) for holder, _, _ in others)
+    ]
 
 
 def _narrow(parameters: Any, generator: np.random.Generator) -> None:

@@ -37,43 +37,33 @@ _OPERATIONS: dict[int, Callable[..., Any]] = {
 }
 
 
-@dataclass(frozen=True)
-class Instruction:
-    """Instruction of a CasADi function: operation, work places or element indices, and the value of a constant."""
+Instruction = tuple[int, Sequence[int], Sequence[int], Any]
+"""Operation, work places or element indices of its arguments and of its results, and the value of a constant."""
 
-    operation: int
-    arguments: tuple[int, ...]
-    results: tuple[int, ...]
-    constant: Any
 
-    @classmethod
-    def all_of(cls, function: Any, real: Any) -> tuple[Instruction, ...]:
-        """Return the instructions of a function, with constants in a number type."""
-        return tuple(
-            cls(
-                function.instruction_id(k),
-                tuple(function.instruction_input(k)),
-                tuple(function.instruction_output(k)),
-                real(function.instruction_constant(k)) if function.instruction_id(k) == ca.OP_CONST else None,
-            )
-            for k in range(function.n_instructions())
-        )
+def instructions_of(function: Any, real: Any) -> list[Instruction]:
+    """Return the instructions of a CasADi function, with constants in a number type."""
+    found = []
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        constant = real(function.instruction_constant(k)) if operation == ca.OP_CONST else None
+        found.append((operation, function.instruction_input(k), function.instruction_output(k), constant))
+    return found
 
 
 def walk(instructions: Iterable[Instruction], inputs: Sequence[Sequence[Any]]) -> list[Any]:
     """Evaluate the only output, every operation in the number type of the inputs. Inputs by (argument, element)."""
     work: dict[int, Any] = {}
     output: dict[int, Any] = {}
-    for each in instructions:
-        arguments = each.arguments
-        if each.operation == ca.OP_CONST:
-            work[each.results[0]] = each.constant
-        elif each.operation == ca.OP_INPUT:
-            work[each.results[0]] = inputs[arguments[0]][arguments[1]]
-        elif each.operation == ca.OP_OUTPUT:
-            output[each.results[1]] = work[arguments[0]]
+    for operation, arguments, results, constant in instructions:
+        if operation == ca.OP_CONST:
+            work[results[0]] = constant
+        elif operation == ca.OP_INPUT:
+            work[results[0]] = inputs[arguments[0]][arguments[1]]
+        elif operation == ca.OP_OUTPUT:
+            output[results[1]] = work[arguments[0]]
         else:
-            work[each.results[0]] = _OPERATIONS[each.operation](work[arguments[0]], work[arguments[-1]])
+            work[results[0]] = _OPERATIONS[operation](work[arguments[0]], work[arguments[-1]])
     return [output[index] for index in sorted(output)]
 
 
@@ -125,7 +115,7 @@ class SecondReferenceModel:
         stiffness = 2.0 * tyres.rear.cornering_stiffness
         self.real = real
         functions = single_track_step(config, period)
-        self.arguments, self.change = (Instruction.all_of(each, real) for each in (functions.arguments, functions.change))
+        self.arguments, self.change = (instructions_of(each, real) for each in (functions.arguments, functions.change))
         both = zip((tyres.front, tyres.rear), load_transfer_losses(config), strict=True)
         self.curves = [TableCurve.of(tyre, real, loss) for tyre, loss in both]
         self.speed_min = real(SPEED_MIN)

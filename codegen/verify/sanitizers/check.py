@@ -16,7 +16,6 @@ import numpy as np
 
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import LAWS
-from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.sil.software import RECORD_COLUMNS, Software, Status, compile_build
 from codegen.verify import drives
@@ -112,7 +111,6 @@ class _Suites:
         self._config = self._thresholds.config
         self._largest = float(ecu.real(self._config.rear_actuator.angle_max))  # rad, in the precision of the C
         self._samples = SAMPLES_QUICK if effort.quick else SAMPLES
-        self._precision = cast(Precision, subject.manifest["options"]["precision"])
 
     def run(self) -> Iterator[str]:
         """Run everything and yield a line for each fault."""
@@ -143,8 +141,8 @@ class _Suites:
     def _lookups(self) -> Iterator[str]:
         subject = self._subject
         lookup = lookup_of(subject, compile_build(subject.files, subject.manifest, flags=HOST_FLAGS))
-        places = drives.places(self._thresholds, self._samples // 4, self._precision)
-        frictions = drives.road_frictions(self._thresholds, self._precision)
+        places = drives.places(self._thresholds, self._samples // 4, self._subject.precision)
+        frictions = drives.road_frictions(self._thresholds, self._subject.precision)
         wrong = [text for friction in frictions for text in self._different(lookup, places, friction)]
         self.figures["look_ups"] = len(places) * len(frictions)
         if wrong:
@@ -187,7 +185,7 @@ class _Suites:
     def _faults(self) -> Iterator[str]:
         ecu = cast(Software, self._ecu)  # a bench uses only its task
         outcomes = run_all(
-            self._config, lambda run: run_in_process(PlantNode(self._config, run, precision=self._precision), ecu)
+            self._config, lambda run: run_in_process(PlantNode(self._config, run, precision=self._subject.precision), ecu)
         )
         self.figures["faults"] = len(outcomes)
         if not drives.are_faults_defined_for(self._config):

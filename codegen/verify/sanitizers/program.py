@@ -40,7 +40,7 @@ CRC_AND_COUNTER = range(12)
 def sources(subject: Subject) -> dict[str, bytes]:
     """Return the C of the program."""
     return {
-        **bench_sources(subject.config, subject.prefix, subject.manifest["options"]["precision"]),
+        **bench_sources(subject.config, subject.prefix, subject.precision),
         **{f"fuzz_{name}.c": harness(subject, name, f"fuzz_{name}") for name in HARNESSES},
         "fuzz_main.c": verbatim("verify/fuzz_main.c"),
         "served_ecu.c": render("verify/served_ecu.c.j2", _context(subject)),
@@ -53,7 +53,7 @@ def harness(subject: Subject, name: Name, entry: str = "LLVMFuzzerTestOneInput")
 
 
 def _context(subject: Subject) -> dict[str, Any]:
-    config, facts, precision = subject.config, subject.manifest["map"], subject.manifest["options"]["precision"]
+    config, facts, precision = subject.config, subject.manifest["map"], subject.precision
     law, real, cap = LAWS[subject.kind], numpy_type(precision), facts["lateral_acceleration_cap_m_s2"]
     numbers = {
         "sampling_time": config.controller.sampling_time_s,
@@ -116,12 +116,10 @@ def seeds(subject: Subject) -> dict[Name, tuple[bytes, ...]]:
     Raises:
         BuildError: the C of the simulated car does not compile here.
     """
-    precision = subject.manifest["options"]["precision"]
-    config = subject.config
-    recorded = recordings(config, precision, SEED_SAMPLES)
-    real = numpy_type(precision)
+    recorded = recordings(subject.config, subject.precision, SEED_SAMPLES)
+    real = numpy_type(subject.precision)
     return {
-        "can": tuple(bytes(data) for recording in recorded for data in _can_seeds(config, recording)),
+        "can": tuple(bytes(data) for recording in recorded for data in _can_seeds(subject.config, recording)),
         "step": tuple(bytes(data) for recording in recorded for data in _step_seeds(recording, real)),
     }
 

@@ -34,7 +34,7 @@ from codegen.programs import run_program
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.sil.toolchain import compiler_command, compiler_identity, require_success, run
-from codegen.verify.check import Subject
+from codegen.verify.check import Subject, stored
 from codegen.verify.drives import Samples
 from codegen.verify.packages import MissingTool
 
@@ -109,9 +109,7 @@ def find_compiler() -> Compiler:
 @lru_cache(maxsize=16)
 def _finds_planted_faults(command: tuple[str, ...]) -> bool:
     try:
-        with tempfile.TemporaryDirectory(prefix="ars-canary-") as scratch:
-            tree = Path(scratch)
-            (tree / "canary.c").write_bytes(verbatim("verify/canary.c"))
+        with stored({"canary.c": verbatim("verify/canary.c")}) as tree:
             require_success(run([*command, *FLAGS, SANITIZERS, "canary.c", "-o", "canary"], tree), "canary.c")
             return all(
                 what in run_sanitized(tree / "canary", fault, seconds=60).stderr for fault, what in CANARY_FAULTS.items()
@@ -159,30 +157,22 @@ def compiled(
         link: additional flags for linking.
 
     Raises:
-        BuildError: C that does not compile.
-        CodegenError: a full disk.
+        BuildError: C that does not compile, or a full disk.
     """
-    try:
-        with tempfile.TemporaryDirectory(prefix="ars-sanitized-") as folder:
-            scratch = Path(folder).resolve()
-            tree = scratch / "tree"
-            for name, content in {**plain, **sources}.items():
-                (tree / name).parent.mkdir(parents=True, exist_ok=True)
-                (tree / name).write_bytes(content)
-            search = [f"-I{folder}" for folder in ("include", "bench") if (tree / folder).is_dir()]
-            common = [*search, f"-fdebug-prefix-map={tree}={ROOT}", "-c"]
-            every = {**dict.fromkeys(plain, PLAIN_FLAGS), **dict.fromkeys(sources, (*FLAGS, SANITIZERS, *flags))}
-            objects = {unit: f"{scratch}/{number}.o" for number, unit in enumerate(every) if unit.endswith(".c")}
-            with ThreadPoolExecutor(os.cpu_count()) as pool:
-                commands = ([*compiler.command, *every[unit], *common, unit, "-o", name] for unit, name in objects.items())
-                for unit, result in zip(objects, pool.map(lambda command: run(command, tree), commands), strict=True):
-                    require_success(result, unit)
-            linking = [*compiler.command, SANITIZERS, *link, *objects.values(), "-o", "program", "-lm"]
-            require_success(run(linking, scratch), "linking")
-            yield scratch / "program"
-    except OSError as error:
-        what = f"the sources cannot be stored: {error.strerror or error}"
-        raise CodegenError(what, remedy="free space for temporary files") from error
+    with stored({f"tree/{path}": content for path, content in {**plain, **sources}.items()}) as folder:
+        scratch = folder.resolve()
+        tree = scratch / "tree"
+        search = [f"-I{name}" for name in ("include", "bench") if (tree / name).is_dir()]
+        common = [*search, f"-fdebug-prefix-map={tree}={ROOT}", "-c"]
+        every = {**dict.fromkeys(plain, PLAIN_FLAGS), **dict.fromkeys(sources, (*FLAGS, SANITIZERS, *flags))}
+        objects = {unit: f"{scratch}/{number}.o" for number, unit in enumerate(every) if unit.endswith(".c")}
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            commands = ([*compiler.command, *every[unit], *common, unit, "-o", name] for unit, name in objects.items())
+            for unit, result in zip(objects, pool.map(lambda command: run(command, tree), commands), strict=True):
+                require_success(result, unit)
+        linking = [*compiler.command, SANITIZERS, *link, *objects.values(), "-o", "program", "-lm"]
+        require_success(run(linking, scratch), "linking")
+        yield scratch / "program"
 
 
 def findings_of(report: str) -> tuple[str, ...]:
@@ -251,7 +241,7 @@ class ServedEcu:
     def look_up(self, places: Numbers, friction: float) -> tuple[Numbers, Numbers]:
         """Look up yaw rate and rear angle (0 if the build has none) at places (n, 2) of speed and front angle."""
         rows = np.column_stack([places, np.full(len(places), friction, dtype=self.real)])
-        found = self._batches(b"m", rows.reshape(-1), np.dtype((self.real, 2)), width=3)
+        found = self._batches(b"m", rows, np.dtype((self.real, 2)))
         return found[:, 0], found[:, 1]
 
     def run_loop(self, inputs: FloatArray, steps_per_sample: int, *, through_can: bool) -> FloatArray:
@@ -277,12 +267,11 @@ class ServedEcu:
         answer = self._ask(b"c", 12)
         return struct.unpack("=I", answer[:4])[0], answer[4:]
 
-    def _batches(self, command: bytes, rows: Numbers, answer: np.dtype[Any], width: int = 1) -> Numbers:
+    def _batches(self, command: bytes, rows: Numbers, answer: np.dtype[Any]) -> Numbers:
         parts = []
-        for start in range(0, len(rows), BATCH * width):
-            part = rows[start : start + BATCH * width]
-            count = len(part) // width
-            data = self._ask(command + struct.pack("=I", count) + part.tobytes(), count * answer.itemsize)
+        for start in range(0, len(rows), BATCH):
+            part = rows[start : start + BATCH]
+            data = self._ask(command + struct.pack("=I", len(part)) + part.tobytes(), len(part) * answer.itemsize)
             parts.append(np.frombuffer(data, dtype=answer))
         return np.concatenate(parts)
 
@@ -310,7 +299,7 @@ def served(program: Path, subject: Subject) -> Iterator[ServedEcu]:
         )
         watch = threading.Timer(SECONDS_MAX, process.kill)
         watch.start()
-        found = ServedEcu(process, numpy_type(subject.manifest["options"]["precision"]))
+        found = ServedEcu(process, numpy_type(subject.precision))
         ended = False
         try:
             yield found
