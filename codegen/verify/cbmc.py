@@ -37,11 +37,7 @@ exec {loader} --library-path {libraries} {program} "$@"
 
 @dataclass(frozen=True)
 class Cbmc:
-    """An installed CBMC with its solver.
-
-    Attributes:
-        environment: variables of a process that finds the commands.
-    """
+    """An installed CBMC with its solver. A process with the variables of `environment` finds the commands."""
 
     environment: Mapping[str, str]
 

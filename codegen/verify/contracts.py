@@ -34,13 +34,7 @@ _COMMAND = re.compile(rf" \* (?:goto-cc{_WORDS} && goto-instrument{_WORDS} >/dev
 
 @dataclass(frozen=True)
 class Result:
-    """Result for one harness.
-
-    Attributes:
-        seconds: run time.
-        properties: number of properties that were checked.
-        detail: what failed and where, or why it is open.
-    """
+    """Result for one harness, with its run time, the number of properties that were checked, and what failed or is open."""
 
     harness: str
     verdict: Proof

@@ -287,28 +287,16 @@ def road_frictions(thresholds: Thresholds, precision: Precision) -> tuple[float,
     return tuple(dict.fromkeys(float(value) for value in (*SPECIAL, *own, *beside, *between)))
 
 
-@dataclass(frozen=True)
-class Recording:
-    """Frames and measurements of a car without rear steering.
-
-    Attributes:
-        name: name of the scenario.
-        frames: protected frames of each sample, in order.
-        measurements: the same samples as a drive.
-    """
-
-    name: str
-    frames: tuple[tuple[Frame, ...], ...]
-    measurements: Samples
+Recording = tuple[list[tuple[Frame, ...]], Samples]
+"""Protected frames of each sample of a car without rear steering, and the same samples as a drive."""
 
 
-def recordings(config: Config, precision: Precision, samples: int) -> tuple[Recording, ...]:
-    """Record samples of each scenario from the beginning of the driver's action, without bus faults.
+def recordings(config: Config, precision: Precision, samples: int) -> Iterator[Recording]:
+    """Yield samples of each scenario from the beginning of the driver's action, without bus faults.
 
     Raises:
         BuildError: the C of the simulated car does not compile here.
     """
-    found = []
     for name, _ in loops(config):
         run = replace(SCENARIOS[name], faults=())
         node = PlantNode(config, run, precision=precision)
@@ -319,5 +307,4 @@ def recordings(config: Config, precision: Precision, samples: int) -> tuple[Reco
             frames.append(tuple(node.outgoing(cycle)))
             rows.append(node.finish(cycle))
         inputs = run.inputs(config)[:: round(config.controller.sampling_time_s / config.plant.sampling_time_s)]
-        found.append(Recording(name, tuple(frames[first:]), measured(np.array(rows[first:]), inputs[first:last])))
-    return tuple(found)
+        yield frames[first:], measured(np.array(rows[first:]), inputs[first:last])

@@ -8,7 +8,7 @@ lookup must have are those of `codegen.ecu_map.lookup`, which does not know the 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -41,21 +41,21 @@ def lookup_of(subject: Subject, software: Software) -> Lookup:
     Raises:
         BuildError: the C has no such table or constant, or one of another size.
     """
-    facts, kind, real, symbols = subject.manifest["map"], LAWS[subject.kind], software.real, _Symbols(software)
+    facts, kind, real = subject.manifest["map"], LAWS[subject.kind], software.real
     count = len(facts["frictions"])
     speed_axis, front_axis, shape = _axes(facts, software)
-    yaw_rate = symbols.table("yaw_rate", (count, *shape))
-    rear_angle = symbols.table("rear_angle", (count, *shape)) if kind.uses_rear_angle else yaw_rate
+    yaw_rate = _table(software, "yaw_rate", (count, *shape))
+    rear_angle = _table(software, "rear_angle", (count, *shape)) if kind.uses_rear_angle else yaw_rate
     cars = [CapSteering.from_config(config) for config in roads(subject.config, facts["frictions"])]
     grip = None
     if "grip" in facts:
         grip_speed, grip_front, shape = _axes(facts["grip"], software)
-        grip = GripConstants(grip_speed, grip_front, symbols.table("grip_share", (count, *shape)))
+        grip = GripConstants(grip_speed, grip_front, _table(software, "grip_share", (count, *shape)))
         slips = facts["grip"]["rear_slip_per_lateral_acceleration_rad_s2_m"]
         cars = [replace(car, rear_slip_per_lateral_acceleration=slip) for car, slip in zip(cars, slips, strict=True)]
     steering = tuple(SteeringConstants.of(car, real) for car in cars)
     if kind.uses_rear_angle and subject.manifest["inputs"]["configuration"]["source"] not in ("map", "preset"):
-        columns = [symbols.constant(name, count if name in _OF_THE_TYRES else 1) for name in _STEERING]
+        columns = [_constant(software, name, count if name in _OF_THE_TYRES else 1) for name in _STEERING]
         steering = tuple(SteeringConstants(*numbers) for numbers in zip(*np.broadcast_arrays(*columns), strict=True))
     return Lookup(
         speed_axis=speed_axis,
@@ -63,8 +63,8 @@ def lookup_of(subject: Subject, software: Software) -> Lookup:
         tables=yaw_rate,
         rear_tables=rear_angle,
         frictions=np.array(facts["frictions"], dtype=real),
-        caps=symbols.constant("lateral_acceleration_cap", count),
-        lateral_acceleration_cap_per_friction=symbols.constant("lateral_acceleration_cap_per_friction")[0],
+        caps=_constant(software, "lateral_acceleration_cap", count),
+        lateral_acceleration_cap_per_friction=_constant(software, "lateral_acceleration_cap_per_friction")[0],
         cars=steering,
         real=real,
         grip=grip,
@@ -77,34 +77,30 @@ def _axes(facts: Mapping[str, Any], software: Software) -> tuple[AxisConstants, 
     return AxisConstants(speed, software.real), AxisConstants(front, software.real), (speed.size, front.size)
 
 
-@dataclass(frozen=True)
-class _Symbols:
-    """The numbers of the compiled C, by name."""
+def _constant(software: Software, name: str, count: int = 1) -> npt.NDArray[Any]:
+    """Return (count,) numbers of a member of the struct of constants; of several, the member's name is a plural."""
+    value = _member(_symbol(software, "constants"), f"{name}s" if count > 1 else name)
+    return np.array(list(value) if count > 1 else [value], dtype=software.real)
 
-    software: Software
 
-    def constant(self, name: str, count: int = 1) -> npt.NDArray[Any]:
-        """Return (count,) numbers of a member of the struct of constants; of several, the member's name is a plural."""
-        value = self._of(self._symbol("constants"), f"{name}s" if count > 1 else name)
-        return np.array(list(value) if count > 1 else [value], dtype=self.software.real)
+def _table(software: Software, quantity: str, shape: tuple[int, ...]) -> npt.NDArray[Any]:
+    """Return the values of a table of the map."""
+    ffi, real, name = software.ffi, software.real, f"map_{quantity}_table"
+    table, scale = _symbol(software, name), getattr(_symbol(software, "constants"), f"{quantity}_scale", None)
+    kind = np.dtype(real if scale is None else np.int16)
+    numbers = np.frombuffer(ffi.buffer(ffi.addressof(table)), dtype=kind)
+    if numbers.size != np.prod(shape):
+        raise BuildError(f"{numbers.size} numbers, where {np.prod(shape)} are expected", where=name)
+    values: npt.NDArray[Any] = numbers.reshape(shape).astype(real)
+    return values if scale is None else np.multiply(values, real(scale))
 
-    def table(self, quantity: str, shape: tuple[int, ...]) -> npt.NDArray[Any]:
-        """Return the values of a table of the map."""
-        ffi, real, name = self.software.ffi, self.software.real, f"map_{quantity}_table"
-        table, scale = self._symbol(name), getattr(self._symbol("constants"), f"{quantity}_scale", None)
-        kind = np.dtype(real if scale is None else np.int16)
-        numbers = np.frombuffer(ffi.buffer(ffi.addressof(table)), dtype=kind)
-        if numbers.size != np.prod(shape):
-            raise BuildError(f"{numbers.size} numbers, where {np.prod(shape)} are expected", where=name)
-        values: npt.NDArray[Any] = numbers.reshape(shape).astype(real)
-        return values if scale is None else np.multiply(values, real(scale))
 
-    def _symbol(self, name: str) -> Any:
-        return self._of(self.software.compiled.lib, f"{self.software.prefix}_{name}")
+def _symbol(software: Software, name: str) -> Any:
+    return _member(software.compiled.lib, f"{software.prefix}_{name}")
 
-    @staticmethod
-    def _of(owner: Any, name: str) -> Any:
-        try:
-            return getattr(owner, name)
-        except AttributeError:
-            raise BuildError("the C has no such number", where=name, remedy="build again") from None
+
+def _member(owner: Any, name: str) -> Any:
+    try:
+        return getattr(owner, name)
+    except AttributeError:
+        raise BuildError("the C has no such number", where=name, remedy="build again") from None

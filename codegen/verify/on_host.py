@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import shutil
+import sys
 
 from codegen.errors import BuildError, CodegenError
 from codegen.sil.compile import DEFAULT_FLAGS
@@ -15,6 +16,10 @@ from codegen.verify.packages import MissingTool
 
 HOST_FLAGS = tuple(flag for flag in DEFAULT_FLAGS if flag != "-Werror")
 """Flags for this machine's compiler. Another check judges its warnings."""
+PROGRAMS = ("example", "linux")
+"""Folders of programs for a host."""
+COMPILED_PROGRAMS = PROGRAMS if sys.platform == "linux" else PROGRAMS[:1]
+"""Those for which this machine has the headers."""
 
 
 def require_compiler() -> None:

@@ -31,14 +31,9 @@ CLEANUP_TIME_S = 2.0
 
 @dataclass(frozen=True)
 class Registered:
-    """A check and its module.
+    """A check: its name in JSON, its name in tables, the module with its function `check`, and whether `--quick` runs it.
 
-    Attributes:
-        name: name in JSON and on the command line.
-        title: name in tables.
-        module: module with its function `check`.
-        shows: property that it shows; used where it is not run.
-        quick: whether `--quick` runs it.
+    `shows` is the property that it shows, for where it is not run.
     """
 
     name: str
@@ -110,11 +105,7 @@ SLOWEST_FIRST = (
 
 @dataclass(frozen=True)
 class VerificationReport:
-    """Outcomes of all checks.
-
-    Attributes:
-        outcomes: by name of the check, in the order of `CHECKS`.
-    """
+    """Outcomes of all checks by name, in the order of `CHECKS`."""
 
     subject: Subject
     effort: Effort

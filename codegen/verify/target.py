@@ -29,12 +29,9 @@ from codegen.verify.packages import module, require
 
 @dataclass(frozen=True)
 class Core:
-    """Instruction set to compile for, without an operating system.
+    """Instruction set to compile for, without an operating system: its name for users, and the flags for zig's clang.
 
-    Attributes:
-        name: as users know it.
-        flags: for zig's clang.
-        has_double: whether its FPU computes in double precision.
+    `has_double`: whether its FPU computes in double precision.
     """
 
     name: str
@@ -222,8 +219,6 @@ class Processor:
         symbols = list(elf.get_section_by_name(".symtab").iter_symbols())
         self.name, self.byte_order = core.name, machine.byte_order
         self._addresses = {symbol.name: int(symbol["st_value"]) for symbol in symbols if symbol.name}
-        self._trace: list[int] = []
-        self._known: dict[int, int] = {}
 
     def _get(self, register: str) -> int:
         return int(self._core.reg_read(self._register(register)))
@@ -269,13 +264,12 @@ class Processor:
         """Trace every basic block that runs during `work`. Raises ValueError for a core without Thumb instructions."""
         if not self._machine.is_thumb:
             raise ValueError(f"the instructions of a {self.name} are not counted")
-        self._trace.clear()
+        found: list[int] = []
         # Blocks that were translated before would not call the hook.
         self._core.ctl_flush_tb()
-        append = self._trace.append
 
         def entered(core: Any, address: int, size: int, data: Any) -> None:  # noqa: ARG001 - as the emulator calls it
-            append((address << SIZE_BITS) | size)
+            found.append((address << SIZE_BITS) | size)
 
         hook = self._core.hook_add(self._unicorn.UC_HOOK_BLOCK, entered)
         try:
@@ -283,18 +277,11 @@ class Processor:
         finally:
             self._core.hook_del(hook)
             self._core.ctl_flush_tb()
-        return self._blocks(np.array(self._trace, dtype=np.int64))
-
-    def _blocks(self, trace: IntArray) -> Blocks:
+        trace = np.array(found, dtype=np.int64)
         different, inverse = np.unique(trace, return_inverse=True)
-        counts = np.array([self._instructions(int(block)) for block in different], dtype=np.int64)
+        codes = [self.read(block >> SIZE_BITS, block & ((1 << SIZE_BITS) - 1)) for block in different.tolist()]
+        counts = np.array([instructions_in(code) for code in codes], dtype=np.int64)
         return Blocks(trace >> SIZE_BITS, counts[inverse])
-
-    def _instructions(self, block: int) -> int:
-        if block not in self._known:
-            code = self.read(block >> SIZE_BITS, block & ((1 << SIZE_BITS) - 1))
-            self._known[block] = instructions_in(code)
-        return self._known[block]
 
     def write(self, address: int, content: bytes) -> None:
         """Write to memory."""

@@ -26,12 +26,9 @@ from codegen.verify.packages import EXTRA, MissingTool
 
 @dataclass(frozen=True, order=True)
 class Finding:
-    """One finding of a tool.
+    """One finding of a tool, with its message. Line 0 is the whole file.
 
-    Attributes:
-        file, line: location; line 0 is the whole file.
-        rule: number of a MISRA rule, or the tool's own name for what it finds.
-        text: message of the tool.
+    `rule` is the number of a MISRA rule, or the tool's own name for what it finds.
     """
 
     file: str
@@ -173,21 +170,8 @@ _WARNING = re.compile(
 )
 
 
-@dataclass(frozen=True)
-class Analysis:
-    """Result of an analysis.
-
-    Attributes:
-        findings: without duplicates.
-        left: sources in which gcc did not follow every path to its end.
-    """
-
-    findings: tuple[Finding, ...]
-    left: tuple[str, ...]
-
-
-def analyse(program: str, units: Mapping[str, Sequence[str]], tree: Path) -> Analysis:
-    """Analyse units one by one.
+def analyse(program: str, units: Mapping[str, Sequence[str]], tree: Path) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
+    """Analyse units one by one. Return the findings, and the units in which gcc did not follow every path to its end.
 
     Args:
         program: gcc.
@@ -206,7 +190,7 @@ def analyse(program: str, units: Mapping[str, Sequence[str]], tree: Path) -> Ana
         raise MissingTool("it does not find what was planted for it", where="gcc -fanalyzer", remedy="take a newer gcc")
     reported = {unit: _run_gcc(program, unit, flags, tree) for unit, flags in units.items()}
     left = tuple(unit for unit in units if any(finding.rule == LEFT for finding in reported[unit]))
-    return Analysis(once(finding for unit in units for finding in reported[unit] if finding.rule != LEFT), left)
+    return once(finding for unit in units for finding in reported[unit] if finding.rule != LEFT), left
 
 
 def _run_gcc(program: str, unit: str, flags: Sequence[str], tree: Path) -> list[Finding]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -15,6 +14,7 @@ from codegen.verify.analysis import analysers
 from codegen.verify.analysis.analysers import Finding, once
 from codegen.verify.analysis.number_tables import malformed, without_tables
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.on_host import COMPILED_PROGRAMS, PROGRAMS
 from codegen.verify.packages import MissingTool
 from codegen.verify.target import source_tree
 
@@ -22,9 +22,6 @@ SHOWS = (
     "cppcheck with the rules of MISRA C:2012 and gcc -fanalyzer report only findings that deviations.md lists by "
     "rule, function and text, with a reason, and none of a mandatory rule"
 )
-
-PROGRAMS = ("example", "linux")
-"""Folders of programs for a host."""
 
 LIMITS = (
     "The addon checks only decidable rules. The others, and the directives, require a review.",
@@ -56,20 +53,22 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     with source_tree(without_tables(files, subject.manifest)) as tree:
         programs = [folder for folder in PROGRAMS if subject.sources(folder)]
         found = [*analysers.judged_by_misra(tree), *analysers.judged_as_programs(tree, programs)]
+        by_gcc: tuple[Finding, ...] = ()
+        left: tuple[str, ...] = ()
+        not_run = ""
         try:
-            analysis = analysers.analyse(_gcc(), _units(subject, effort), tree)
-            not_run = ""
+            by_gcc, left = analysers.analyse(_gcc(), _units(subject, effort), tree)
         except MissingTool as error:
-            analysis, not_run = analysers.Analysis((), ()), str(error)
+            not_run = str(error)
         except BuildError as error:
-            analysis, not_run = analysers.Analysis((_not_compiled(error),), ()), ""
-    found = sorted(once([*found, *analysis.findings]))
+            by_gcc = (_not_compiled(error),)
+    found = sorted(once([*found, *by_gcc]))
     faults = (
         *malformed(files, subject.manifest),
         *_row_faults(rows),
         *_differences(subject, rows, found, with_gcc=not not_run),
     )
-    limits = (*LIMITS, *_more_limits(subject, analysis.left))
+    limits = (*LIMITS, *_more_limits(subject, left))
     return replace(_outcome(rows, found, faults, not_run), limits=limits)
 
 
@@ -94,9 +93,8 @@ def _units(subject: Subject, effort: Effort) -> dict[str, tuple[str, ...]]:
 
     A quick check keeps gcc's own limits in the programs for a host, which take most of the time and go into no ECU.
     """
-    programs = PROGRAMS if sys.platform == "linux" else PROGRAMS[:1]
-    paths = sorted(path for path in subject.sources("src", *programs) if path.endswith(".c"))
-    return {path: () if effort.quick and path.startswith(programs) else analysers.DEEP for path in paths}
+    paths = sorted(path for path in subject.sources("src", *COMPILED_PROGRAMS) if path.endswith(".c"))
+    return {path: () if effort.quick and path.startswith(PROGRAMS) else analysers.DEEP for path in paths}
 
 
 def _not_compiled(error: BuildError) -> Finding:

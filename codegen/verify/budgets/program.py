@@ -142,12 +142,7 @@ SECTIONS = ("text", "rodata", "data", "bss")
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes of an object.
-
-    Attributes:
-        sections: bytes by section, without padding between sections.
-        written: names of the variables in written memory, with their bytes.
-    """
+    """Bytes of an object by section, without padding between them, and of the variables in written memory by name."""
 
     sections: Mapping[str, int]
     written: tuple[tuple[str, int], ...]

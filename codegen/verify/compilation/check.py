@@ -8,7 +8,6 @@ from __future__ import annotations
 import importlib.metadata
 import io
 import re
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -21,6 +20,7 @@ from codegen.sil.toolchain import require_success, run
 from codegen.verify import on_host
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.compilation.mixtures import HOSTED, mixtures, not_refused, takes_fast_math, units_with_reals
+from codegen.verify.on_host import COMPILED_PROGRAMS, PROGRAMS
 from codegen.verify.packages import module, require
 from codegen.verify.target import CORES, CORTEX_M4F, FLAGS, INCLUDES, X86_64, Core, source_tree, zig
 
@@ -33,9 +33,6 @@ CXX_STANDARDS = ("c++11", "c++17")
 
 DYNAMICS = "dynamics"
 """The unit whose object may need the mathematical library."""
-
-PROGRAMS = ("example", "linux")
-"""Folders of programs for a host."""
 
 _COMMON = tuple(flag for flag in FLAGS if not flag.startswith("-std") and flag != "-g")
 # gcc's name in C++ for what -Wmissing-prototypes means.
@@ -127,8 +124,7 @@ def by_gcc(subject: Subject, program: str, standards: Sequence[str], levels: Seq
     """Yield compilations by the host's gcc at several optimisation levels. Some warnings require optimisation; some code is
     removed by it."""
     below = _units(subject)
-    programs = PROGRAMS if sys.platform == "linux" else PROGRAMS[:1]
-    units = (*below["src"], *below["alone"], *(unit for folder in programs for unit in below[folder]))
+    units = (*below["src"], *below["alone"], *(unit for folder in COMPILED_PROGRAMS for unit in below[folder]))
     for standard in standards:
         for level in levels:
             flags = (f"-std={standard}", level, *WARNINGS)

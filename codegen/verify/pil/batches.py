@@ -72,13 +72,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Batch:
-    """Calls of one kind.
-
-    Attributes:
-        name: name of the batch.
-        inputs: columns of an input row.
-        outputs: columns of an output row.
-    """
+    """Calls of one kind, and the columns of an input row and of an output row."""
 
     name: str
     inputs: tuple[str, ...]
@@ -92,14 +86,9 @@ class Batch:
 
 @dataclass(frozen=True)
 class Program:
-    """C with batches, complete except for the linking.
+    """C with batches, complete except for the linking. `entries` are other functions that are called.
 
-    Attributes:
-        prefix: prefix of the build.
-        word: NumPy type of a word.
-        batches: by name.
-        sources: content by path.
-        entries: other functions that are called.
+    Batches are by name, and sources, their content, by path. `word` is the NumPy type of a word.
     """
 
     prefix: str
@@ -112,9 +101,7 @@ class Program:
 def program_of(software: Software, files: Mapping[str, bytes]) -> Program:
     """Return the program of everything that needs no library: controller, map, limiter, reference model, frames and task.
 
-    Args:
-        software: the build, compiled for this machine; it provides the fields of every struct.
-        files: files of the build.
+    `software` is the build compiled for this machine, which provides the fields of every struct.
     """
     prefix = software.prefix
     batches = {batch.name: batch for batch in _batches(software, files)}

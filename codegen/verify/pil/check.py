@@ -125,7 +125,7 @@ def _compared(subject: Subject, effort: Effort) -> Outcome:
             "words": {stream.name: len(stream.batch.outputs) for stream in driven},
             "statuses": statuses,
             "mismatches": mismatches,
-            "dynamics": {name: each.to_dict() for name, each in apart.items()},
+            "dynamics": {name: dict(each.figures) for name, each in apart.items()},
         },
         _limits(subject),
         _tools(),

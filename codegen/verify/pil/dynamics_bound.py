@@ -8,7 +8,7 @@ call is wrong by as much, plus `ROUNDING_ULPS` for different rounding. Results w
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,20 +42,13 @@ class Difference:
     """Difference between a core and this machine.
 
     Attributes:
-        rows: number of rows compared.
-        library_ulps: the largest difference of a library function, units in the last place.
-        share: the largest difference of a result as a fraction of its bound.
         findings: a line for each result beyond its bound.
+        figures: JSON values. `points` were compared; `library_ulps` is the largest difference of a library function, in units
+            in the last place, and `share_of_bound` that of a result as a fraction of its bound.
     """
 
-    rows: int
-    library_ulps: int
-    share: float
     findings: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return JSON values."""
-        return {"points": self.rows, "library_ulps": self.library_ulps, "share_of_bound": self.share}
+    figures: Mapping[str, int | float]
 
 
 def library(precision: Precision) -> dict[str, bytes]:
@@ -112,7 +105,8 @@ def compare(program: Program, here: Runner, there: Runner, count: int, generator
             f"{there.name}: dynamics, {batch.outputs[column].name} is {other[row, column]:.9g} and {own[row, column]:.9g} on "
             f"{here.name}, further apart than {bound[row, column]:.3g}; {inputs}"
         )
-    return Difference(len(rows), int(apart.max(initial=0)), float(share.max()), tuple(findings))
+    figures = {"points": len(rows), "library_ulps": int(apart.max(initial=0)), "share_of_bound": float(share.max())}
+    return Difference(tuple(findings), figures)
 
 
 def points(program: Program, batch: Batch, count: int, generator: np.random.Generator) -> Rows:

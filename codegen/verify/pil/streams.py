@@ -39,13 +39,7 @@ TOUR_MAX = 2_500
 
 @dataclass(frozen=True)
 class Source:
-    """Generator of rows.
-
-    Attributes:
-        thresholds: thresholds of the build.
-        word: NumPy type of a word.
-        generator: generator of random numbers.
-    """
+    """Generator of rows for the thresholds of a build, in words of a NumPy type."""
 
     thresholds: Thresholds
     word: Word
@@ -173,14 +167,7 @@ def _legs(legs: Sequence[tuple[Any, int]]) -> Samples:
 
 @dataclass(frozen=True)
 class Stream:
-    """Rows for one batch.
-
-    Attributes:
-        name: name in messages.
-        row: word for one row in messages.
-        batch: batch to run.
-        rows: words, (rows, inputs of the batch).
-    """
+    """Rows for one batch, (rows, inputs). `name`, and `row`, the word for one of them, are for messages."""
 
     name: str
     row: str

@@ -25,8 +25,9 @@ from codegen.emit.render import render, verbatim
 from codegen.emit.text import c_type, literal, numpy_type
 from codegen.sil.software import bench_sources
 from codegen.verify.check import Subject
-from codegen.verify.drives import Recording, recordings
+from codegen.verify.drives import Samples, recordings
 from codegen.verify.sanitizers.sanitized import findings_of, run_sanitized
+from hil_sim.codec import Frame
 
 Name = Literal["can", "step"]
 HARNESSES: tuple[Name, ...] = ("can", "step")
@@ -116,18 +117,18 @@ def seeds(subject: Subject) -> dict[Name, tuple[bytes, ...]]:
     Raises:
         BuildError: the C of the simulated car does not compile here.
     """
-    recorded = recordings(subject.config, subject.precision, SEED_SAMPLES)
+    recorded = list(recordings(subject.config, subject.precision, SEED_SAMPLES))
     real = numpy_type(subject.precision)
     return {
-        "can": tuple(bytes(data) for recording in recorded for data in _can_seeds(subject.config, recording)),
-        "step": tuple(bytes(data) for recording in recorded for data in _step_seeds(recording, real)),
+        "can": tuple(bytes(data) for recording in recorded for data in _can_seeds(subject.config, recording[0])),
+        "step": tuple(bytes(data) for recording in recorded for data in _step_seeds(recording[1], real)),
     }
 
 
-def _can_seeds(config: Config, recording: Recording) -> Iterator[Iterable[int]]:
+def _can_seeds(config: Config, recorded: Sequence[Sequence[Frame]]) -> Iterator[Iterable[int]]:
     """Yield the samples unchanged, and with a jump, a damaged frame, foreign frames and a gap."""
     ids = [config.can.vehicle_motion.id, config.can.vehicle_conditions.id]
-    samples = [[*(byte for frame in frames if frame.id in ids for byte in frame.data[1:])] for frames in recording.frames]
+    samples = [[*(byte for frame in frames if frame.id in ids for byte in frame.data[1:])] for frames in recorded]
     yield [byte for sample in samples for byte in (0, *sample)]
     troubles = (
         (3, 2),
@@ -140,9 +141,9 @@ def _can_seeds(config: Config, recording: Recording) -> Iterator[Iterable[int]]:
     yield [byte for k, sample in enumerate(samples) for byte in (0, *sample, *(troubles[k // 4] if k % 4 == 3 else ()))]
 
 
-def _step_seeds(recording: Recording, real: type[np.float32] | type[np.float64]) -> Iterator[bytes]:
+def _step_seeds(drive: Samples, real: type[np.float32] | type[np.float64]) -> Iterator[bytes]:
     """Yield the samples unchanged, and with wrong numbers, changed parameters, restarts and calls of the other functions."""
-    rows = [row.astype(real) for row in recording.measurements]
+    rows = [row.astype(real) for row in drive]
     start = real(0.0).tobytes()
     yield start + b"".join(bytes((0, 0x1F | int(row[5]) << 5)) + row[:5].tobytes() for row in rows)
     parts = [start]

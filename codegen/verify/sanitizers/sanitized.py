@@ -70,12 +70,7 @@ _PROPERTY = re.compile(r"^(?P<what>property not held: .+)$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Compiler:
-    """Compiler with working sanitizers.
-
-    Attributes:
-        command: words of the command.
-        version: its version line.
-    """
+    """Words of the command of a compiler with working sanitizers, and its version line."""
 
     command: tuple[str, ...]
     version: str
