@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
@@ -126,14 +126,17 @@ class Subject:
         """Configuration of the build. Raises ConfigError if the manifest's is invalid."""
         return configuration.parse(self.manifest["configuration"], "manifest.json: configuration")
 
+    @cached_property
+    def unbounded(self) -> tuple[str, ...]:
+        """What could keep a call of the C from returning; see `complaints`. Checked once, as copies of the subject keep it."""
+        from codegen.verify.budgets.bounded_loops import complaints
+
+        return complaints(self.files, self.manifest)
+
     def sources(self, *folders: str) -> dict[str, bytes]:
         """Return the .c and .h files below some folders; default: include/ and src/, the files for an ECU."""
         below = tuple(f"{folder}/" for folder in (folders or ("include", "src")))
         return {path: content for path, content in self.files.items() if path.startswith(below) and path.endswith((".c", ".h"))}
-
-    def sha256(self, path: str) -> str:
-        """Return the SHA-256 of a file."""
-        return hashlib.sha256(self.files[path]).hexdigest()
 
 
 @contextlib.contextmanager
@@ -150,6 +153,3 @@ def stored(files: Mapping[str, str | bytes]) -> Iterator[Path]:
         raise BuildError(
             f"the files cannot be stored: {error.strerror or error}", remedy="free space for temporary files"
         ) from error
-
-
-Check = Callable[[Subject, Effort], Outcome]

@@ -10,7 +10,6 @@ from codegen.errors import BuildError, CodegenError
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.software import Software, compile_build
 from codegen.sil.toolchain import compiler_identity, find_compiler, run
-from codegen.verify.budgets.bounded_loops import complaints
 from codegen.verify.check import Subject
 from codegen.verify.packages import MissingTool
 
@@ -44,7 +43,7 @@ def compiled(subject: Subject) -> Software:
     """
     software = compile_build(subject.files, subject.manifest, flags=HOST_FLAGS)
     try:
-        found = complaints(subject.files, subject.manifest)
+        found = subject.unbounded
     except BuildError as error:
         raise MightNotReturn(f"it cannot be read, and so it might never return: {error}") from None
     if found:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+from pathlib import Path
 from typing import Any
 
 from codegen.errors import CodegenError
@@ -27,7 +28,9 @@ def module(name: str, package: str) -> Any:
         raise MissingTool(f"it cannot be imported ({error})", where=package, remedy=EXTRA) from None
 
 
-def require(name: str) -> None:
-    """Raise MissingTool if a package that is called as a program is missing."""
-    if importlib.util.find_spec(name) is None:
+def require(name: str) -> Path:
+    """Return the folder of a package that contains a program. Raises MissingTool: it is not installed."""
+    spec = importlib.util.find_spec(name)
+    if spec is None or not spec.submodule_search_locations:
         raise MissingTool("it is not installed", where=name, remedy=EXTRA)
+    return Path(spec.submodule_search_locations[0])

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -117,11 +116,11 @@ def zig(arguments: Sequence[str], folder: Path) -> str:
         CodegenError: `ziglang` is not installed.
         BuildError: zig fails.
     """
-    require("ziglang")
+    program = require("ziglang") / "zig"  # what `python -m ziglang` runs, but without another Python
     # Kept nowhere: no folder is used twice, so zig's own cache would only grow.
     cache = str(folder.parent / "cache")
     environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
-    result = run_program([sys.executable, "-m", "ziglang", *arguments], folder, environment=environment)
+    result = run_program([str(program), *arguments], folder, environment=environment)
     require_success(result, "the cross compiler")
     return result.stdout
 

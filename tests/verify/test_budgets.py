@@ -51,7 +51,7 @@ def run(subject: Subject, limits: Mapping[str, int] | None = None, search_loops:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CC", "no-such-compiler")
         if not search_loops:
-            patch.setattr(budgets, "complaints", lambda files, manifest: ())
+            patch.setattr("codegen.verify.budgets.bounded_loops.complaints", lambda files, manifest: ())
         return budgets.check(Subject("planted", subject.files, {**PI.manifest, "configuration": configuration}), QUICK)
 
 

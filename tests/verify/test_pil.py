@@ -29,7 +29,7 @@ def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 def no_dynamics(monkeypatch: pytest.MonkeyPatch) -> None:
     """Skip the dynamics and the search for endless loops."""
     monkeypatch.setattr(pil, "_dynamics", lambda *given: {})
-    monkeypatch.setattr("codegen.verify.on_host.complaints", lambda files, manifest: ())
+    monkeypatch.setattr("codegen.verify.budgets.bounded_loops.complaints", lambda files, manifest: ())
 
 
 def on(monkeypatch: pytest.MonkeyPatch, core: Core) -> None:

