@@ -8,6 +8,7 @@ lists and a loader of that folder; nothing of the system changes. Bitwuzla comes
 from __future__ import annotations
 
 import os
+import platform
 import shlex
 import shutil
 import sys
@@ -105,7 +106,7 @@ def _unpack(folder: Path, root: Path) -> None:
 
 def _mirror() -> str:
     """Return the configured mirror of this release and the name of the next one, as a line of a source list has them."""
-    own = _own_release()
+    own = platform.freedesktop_os_release().get("VERSION_CODENAME", "")
     if own not in NEXT_RELEASE:
         raise CodegenError("no later release is known", where=own or "this system", remedy="install the package `cbmc` of it")
     found = _run("apt-get", "indextargets", "--format", "$(REPO_URI)", "Created-By: Packages", f"Codename: {own}").split()
@@ -113,11 +114,6 @@ def _mirror() -> str:
     if not mirrors:
         raise CodegenError("no mirror of Debian is configured", where="apt", remedy="run `apt-get update` and try again")
     return f"{mirrors[0]} {NEXT_RELEASE[own]}"
-
-
-def _own_release() -> str:
-    lines = Path("/etc/os-release").read_text(encoding="utf-8").splitlines()
-    return next((line.partition("=")[2].strip('"') for line in lines if line.startswith("VERSION_CODENAME=")), "")
 
 
 def _write_command(path: Path, text: str) -> None:

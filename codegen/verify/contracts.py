@@ -59,13 +59,11 @@ def prove(
     names = {path: path.stem.removeprefix("prove_") for path in sorted(build.glob(HARNESSES))}
     harnesses = {path: name for path, name in names.items() if wanted(name)}
 
-    def run(path: Path) -> Result:
-        return _Run(build, cbmc, limit_s).prove(path, harnesses[path])
-
     # The longest commands have the most callees and take the longest time: they come first, so that none is left for the end.
     order = sorted(harnesses, key=lambda path: -len(command_of(path)))
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
-        return sorted(workers.map(run, order), key=lambda result: result.harness)
+        results = workers.map(lambda path: _Run(build, cbmc, limit_s).prove(path, harnesses[path]), order)
+        return sorted(results, key=lambda result: result.harness)
 
 
 def command_of(harness: Path) -> str:
@@ -167,11 +165,7 @@ LIMITS = (
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Prove the contracts of a build.
-
-    Raises:
-        MissingTool: CBMC or its solver is not installed.
-    """
+    """Prove the contracts of a build. Raises MissingTool: CBMC or its solver is not installed."""
     if not subject.is_single:
         return Outcome(SHOWS, "", Verdict.NOT_RUN, ("the contracts are of single precision",), limits=LIMITS)
     cbmc = installed()

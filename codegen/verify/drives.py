@@ -101,8 +101,7 @@ def recorded(software: Software) -> tuple[Samples, ...]:
     drives = []
     for _, inputs in loops(software.config):
         loop = ClosedLoop(software, LoopOptions(delay_samples=DELAY_SAMPLES))
-        record, samples = loop.run(inputs), inputs[:: loop.steps_per_sample]
-        drives.append(measured(record, samples))
+        drives.append(measured(loop.run(inputs), inputs[:: loop.steps_per_sample]))
     return tuple(drives)
 
 

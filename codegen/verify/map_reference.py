@@ -32,11 +32,7 @@ _OF_THE_TYRES = ("understeer_coefficient", "rear_slip_per_lateral_acceleration")
 
 
 def lookup_of(subject: Subject, software: Software) -> Lookup:
-    """Return the reference of a build, in its precision.
-
-    Args:
-        subject: the build.
-        software: its compiled C.
+    """Return the reference of a build and its compiled C, in its precision.
 
     Raises:
         BuildError: the C has no such table or constant, or one of another size.

@@ -94,25 +94,22 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         return Outcome(SHOWS, "not analysed", Verdict.FAILED, (log,), limits=LIMITS, tools=tools)
     properties = list(_properties(report))
     alarms, clauses = ([each for each in properties if each.is_alarm], [each for each in properties if each.is_clause])
+    count = sum(each.is_valid for each in clauses)
+    confirmed = f"; {count} of {len(clauses)} clauses of the contracts confirmed as well" if clauses else ""
     findings = tuple(str(alarm) for alarm in alarms if alarm.kind not in EXPLAINED)
     return Outcome(
         shows=SHOWS,
-        figure=f"{len(findings)} alarms, and {len(alarms) - len(findings)} explained{_confirmed(clauses)}",
+        figure=f"{len(findings)} alarms, and {len(alarms) - len(findings)} explained{confirmed}",
         verdict=Verdict.FAILED if findings else Verdict.PASSED,
         findings=findings,
         figures={
             "alarms": dict(Counter(alarm.kind for alarm in alarms)),
             "explained": EXPLAINED,
-            "clauses": {"confirmed": sum(each.is_valid for each in clauses), "number": len(clauses)},
+            "clauses": {"confirmed": count, "number": len(clauses)},
         },
         limits=LIMITS,
         tools=tools,
     )
-
-
-def _confirmed(clauses: list[Property]) -> str:
-    number = sum(each.is_valid for each in clauses)
-    return f"; {number} of {len(clauses)} clauses of the contracts confirmed as well" if clauses else ""
 
 
 def _analyse(files: Mapping[str, bytes], prefix: str, effort: Effort) -> tuple[str | None, str]:

@@ -143,13 +143,12 @@ def run(
         (check for check in checks if check.name not in outcomes),
         key=lambda check: SLOWEST_FIRST.index(check.name) if check.name in SLOWEST_FIRST else len(SLOWEST_FIRST),
     )
-    finished = 0
+    total = len(chosen)
 
-    def report_progress() -> None:
-        nonlocal finished
-        finished += 1
+    def keep(check: Registered, outcome: Outcome) -> None:
+        outcomes[check.name] = outcome
         if done is not None:
-            done(finished, len(chosen))
+            done(len(outcomes) - len(checks) + total, total)
 
     with tempfile.TemporaryDirectory(prefix="ars-verify-", ignore_cleanup_errors=True) as scratch:
         crashed: list[Registered] = []
@@ -163,14 +162,11 @@ def run(
                 running[pool.submit(_outcome_in_worker, check, subject, effort)] = check
             for future in as_completed(running):
                 try:
-                    outcomes[running[future].name] = future.result()
+                    keep(running[future], future.result())
                 except BrokenProcessPool:  # one process crashed, which ends the pool
                     crashed.append(running[future])
-                else:
-                    report_progress()
         for check in crashed:
-            outcomes[check.name] = _alone(check, subject, effort, scratch)
-            report_progress()
+            keep(check, _alone(check, subject, effort, scratch))
     return VerificationReport(subject, effort, {check.name: outcomes[check.name] for check in checks})
 
 

@@ -38,18 +38,14 @@ class Core:
     has_double: bool = False
 
 
-def _core(name: str, target: str, cpu: str = "", has_double: bool = False) -> Core:
-    return Core(name, ("-target", target, *((f"-mcpu={cpu}",) if cpu else ())), has_double)
-
-
 # FPUs in single precision, arguments in their registers.
-CORTEX_M4F = _core("Cortex-M4F", "thumb-freestanding-eabihf", "cortex_m4+vfp4d16sp")
-CORTEX_M7 = _core("Cortex-M7", "thumb-freestanding-eabihf", "cortex_m7+fp_armv8d16sp")
-CORTEX_M33 = _core("Cortex-M33", "thumb-freestanding-eabihf", "cortex_m33+fp_armv8d16sp")
-RISCV32 = _core("RV32IMAFC", "riscv32-freestanding", "generic_rv32+m+a+c+f")
-POWERPC_BE = _core("PowerPC, big-endian", "powerpc-freestanding-eabihf", has_double=True)
-AARCH64 = _core("AArch64", "aarch64-freestanding", has_double=True)
-X86_64 = _core("x86-64", "x86_64-freestanding", has_double=True)
+CORTEX_M4F = Core("Cortex-M4F", ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp"))
+CORTEX_M7 = Core("Cortex-M7", ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16sp"))
+CORTEX_M33 = Core("Cortex-M33", ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m33+fp_armv8d16sp"))
+RISCV32 = Core("RV32IMAFC", ("-target", "riscv32-freestanding", "-mcpu=generic_rv32+m+a+c+f"))
+POWERPC_BE = Core("PowerPC, big-endian", ("-target", "powerpc-freestanding-eabihf"), has_double=True)
+AARCH64 = Core("AArch64", ("-target", "aarch64-freestanding"), has_double=True)
+X86_64 = Core("x86-64", ("-target", "x86_64-freestanding"), has_double=True)
 CORES = (X86_64, AARCH64, CORTEX_M4F, CORTEX_M7, CORTEX_M33, RISCV32, POWERPC_BE)
 
 FLAGS = (

@@ -57,7 +57,9 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         left: tuple[str, ...] = ()
         not_run = ""
         try:
-            by_gcc, left = analysers.analyse(_gcc(), _units(subject, effort), tree)
+            if (gcc := on_host.gcc()) is None:
+                raise MissingTool(on_host.MISSING)
+            by_gcc, left = analysers.analyse(gcc, _units(subject, effort), tree)
         except MissingTool as error:
             not_run = str(error)
         except BuildError as error:
@@ -70,13 +72,6 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     )
     limits = (*LIMITS, *_more_limits(subject, left))
     return replace(_outcome(rows, found, faults, not_run), limits=limits)
-
-
-def _gcc() -> str:
-    program = on_host.gcc()
-    if program is None:
-        raise MissingTool(on_host.MISSING)
-    return program
 
 
 def _rows(subject: Subject) -> Rows:

@@ -218,8 +218,7 @@ def measure(subject: Subject, effort: Effort) -> ResourceUsage:
     """Measure all functions of a build.
 
     Raises:
-        CodegenError: a package of the extra is missing.
-        BuildError: a build in double precision, C that does not compile or return, or a stack without a bound.
+        MissingTool, BuildError: as `Counter`; also a build in double precision, and a stack without a bound.
     """
     return _Measuring(subject, effort).usage()
 

@@ -49,11 +49,7 @@ class Depth:
 
 
 class Program:
-    """Functions of an image for a Cortex-M, by start address in `routines`.
-
-    Raises:
-        CodegenError: `pyelftools` or `capstone` is not installed.
-    """
+    """Functions of an image for a Cortex-M, by start address in `routines`. Raises MissingTool: no pyelftools or capstone."""
 
     def __init__(self, image: bytes) -> None:
         elf = module("elftools.elf.elffile", "pyelftools").ELFFile(io.BytesIO(image))
@@ -154,12 +150,7 @@ class Sizes:
 
 
 def compile_objects(sources: Mapping[str, bytes], flags: Sequence[str]) -> dict[str, bytes]:
-    """Compile every .c file of `sources` and return the objects by path.
-
-    Raises:
-        CodegenError: `ziglang` is not installed.
-        BuildError: C that does not compile.
-    """
+    """Compile every .c file of `sources` and return the objects by path. Raises as `zig`."""
     found = {}
     with source_tree(sources) as tree:
         for unit in sorted(path for path in sources if path.endswith(".c")):

@@ -257,7 +257,7 @@ def _foreign(subject: Subject, plan: Sequence[Compilation], tree: Path) -> Itera
 def _cxx_linkage(subject: Subject, plan: Sequence[Compilation], tree: Path) -> Iterator[str]:
     """Yield functions that C defines and the headers do not declare for C++."""
     objects = [content for _, core, content in _objects(plan, tree) if core is X86_64]
-    defined = sorted({name for content in objects for name in exported(content)})
+    defined = sorted(set().union(*map(exported, objects)))
     headers = [PurePosixPath(path).name for path in sorted(subject.sources("include"))]
     lines = [
         *(f'#include "{name}"' for name in headers),
@@ -315,16 +315,14 @@ LIBRARY = ("sin", "cos", "atan", "sqrt")
 """All that the dynamics, and nothing else, may call of the mathematical library; in single precision with an f behind."""
 
 
-def exported(content: bytes) -> tuple[str, ...]:
-    """Return the sorted names that an object exports. Raises MissingTool."""
-    return tuple(
-        sorted(each.name for each in _symbols(content) if each["st_info"]["bind"] == "STB_GLOBAL" and not _is_undefined(each))
-    )
+def exported(content: bytes) -> set[str]:
+    """Return the names that an object exports. Raises MissingTool."""
+    return {each.name for each in _symbols(content) if each["st_info"]["bind"] == "STB_GLOBAL"} - needed(content)
 
 
-def needed(content: bytes) -> tuple[str, ...]:
-    """Return the sorted undefined names of an object. Raises MissingTool."""
-    return tuple(sorted(symbol.name for symbol in _symbols(content) if _is_undefined(symbol)))
+def needed(content: bytes) -> set[str]:
+    """Return the undefined names of an object. Raises MissingTool."""
+    return {symbol.name for symbol in _symbols(content) if symbol["st_shndx"] == "SHN_UNDEF"}
 
 
 def is_allowed(name: str, *, library: bool, single: bool, has_double: bool) -> bool:
@@ -352,7 +350,3 @@ def fault(name: str) -> str:
 def _symbols(content: bytes) -> list[Any]:
     elf = module("elftools.elf.elffile", "pyelftools").ELFFile(io.BytesIO(content))
     return [symbol for symbol in elf.get_section_by_name(".symtab").iter_symbols() if symbol.name]
-
-
-def _is_undefined(symbol: Any) -> bool:
-    return bool(symbol["st_shndx"] == "SHN_UNDEF")

@@ -86,11 +86,7 @@ _Traffic = tuple[str, Any, Sequence[traffic.Cycle], Sequence[int]]
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Compare the C of a build with the second implementation.
-
-    Raises:
-        MissingTool: a C compiler of this machine, or a package of the extra, is missing.
-    """
+    """Compare the C of a build with the second implementation. Raises MissingTool: no compiler or package."""
     require_compiler()
     not_run = partial(Outcome, SHOWS, "", Verdict.NOT_RUN, limits=LIMITS)
     if not subject.is_of_this_version:

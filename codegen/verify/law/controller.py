@@ -1,8 +1,4 @@
-"""The controller around any law, and the safety limiter behind it, as their headers and README describe them, in Python.
-
-They keep one number type throughout, so the bits of a sample can be compared and not only its size. The order of the operations
-is that of the formulas in the header.
-"""
+"""The controller around any law, and the safety limiter behind it, as their headers and README describe them, in Python."""
 
 from __future__ import annotations
 

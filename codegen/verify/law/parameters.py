@@ -46,7 +46,7 @@ def differences(software: Software) -> Iterator[str]:
     if not software.function("parameters_valid")(parameters):
         yield "the C refuses its own default parameters"
     for holder, parameter, name in _fields(software.config, parameters):
-        have, want = _value(holder, parameter.name), _rounded(parameter, software)
+        have, want = _value(holder, parameter.name), _configured(parameter, software)
         if have != want:
             yield f"{name} is {_text(have)}, not the configuration's {_text(want)}"
 
@@ -106,12 +106,10 @@ def _value(holder: Any, name: str) -> Number:
     return value if isinstance(value, float | int) else list(value)
 
 
-def _rounded(parameter: Parameter, software: Software) -> Number:
-    if isinstance(parameter.value, int):
-        return parameter.value
-    if isinstance(parameter.value, tuple):
-        return [float(software.real(value)) for value in parameter.value]
-    return float(software.real(parameter.value))
+def _configured(parameter: Parameter, software: Software) -> Number:
+    """Return the value of the configuration, rounded to the numbers of the build."""
+    value = parameter.value
+    return value if isinstance(value, int) else np.array(value, dtype=software.real).tolist()
 
 
 def _text(value: Number) -> str:

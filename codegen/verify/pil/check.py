@@ -60,11 +60,7 @@ DYNAMICS_LIMIT = (
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Run the C of a build on emulated cores and on this machine, and compare.
-
-    Raises:
-        MissingTool: a package of the extra, or a C compiler, is missing.
-    """
+    """Run the C of a build on emulated cores and on this machine, and compare. Raises MissingTool: no compiler or package."""
     require("ziglang")
     module("unicorn", "unicorn")
     module("elftools.elf.elffile", "pyelftools")
@@ -103,16 +99,16 @@ def _compared(subject: Subject, effort: Effort) -> Outcome:
     here = OnHost(program)
     driven = list(streams(subject, software, program, QUICK_STEPS if effort.quick else STEPS))
     expected = [here.run(stream.batch, stream.rows) for stream in driven]
-    statuses = _statuses(driven[0], expected[0])
+    column = [output.name for output in driven[0].batch.outputs].index("command.status")
+    statuses = {status.name: int((expected[0][:, column] == status).sum()) for status in Status}
     findings = [f"the random steps never reach the status {name}" for name, count in statuses.items() if not count]
     cores = CORES[subject.is_single]
     mismatches: dict[str, dict[str, int]] = {}
     for core in cores:
-        counts, found = _on(OnTarget(program, core), subject, here, driven, expected)
-        mismatches[core.name] = counts
+        mismatches[core.name], found = _on(OnTarget(program, core), subject, here, driven, expected)
         findings += found
     apart = _dynamics(subject, software, effort)
-    findings += [line for each in apart.values() for line in each.findings]
+    findings += [line for lines, _ in apart.values() for line in lines]
     steps, calls = len(driven[0].rows), sum(len(stream.rows) for stream in driven[1:])
     return Outcome(
         SHOWS,
@@ -125,7 +121,7 @@ def _compared(subject: Subject, effort: Effort) -> Outcome:
             "words": {stream.name: len(stream.batch.outputs) for stream in driven},
             "statuses": statuses,
             "mismatches": mismatches,
-            "dynamics": {name: dict(each.figures) for name, each in apart.items()},
+            "dynamics": {name: figures for name, (_, figures) in apart.items()},
         },
         _limits(subject),
         _tools(),
@@ -145,14 +141,8 @@ def _on(
     return counts, findings[:FINDINGS_MAX]
 
 
-def _statuses(stream: Stream, results: Rows) -> dict[str, int]:
-    """Count the steps that ended in each status."""
-    column = [output.name for output in stream.batch.outputs].index("command.status")
-    return {status.name: int((results[:, column] == status).sum()) for status in Status}
-
-
-def _dynamics(subject: Subject, software: Software, effort: Effort) -> dict[str, dynamics_bound.Difference]:
-    """Compare the vehicle dynamics on each core."""
+def _dynamics(subject: Subject, software: Software, effort: Effort) -> dict[str, tuple[list[str], dict[str, float]]]:
+    """Compare the vehicle dynamics on each core; see `dynamics_bound.compare`."""
     functions = subject.manifest["dynamics_library_functions"]
     program = dynamics_program_of(software, subject.files, functions)
     here, library = OnHost(program), dynamics_bound.library(software.precision)
@@ -170,8 +160,5 @@ def _limits(subject: Subject) -> tuple[str, ...]:
 
 
 def _tools() -> dict[str, Any]:
-    compiler = compiler_identity(compiler_command(), ())
-    return {
-        **{name: metadata.version(name) for name in ("unicorn", "ziglang", "pyelftools")},
-        "C compiler of this machine": compiler[0],
-    }
+    versions = {name: metadata.version(name) for name in ("unicorn", "ziglang", "pyelftools")}
+    return {**versions, "C compiler of this machine": compiler_identity(compiler_command(), ())[0]}

@@ -8,18 +8,14 @@ call is wrong by as much, plus `ROUNDING_ULPS` for different rounding. Results w
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from codegen.arrays import FloatArray
 from codegen.emit.render import render
 from codegen.emit.text import Precision, c_type, literal, numpy_type
 from codegen.verify.pil.batches import Batch, Program, Real, Rows, Runner, real_of
-
-FloatArray = npt.NDArray[np.floating[Any]]
 
 LIBRARY_ULPS = 4
 """Allowed difference of a library function, in units in the last place."""
@@ -35,20 +31,6 @@ LARGEST_ARGUMENT = 3.0
 SUPPORTED = frozenset({"sin", "cos", "atan"})
 HALF_PI_REST = 6.123233995736765886130e-17
 """Difference between half of pi and its value in double precision."""
-
-
-@dataclass(frozen=True)
-class Difference:
-    """Difference between a core and this machine.
-
-    Attributes:
-        findings: a line for each result beyond its bound.
-        figures: JSON values. `points` were compared; `library_ulps` is the largest difference of a library function, in units
-            in the last place, and `share_of_bound` that of a result as a fraction of its bound.
-    """
-
-    findings: tuple[str, ...]
-    figures: Mapping[str, int | float]
 
 
 def library(precision: Precision) -> dict[str, bytes]:
@@ -79,8 +61,14 @@ def library(precision: Precision) -> dict[str, bytes]:
     return {"bare/libm.c": render("verify/libm.c.j2", context), "bare/math.h": header.encode()}
 
 
-def compare(program: Program, here: Runner, there: Runner, count: int, generator: np.random.Generator) -> Difference:
-    """Run the dynamics on both machines at `count` random points."""
+def compare(
+    program: Program, here: Runner, there: Runner, count: int, generator: np.random.Generator
+) -> tuple[list[str], dict[str, float]]:
+    """Run the dynamics on both machines at `count` random points.
+
+    Return a line for each result beyond its bound, and JSON values: `points`; `library_ulps`, the largest difference of
+    a library function in units in the last place; `share_of_bound`, that of a result as a fraction of its bound.
+    """
     names = [column.name for column in program.batches["library"].outputs]
     apart = _library_apart(program, here, there, count, generator)
     findings = [
@@ -105,8 +93,11 @@ def compare(program: Program, here: Runner, there: Runner, count: int, generator
             f"{there.name}: dynamics, {batch.outputs[column].name} is {other[row, column]:.9g} and {own[row, column]:.9g} on "
             f"{here.name}, further apart than {bound[row, column]:.3g}; {inputs}"
         )
-    figures = {"points": len(rows), "library_ulps": int(apart.max(initial=0)), "share_of_bound": float(share.max())}
-    return Difference(tuple(findings), figures)
+    return findings, {
+        "points": len(rows),
+        "library_ulps": int(apart.max(initial=0)),
+        "share_of_bound": float(share.max()),
+    }
 
 
 def points(program: Program, batch: Batch, count: int, generator: np.random.Generator) -> Rows:

@@ -55,11 +55,7 @@ COMMENT = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Run the suites and the fuzz harnesses.
-
-    Raises:
-        MissingTool: there is no C compiler with sanitizers.
-    """
+    """Run the suites and the fuzz harnesses. Raises MissingTool: there is no C compiler with sanitizers."""
     compiler = find_compiler()
     tools, fuzzed = {"C compiler with sanitizers": compiler.version}, {}
     try:
