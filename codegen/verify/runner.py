@@ -157,7 +157,7 @@ def run(
             for number, check in enumerate(chosen):
                 if number == PARALLEL_CHECKS:  # for the others, while the first ones run
                     subject = copy.copy(subject)
-                    with contextlib.suppress(CodegenError):  # raised again in each check that needs it
+                    with contextlib.suppress(Exception):  # raised again in each check that needs it
                         _ = subject.unbounded
                 running[pool.submit(_outcome_in_worker, check, subject, effort)] = check
             for future in as_completed(running):

@@ -31,6 +31,7 @@ EXPECTED = {
     "refusing": (FAILED, ("src/x.c:3: the C does not compile",)),
     "broken": (FAILED, ("could not be completed: RuntimeError: a fault of the program",)),
     "crashing": (FAILED, (CRASHED,)),
+    "bounded": (PASSED, ()),
 }
 """Verdict and findings of each check; a quick run skips the slow one."""
 
@@ -45,7 +46,9 @@ def build_copy(tmp_path: Path) -> Path:
 def report() -> VerificationReport:
     """Return the report of a quick run in several processes, one of which is killed."""
     checks = [registered("slow", "passing", quick=False) if name == "slow" else registered(name) for name in EXPECTED]
-    return runner.run(Subject.read(BUILD), Effort(quick=True), lambda *counts: None, checks)
+    with pytest.MonkeyPatch.context() as patch:  # in this process only
+        patch.setattr("codegen.verify.budgets.bounded_loops.complaints", lambda files, manifest: ("src/x.c:1: while",))
+        return runner.run(Subject.read(BUILD), Effort(quick=True), lambda *counts: None, checks)
 
 
 def passed(folder: Path, quick: bool = False) -> VerificationReport:
@@ -61,6 +64,9 @@ def manual_of(report: VerificationReport) -> str:
 def test_each_check_has_its_outcome_in_the_order_of_the_list(report: VerificationReport) -> None:
     assert [(name, (end.verdict, end.findings)) for name, end in report.outcomes.items()] == list(EXPECTED.items())
     assert report.failed == ("failing", "refusing", "broken", "crashing")
+    assert report.outcomes["bounded"].figure == "src/x.c:1: while", (
+        "the loops are searched once, before the checks that need it"
+    )
     assert report.outcomes["passing"].figures == {"files": len(report.subject.files), "quick": True}
 
 
@@ -71,7 +77,7 @@ def test_the_record_holds_the_report_and_changes_nothing_else(report: Verificati
     content = after.pop(build_copy / record.JSON)
     assert {path: text for path, text in after.items() if path != build_copy / record.MANUAL} == before
     data = json.loads(content)
-    assert data["counts"] == {"passed": 1, "failed": 4, "not run": 2}
+    assert data["counts"] == {"passed": 2, "failed": 4, "not run": 2}
     assert len(data["checks"]["failing"]["findings"]) == 12
     assert data["files"].keys() == report.subject.files.keys()
     assert str(BUILD) not in content.decode()
@@ -105,7 +111,7 @@ def test_the_manual_reports_failures_and_missing_checks(report: VerificationRepo
     text = manual_of(report)
     for part in (
         "not a certificate, of ISO 26262",
-        "1 checks passed, 4 failed, 2 not run.",
+        "2 checks passed, 4 failed, 2 not run.",
         "- src/x.c:11: wrong",
         "It says nothing of the rest.",
         "It shows \\| nothing",  # a bar inside a table cell
