@@ -57,11 +57,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Effort:
-    """Extent of a check.
-
-    Attributes:
-        quick: whether to run only what finishes in half a minute.
-    """
+    """Extent of a check. A quick one runs only what finishes in half a minute."""
 
     quick: bool = False
 

@@ -33,15 +33,20 @@ class MightNotReturn(CodegenError):
     """A call of the C might not terminate, or this cannot be decided. The check is not run."""
 
 
+def software_of(subject: Subject) -> Software:
+    """Compile the C of a build and load it. All checks share this library. Raises BuildError: it does not compile."""
+    return compile_build(subject.files, subject.manifest, flags=HOST_FLAGS)
+
+
 def compiled(subject: Subject) -> Software:
-    """Compile and load the C of a build in this process.
+    """Compile and load the C of a build, to run it in this process.
 
     Raises:
         MissingTool: `ziglang`, which the check of loops requires, is not installed.
         BuildError: the C does not compile.
         MightNotReturn: a loop has no fixed bound, or the C cannot be parsed.
     """
-    software = compile_build(subject.files, subject.manifest, flags=HOST_FLAGS)
+    software = software_of(subject)
     try:
         found = subject.unbounded
     except BuildError as error:

@@ -18,13 +18,12 @@ from codegen.arrays import IntArray
 from codegen.emit.can_view import TaskView, task_view
 from codegen.emit.render import render
 from codegen.errors import BuildError
-from codegen.sil.software import compile_build
 from codegen.verify.budgets import workloads
 from codegen.verify.budgets.program import STACK_FLAG, Depth, Program, Routine, Sizes, compile_objects, sizes_of
 from codegen.verify.budgets.workloads import START, TASK
 from codegen.verify.check import Effort, Subject
 from codegen.verify.drives import Samples, Thresholds, recorded
-from codegen.verify.on_host import HOST_FLAGS
+from codegen.verify.on_host import software_of
 from codegen.verify.target import DATA, DATA_BYTES, STACK_BYTES, STACK_TOP, Blocks, Processor, compile_image
 from codegen.verify.traffic import disturbed, restarts_of
 
@@ -232,9 +231,7 @@ def measure_step(subject: Subject, effort: Effort) -> Count:
 def _scenarios(subject: Subject) -> tuple[Samples, ...]:
     """Return the measurements of the built-in scenarios; empty if the compiler is missing or rejects the C."""
     try:
-        return tuple(
-            drive[:USUAL_SAMPLES] for drive in recorded(compile_build(subject.files, subject.manifest, flags=HOST_FLAGS))
-        )
+        return tuple(drive[:USUAL_SAMPLES] for drive in recorded(software_of(subject)))
     except BuildError:
         return ()
 

@@ -54,12 +54,7 @@ FOLDER = "frame"
 
 @dataclass(frozen=True)
 class Column:
-    """An output word.
-
-    Attributes:
-        name: name in messages; fields of the state begin with "state.".
-        expression: C expression of its value.
-    """
+    """An output word: its name in messages, "state." and more for a field of the state, and the C expression of its value."""
 
     name: str
     expression: str
@@ -262,14 +257,7 @@ class OnHost:
 
 
 class OnTarget:
-    """Runner on an emulated core.
-
-    Args:
-        sources: additional sources, such as a library.
-
-    Attributes:
-        name: name of the core.
-        processor: the core.
+    """Runner on an emulated core, `processor`. It compiles the program with additional sources, such as a library.
 
     Raises:
         CodegenError: a package of the extra is missing.

@@ -17,12 +17,12 @@ import numpy as np
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import LAWS
 from codegen.errors import BuildError
-from codegen.sil.software import RECORD_COLUMNS, Software, Status, compile_build
+from codegen.sil.software import RECORD_COLUMNS, Software, Status
 from codegen.verify import drives
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Thresholds
 from codegen.verify.map_reference import lookup_of
-from codegen.verify.on_host import HOST_FLAGS
+from codegen.verify.on_host import software_of
 from codegen.verify.sanitizers import program, sanitized
 from codegen.verify.sanitizers.sanitized import Numbers, ServedEcu, compiled, find_compiler
 from hil_sim.bench import run_in_process
@@ -136,7 +136,7 @@ class _Suites:
 
     def _lookups(self) -> Iterator[str]:
         subject = self._subject
-        lookup = lookup_of(subject, compile_build(subject.files, subject.manifest, flags=HOST_FLAGS))
+        lookup = lookup_of(subject, software_of(subject))
         places = drives.places(self._thresholds, self._samples // 4, self._subject.precision)
         frictions = drives.road_frictions(self._thresholds, self._subject.precision)
         wrong = [text for friction in frictions for text in self._different(lookup, places, friction)]

@@ -120,8 +120,8 @@ def seeds(subject: Subject) -> dict[Name, tuple[bytes, ...]]:
     recorded = list(recordings(subject.config, subject.precision, SEED_SAMPLES))
     real = numpy_type(subject.precision)
     return {
-        "can": tuple(bytes(data) for recording in recorded for data in _can_seeds(subject.config, recording[0])),
-        "step": tuple(bytes(data) for recording in recorded for data in _step_seeds(recording[1], real)),
+        "can": tuple(bytes(data) for frames, _ in recorded for data in _can_seeds(subject.config, frames)),
+        "step": tuple(data for _, drive in recorded for data in _step_seeds(drive, real)),
     }
 
 
