@@ -159,11 +159,14 @@ def run(
                     subject = copy.copy(subject)
                     with contextlib.suppress(Exception):  # raised again in each check that needs it
                         _ = subject.unbounded
-                running[pool.submit(_outcome_in_worker, check, subject, effort)] = check
+                try:
+                    running[pool.submit(_outcome_in_worker, check, subject, effort)] = check
+                except BrokenProcessPool:
+                    crashed.append(check)
             for future in as_completed(running):
                 try:
                     keep(running[future], future.result())
-                except BrokenProcessPool:  # one process crashed, which ends the pool
+                except BrokenProcessPool:  # a process crashed, which ends the pool
                     crashed.append(running[future])
         for check in crashed:
             keep(check, _alone(check, subject, effort, scratch))

@@ -1,6 +1,7 @@
 """The runner of the checks, the table of results, and the record in the build."""
 
 import json
+import multiprocessing
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,7 +32,6 @@ EXPECTED = {
     "refusing": (FAILED, ("src/x.c:3: the C does not compile",)),
     "broken": (FAILED, ("could not be completed: RuntimeError: a fault of the program",)),
     "crashing": (FAILED, (CRASHED,)),
-    "bounded": (PASSED, ()),
 }
 """Verdict and findings of each check; a quick run skips the slow one."""
 
@@ -46,9 +46,7 @@ def build_copy(tmp_path: Path) -> Path:
 def report() -> VerificationReport:
     """Return the report of a quick run in several processes, one of which is killed."""
     checks = [registered("slow", "passing", quick=False) if name == "slow" else registered(name) for name in EXPECTED]
-    with pytest.MonkeyPatch.context() as patch:  # in this process only
-        patch.setattr("codegen.verify.budgets.bounded_loops.complaints", lambda files, manifest: ("src/x.c:1: while",))
-        return runner.run(Subject.read(BUILD), Effort(quick=True), lambda *counts: None, checks)
+    return runner.run(Subject.read(BUILD), Effort(quick=True), lambda *counts: None, checks)
 
 
 def passed(folder: Path, quick: bool = False) -> VerificationReport:
@@ -64,10 +62,21 @@ def manual_of(report: VerificationReport) -> str:
 def test_each_check_has_its_outcome_in_the_order_of_the_list(report: VerificationReport) -> None:
     assert [(name, (end.verdict, end.findings)) for name, end in report.outcomes.items()] == list(EXPECTED.items())
     assert report.failed == ("failing", "refusing", "broken", "crashing")
-    assert report.outcomes["bounded"].figure == "src/x.c:1: while", (
-        "the loops are searched once, before the checks that need it"
-    )
     assert report.outcomes["passing"].figures == {"files": len(report.subject.files), "quick": True}
+
+
+def test_loops_are_searched_once_and_a_crash_meanwhile_ends_no_other_check(monkeypatch: pytest.MonkeyPatch) -> None:
+    def complaints(*_: object) -> tuple[str, ...]:
+        for process in multiprocessing.active_children():
+            process.join()  # the crash of one process ends the others
+        return ("src/x.c:1: while",)
+
+    monkeypatch.setattr("codegen.verify.budgets.bounded_loops.complaints", complaints)  # in this process only
+    checks, counts = [registered(name) for name in ("crashing", "passing", "bounded")], []
+    found = runner.run(Subject.read(BUILD), Effort(quick=True), lambda *count: counts.append(count), checks)
+    assert [outcome.verdict for outcome in found.outcomes.values()] == [FAILED, PASSED, PASSED]
+    assert found.outcomes["bounded"].figure == "src/x.c:1: while"
+    assert counts == [(1, 3), (2, 3), (3, 3)]
 
 
 def test_the_record_holds_the_report_and_changes_nothing_else(report: VerificationReport, build_copy: Path) -> None:
@@ -77,7 +86,7 @@ def test_the_record_holds_the_report_and_changes_nothing_else(report: Verificati
     content = after.pop(build_copy / record.JSON)
     assert {path: text for path, text in after.items() if path != build_copy / record.MANUAL} == before
     data = json.loads(content)
-    assert data["counts"] == {"passed": 2, "failed": 4, "not run": 2}
+    assert data["counts"] == {"passed": 1, "failed": 4, "not run": 2}
     assert len(data["checks"]["failing"]["findings"]) == 12
     assert data["files"].keys() == report.subject.files.keys()
     assert str(BUILD) not in content.decode()
@@ -111,7 +120,7 @@ def test_the_manual_reports_failures_and_missing_checks(report: VerificationRepo
     text = manual_of(report)
     for part in (
         "not a certificate, of ISO 26262",
-        "2 checks passed, 4 failed, 2 not run.",
+        "1 checks passed, 4 failed, 2 not run.",
         "- src/x.c:11: wrong",
         "It says nothing of the rest.",
         "It shows \\| nothing",  # a bar inside a table cell
