@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 HEADER = ("id", "requirement", "shown by", "tests", "result")
-FAILED, OPEN, NOT_RUN, SHOWN = RESULTS = ("failed", "open", "not run", "shown")
+NOT_RUN, SHOWN = "not run", "shown"
+RESULTS = ("failed", "open", NOT_RUN, SHOWN)
 """Results of a requirement, the worst first."""
 
 
