@@ -76,7 +76,8 @@ def details() -> str:
 def planted_faults() -> str:
     """Return a table of the planted faults that each check finds, by kind, and a list of those that it misses."""
     (record,) = (Record.read(part) for part in PARTS if part.name == "faults")
-    run = record.runs.get(record.best or "", {"figure": "no record", "figures": {}})
+    form = "full" if "full" in record.runs else record.best
+    run = record.runs.get(form or "", {"figure": "no record", "figures": {}})
     kinds: dict[str, dict[str, set[str]]] = {}
     for name, fault in run["figures"].items():
         kinds.setdefault(fault["kind"], {})[name] = set(fault["found by"])
@@ -91,7 +92,8 @@ def planted_faults() -> str:
     ]
     rows.append(["all kinds", *map(sum, list(zip(*rows, strict=True))[1:])])
     table = _table(["kind", "faults", *engines], [list(map(str, row)) for row in rows])
-    head = f"The last {record.best} run: {run['figure']}."
+    state = f" ({record.fault(form)})" if form and record.fault(form) else ""
+    head = f"The last {form} run{state}: {run['figure']}."
     return (
         "\n".join([head, "", table, *(f"- **{title}**: {_missed(kinds, names)}." for title, names in engines.items())]) + "\n"
     )

@@ -74,7 +74,9 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
                 f"{fault.name}: found by {' '.join(failed) or 'none'} instead of {' '.join(fault.found_by) or 'none'}"
             )
     kind_count, found_count = len({fault.kind for fault in faults}), sum(bool(each["failed"]) for each in found.values())
-    figure = f"{len(faults)} of {len(FAULTS)} faults planted, of {kind_count} kinds, {found_count} found, {len(findings)} findings"
+    figure = (
+        f"{len(faults)} of {len(FAULTS)} faults planted, of {kind_count} kinds, {found_count} found, {len(findings)} findings"
+    )
     verdict = Verdict.FAILED if findings else Verdict.PASSED
     figures = {fault.name: {"kind": fault.kind, "found by": found[fault.name]["failed"]} for fault in faults}
     return Outcome(SHOWS, figure, verdict, tuple(findings), figures)
