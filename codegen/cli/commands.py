@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from codegen.cli import (  # noqa: F401
+    arxml_command,
     bench_commands,
     check_commands,
     completion,

@@ -14,12 +14,20 @@ from codegen.emit.text import Precision, lines_of, literal
 
 @dataclass(frozen=True)
 class Cause:
-    """A bit of `Diagnostics`: its name and meaning in C, and a few words for a table."""
+    """A bit of `Diagnostics`: its name and meaning in C, a few words for a table, and its debouncing by a diagnostic event
+    manager.
+
+    Attributes:
+        fails_after_s: how long the cause must last until the event has failed, in s; 0: the first sample suffices.
+        passes_after_s: how long it must be absent until the event has passed, in s.
+    """
 
     bit: int
     name: str
     text: str
     words: str
+    fails_after_s: float = 0.0
+    passes_after_s: float = 1.0
 
     @property
     def mask(self) -> str:
@@ -49,7 +57,15 @@ def _causes() -> tuple[Cause, ...]:
         for side, title in _SIDES
         for name, text, words in _RECEPTION
     ]
-    return tuple(Cause(bit, *texts) for bit, texts in enumerate((*received, *_OTHERS)))
+    found = enumerate((*received, *_OTHERS))
+    return tuple(Cause(bit, *texts, fails_after_s=0.0 if texts[0] in _DEBOUNCED else FAILS_AFTER_S) for bit, texts in found)
+
+
+FAILS_AFTER_S = 0.1
+"""Duration in s until an event of a single sample fails. A frame that is lost or damaged now and then is no fault."""
+
+_DEBOUNCED = ("SPEED_REPLACED", "FRONT_ANGLE_REPLACED", "YAW_RATE_REPLACED", "TASK_LATE", "INTERMITTENT", "ACTUATOR_STUCK")
+"""Causes that the generated C reports only after counting samples."""
 
 
 _SIDES = (("MOTION", "VehicleMotion"), ("CONDITIONS", "VehicleConditions"))

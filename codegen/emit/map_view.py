@@ -200,9 +200,14 @@ def map_view(total: TotalMap, lookup: Lookup, precision: Precision, prefix: str,
         checksum_steps=2 * size,
         bits=bits,
         bits_type=f"uint{bits}_t",
-        magnitude_bits="0x7FFFFFFFu" if bits == 32 else "0x7FFFFFFFFFFFFFFFu",
+        magnitude_bits=magnitude_bits(bits),
         flash_bytes=size,
     )
+
+
+def magnitude_bits(bits: int) -> str:
+    """Return all bits of a number of that many bits except its sign, as a C literal."""
+    return "0x7FFFFFFFu" if bits == 32 else "0x7FFFFFFFFFFFFFFFu"
 
 
 def _size(total: TotalMap, speeds: int | str, front_angles: int | str, prefix: str) -> str:

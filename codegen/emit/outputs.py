@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from codegen.emit.folder import owned_paths
-from codegen.errors import CodegenError
+from codegen.emit.folder import owned_paths, read_manifest, verify_hashes
+from codegen.errors import BuildError, CodegenError
 from codegen.files import resolved
 
 
@@ -36,3 +36,28 @@ def check_output(path: Path | None, suffix: str, inputs: Iterable[Path | None] =
     for folder in target.parents:
         if owned_paths(folder):
             raise CodegenError("it lies inside a build", where=path, remedy=f"name a file outside of {folder}")
+
+
+def refuse_folder(target: Path, what: str, title: str) -> None:
+    """Check that writing a project to a folder destroys nothing.
+
+    Args:
+        what: manifest entry of the project.
+        title: its name in messages, such as "a firmware project".
+
+    Raises:
+        BuildError: the folder holds generated output of another kind, or a project in which a file was changed; or it lies
+            inside such a folder.
+    """
+    place = resolved(target, BuildError)
+    for parent in place.parents:
+        if owned_paths(parent):
+            raise BuildError("it lies inside a generated folder", where=target, remedy=f"name a folder outside of {parent}")
+    if not owned_paths(place):
+        return
+    if (found := read_manifest(place).get("what")) != what:
+        holds = "a build" if found is None else "another kind of project"
+        raise BuildError(f"it is {holds}, not {title}", where=target, remedy="choose another folder with -o")
+    if changed := verify_hashes(place):
+        remedy = "nothing was changed; choose another folder with -o, or move that one away"
+        raise BuildError(f"{changed[0]} was changed since it was written", where=target, remedy=remedy)

@@ -20,8 +20,9 @@ from typing import Any, Literal
 
 from codegen import __version__
 from codegen.emit.can_view import task_name
-from codegen.emit.folder import MANIFEST, Folder, owned_paths, read_files, read_manifest, verify_hashes
+from codegen.emit.folder import MANIFEST, Folder, owned_paths, read_files, read_manifest
 from codegen.emit.manifest import read_build
+from codegen.emit.outputs import refuse_folder
 from codegen.emit.render import render, verbatim
 from codegen.emit.text import comment_text
 from codegen.errors import BuildError, CodegenError, one_line
@@ -154,26 +155,12 @@ def _systick_reload(period: float) -> int:
 
 
 def refuse_target(target: Path) -> None:
-    """Check that writing a project to a folder destroys nothing.
-
-    Raises:
-        BuildError: the folder holds generated output of another kind, or a firmware project in which a file was changed; or
-        it lies inside such a folder.
-    """
+    """Check that writing a project to a folder destroys nothing. Raises BuildError: see `refuse_folder`, or it was built."""
     place = resolved(target, BuildError)
-    for parent in place.parents:
-        if owned_paths(parent):
-            raise BuildError("it lies inside a generated folder", where=target, remedy=f"name a folder outside of {parent}")
-    if not owned_paths(place):
-        return
-    if read_manifest(place).get("what") != WHAT:
-        raise BuildError("it is a build, not a firmware project", where=target, remedy="choose another folder with -o")
-    if (place / MADE_BY_MAKE).exists():
+    if owned_paths(place) and read_manifest(place).get("what") == WHAT and (place / MADE_BY_MAKE).exists():
         remedy = f"run `make -C {target} clean`, then this command again; or choose another folder with -o"
         raise BuildError(f"it holds {MADE_BY_MAKE}/, which its Makefile made", where=target, remedy=remedy)
-    if changed := verify_hashes(place):
-        remedy = "nothing was changed; choose another folder with -o, or move that one away"
-        raise BuildError(f"{changed[0]} was changed since it was written", where=target, remedy=remedy)
+    refuse_folder(target, WHAT, "a firmware project")
 
 
 Toolchain = Literal["gcc", "zig"]

@@ -1,0 +1,61 @@
+"""Command that describes a build for AUTOSAR Classic."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from codegen import console
+from codegen.cli.base import cli, example, json_option, note_edited
+from codegen.cli.options import build_option, folder_to_write
+
+if TYPE_CHECKING:
+    from codegen.export.arxml.export import Protection
+
+
+@cli.command(
+    short_help="Describe a build for AUTOSAR Classic: ARXML, and the adapter in C.",
+    epilog=example("codegen arxml --build generated/4ws2 -o autosar"),
+)
+@build_option
+@click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Folder for the description.")
+@click.option(
+    "--e2e",
+    "protection",
+    type=click.Choice(["transformer", "task"]),
+    default="transformer",
+    show_default=True,
+    help="What checks the frames: the RTE's E2E transformer, or the task of the build on raw frames.",
+)
+@json_option
+def arxml(build_path: Path, output: Path, protection: Protection, as_json: bool) -> None:
+    """Write the ARXML (R22-11) of a build, and the C between the RTE and the controller.
+
+    The ARXML contains the software component with its types, ports, parameters and runnables, and the system with frames,
+    signals and E2E protection. The C goes to the ECU project together with the sources of the build.
+    """
+    from codegen.emit.outputs import refuse_folder
+    from codegen.emit.write import write_folder
+    from codegen.export.arxml.export import WHAT, export
+
+    refuse_folder(output, WHAT, "a description for AUTOSAR")
+    made = export(build_path, protection)
+    note_edited(build_path, made.edited, quiet=as_json)
+    changed = write_folder(made.folder, output)
+    files = [*sorted(made.folder.files), "manifest.json"]
+    if as_json:
+        console.print_json(
+            {
+                "build": str(build_path),
+                "autosar": str(output),
+                "e2e": protection,
+                "changed": changed,
+                "files": files,
+                "edited": list(made.edited),
+            }
+        )
+        return
+    state = "" if changed else " (unchanged)"
+    console.say(f"{output}: {len(files)} files{state}, E2E by the {protection}; import {output / made.arxml}")

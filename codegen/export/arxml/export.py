@@ -1,0 +1,184 @@
+"""The AUTOSAR export of a build: ARXML files, and the adapter between the RTE and the controller in C."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal
+
+from codegen import __version__, configuration
+from codegen.configuration import Config
+from codegen.configuration.can import NODES
+from codegen.configuration.signals import MEASURED
+from codegen.emit.build import NUMBERS, BuildView
+from codegen.emit.can_view import Cause, can_view, task_view
+from codegen.emit.folder import MANIFEST, Folder, read_files, verify_hashes
+from codegen.emit.manifest import read_build
+from codegen.emit.map_view import magnitude_bits
+from codegen.emit.render import decimal, render
+from codegen.emit.text import NONE, UNITS, c_type, comment_text, literal, numpy_type
+from codegen.export.arxml.view import (
+    PLATFORM_TYPES,
+    CalibrationView,
+    event_view,
+    map_views,
+    message_view,
+    parameter_views,
+)
+from codegen.sil.software import require_can_side
+from codegen.units import KM_H
+
+Protection = Literal["transformer", "task"]
+"""What protects and checks the frames: the E2E transformer of the RTE, or the task of the build on raw frames."""
+
+WHAT = "autosar"
+"""Manifest entry that distinguishes the export from a build."""
+
+PROFILE = "PROFILE_01"
+QUEUE_LENGTH = 4
+"""Frames of a message that wait for the task, in the variant on raw frames. The task is late if more than one waits."""
+
+REJECTED = Cause(16, "PARAMETERS_REJECTED", "the parameters of the RTE are not valid; those of the build are used", "")
+"""Event of the adapter, beside those of the controller."""
+
+SECTIONS = (
+    ("CODE", "CODE", ""),
+    ("CONST_UNSPECIFIED", "CONST", ""),
+    ("CALIB_UNSPECIFIED", "CALPRM", ""),
+    ("VAR_CLEARED_UNSPECIFIED", "VAR", "CLEARED"),
+)
+"""SwAddrMethods: name, section type and initialisation policy."""
+
+_LAYOUTS = {"COM_AXIS": (1,), "CURVE": (1,), "MAP": (1, 2), "CUBOID": (1, 2, 3)}
+"""Axes of a record layout; the values along the first one are adjacent."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """An export in memory.
+
+    Attributes:
+        folder: its files.
+        arxml: path of the ARXML in it.
+        edited: files of the build that were changed after generation.
+    """
+
+    folder: Folder
+    arxml: str
+    edited: tuple[str, ...]
+
+
+def export(build: Path, protection: Protection = "transformer") -> Export:
+    """Return the AUTOSAR export of a build without writing files.
+
+    Raises:
+        BuildError: not a build, or one of an older version.
+    """
+    manifest = read_build(build)
+    require_can_side(manifest, build)
+    prefix = str(manifest["options"]["prefix"])
+    files = read_files(build, manifest, ("src/",))
+    config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+    context = _context(manifest, config, files[f"src/{prefix}_calibration.c"].decode("ascii", "replace"), protection)
+    component = context["component"]
+    made = {
+        f"{prefix}.arxml": render("arxml/main.j2", context),
+        "platform_types.arxml": render("arxml/platform.j2", context),
+        f"include/{component}_MemMap.h": render("autosar/memmap.h.j2", context),
+        f"include/{prefix}_swc_version.h": render("autosar/version.h.j2", context),
+        f"src/{prefix}_swc.c": render("autosar/swc.c.j2", context),
+    }
+    for path in sorted(files):
+        unit = PurePosixPath(path).stem
+        made[f"memmap/{unit}_memmap.c"] = render("autosar/unit.c.j2", {**context, "unit": unit})
+    edited = tuple(verify_hashes(build))
+    facts = {
+        "schema_version": 1,
+        "version": __version__,
+        "what": WHAT,
+        "name": manifest["name"],
+        "options": {**manifest["options"], "e2e": protection},
+        "build": {
+            "id": manifest["build_id"],
+            "manifest_sha256": hashlib.sha256((build / MANIFEST).read_bytes()).hexdigest(),
+            "edited": list(edited),
+        },
+    }
+    return Export(Folder(made, facts), f"{prefix}.arxml", edited)
+
+
+def _context(manifest: Mapping[str, Any], config: Config, calibration: str, protection: Protection) -> dict[str, Any]:
+    """Return the context of all templates."""
+    options = manifest["options"]
+    prefix, precision = str(options["prefix"]), options["precision"]
+    parameters, tables = parameter_views(config, precision), map_views(manifest, calibration, prefix, precision)
+    can, period = can_view(config, precision), config.controller.sampling_time_s
+    calibrated = (*parameters, *tables)
+    bits = numpy_type(precision)().itemsize * 8
+    messages = tuple(message_view(frame) for frame in can.messages)
+    measured = (signal for message in messages for signal in message.signals)
+    used = {NONE, *(each.unit for each in calibrated), *(signal.unit for signal in measured)}
+    by_transformer = protection == "transformer"
+    return {
+        "build": _build_view(manifest, prefix),
+        "component": prefix.capitalize(),
+        "kind": options["kind"],
+        "real": c_type(precision),
+        **{name: literal(value, precision) for name, value in NUMBERS.items()},
+        "map": {"bits_type": f"uint{bits}_t", "magnitude_bits": magnitude_bits(bits)},
+        "measured": MEASURED,
+        "by_transformer": by_transformer,
+        "can": can,
+        "e2e": config.can.e2e,
+        "messages": messages,
+        "i_signals": {
+            message.name: [signal.name for signal in message.signals] if by_transformer else [f"{message.name}_Frame"]
+            for message in messages
+        },
+        "parameters": parameters,
+        "tables": tables,
+        "arrays": _arrays(calibrated),
+        "layouts": _layouts(calibrated),
+        "units": tuple(unit for unit in UNITS if unit in used),
+        "events": tuple(event_view(cause, period) for cause in (*can.diagnostics, REJECTED)),
+        "nodes": NODES,
+        "platform_types": PLATFORM_TYPES,
+        "profile": PROFILE,
+        "sections": SECTIONS,
+        "queue_length": QUEUE_LENGTH,
+        "task": task_view(config),
+        "period": decimal(period),
+        "timeout": decimal(period * config.can.e2e.window_size),
+        "baudrate": can.baudrate,
+        "version": (re.findall(r"\d+", str(manifest["version"])) + ["0"] * 3)[:3],
+        "sources": (f"src/{prefix}_swc.c", *(path for path in manifest["files"] if path.startswith("src/"))),
+    }
+
+
+def _build_view(manifest: Mapping[str, Any], prefix: str) -> BuildView:
+    facts = manifest["map"]
+    speed, angle = facts["speed_m_s"][-1], facts["front_angle_rad"][-1]
+    return BuildView(
+        name=comment_text(str(manifest["name"])),
+        prefix=prefix,
+        PREFIX=prefix.upper(),
+        version=str(manifest["version"]),
+        id=f"0x{manifest['build_id']}u",
+        epk=str(manifest["build_id"]),
+        domain=f"road friction {facts['friction']:g}, 0 to {speed / KM_H:.4g} km/h, front angles to {angle:.4g} rad",
+        sources=(),
+    )
+
+
+def _arrays(calibrated: tuple[CalibrationView, ...]) -> dict[str, tuple[str, tuple[int, ...]]]:
+    """Return name -> type of a number and shape, of each array type."""
+    return {each.array: (each.type, each.shape) for each in calibrated if each.shape}
+
+
+def _layouts(calibrated: tuple[CalibrationView, ...]) -> list[tuple[str, str, tuple[int, ...]]]:
+    """Return category, type and axes of each record layout."""
+    found = dict.fromkeys((each.category, each.type) for each in calibrated if each.shape)
+    return [(category, type_, _LAYOUTS[category]) for category, type_ in found]

@@ -1,0 +1,316 @@
+"""View model of the AUTOSAR export: records of signals, calibration data, diagnostic events.
+
+Signals come from the frames of the DBC, parameters from those of the C, the map's tables from the manifest of the build.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from codegen.configuration import Config
+from codegen.configuration.can import NODES, Message, RealSignal
+from codegen.ecu_map.storage import RAW_MAX
+from codegen.emit.a2l_view import OF_THE_ANGLE
+from codegen.emit.can_view import Cause, Frame, FrameSignal
+from codegen.emit.controller_view import controller_parameters
+from codegen.emit.inputs_view import inputs_parameters
+from codegen.emit.limiter_view import limiter_parameters
+from codegen.emit.map_view import FRONT_ANGLE_TOP, SPEED_TOP, TABLE_RANGES
+from codegen.emit.parameters import Parameter
+from codegen.emit.render import decimal
+from codegen.emit.text import NONE, UNITS, Precision, Unit, literal, unit_of_comment
+from codegen.errors import BuildError
+
+UNIT_BY_SYMBOL = {unit.symbol: unit for unit in UNITS}
+NOT_AVAILABLE = "not available"
+
+PLATFORM_TYPES = {
+    "uint8": (8, "NONE"),
+    "uint16": (16, "NONE"),
+    "uint32": (32, "NONE"),
+    "sint8": (8, "2C"),
+    "sint16": (16, "2C"),
+    "sint32": (32, "2C"),
+    "float32": (32, "IEEE754"),
+    "float64": (64, "IEEE754"),
+}
+"""Types of AUTOSAR_SWS_PlatformTypes: size in bits and encoding."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """One scale of a CompuMethod: a linear range of codes, or the text of one code."""
+
+    low: int
+    high: int
+    text: str = ""
+    symbol: str = ""
+
+
+@dataclass(frozen=True)
+class SignalView:
+    """A signal of a PDU.
+
+    Attributes:
+        name: name in the DBC.
+        start_bit, length: position as in the DBC.
+        is_intel: byte order.
+        type: platform type of its code.
+        scales: scales of its CompuMethod.
+        initial: code before the first value.
+        invalid: code of "not available"; None if every code is a value.
+        framed: how the adapter places the code in a frame; None for CRC and counter, which belong to the E2E protection.
+    """
+
+    name: str
+    text: str
+    start_bit: int
+    length: int
+    is_intel: bool
+    type: str
+    scales: tuple[Scale, ...]
+    unit: Unit = NONE
+    factor: str = "1"
+    offset: str = "0"
+    initial: int = 0
+    invalid: int | None = None
+    framed: FrameSignal | None = None
+
+    @property
+    def category(self) -> str:
+        """Category of its CompuMethod."""
+        linear, texts = (any(bool(scale.text) is is_text for scale in self.scales) for is_text in (False, True))
+        return "SCALE_LINEAR_AND_TEXTTABLE" if linear and texts else "TEXTTABLE" if texts else "LINEAR"
+
+    @property
+    def low(self) -> int:
+        """Smallest code."""
+        return min(scale.low for scale in self.scales)
+
+    @property
+    def high(self) -> int:
+        """Largest code."""
+        return max(scale.high for scale in self.scales)
+
+
+@dataclass(frozen=True)
+class MessageView:
+    """A message: `signals` are those of the PDU, `elements` those of the record that the component reads or writes."""
+
+    frame: Frame
+    signals: tuple[SignalView, ...]
+
+    @property
+    def name(self) -> str:
+        """Name in the DBC."""
+        return self.frame.name
+
+    @property
+    def is_received(self) -> bool:
+        """Whether the controller receives it."""
+        return self.frame.receiver == NODES[1]
+
+    @property
+    def elements(self) -> tuple[SignalView, ...]:
+        """Signals without those of the E2E protection."""
+        return tuple(signal for signal in self.signals if signal.framed is not None)
+
+
+@dataclass(frozen=True)
+class CalibrationView:
+    """Calibration data: a value, an axis, a curve over an axis, or a table over axes (the fastest index first).
+
+    Attributes:
+        name: short name.
+        member: member of the parameter struct, or the C object.
+        category: VALUE, COM_AXIS, CURVE, MAP or CUBOID.
+        type: platform type of a number.
+        low, high: physical range.
+        initial: physical values; empty where the C of the build defines them.
+        fixed_points: size of a last axis whose breakpoints are constants; 0 if there is none.
+        factor: physical value of a code of 1; "" for real numbers.
+    """
+
+    name: str
+    member: str
+    text: str
+    category: str
+    type: str
+    shape: tuple[int, ...]
+    unit: Unit
+    low: str
+    high: str
+    initial: tuple[str, ...] = ()
+    axes: tuple[str, ...] = ()
+    fixed_points: int = 0
+    factor: str = ""
+
+    @property
+    def array(self) -> str:
+        """Name of its array type; "" for a single number."""
+        return "_".join((self.type.capitalize(), *map(str, self.shape))) if self.shape else ""
+
+
+@dataclass(frozen=True)
+class EventView:
+    """A diagnostic event: its bit, and the thresholds of a counter of samples."""
+
+    name: str
+    text: str
+    mask: str
+    failed: int
+    passed: int
+
+
+def message_view(frame: Frame) -> MessageView:
+    """Return the view of a message, CRC and counter first."""
+    protection = (
+        _whole(frame.layout.crc_name, "CRC-8 of the E2E protection", 0, 8, 255),
+        _whole(frame.layout.counter_name, "counter of the E2E protection", 8, 4, 14),
+    )
+    return MessageView(frame, (*protection, *(_signal(frame.layout, signal) for signal in frame.signals)))
+
+
+def _whole(name: str, text: str, start_bit: int, length: int, high: int) -> SignalView:
+    return SignalView(name, text, start_bit, length, True, "uint8", (Scale(0, high),))
+
+
+def _signal(message: Message, signal: FrameSignal) -> SignalView:
+    layout, definition = signal.layout, signal.definition
+    place = (layout.start_bit, layout.length, message.byte_order == "intel")
+    if isinstance(layout, RealSignal):
+        missing = layout.raw_not_available
+        return SignalView(
+            layout.name,
+            definition.meaning,
+            *place,
+            _platform_type(layout.length, layout.signed),
+            (Scale(layout.raw_low, layout.raw_high), Scale(missing, missing, NOT_AVAILABLE, f"{layout.name}_NotAvailable")),
+            UNIT_BY_SYMBOL[definition.unit],
+            decimal(layout.factor),
+            decimal(layout.offset),
+            missing,
+            missing,
+            signal,
+        )
+    texts = tuple(
+        Scale(code, code, text, re.sub(r"\W", "_", f"{layout.name}_{text}")) for code, text in enumerate(definition.values)
+    )
+    scales = texts or (Scale(0, signal.mask),)
+    return SignalView(layout.name, definition.meaning, *place, _platform_type(layout.length, False), scales, framed=signal)
+
+
+def _platform_type(length: int, signed: bool) -> str:
+    return f"{'s' if signed else 'u'}int{next(size for size in (8, 16, 32) if length <= size)}"
+
+
+def parameter_views(config: Config, precision: Precision) -> tuple[CalibrationView, ...]:
+    """Return every parameter of `<prefix>_parameters_t`; an axis comes before its curves."""
+    controller = controller_parameters(config)
+    highest = next(each.high for each in controller if each.name == "rear_angle_max")
+    limiter = (replace(each, high=highest) if each.name in OF_THE_ANGLE else each for each in limiter_parameters(config))
+    return (
+        *_parameters(controller, "", precision),
+        *_parameters(inputs_parameters(config), "inputs", precision),
+        *_parameters(limiter, "limiter", precision),
+    )
+
+
+def _parameters(parameters: Iterable[Parameter], struct: str, precision: Precision) -> Iterator[CalibrationView]:
+    axis_of: dict[str, str] = {}
+    for each in parameters:
+        name = f"{struct}_{each.name}" if struct else each.name
+        values = each.value if isinstance(each.value, tuple) else (each.value,)
+        if each.increasing:
+            axis_of[each.points] = name
+        is_count = isinstance(each.value, int)
+        yield CalibrationView(
+            name=name,
+            member=f"{struct}.{each.name}" if struct else each.name,
+            text=each.comment,
+            category="COM_AXIS" if each.increasing else "CURVE" if each.points else "VALUE",
+            type="uint16" if is_count else real_type(precision),
+            shape=(len(values),) if each.points else (),
+            unit=NONE if is_count else unit_of_comment(each.comment),
+            low=_number(each.low, is_count, precision),
+            high=_number(each.high, is_count, precision),
+            initial=tuple(_number(value, is_count, precision) for value in values),
+            axes=(axis_of[each.points],) if each.points and not each.increasing else (),
+        )
+
+
+def real_type(precision: Precision) -> str:
+    """Return the platform type of a real number."""
+    return "float32" if precision == "single" else "float64"
+
+
+def _number(value: float, is_count: bool, precision: Precision) -> str:
+    return str(int(value)) if is_count else literal(value, precision).rstrip("f")
+
+
+def map_views(manifest: Mapping[str, Any], calibration: str, prefix: str, precision: Precision) -> tuple[CalibrationView, ...]:
+    """Return axes and tables of the map, which the C of the build defines.
+
+    Args:
+        calibration: text of `<prefix>_calibration.c`, for the scale of raw numbers.
+
+    Raises:
+        BuildError: the manifest does not name the objects of the map, or the C does not state a scale.
+    """
+    symbols, start = manifest["symbols"], f"{prefix}_map_"
+    axes = {name: f"{start}{name}_breakpoints" for name in ("front_angle", "speed")}
+    tables = [name for name in symbols if name.startswith(start) and name.endswith("_table") and name != f"{start}share_table"]
+    if not tables or not symbols.keys() >= set(axes.values()):
+        raise BuildError(
+            "it names no tables of the map", where="manifest.json, symbols", remedy="build again with this version"
+        )
+    found = []
+    for (quantity, name), top in zip(axes.items(), (FRONT_ANGLE_TOP, SPEED_TOP), strict=True):
+        text = f"breakpoints of the map: {quantity.replace('_', ' ')}"
+        found.append(_axis(name, text, symbols[name], "0.0", _number(top, False, precision), precision))
+    for name in tables:
+        symbol, quantity = symbols[name], name.removeprefix(start).removesuffix("_table")
+        factor = _scale(calibration, quantity) if symbol["type"] == "int16_t" else ""
+        reach = RAW_MAX * float(factor) if factor else float("inf")
+        low, high = (max(min(bound, reach), -reach) for bound in TABLE_RANGES[quantity])
+        shape = tuple(symbol["shape"])
+        layers = shape[0] if len(shape) == 3 else 0
+        roads = ", ".join(f"{each:g}" for each in manifest["map"]["frictions"])
+        found.append(
+            CalibrationView(
+                name=name,
+                member=name,
+                text=f"reference map: {quantity.replace('_', ' ')}, at a road friction of {roads}",
+                category="CUBOID" if layers else "MAP",
+                type="sint16" if factor else real_type(precision),
+                shape=shape,
+                unit=UNIT_BY_SYMBOL[symbol["unit"]],
+                low=_number(low, False, precision),
+                high=_number(high, False, precision),
+                axes=tuple(axes.values()),
+                fixed_points=layers,
+                factor=factor,
+            )
+        )
+    return tuple(found)
+
+
+def _axis(name: str, text: str, symbol: Mapping[str, Any], low: str, high: str, precision: Precision) -> CalibrationView:
+    shape, unit = tuple(symbol["shape"]), UNIT_BY_SYMBOL[symbol["unit"]]
+    return CalibrationView(name, name, text, "COM_AXIS", real_type(precision), shape, unit, low, high)
+
+
+def _scale(calibration: str, quantity: str) -> str:
+    found = re.search(rf"\.{quantity}_scale = ([-+.\de]+)f?", calibration)
+    if found is None:
+        raise BuildError(f"no {quantity}_scale", where="the calibration of the build", remedy="build again with this version")
+    return found[1]
+
+
+def event_view(cause: Cause, period: float) -> EventView:
+    """Return the event of a cause; a sample takes `period` in s."""
+    failed, passed = (max(round(time / period), 1) for time in (cause.fails_after_s, cause.passes_after_s))
+    return EventView(cause.name, cause.text, f"0x{1 << cause.bit:X}u", failed, -passed)
