@@ -30,6 +30,8 @@ import cantools
 import numpy as np
 
 from codegen.emit.from_files import prepare
+from codegen.emit.write import write_folder
+from codegen.export.arxml.export import export
 from codegen.export.fmu.variables import variables_of
 from codegen.export.runs import COLUMNS
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
@@ -57,6 +59,17 @@ assert Codec(software.config.can).encode(sent) == bytes(data)
 read = cantools.database.load_string(files["ars.dbc"]).decode_message("VehicleConditions", bytes(data))
 assert abs(read["LateralSpeed"] + 2.3) < 1e-9 and read["ReverseGear"] == "yes"
 assert "lateral speed of the centre of gravity" in files["ars.dbc"]
+
+# ARXML: the same frame, and elements of the component's port; the adapter places both codes in the frame
+write_folder(folder, Path("added"))
+described = export(Path("added")).folder.files
+arxml = cantools.database.load_string(described["ars.arxml"].decode(), "arxml")
+assert arxml.decode_message("VehicleConditions", bytes(data)) == cantools.database.load_string(files["ars.dbc"]).decode_message(
+    "VehicleConditions", bytes(data)
+)
+for name in ("LateralSpeed", "ReverseGear"):
+    assert f"codes->{name}" in described["src/ars_swc.c"].decode()
+    assert f"/Ars/SignalTypes/VehicleConditions/{name}</TYPE-TREF>" in described["ars.arxml"].decode()
 
 # the controller hands it on
 controller = software.controller()

@@ -131,7 +131,9 @@ class Rte:
             if each.element_name == "DATA-TYPE-MAP"
         }
         self.initial = {
-            one(each, "PARAMETER-REF/@").path: [str(value.character_data) for _, value in each.elements_dfs if value.element_name == "VALUE"]
+            one(each, "PARAMETER-REF/@").path: [
+                str(value.character_data) for _, value in each.elements_dfs if value.element_name == "VALUE"
+            ]
             for _, each in self.model.elements_dfs
             if each.element_name == "PARAMETER-PROVIDE-COM-SPEC"
         }
@@ -160,7 +162,8 @@ class Rte:
                 continue  # a platform type
             if category == "STRUCTURE":
                 parts = find(each, "SUB-ELEMENTS/IMPLEMENTATION-DATA-TYPE-ELEMENT")
-                fields = " ".join(f"{one(part, PROPS + '/IMPLEMENTATION-DATA-TYPE-REF/@').item_name} {part.item_name};" for part in parts)
+                types = ((one(part, PROPS + "/IMPLEMENTATION-DATA-TYPE-REF/@").item_name, part.item_name) for part in parts)
+                fields = " ".join(f"{kind} {name};" for kind, name in types)
                 self.header.append(f"typedef struct {{ {fields} }} {each.item_name};")
             elif category == "ARRAY":
                 self.header.append(f"typedef {self.item(each)[0]} {each.item_name}{self.item(each)[1]};")
@@ -202,7 +205,9 @@ class Rte:
             length = text(port, "REQUIRED-COM-SPECS/QUEUED-RECEIVER-COM-SPEC/QUEUE-LENGTH")
             assert text(element, PROPS + "/SW-IMPL-POLICY") == "QUEUED" and self.item(of) == ("uint8", "[8]")
             self.declare(f"Std_ReturnType Rte_Receive_{name}_{element.item_name}(uint8 *data)")
-            self.stub.append(f"extern uint8 rte_{name}[{length}][8]; extern uint32 rte_{name}_read; extern uint32 rte_{name}_written;")
+            names = ("read", "written")
+            self.stub.append(f"extern uint8 rte_{name}[{length}][8];")
+            self.stub.append("".join(f"extern uint32 rte_{name}_{each};" for each in names))
             self.source.append(f"uint8 rte_{name}[{length}][8]; uint32 rte_{name}_read; uint32 rte_{name}_written;")
             self.source.append(QUEUE.format(port=name, element=element.item_name, length=length))
             return

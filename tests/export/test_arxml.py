@@ -4,15 +4,27 @@ from __future__ import annotations
 
 import functools
 import itertools
+import json
+import re
+import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import autosar_data
 import cantools
 import numpy as np
 import pytest
+from elftools.elf.elffile import ELFFile
 
+from codegen.configuration import Config
+from codegen.ecu_map.extend import extend
+from codegen.ecu_map.placement import Placed, Request
+from codegen.ecu_map.placement_error import MeasuredError
+from codegen.ecu_map.storage import Scales
+from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.can_view import DIAGNOSTICS
 from codegen.emit.folder import read_files, read_manifest
 from codegen.emit.write import write_folder
@@ -20,28 +32,69 @@ from codegen.export.arxml.export import Protection, export
 from codegen.export.firmware import record
 from codegen.sil.compile import DEFAULT_FLAGS, compile_library
 from codegen.sil.software import load
+from codegen.sil.toolchain import compiler_command
 from hil_sim.codec import Frame
 from hil_sim.scenarios import find
-from tests import shared
+from tests import builds, shared
 from tests.cli.conftest import Answer, refused, run
 from tests.export import rte
+from tests.hil_sim.test_codec import OTHER
 
 __all__ = ["refused", "run"]  # fixtures
 
 Run, Refused = Callable[..., Answer], Callable[..., str]
 GENERATED = Path(__file__).parents[2] / "generated"
-BUILDS = ("4ws2", "4ws2-paper")
+BUILDS = ("4ws2", "4ws2-paper", "other")
+"""`other` has Motorola byte order, odd lengths and offsets, a stack of maps in int16, double precision, and another prefix."""
 PROTECTIONS: tuple[Protection, ...] = ("transformer", "task")
 
 
 @functools.cache
+def build_of(name: str) -> Path:
+    """Return the folder of a build."""
+    if name != "other":
+        return GENERATED / name
+    with shared.locked("autosar other build") as path:
+        place = path / "other"
+        if not place.exists():
+            tables = builds.TRACKING_CONFIG.model_dump(mode="json")
+            for role, changes in OTHER.items():
+                tables["can"][role] |= changes
+            config, reference_map = Config.model_validate(tables), builds.MAPS["rough stack"]()
+            total = extend(reference_map, config, config.steering.front_angle_stop)
+            tables = [[getattr(each, name) for each in total.stack] for name in ("yaw_rate", "rear_angle")]
+            largest = (float(np.abs(np.array(layers)).max()) for layers in tables)
+            total = replace(total, scales=Scales.of(*largest, np.float64))
+            # As stored, without the search for breakpoints, which takes long.
+            placed = Placed(total, "uneven", 0, MeasuredError(), (0.0, 0.0), "table", (0.0, 1.0), (0.0, 1.0), 1)
+            request = Request(1.0, None, "int16", "--max-error 1rad/s --storage int16")
+            options = BuildOptions("other", prefix="rear_axle", precision="double", request=request)
+            with mock.patch("codegen.emit.build.choose", return_value=placed):
+                write_folder(build(reference_map, config, options, BuildInputs("other.npz", "0" * 64, "preset")), place)
+        return place
+
+
+def prefix_of(name: str) -> str:
+    """Return the prefix of a build."""
+    return str(read_manifest(build_of(name))["options"]["prefix"])
+
+
+@functools.cache
 def written(name: str, protection: Protection = "transformer") -> Path:
-    """Return the export of a committed build on disk."""
+    """Return the export of a build on disk."""
     with shared.locked(f"autosar {name} {protection}") as path:
         place = path / "autosar"
         if not place.exists():
-            write_folder(export(GENERATED / name, protection).folder, place)
+            write_folder(export(build_of(name), protection).folder, place)
         return place
+
+
+def arxml_of(name: str, protection: Protection = "transformer") -> Path:
+    """Return the ARXML of a build."""
+    return written(name, protection) / f"{prefix_of(name)}.arxml"
+
+
+# --- readers ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("name", "protection"), list(itertools.product(BUILDS, PROTECTIONS)))
@@ -49,14 +102,14 @@ def test_the_strict_reader_has_no_warning_and_finds_every_reference(name: str, p
     model, warnings = rte.load(written(name, protection))
     assert warnings == []
     assert model.check_references() == []
-    assert {str(file.version) for file in model.files} == {str(autosar_data.AutosarVersion.AUTOSAR_00051)}
+    assert all(file.version == autosar_data.AutosarVersion.AUTOSAR_00051 for file in model.files)
 
 
 @pytest.mark.parametrize("name", BUILDS)
 def test_cantools_reads_the_messages_of_the_dbc(name: str) -> None:
     """Every attribute that both formats have is equal, and so is every signal of 10,000 random frames."""
-    dbc = cantools.database.load_file(GENERATED / name / "ars.dbc")
-    arxml = cantools.database.load_file(written(name) / "ars.arxml")
+    dbc = cantools.database.load_file(build_of(name) / f"{prefix_of(name)}.dbc")
+    arxml = cantools.database.load_file(arxml_of(name))
     assert [each.name for each in arxml.messages] == [each.name for each in dbc.messages]
     random = np.random.default_rng(12)
     for here, there in zip(arxml.messages, dbc.messages, strict=True):
@@ -74,12 +127,65 @@ def test_cantools_reads_the_messages_of_the_dbc(name: str) -> None:
             assert here.decode(data.tobytes()) == there.decode(data.tobytes())
 
 
+@pytest.mark.parametrize("name", BUILDS)
+def test_the_calibration_is_that_of_the_a2l(name: str) -> None:
+    """Both formats name the same C objects, with the same sizes, axes and limits."""
+    prefix, (model, _) = prefix_of(name), rte.load(written(name))
+    text = (build_of(name) / f"{prefix}.a2l").read_text()
+    default = f"{prefix}_parameters_default."
+    expected: dict[str, tuple[tuple[int, ...], float, float]] = {}
+    for block in re.findall(r"/begin (?:AXIS_PTS|CHARACTERISTIC) .*?/end (?:AXIS_PTS|CHARACTERISTIC)\n", text, re.DOTALL):
+        link = re.search(r'SYMBOL_LINK "([^"\[]*)', block)[1]  # type: ignore[index]
+        sizes = [int(size) for size in re.findall(r"COM_AXIS \S+ \S+ (\d+)", block)]
+        own = re.search(r"BREAKPOINTS 0 \S+ (\d+) (\S+) (\S+)|_(?:REAL|COUNT|CHECKSUM|FUNCTION) 0 \S+ (\S+) (\S+)", block)
+        assert own is not None
+        size = tuple([int(own[1])] if own[1] else sizes)
+        low, high = (float(bound) for bound in own.groups()[1:] if bound is not None)
+        expected[link.removeprefix(default).replace(".", "_")] = (size, low, high)
+    del expected[f"{prefix}_calibration_expected_checksum"]
+    found = {}
+    for each in rte.named(model, "PARAMETER-DATA-PROTOTYPE").values():
+        of = rte.one(each, "TYPE-TREF/@")
+        limits = rte.one(of, rte.PROPS + "/DATA-CONSTR-REF/@/DATA-CONSTR-RULES/DATA-CONSTR-RULE/PHYS-CONSTRS")
+        axes = rte.PROPS + "/SW-CALPRM-AXIS-SET/SW-CALPRM-AXIS/"
+        own = [int(rte.text(axis, "SW-MAX-AXIS-POINTS")) for axis in rte.find(of, axes + "SW-AXIS-INDIVIDUAL")]
+        shared_axes = [axis.item_name for axis in rte.find(of, axes + "SW-AXIS-GROUPED/SHARED-AXIS-TYPE-REF/@")]
+        low, high = (float(rte.text(limits, tag)) for tag in ("LOWER-LIMIT", "UPPER-LIMIT"))
+        found[each.item_name] = (own, shared_axes, low, high)
+    assert found.keys() == expected.keys()
+    for member, (own, shared_axes, low, high) in found.items():
+        sizes = [found[axis][0][0] for axis in shared_axes] or own
+        # The A2L rounds the limits of raw tables to nine digits.
+        assert (tuple(sizes), pytest.approx(low, rel=1e-8), pytest.approx(high, rel=1e-8)) == expected[member], member
+        if shared_axes and member.startswith(f"{prefix}_map"):
+            assert shared_axes == [f"{prefix}_map_{axis}_breakpoints" for axis in ("front_angle", "speed")]
+            assert own == ([4] if name == "other" else [])  # frictions of the stack
+
+
+def test_debouncing_counts_samples() -> None:
+    model, _ = rte.load(written("4ws2"))
+    counter = "DIAG-EVENT-DEBOUNCE-ALGORITHM/DIAG-EVENT-DEBOUNCE-COUNTER-BASED/COUNTER-{}-THRESHOLD"
+    found = {
+        name: tuple(
+            int(rte.text(each, f"SERVICE-NEEDS/DIAGNOSTIC-EVENT-NEEDS/{counter.format(side)}")) for side in ("FAILED", "PASSED")
+        )
+        for name, each in rte.named(model, "SWC-SERVICE-DEPENDENCY").items()
+    }
+    assert found.keys() == {*(each.name for each in DIAGNOSTICS), "PARAMETERS_REJECTED"}
+    # 0.1 s and 1 s at 10 ms; the generated C has counted samples already.
+    assert found["MOTION_WRONG_CRC"] == (10, -100)
+    assert found["ACTUATOR_STUCK"] == (1, -100)
+
+
+# --- the component on an RTE -----------------------------------------------------------------------------------------------
+
+
 @functools.cache
 def component(name: str, protection: Protection) -> tuple[Any, Any]:
     """Return the component on an RTE of its own ARXML as a library, and the model."""
-    build, folder = GENERATED / name, written(name, protection)
+    folder = written(name, protection)
     model, _ = rte.load(folder)
-    sources = dict(read_files(build, read_manifest(build), ("include/", "src/")))
+    sources = dict(read_files(build_of(name), read_manifest(build_of(name)), ("include/", "src/")))
     sources |= read_files(folder, read_manifest(folder), ("include/", "src/"))
     library = compile_library(
         f"autosar_{protection}",
@@ -91,10 +197,16 @@ def component(name: str, protection: Protection) -> tuple[Any, Any]:
     return library.lib, model
 
 
+def runnables(library: Any, name: str) -> tuple[Callable[[], None], Callable[[], None]]:
+    """Return the runnables that initialise and step the component."""
+    owner = prefix_of(name).capitalize()
+    return getattr(library, f"{owner}_Init"), getattr(library, f"{owner}_Step")
+
+
 @functools.cache
 def drive(name: str) -> tuple[list[tuple[Frame, ...]], list[Frame]]:
-    """Return the frames of the whole scenario of the paper in the SIL: those that came in each cycle, and those sent."""
-    software = load(GENERATED / name)
+    """Return the frames of the paper's whole scenario in the SIL: those that came in each cycle, and those sent."""
+    software = load(build_of(name))
     return record(software, find("step-steer", software.config))
 
 
@@ -105,41 +217,52 @@ def events_of(library: Any) -> set[str]:
     return {each.name for each, report in reports.items() if report == 3}
 
 
-def causes_of(data: bytes) -> set[str]:
+def causes_of(name: str, data: bytes) -> set[str]:
     """Return the names of the bits of `Diagnostics` in a command."""
-    bits = int.from_bytes(data[6:], "little")
+    signal = OTHER["rear_steer_command"]["diagnostics"]["name"] if name == "other" else "Diagnostics"
+    message = cantools_of(name).get_message_by_name("RearSteerCommand")
+    bits = message.decode(data, scaling=False, decode_choices=False)[signal]
     return {each.name for each in DIAGNOSTICS if bits >> each.bit & 1}
+
+
+@functools.cache
+def cantools_of(name: str) -> Any:
+    """Return the DBC of a build."""
+    return cantools.database.load_file(build_of(name) / f"{prefix_of(name)}.dbc")
 
 
 def through_transformer(name: str, cycles: list[tuple[Frame, ...]]) -> list[tuple[int, bytes]]:
     """Run the component for the frames of each cycle, with COM and E2E in the RTE; return the frames that it sends."""
     library, model = component(name, "transformer")
-    com, sent = rte.Com(library, model, written(name) / "ars.arxml"), []
-    library.Ars_Init()
+    com, sent = rte.Com(library, model, arxml_of(name)), []
+    initialise, step = runnables(library, name)
+    initialise()
     for frames in cycles:
         com.receive({frame.id: frame.data for frame in frames})
-        library.Ars_Step()
+        step()
         sent.append(com.send())
-        assert events_of(library) == causes_of(sent[-1][1])
+        assert events_of(library) == causes_of(name, sent[-1][1])
     return sent
 
 
 def on_raw_frames(name: str, cycles: list[tuple[Frame, ...]]) -> list[tuple[int, bytes]]:
     """Run the component that checks frames itself."""
-    library, model = component(name, "task")
-    ports = {each.frame_id: each.name for each in cantools.database.load_file(written(name) / "ars.arxml").messages}
+    library, _ = component(name, "task")
+    messages = {each.frame_id: each.name for each in cantools.database.load_file(arxml_of(name, "task")).messages}
+    (identifier,) = (each for each, message in messages.items() if message == "RearSteerCommand")
+    initialise, step = runnables(library, name)
+    initialise()
     sent = []
-    library.Ars_Init()
     for frames in cycles:
         for frame in frames:
-            port = ports[frame.id]
+            port = messages[frame.id]
             queue, index = getattr(library, f"rte_{port}"), getattr(library, f"rte_{port}_written")
             for place, byte in enumerate(frame.data):
                 queue[index % len(queue)][place] = byte
             setattr(library, f"rte_{port}_written", index + 1)
-        library.Ars_Step()
-        sent.append((0x201, bytes(library.rte_RearSteerCommand)))
-        assert events_of(library) == causes_of(sent[-1][1])
+        step()
+        sent.append((identifier, bytes(library.rte_RearSteerCommand)))
+        assert events_of(library) == causes_of(name, sent[-1][1])
     return sent
 
 
@@ -153,21 +276,23 @@ def test_a_whole_scenario_on_the_rte_has_the_bits_of_the_sil(name: str, on_rte: 
 
 def disturbed(cycles: list[tuple[Frame, ...]]) -> list[tuple[Frame, ...]]:
     """Return the cycles with lost, damaged and repeated frames, and a silence."""
-    motion = [list(frames) for frames in cycles[:600]]
-    motion[100] = motion[100][1:]  # lost
-    motion[150][1] = Frame(motion[150][1].id, bytes((motion[150][1].data[0] ^ 1, *motion[150][1].data[1:])))
-    motion[200][0] = motion[199][0]  # repeated
+    changed = [list(frames) for frames in cycles[:600]]
+    changed[100] = changed[100][1:]  # lost
+    conditions = changed[150][1]
+    changed[150][1] = Frame(conditions.id, bytes((conditions.data[0] ^ 1, *conditions.data[1:])))
+    changed[200][0] = changed[199][0]  # repeated
     for cycle in range(300, 330):
-        motion[cycle] = []
-    for cycle in range(400, 420, 2):  # the messages become invalid
-        motion[cycle] = [Frame(frame.id, bytes(8)) for frame in motion[cycle]]
-    return [tuple(frames) for frames in motion]
+        changed[cycle] = []
+    for cycle in range(400, 420, 2):  # so many that the messages become invalid
+        changed[cycle] = [Frame(frame.id, bytes(8)) for frame in changed[cycle]]
+    return [tuple(frames) for frames in changed]
 
 
 @pytest.mark.parametrize("on_rte", [through_transformer, on_raw_frames])
 def test_disturbed_frames_give_the_commands_of_the_task(on_rte: Any) -> None:
-    """Angle, reference and status are those of the task; so are the diagnostics, except for the state of the bus."""
-    cycles, task, expected = disturbed(drive("4ws2")[0]), load(GENERATED / "4ws2").task(), []
+    """Angle, reference and status are those of the task. So are the diagnostics, except that the transformer does not tell of
+    frames that were lost within its tolerance, which count for INTERMITTENT."""
+    cycles, task, expected = disturbed(drive("4ws2")[0]), load(build_of("4ws2")).task(), []
     for frames in cycles:
         for frame in frames:
             task.on_can_frame(frame.id, frame.data)
@@ -176,8 +301,92 @@ def test_disturbed_frames_give_the_commands_of_the_task(on_rte: Any) -> None:
     seen: set[str] = set()
     for cycle, ((identifier, data), (_, wanted)) in enumerate(zip(found, expected, strict=True)):
         assert (identifier, data[1:6]) == (0x201, wanted[1:6]), cycle
-        assert causes_of(data) - {"INTERMITTENT"} == causes_of(wanted) - {"INTERMITTENT"}, cycle
-        seen |= causes_of(wanted)
+        causes = causes_of("4ws2", wanted)
+        assert causes_of("4ws2", data) - {"INTERMITTENT"} == causes - {"INTERMITTENT"}, cycle
+        seen |= causes
     assert seen >= {"MOTION_MISSING", "CONDITIONS_WRONG_CRC", "MOTION_WRONG_COUNTER", "SPEED_REPLACED"}
     if on_rte is on_raw_frames:
         assert found == expected
+
+
+def test_parameters_of_the_rte_act_and_invalid_ones_do_not() -> None:
+    cycles, sent = drive("4ws2")
+    library, _ = component("4ws2", "transformer")
+    rate, signals = library.rte_limiter_rear_rate_max, cantools_of("4ws2")
+
+    def fastest(frames: list[tuple[int, bytes]]) -> float:
+        angles = [signals.decode_message(*each, decode_choices=False)["RearAngleCommand"] for each in frames[100:]]
+        return float(np.abs(np.diff(angles)).max())
+
+    try:
+        library.rte_limiter_rear_rate_max = 0.1
+        slow = through_transformer("4ws2", cycles)
+        assert library.rte_Event_PARAMETERS_REJECTED == 2
+        # 0.1 rad/s for 10 ms, and half a code of rounding at either end.
+        assert fastest(slow) == pytest.approx(1e-3, abs=5.1e-5)
+        assert fastest([(each.id, each.data) for each in sent]) > 2e-3
+        library.rte_limiter_rear_rate_max = -1.0
+        assert through_transformer("4ws2", cycles[:500]) == [(frame.id, frame.data) for frame in sent[:500]]
+        assert library.rte_Event_PARAMETERS_REJECTED == 3
+    finally:
+        library.rte_limiter_rear_rate_max = rate
+
+
+# --- memory sections ------------------------------------------------------------------------------------------------------
+
+
+def compiled(source: Path, folders: list[Path], out: Path) -> dict[str, bytes]:
+    """Return name -> content of the sections of an object file that a program loads."""
+    flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", *(f"-I{folder}" for folder in folders)]
+    subprocess.run([*compiler_command(), *flags, "-c", source, "-o", out], check=True, capture_output=True)
+    with out.open("rb") as file:
+        allocated = 2  # SHF_ALLOC
+        return {each.name: each.data() for each in ELFFile(file).iter_sections() if each["sh_flags"] & allocated}
+
+
+def test_sources_between_sections_compile_to_the_same_objects(tmp_path: Path) -> None:
+    place, build_folder = written("4ws2"), build_of("4ws2")
+    units = [path.stem for path in sorted((build_folder / "src").glob("*.c"))]
+    assert {path.stem for path in (place / "memmap").iterdir()} == {f"{unit}_memmap" for unit in units}
+    for unit in units:
+        folders = [build_folder / "include", build_folder / "src", place / "include"]
+        inside = compiled(place / "memmap" / f"{unit}_memmap.c", folders, tmp_path / "object.o")
+        assert inside == compiled(build_folder / "src" / f"{unit}.c", folders, tmp_path / "object.o"), unit
+
+
+def test_the_sections_of_the_memory_map_are_those_of_the_arxml_and_close() -> None:
+    model, _ = rte.load(written("4ws2"))
+    text = (written("4ws2") / "include/Ars_MemMap.h").read_text()
+    named = set(re.findall(r"defined\(Ars_START_SEC_(\w+)\)", text))
+    assert named == set(rte.named(model, "SW-ADDR-METHOD"))
+    for path in (*(written("4ws2") / "memmap").iterdir(), written("4ws2") / "src/ars_swc.c"):
+        opened: list[str] = []
+        for way, section in re.findall(r"#define Ars_(START|STOP)_SEC_(\w+)\n#include \"Ars_MemMap.h\"", path.read_text()):
+            assert section in named
+            if way == "START":
+                opened.append(section)
+            else:
+                opened.remove(section)
+        assert not opened, path.name
+
+
+# --- the command ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_command_writes_the_folder_once(run: Run, tmp_path: Path) -> None:
+    command = ("arxml", "--build", build_of("4ws2"), "-o", tmp_path / "autosar")
+    assert "E2E by the transformer" in run(*command).out
+    content = {path.relative_to(tmp_path): path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert "(unchanged)" in run(*command).out
+    assert not [path for path, text in content.items() if str(GENERATED).encode() in text or b"UUID" in text]
+    assert json.loads(run(*command, "--e2e", "task", "--json").out)["e2e"] == "task"
+
+
+def test_other_folders_and_changed_files_are_kept(refused: Refused, tmp_path: Path) -> None:
+    place = tmp_path / "autosar"
+    write_folder(export(build_of("4ws2")).folder, place)
+    (place / "include/Ars_MemMap.h").write_text("/* pragmas */\n")
+    line = refused("arxml", "--build", build_of("4ws2"), "-o", place)
+    assert "include/Ars_MemMap.h was changed since it was written" in line
+    assert "inside a generated folder" in refused("arxml", "--build", build_of("4ws2"), "-o", place / "more")
+    assert "is missing" in refused("arxml", "--build", tmp_path, "-o", tmp_path / "new")
