@@ -23,6 +23,7 @@ ROWS = {name: (needed, licence) for name, needed, licence in FOUND if name not i
 # Licence wording of packages without an SPDX expression.
 IN_WORDS = {"BSD-2-Clause": r"2-Clause BSD|BSD License", "BSD-3-Clause": r"BSD License|BSD\b|Copyright.*SciPy"}
 IN_WORDS |= {"Apache-2.0": r"Apache Software License|Apache-2\.0", "PSF-2.0": r"Python Software Foundation License"}
+IN_WORDS |= {"MIT OR Apache-2.0": r"MIT OR Apache-2\.0|(?s:(?=.*Apache License).*Permission is hereby)"}
 IN_WORDS |= {"LGPL-3.0-or-later": r"LGPLv3", "ISC": r"ISC License", "Public domain": r"Public [Dd]omain"}
 
 
