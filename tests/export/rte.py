@@ -132,7 +132,9 @@ class Rte:
         }
         self.initial = {
             one(each, "PARAMETER-REF/@").path: [
-                str(value.character_data) for _, value in each.elements_dfs if value.element_name == "VALUE"
+                str(value.character_data)
+                for _, value in each.elements_dfs
+                if value.element_name == "V" and value.parent.element_name == "SW-VALUES-PHYS"
             ]
             for _, each in self.model.elements_dfs
             if each.element_name == "PARAMETER-PROVIDE-COM-SPEC"

@@ -86,6 +86,11 @@ class SignalView:
         return "SCALE_LINEAR_AND_TEXTTABLE" if linear and texts else "TEXTTABLE" if texts else "LINEAR"
 
     @property
+    def initial_text(self) -> str:
+        """Text of the initial code; "" if it has none."""
+        return next((scale.text for scale in self.scales if scale.text and scale.low == self.initial), "")
+
+    @property
     def low(self) -> int:
         """Smallest code."""
         return min(scale.low for scale in self.scales)
