@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
+from xml.etree import ElementTree
 
 from codegen import __version__, configuration
 from codegen.configuration import Config
@@ -85,8 +86,8 @@ def export(build: Path, protection: Protection = "transformer") -> Export:
     context = _context(manifest, config, files[f"src/{prefix}_calibration.c"].decode("ascii", "replace"), protection)
     component = context["component"]
     made = {
-        f"{prefix}.arxml": render("arxml/main.j2", context),
-        "platform_types.arxml": render("arxml/platform.j2", context),
+        f"{prefix}.arxml": _indented(render("arxml/main.j2", context)),
+        "platform_types.arxml": _indented(render("arxml/platform.j2", context)),
         f"include/{component}_MemMap.h": render("autosar/memmap.h.j2", context),
         f"include/{prefix}_swc_version.h": render("autosar/version.h.j2", context),
         f"src/{prefix}_swc.c": render("autosar/swc.c.j2", context),
@@ -108,6 +109,19 @@ def export(build: Path, protection: Protection = "transformer") -> Export:
         },
     }
     return Export(Folder(made, facts), f"{prefix}.arxml", edited)
+
+
+def _indented(arxml: bytes) -> bytes:
+    """Return ARXML with one element in a line."""
+    head, start, body = arxml.decode("ascii").partition("<AUTOSAR ")
+    root = ElementTree.fromstring(start + body)
+    ElementTree.indent(root)
+    for prefix, uri in _NAMESPACES.items():
+        ElementTree.register_namespace(prefix, uri)
+    return f"{head}{ElementTree.tostring(root, encoding='unicode')}\n".encode("ascii")
+
+
+_NAMESPACES = {"": "http://autosar.org/schema/r4.0", "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
 
 
 def _context(manifest: Mapping[str, Any], config: Config, calibration: str, protection: Protection) -> dict[str, Any]:
