@@ -27,12 +27,14 @@ from codegen.ecu_map.storage import Scales
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.can_view import DIAGNOSTICS
 from codegen.emit.folder import read_files, read_manifest
+from codegen.emit.misra_rules import ADVISORY
 from codegen.emit.write import write_folder
 from codegen.export.arxml.export import Protection, export
 from codegen.export.firmware import record
 from codegen.sil.compile import DEFAULT_FLAGS, compile_library
 from codegen.sil.software import load
 from codegen.sil.toolchain import compiler_command
+from codegen.verify.analysis.analysers import judged_by_misra
 from hil_sim.codec import Frame
 from hil_sim.scenarios import find
 from tests import builds, shared
@@ -193,6 +195,9 @@ def component(name: str, protection: Protection) -> tuple[Any, Any]:
         ["rte/stub.h"],
         include_folders=("include", "rte"),
         flags=(*DEFAULT_FLAGS, "-pedantic"),
+        unit_flags={
+            f"src/{prefix_of(name)}_swc.c": ("-Wconversion", "-Wsign-conversion", "-Wshadow", "-Wcast-qual", "-Wundef")
+        },
     )
     return library.lib, model
 
@@ -330,6 +335,41 @@ def test_parameters_of_the_rte_act_and_invalid_ones_do_not() -> None:
         assert library.rte_Event_PARAMETERS_REJECTED == 3
     finally:
         library.rte_limiter_rear_rate_max = rate
+
+
+def test_initial_parameters_are_those_of_the_build() -> None:
+    library, _ = component("4ws2", "transformer")
+    software = load(build_of("4ws2"))
+    compared = 0
+
+    def compare(struct: Any, values: Any, path: str) -> None:
+        nonlocal compared
+        for name, about in struct.fields:
+            value, name = getattr(values, name), f"{path}_{name}".strip("_")
+            if about.type.kind == "struct":
+                compare(about.type, value, name)
+            else:
+                found = getattr(library, f"rte_{name}")
+                assert (list(found) == list(value)) if about.type.kind == "array" else (found == value), name
+                compared += 1
+
+    compare(software.ffi.typeof("ars_parameters_t"), software.function("parameters_default"), "")
+    assert compared == len([name for name in dir(library) if name.startswith("rte_") and name[4].islower()])
+
+
+@pytest.mark.parametrize("protection", PROTECTIONS)
+def test_the_adapter_breaks_no_required_rule_of_misra(protection: Protection, tmp_path: Path) -> None:
+    folder = written("4ws2", protection)
+    sources = dict(read_files(build_of("4ws2"), read_manifest(build_of("4ws2")), ("include/",)))
+    sources |= read_files(folder, read_manifest(folder), ("include/", "src/"))
+    rte_files = rte.Rte(rte.load(folder)[0]).files()
+    sources["include/Rte_Ars.h"] = rte_files["rte/Rte_Ars.h"].encode()
+    for path, content in sources.items():
+        (tmp_path / path).parent.mkdir(exist_ok=True)
+        (tmp_path / path).write_bytes(content)
+    found = [each for each in judged_by_misra(tmp_path) if each.file == "src/ars_swc.c"]
+    assert found
+    assert {each.rule for each in found} <= ADVISORY
 
 
 # --- memory sections ------------------------------------------------------------------------------------------------------
