@@ -1,8 +1,8 @@
 """Table of the signals between car and controller: names, units, ranges, frames, sources and meanings.
 
 The fields of the three payload classes form the table; `SIGNALS` lists them. The default layout of `[can]` in `ars.toml`, the
-C structs and their packing, the DBC, the measurements of the A2L, the variables of the FMUs, the columns of a run, the inputs
-of the checks and the tables of the guide are derived from it.
+C structs and their packing, the DBC, the ARXML, the measurements of the A2L, the variables of the FMUs, the columns of a run,
+the inputs of the checks and the tables of the guide are derived from it.
 
 To add a signal that the controller does not use, add it here only. The controller receives it in its measurement and forwards
 it.

@@ -120,6 +120,7 @@ class Rte:
     model: Any
     header: list[str] = field(default_factory=lambda: [PRELUDE])
     source: list[str] = field(default_factory=list)
+    made: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         (self.component,) = named(self.model, "APPLICATION-SW-COMPONENT-TYPE").values()
@@ -233,6 +234,9 @@ class Rte:
 
     def _parameter(self, port: str, parameter: Element) -> None:
         of, name = self.implementation(parameter), f"rte_{parameter.item_name}"
+        if parameter.path in self.made:  # several runnables use it
+            return
+        self.made.add(parameter.path)
         is_array = text(of, "CATEGORY") == "ARRAY"
         kind, sizes = self.item(of) if is_array else (of.item_name, "")
         values = ", ".join(self.initial[parameter.path])

@@ -316,23 +316,39 @@ def test_disturbed_frames_give_the_commands_of_the_task(on_rte: Any) -> None:
 
 def test_parameters_of_the_rte_act_and_invalid_ones_do_not() -> None:
     cycles, sent = drive("4ws2")
-    library, _ = component("4ws2", "transformer")
+    library, model = component("4ws2", "transformer")
     rate, signals = library.rte_limiter_rear_rate_max, cantools_of("4ws2")
 
     def fastest(frames: list[tuple[int, bytes]]) -> float:
         angles = [signals.decode_message(*each, decode_choices=False)["RearAngleCommand"] for each in frames[100:]]
         return float(np.abs(np.diff(angles)).max())
 
+    def run_with(at_start: float, later: float) -> list[tuple[int, bytes]]:
+        """Run with a parameter at the start, and another value of it from the first sample on."""
+        com, frames_sent = rte.Com(library, model, arxml_of("4ws2")), []
+        library.rte_limiter_rear_rate_max = at_start
+        library.Ars_Init()
+        library.rte_limiter_rear_rate_max = later
+        for cycle, frames in enumerate(cycles):
+            if cycle % 100 == 0:
+                library.Ars_Calibrate()
+            com.receive({frame.id: frame.data for frame in frames})
+            library.Ars_Step()
+            frames_sent.append(com.send())
+        return frames_sent
+
     try:
-        library.rte_limiter_rear_rate_max = 0.1
-        slow = through_transformer("4ws2", cycles)
-        assert library.rte_Event_PARAMETERS_REJECTED == 2
+        usual = [(frame.id, frame.data) for frame in sent]
+        slow = run_with(0.1, 0.1)
         # 0.1 rad/s for 10 ms, and half a code of rounding at either end.
         assert fastest(slow) == pytest.approx(1e-3, abs=5.1e-5)
-        assert fastest([(each.id, each.data) for each in sent]) > 2e-3
-        library.rte_limiter_rear_rate_max = -1.0
-        assert through_transformer("4ws2", cycles[:500]) == [(frame.id, frame.data) for frame in sent[:500]]
+        assert fastest(usual) > 2e-3
+        assert library.rte_Event_PARAMETERS_REJECTED == 2
+        assert run_with(rate, 0.1) == slow
+        assert run_with(0.1, rate) == usual
+        assert run_with(-1.0, -1.0) == usual
         assert library.rte_Event_PARAMETERS_REJECTED == 3
+        assert run_with(0.1, -1.0) == slow
     finally:
         library.rte_limiter_rear_rate_max = rate
 

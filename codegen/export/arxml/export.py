@@ -42,7 +42,10 @@ PROFILE = "PROFILE_01"
 QUEUE_LENGTH = 4
 """Frames of a message that wait for the task, in the variant on raw frames. The task is late if more than one waits."""
 
-REJECTED = Cause(16, "PARAMETERS_REJECTED", "the parameters of the RTE are not valid; those of the build are used", "")
+CALIBRATION_PERIOD_S = 1.0
+"""Period of the runnable that takes over changed parameters, in s."""
+
+REJECTED = Cause(16, "PARAMETERS_REJECTED", "the parameters of the RTE are not valid; others are in use", "")
 """Event of the adapter, beside those of the controller."""
 
 SECTIONS = (
@@ -165,6 +168,7 @@ def _context(manifest: Mapping[str, Any], config: Config, calibration: str, prot
         "queue_length": QUEUE_LENGTH,
         "task": task_view(config),
         "period": decimal(period),
+        "calibration_period": decimal(CALIBRATION_PERIOD_S),
         "timeout": decimal(period * config.can.e2e.window_size),
         "baudrate": can.baudrate,
         "version": (re.findall(r"\d+", str(manifest["version"])) + ["0"] * 3)[:3],
