@@ -261,14 +261,20 @@ _STATES = {E2eState.VALID: 0x00, E2eState.NO_DATA: 0x20, E2eState.INIT: 0x30, E2
 
 
 class Transformer:
-    """E2E transformer of a received message: code of E2EXf_Inv for each cycle."""
+    """E2E transformer of a received message: code of E2EXf_Inv for each cycle.
 
-    def __init__(self, data_id: int, settings: E2e) -> None:
+    In a cycle without a frame, an RTE passes no data, or with `checks_again` the last data.
+    """
+
+    def __init__(self, data_id: int, settings: E2e, checks_again: bool) -> None:
         self._data_id, self._receiver, self._supervision = data_id, Receiver(settings), Supervision(settings)
+        self._checks_again, self._last = checks_again, None
 
     def code(self, data: bytes | None) -> int:
         """Return the code of a cycle with a frame, or without one."""
-        status = self._receiver.no_new_data() if data is None else self._receiver.check(self._data_id, data)
+        passed = data if data is not None or not self._checks_again else self._last
+        self._last = passed
+        status = self._receiver.no_new_data() if passed is None else self._receiver.check(self._data_id, passed)
         check = _CHECKS[status]
         return _STATES[self._supervision.step(check == 0, check == 3)] | check
 
@@ -284,12 +290,12 @@ def settings_of(model: Any) -> E2e:
 class Com:
     """COM and E2E transformer between frames and the storage of the RTE."""
 
-    def __init__(self, library: Any, model: Any, arxml: Path) -> None:
+    def __init__(self, library: Any, model: Any, arxml: Path, checks_again: bool = False) -> None:
         self._lib = library
         self._database = cantools.database.load_file(arxml)
         settings = settings_of(model)
         self._transformers = {
-            message.name: Transformer(message.autosar.e2e.data_ids[0], settings)
+            message.name: Transformer(message.autosar.e2e.data_ids[0], settings, checks_again)
             for message in self._database.messages
             if message.senders == ["Car"]
         }

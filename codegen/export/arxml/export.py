@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 from codegen import __version__, configuration
 from codegen.configuration import Config
-from codegen.configuration.can import NODES
+from codegen.configuration.can import FRAME_BYTES, NODES
 from codegen.configuration.signals import MEASURED
 from codegen.emit.build import NUMBERS, BuildView
 from codegen.emit.can_view import Cause, can_view, task_view
@@ -162,6 +162,7 @@ def _context(manifest: Mapping[str, Any], config: Config, calibration: str, prot
         "units": tuple(unit for unit in UNITS if unit in used),
         "events": tuple(event_view(cause, period) for cause in (*can.diagnostics, REJECTED)),
         "nodes": NODES,
+        "frame_bytes": FRAME_BYTES,
         "platform_types": PLATFORM_TYPES,
         "profile": PROFILE,
         "sections": SECTIONS,

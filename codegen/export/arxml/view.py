@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from codegen.configuration import Config
-from codegen.configuration.can import NODES, Message, RealSignal
+from codegen.configuration.can import COUNTER_BITS, CRC_BITS, NODES, Message, RealSignal
 from codegen.ecu_map.storage import RAW_MAX
 from codegen.emit.a2l_view import OF_THE_ANGLE
 from codegen.emit.can_view import Cause, Frame, FrameSignal
@@ -173,14 +173,14 @@ class EventView:
 def message_view(frame: Frame) -> MessageView:
     """Return the view of a message, CRC and counter first."""
     protection = (
-        _whole(frame.layout.crc_name, "CRC-8 of the E2E protection", 0, 8, 255),
-        _whole(frame.layout.counter_name, "counter of the E2E protection", 8, 4, 14),
+        _protection(frame.layout.crc_name, "CRC-8 of the E2E protection", CRC_BITS, 255),
+        _protection(frame.layout.counter_name, "counter of the E2E protection", COUNTER_BITS, 14),
     )
     return MessageView(frame, (*protection, *(_signal(frame.layout, signal) for signal in frame.signals)))
 
 
-def _whole(name: str, text: str, start_bit: int, length: int, high: int) -> SignalView:
-    return SignalView(name, text, start_bit, length, True, "uint8", (Scale(0, high),))
+def _protection(name: str, text: str, bits: frozenset[int], high: int) -> SignalView:
+    return SignalView(name, text, min(bits), len(bits), True, "uint8", (Scale(0, high),))
 
 
 def _signal(message: Message, signal: FrameSignal) -> SignalView:
