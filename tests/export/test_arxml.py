@@ -6,6 +6,7 @@ import functools
 import itertools
 import json
 import re
+import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,6 +20,7 @@ import numpy as np
 import pytest
 from elftools.elf.elffile import ELFFile
 
+from codegen import __version__
 from codegen.configuration import Config
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.placement import Placed, Request
@@ -459,3 +461,14 @@ def test_other_folders_and_changed_files_are_kept(refused: Refused, tmp_path: Pa
     assert "include/Ars_MemMap.h was changed since it was written" in line
     assert "inside a generated folder" in refused("arxml", "--build", build_of("4ws2"), "-o", place / "more")
     assert "is missing" in refused("arxml", "--build", tmp_path, "-o", tmp_path / "new")
+
+
+def test_unsuitable_builds_are_rejected(refused: Refused, tmp_path: Path) -> None:
+    place = Path(shutil.copytree(build_of("4ws2"), tmp_path / "changed"))
+    manifest, calibration = place / "manifest.json", place / "src/ars_calibration.c"
+    kept = manifest.read_text()
+    manifest.write_text(kept.replace(f'"version": "{__version__}"', '"version": "0.0.1"'))
+    assert "made by codegen 0.0.1" in refused("arxml", "--build", place, "-o", tmp_path / "new")
+    manifest.write_text(kept)
+    calibration.write_text(calibration.read_text().replace(".trim_share = 0.02f", ".trim_share = 0.03f"))
+    assert "ars_calibration.c was changed after the build" in refused("arxml", "--build", place, "-o", tmp_path / "new")

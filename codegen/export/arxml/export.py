@@ -21,6 +21,7 @@ from codegen.emit.manifest import read_build
 from codegen.emit.map_view import magnitude_bits
 from codegen.emit.render import decimal, render
 from codegen.emit.text import NONE, UNITS, c_type, comment_text, literal, numpy_type
+from codegen.errors import BuildError
 from codegen.export.arxml.view import (
     PLATFORM_TYPES,
     CalibrationView,
@@ -79,14 +80,16 @@ def export(build: Path, protection: Protection = "transformer") -> Export:
     """Return the AUTOSAR export of a build without writing files.
 
     Raises:
-        BuildError: not a build, or one of an older version.
+        BuildError: not a build, one of another version, or one whose calibration was changed.
     """
     manifest = read_build(build)
     require_can_side(manifest, build)
     prefix = str(manifest["options"]["prefix"])
+    edited = tuple(verify_hashes(build))
+    _require_as_built(manifest, build, edited)
     files = read_files(build, manifest, ("src/",))
     config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
-    context = _context(manifest, config, files[f"src/{prefix}_calibration.c"].decode("ascii", "replace"), protection)
+    context = _context(manifest, config, files.get(f"src/{prefix}_calibration.c", b"").decode("ascii", "replace"), protection)
     component = context["component"]
     made = {
         f"{prefix}.arxml": _indented(render("arxml/main.j2", context)),
@@ -98,7 +101,6 @@ def export(build: Path, protection: Protection = "transformer") -> Export:
     for path in sorted(files):
         unit = PurePosixPath(path).stem
         made[f"memmap/{unit}_memmap.c"] = render("autosar/unit.c.j2", {**context, "unit": unit})
-    edited = tuple(verify_hashes(build))
     facts = {
         "schema_version": 1,
         "version": __version__,
@@ -112,6 +114,18 @@ def export(build: Path, protection: Protection = "transformer") -> Export:
         },
     }
     return Export(Folder(made, facts), f"{prefix}.arxml", edited)
+
+
+def _require_as_built(manifest: Mapping[str, Any], build: Path, edited: tuple[str, ...]) -> None:
+    """Raise BuildError if the build's C may differ from what the adapter and the parameters assume."""
+    if manifest["version"] != __version__:
+        # The adapter shares internals of the task.
+        what = f"it was made by codegen {comment_text(str(manifest['version']))}, and this is {__version__}"
+        raise BuildError(what, where=build, remedy="build it again")
+    calibration = f"src/{manifest['options']['prefix']}_calibration.c"
+    if calibration in edited:
+        what = f"{calibration} was changed after the build, and the parameters of the ARXML come from the configuration"
+        raise BuildError(what, where=build, remedy="set the values in ars.toml and build it again")
 
 
 def _indented(arxml: bytes) -> bytes:

@@ -267,7 +267,7 @@ def map_views(manifest: Mapping[str, Any], calibration: str, prefix: str, precis
     """
     symbols, start = manifest["symbols"], f"{prefix}_map_"
     axes = {name: f"{start}{name}_breakpoints" for name in ("front_angle", "speed")}
-    tables = [name for name in symbols if name.startswith(start) and name.endswith("_table") and name != f"{start}share_table"]
+    tables = {name: quantity for quantity in TABLE_RANGES if (name := f"{start}{quantity}_table") in symbols}
     if not tables or not symbols.keys() >= set(axes.values()):
         raise BuildError(
             "it names no tables of the map", where="manifest.json, symbols", remedy="build again with this version"
@@ -276,8 +276,8 @@ def map_views(manifest: Mapping[str, Any], calibration: str, prefix: str, precis
     for (quantity, name), top in zip(axes.items(), (FRONT_ANGLE_TOP, SPEED_TOP), strict=True):
         text = f"breakpoints of the map: {quantity.replace('_', ' ')}"
         found.append(_axis(name, text, symbols[name], "0.0", _number(top, False, precision), precision))
-    for name in tables:
-        symbol, quantity = symbols[name], name.removeprefix(start).removesuffix("_table")
+    for name, quantity in tables.items():
+        symbol = symbols[name]
         factor = _scale(calibration, quantity) if symbol["type"] == "int16_t" else ""
         reach = RAW_MAX * float(factor) if factor else float("inf")
         low, high = (max(min(bound, reach), -reach) for bound in TABLE_RANGES[quantity])
@@ -292,7 +292,7 @@ def map_views(manifest: Mapping[str, Any], calibration: str, prefix: str, precis
                 category="CUBOID" if layers else "MAP",
                 type="sint16" if factor else real_type(precision),
                 shape=shape,
-                unit=UNIT_BY_SYMBOL[symbol["unit"]],
+                unit=UNIT_BY_SYMBOL.get(symbol["unit"], NONE),
                 low=_number(low, False, precision),
                 high=_number(high, False, precision),
                 axes=tuple(axes.values()),
@@ -304,7 +304,7 @@ def map_views(manifest: Mapping[str, Any], calibration: str, prefix: str, precis
 
 
 def _axis(name: str, text: str, symbol: Mapping[str, Any], low: str, high: str, precision: Precision) -> CalibrationView:
-    shape, unit = tuple(symbol["shape"]), UNIT_BY_SYMBOL[symbol["unit"]]
+    shape, unit = tuple(symbol["shape"]), UNIT_BY_SYMBOL.get(symbol["unit"], NONE)
     return CalibrationView(name, name, text, "COM_AXIS", real_type(precision), shape, unit, low, high)
 
 
