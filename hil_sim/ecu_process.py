@@ -19,6 +19,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
+from codegen import configuration
 from codegen.cache import cache_folder
 from codegen.emit.folder import read_files
 from codegen.emit.manifest import read_build
@@ -44,7 +45,7 @@ def command(build: Path, interface: str, *, lock_step: bool = False, parent: int
         xcp: whether a master can measure and calibrate.
 
     Raises:
-        BuildError: see `compile_ecu`; a build that has no XCP.
+        BuildError: see `compile_ecu`; a build that has no XCP, or one with 29-bit identifiers.
     """
     if xcp:
         _require_xcp(build)
@@ -59,6 +60,10 @@ def _require_xcp(build: Path) -> None:
     source = "linux/ars_xcp.c"
     if source not in read_files(build, manifest, FOLDERS):
         raise BuildError(f"the build has no {source}", where=build, remedy="build again with `codegen build`")
+    if configuration.parse(manifest["configuration"], build).xcp.extended_ids:
+        raise BuildError(
+            "the native ECU has no 29-bit identifiers", where=f"{build}: xcp", remedy="build with extended_ids = false"
+        )
 
 
 def section_flag(prefix: str) -> str:

@@ -1,11 +1,11 @@
-"""`[can]` of ars.toml (positions and scales of signals) and `[budgets]`: values, defaults, and messages for invalid values."""
+"""`[can]` of ars.toml (positions and scales of signals), `[xcp]` and `[budgets]`: values, defaults, messages."""
 
 import re
 from typing import Any
 
 import pytest
 
-from codegen.configuration import Config, Kind, parse, preset, preset_text
+from codegen.configuration import Config, Kind, Xcp, parse, preset, preset_text
 from codegen.configuration.budgets import Budgets, MapShape
 from codegen.configuration.can import RealSignal, Signal
 from codegen.errors import ConfigError
@@ -127,3 +127,37 @@ def test_the_table_in_the_preset_matches_the_code() -> None:
                 # A kind without the function has no budget for it.
                 assert stated in ("-", "-" if value is None else f"{value:,}"), (key, kind)
                 assert (stated == "-") == (value is None or (key.startswith("reference") and kind in ("pi", "proportional")))
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ("[xcp]\nreceive_id = 0x6A1", "xcp: receive_id and transmit_id are the same, 0x6A1"),
+        ("[xcp]\ntransmit_id = 0x201", "xcp.transmit_id is the id of RearSteerCommand, 0x201"),
+        ("[xcp]\nreceive_id = 0x18DA00F1", "xcp: receive_id is 0x18DA00F1, beyond 11 bits"),
+        ("[can]\nxcp_receive_id = 1\n[xcp]\nreceive_id = 2", "can.xcp_receive_id and xcp.receive_id differ"),
+        ("[xcp]\nframe_bytes_max = 64", "xcp: frame_bytes_max is 64 without CAN FD"),
+        ("[xcp]\nmax_dto = 9", "xcp: max_dto is 9, more than frame_bytes_max, 8"),
+        ('[xcp]\ncommands = ["SET_MTO"]', "xcp.commands.0: 'SET_MTO' is no command of XCP"),
+        ('[xcp]\ncommands = ["CONNECT"]', "xcp.commands.0: every slave has CONNECT"),
+        ('[xcp]\ncommands = ["UPLOAD"]', "xcp: commands has UPLOAD, but not SET_MTA"),
+        ('[xcp]\ncommands = ["GET_ID", "GET_ID"]', "xcp: commands has GET_ID twice"),
+        ('[xcp]\nevent_name = "10 ms\\n"', "xcp.event_name: "),
+        ('[xcp]\nseed_and_key_function = "key.dll"', "xcp: seed_and_key_function without the command GET_SEED"),
+    ],
+)
+def test_invalid_options_of_xcp_are_rejected(tables: str, message: str) -> None:
+    assert message in refused(tables)
+
+
+def test_identifiers_of_xcp_are_stored_with_the_bus() -> None:
+    """Older maps and builds have them there, and stay equal to the byte."""
+    assert "xcp" not in Config().model_dump(mode="json")
+    older = parse({"can": {"xcp_receive_id": 0x700}}, "ars.toml")
+    assert older == parse({"xcp": {"receive_id": 0x700}}, "ars.toml") != Config()
+    assert older.model_dump()["can"]["xcp_receive_id"] == 0x700
+    assert parse(older.model_dump(mode="json"), "manifest.json") == older
+
+
+def test_the_preset_shows_every_option_of_xcp() -> None:
+    assert not [key for key in Xcp.model_fields if f"{key} = " not in preset_text().partition("[xcp]")[2]]

@@ -265,7 +265,7 @@ clock_option = click.option(
     help="Run in simulated time, as fast as possible, or in real time (default).",
 )
 xcp_option = click.option(
-    "--xcp", is_flag=True, help="Let a calibration tool measure and calibrate the native ECU: XCP on CAN, ids of [can]."
+    "--xcp", is_flag=True, help="Let a calibration tool measure and calibrate the native ECU: XCP on CAN, ids of [xcp]."
 )
 log_option = click.option("--log", type=log_to_write, metavar="FILE", help="Log the bus: .blf, .asc, .log (candump) or .mf4.")
 

@@ -10,7 +10,15 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from codegen.configuration.budgets import Budgets
 from codegen.configuration.can import Can, RealSignal
@@ -30,6 +38,7 @@ from codegen.configuration.car import (
 )
 from codegen.configuration.controller import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
 from codegen.configuration.section import Meaning, Section, check_name, first_fault
+from codegen.configuration.xcp import Xcp
 from codegen.errors import CodegenError, ConfigError, suggestion
 from codegen.files import read_text
 from codegen.units import KM_H
@@ -58,6 +67,7 @@ __all__ = [
     "Tyre",
     "Tyres",
     "Vehicle",
+    "Xcp",
     "check_name",
     "load",
     "parse",
@@ -79,6 +89,9 @@ RELAXATION_STEP_MAX = 2.5
 
 STEPS_MIN = 50
 """Least number of steps of a CAN signal over its required range; fewer mean a wrong factor."""
+
+STORED_XCP_IDS = ("receive_id", "transmit_id")
+"""Keys of `[xcp]` that maps and builds have as `xcp_receive_id` and `xcp_transmit_id` under `can`."""
 
 
 def _whole_number(value: object) -> object:
@@ -112,8 +125,45 @@ class Config(Section):
     plant: Plant = Plant()
     sensors: Sensors = Sensors()
     can: Can = Can()
+    # Omitted where unset, like the budgets below; see `_stored`.
+    xcp: Xcp = Field(default=Xcp(), exclude_if=lambda xcp: xcp == Xcp())
     # Omitted where unset, so that maps and builds without budgets of their own do not change.
     budgets: Budgets = Field(default=Budgets(), exclude_if=lambda budgets: budgets == Budgets())
+
+    @model_validator(mode="before")
+    @classmethod
+    def _accept_stored_ids(cls, data: Any) -> Any:
+        """Accept the identifiers of XCP under `can`, where maps, builds and older files have them."""
+        if not isinstance(data, Mapping) or not isinstance(data.get("can"), Mapping):
+            return data
+        stored = {key: data["can"][f"xcp_{key}"] for key in STORED_XCP_IDS if f"xcp_{key}" in data["can"]}
+        xcp = data.get("xcp", {})
+        if not stored or not isinstance(xcp, Mapping):
+            return data
+        for key, value in stored.items():
+            if xcp.get(key, value) != value:
+                raise ValueError(f"can.xcp_{key} and xcp.{key} differ; remove can.xcp_{key}")
+        can = {key: value for key, value in data["can"].items() if key.removeprefix("xcp_") not in stored}
+        return {**data, "can": can, "xcp": {**stored, **xcp}}
+
+    @model_serializer(mode="wrap")
+    def _stored(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Write the identifiers of XCP under `can` too, so that maps and builds without an `[xcp]` do not change."""
+        written: dict[str, Any] = write(self)
+        if "can" in written:
+            ids = {f"xcp_{key}": getattr(self.xcp, key) for key in STORED_XCP_IDS}
+            bitrate = written["can"].pop("bitrate_kbit_s")
+            written["can"] = {"bitrate_kbit_s": bitrate, **ids, **written["can"]}
+        return written
+
+    @model_validator(mode="after")
+    def _xcp_distinct(self) -> Self:
+        taken = {message.id: message.name for message in self.can.messages().values()}
+        for key in STORED_XCP_IDS:
+            identifier = getattr(self.xcp, key)
+            if identifier in taken and not self.xcp.extended_ids:
+                raise ValueError(f"xcp.{key} is the id of {taken[identifier]}, 0x{identifier:X}; change one")
+        return self
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

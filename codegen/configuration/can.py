@@ -302,16 +302,11 @@ class E2e(Section):
 
 
 class Can(Section):
-    """The bus, its three messages, and the identifiers of XCP: from a calibration tool to the ECU, and back."""
+    """The bus and its three messages."""
 
     bitrate_kbit_s: Annotated[
         float, Range(10.0, 1000.0, "kbit/s"), Meaning("bit rate for the setup of a real bus; `vcan` has none")
     ] = 500.0
-    xcp_receive_id: Annotated[
-        Identifier,
-        Meaning("commands of a calibration tool to the native ECU (codegen ecu --xcp)"),
-    ] = 0x6A0
-    xcp_transmit_id: Annotated[Identifier, Meaning("answers and measurements of the ECU")] = 0x6A1
     e2e: E2e = E2e()
     vehicle_motion: VehicleMotion = VehicleMotion()
     vehicle_conditions: VehicleConditions = VehicleConditions()
@@ -334,14 +329,4 @@ class Can(Section):
                 raise ValueError(f"two messages are called {one.name}; rename one")
             if one.e2e_data_id == other.e2e_data_id:
                 raise ValueError(f"{one.name} and {other.name} have the same data_id 0x{one.e2e_data_id:X}; change one")
-        return self
-
-    @model_validator(mode="after")
-    def _xcp_distinct(self) -> Self:
-        if self.xcp_receive_id == self.xcp_transmit_id:
-            raise ValueError(f"xcp_receive_id and xcp_transmit_id are the same, 0x{self.xcp_receive_id:X}; change one")
-        taken = {message.id: message.name for message in self.messages().values()}
-        for key, identifier in (("xcp_receive_id", self.xcp_receive_id), ("xcp_transmit_id", self.xcp_transmit_id)):
-            if identifier in taken:
-                raise ValueError(f"{key} is the id of {taken[identifier]}, 0x{identifier:X}; change one")
         return self

@@ -35,6 +35,7 @@ OF_THE_ANGLE = ("rear_angle_max", "opposite_phase_max")
 """Parameters of the limiter that must not exceed the controller's own bound; `..._parameters_valid` checks it."""
 INSTANCE = "task"
 """Name of the task's object after the prefix; the links of the measurements begin with it."""
+_BYTES = {"UBYTE": 1, "UWORD": 2, "ULONG": 4, "FLOAT32_IEEE": 4, "FLOAT64_IEEE": 8}
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,11 @@ class Measured:
     low: str
     high: str
     link: str
+
+    @property
+    def bytes(self) -> int:
+        """Size in memory."""
+        return _BYTES[self.type]
 
 
 @dataclass(frozen=True)

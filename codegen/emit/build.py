@@ -19,7 +19,7 @@ from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import Lookup, error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
 from codegen.emit.a2l_view import a2l_view
-from codegen.emit.can_view import can_view, task_view, xcp_timing
+from codegen.emit.can_view import can_view, task_view
 from codegen.emit.checksum_view import ChecksumView, checksum_view
 from codegen.emit.constants import constants_of
 from codegen.emit.contracts.files import contract_files
@@ -38,6 +38,7 @@ from codegen.emit.take_over import FILE as SBOM
 from codegen.emit.take_over import sbom, take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.write import Folder
+from codegen.emit.xcp_view import xcp_view
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
 from codegen.units import KM_H
@@ -236,7 +237,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "measured": MEASURED,
         "carried": CARRIED,
         "task": task_view(config),
-        "xcp": xcp_timing(config),
+        "xcp": xcp_view(config, task_view(config).function),
         "config": config,
         "precision": options.precision,
         "example": _example(reference_map, config),

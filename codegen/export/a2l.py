@@ -209,16 +209,14 @@ def _moved(link: str, prefix: str, instance: _Instance) -> str | None:
 def _headed(text: str, elf: Elf, segment: tuple[int, int], epk: Place) -> str:
     digest = hashlib.sha256(elf.content).hexdigest()
     address, size = segment
-    memory = (
-        '      /begin MEMORY_SEGMENT calibration "parameters, map and axes" DATA FLASH INTERN '
-        f"0x{address:08X} 0x{size:X} -1 -1 -1 -1 -1\n      /end MEMORY_SEGMENT\n    "
-    )
+    byte_order = "MSB_LAST" if elf.is_little else "MSB_FIRST"
     origin = f"Addresses of {comment_text(PurePath(elf.name).name)}, SHA-256 {digest}"
     for pattern, new in (
         (r"(?<=/begin HEADER \")[^\"]*", f"Made by codegen; do not edit, build again. {origin}"),
-        (r"(?<=BYTE_ORDER )MSB_\w+", "MSB_LAST" if elf.is_little else "MSB_FIRST"),
+        (r"(?<=BYTE_ORDER )MSB_\w+", byte_order),
+        (r"(?<= BYTE_ORDER_)MSB_\w+(?= ADDRESS)", byte_order),
         (r"(?<=ADDR_EPK )0x00000000", f"0x{epk.address:08X}"),
-        (r"^ *(?=/end MOD_PAR)", memory),
+        (r"(?<=INTERN )0x00000000 0x0\b", f"0x{address:08X} 0x{size:X}"),
     ):
         text, count = re.subn(pattern, new, text, flags=re.MULTILINE)
         if count != 1:

@@ -65,7 +65,7 @@ def described(annotation: Any, metadata: tuple[Any, ...] = ()) -> str:
     if origin is list:
         inner = described(arguments[0])
         return f"list of numbers, {within}" if within else f"list, each a {inner}"
-    names = {float: "number", int: "whole number", bool: "`true` or `false`", str: "text, a name of the DBC"}
+    names = {float: "number", int: "whole number", bool: "`true` or `false`", str: "text"}
     if annotation not in names:
         raise TypeError(f"no words for {annotation!r}")
     return f"{names[annotation]}, {within}" if within else names[annotation]

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from codegen.configuration.xcp import MANDATORY_COMMANDS, NATIVE_COMMANDS
 from codegen.sil.toolchain import require_success, run
 from codegen.verify.sanitizers.sanitized import FLAGS, SANITIZERS, environment, find_compiler, launcher
 from hil_sim.ecu_process import section_flag
@@ -31,25 +32,14 @@ INVARIANT_FAILURES = (
 )
 
 
-def _codes(table: str) -> dict[str, int]:
-    return {name: int(code, 16) for name, _, code in (entry.partition("=") for entry in table.split())}
+COMMANDS = MANDATORY_COMMANDS | NATIVE_COMMANDS
+"""Every command of the slave, and so of the A2L: `test_commands.py` sends each, and every other code."""
 
-
-COMMANDS = _codes("""
-    CONNECT=FF DISCONNECT=FE GET_STATUS=FD SYNCH=FC GET_COMM_MODE_INFO=FB GET_ID=FA
-    SET_MTA=F6 UPLOAD=F5 SHORT_UPLOAD=F4 BUILD_CHECKSUM=F3 DOWNLOAD=F0
-    SET_CAL_PAGE=EB GET_CAL_PAGE=EA GET_PAG_PROCESSOR_INFO=E9 GET_SEGMENT_INFO=E8 GET_PAGE_INFO=E7 COPY_CAL_PAGE=E4
-    SET_DAQ_PTR=E2 WRITE_DAQ=E1 SET_DAQ_LIST_MODE=E0 GET_DAQ_LIST_MODE=DF START_STOP_DAQ_LIST=DE START_STOP_SYNCH=DD
-    GET_DAQ_CLOCK=DC GET_DAQ_PROCESSOR_INFO=DA GET_DAQ_RESOLUTION_INFO=D9 GET_DAQ_EVENT_INFO=D7
-    FREE_DAQ=D6 ALLOC_DAQ=D5 ALLOC_ODT=D4 ALLOC_ODT_ENTRY=D3
-""")
-"""ASAM MCD-1 XCP, table of commands."""
-
-_ERROR_CODES = _codes("""
+_ERROR_CODES = """
     CMD_SYNCH=00 DAQ_ACTIVE=11 CMD_UNKNOWN=20 CMD_SYNTAX=21 OUT_OF_RANGE=22 WRITE_PROTECTED=23 ACCESS_DENIED=24
     PAGE_NOT_VALID=26 MODE_NOT_VALID=27 SEGMENT_NOT_VALID=28 SEQUENCE=29 DAQ_CONFIG=2A MEMORY_OVERFLOW=30
-""")
-ERRORS = {code: name for name, code in _ERROR_CODES.items()}
+"""
+ERRORS = {int(code, 16): name for name, _, code in (entry.partition("=") for entry in _ERROR_CODES.split())}
 """ASAM MCD-1 XCP, table of error codes, without ERR_: those that the slave can return."""
 
 

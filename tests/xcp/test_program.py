@@ -7,26 +7,14 @@ from pathlib import Path
 import pytest
 
 from codegen.configuration import parse
-from codegen.emit.can_view import xcp_timing
 from codegen.emit.render import hexadecimal
-from codegen.errors import BuildError, CodegenError, ConfigError
+from codegen.emit.xcp_view import xcp_timing
+from codegen.errors import BuildError, CodegenError
 from codegen.sil.toolchain import compiler_command
 from hil_sim import ecu_process
 from hil_sim.session import check_xcp
 from tests.xcp.checks import run_random_packets
 from tests.xcp.slave import BUILD, COMMANDS, ERRORS
-
-
-@pytest.mark.parametrize(
-    ("can", "message"),
-    [
-        ({"xcp_receive_id": 0x6A1}, "xcp_receive_id and xcp_transmit_id are the same, 0x6A1"),
-        ({"xcp_transmit_id": 0x201}, "xcp_transmit_id is the id of RearSteerCommand, 0x201"),
-    ],
-)
-def test_identifiers_that_clash_are_refused(can: dict[str, object], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        parse({"can": can}, "car.toml")
 
 
 @pytest.mark.parametrize(
@@ -37,13 +25,12 @@ def test_identifiers_that_clash_are_refused(can: dict[str, object], message: str
         (0.01225, 1225, "0x42u", 0, 6),  # units of 10 us; exceeds the byte of the event's cycle
     ],
 )
-def test_identifiers_and_the_period_in_the_program(period: float, ticks: int, mode: str, cycle: int, unit: int) -> None:
+def test_the_period_in_the_program(period: float, ticks: int, mode: str, cycle: int, unit: int) -> None:
     tables = {"controller": {"sampling_time_s": period}, "plant": {"sampling_time_s": 0.00025}}
-    config = parse({**tables, "can": {"xcp_receive_id": 0x7A, "xcp_transmit_id": 0x7B}}, "car.toml")
+    config = parse(tables, "car.toml")
     timing = xcp_timing(config)
     printed = f"{hexadecimal(timing.timestamp_mode, 2)}u"
     assert (timing.timestamp_ticks, printed, timing.event_cycle, timing.event_unit) == (ticks, mode, cycle, unit)
-    assert (hexadecimal(config.can.xcp_receive_id, 3), hexadecimal(config.can.xcp_transmit_id, 3)) == ("0x07A", "0x07B")
 
 
 @pytest.mark.parametrize(
