@@ -1,10 +1,7 @@
 """The A2L: read by independent readers, and compared with the addresses and numbers that a program prints."""
 
-import json
-import os
 import re
 import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from codegen.configuration import parse
+from codegen.configuration.xcp import NATIVE_COMMANDS
+from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.export.a2l import Filled, fill
 from codegen.export.elf import Elf
 from codegen.map_file import map as refmap
 from codegen.sil.toolchain import compiler_command
+from tests import builds
+from tests.xcp.description import Description, if_data, read_module, tools
 
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
 BUILD = GENERATED / "4ws2"
@@ -124,12 +126,13 @@ def test_every_address_and_its_bytes_are_those_of_the_program(tracking: Linked) 
 
 def test_independent_readers_see_the_same_objects(tracking: Linked, tmp_path: Path) -> None:
     """a2ltool finds no fault, in the build's own A2L either. pya2l: every object is in a group, with its address and unit."""
-    read_strictly(tracking.filled.text, tmp_path)
+    shown = read_strictly(tracking.filled.text, tmp_path)
+    assert re.findall(r"CAN .*: .*", shown) == ["CAN id master: 0x6A0", "CAN id slave: 0x6A1", "CAN baudrate: 500 kbps"]
     read_strictly((BUILD / "ars.a2l").read_text(encoding="ascii"), tmp_path)
-    filled, read = tmp_path / "filled.a2l", tmp_path / "read.json"
+    assert "/include" not in tracking.filled.text
+    filled = tmp_path / "filled.a2l"
     filled.write_text(tracking.filled.text, encoding="ascii")
-    subprocess.run(["pya2l", str(filled), "to_json", "-o", str(read)], check=True, capture_output=True, env=tools())
-    module = json.loads(read.read_text())["PROJECT"]["MODULE"][0]
+    module = read_module(filled)
     found = {each["Name"]["Value"]: each for kind in KINDS for each in module[kind]}
     assert found.keys() == tracking.objects.keys()
     for name, (kind, link, address) in tracking.objects.items():
@@ -143,17 +146,30 @@ def test_independent_readers_see_the_same_objects(tracking: Linked, tmp_path: Pa
         assert units[found[f"ars.{name}"]["Conversion"]["Value"]] == unit
 
 
-def tools() -> dict[str, str]:
-    """Return the environment with the programs installed with this Python."""
-    return {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+A2ML = re.compile(r" */begin A2ML.*?/end A2ML\n", re.DOTALL)
 
 
-def read_strictly(text: str, folder: Path) -> None:
-    """Check that a2ltool reports no problem."""
+def a2ltool(text: str, folder: Path, *options: str) -> str:
+    """Run a2ltool on a text and return what it prints."""
     (folder / "checked.a2l").write_text(text, encoding="ascii")
-    command = ["a2ltool", "--check", "--strict", str(folder / "checked.a2l")]
-    answer = subprocess.run(command, capture_output=True, text=True, env=tools())
-    assert (answer.returncode, "No problems found" in answer.stdout + answer.stderr) == (0, True), answer
+    answer = subprocess.run(["a2ltool", *options, str(folder / "checked.a2l")], capture_output=True, text=True, env=tools())
+    assert answer.returncode == 0, answer
+    return answer.stdout + answer.stderr
+
+
+def read_strictly(text: str, folder: Path) -> str:
+    """Check that a2ltool reports no problem, and that all IF_DATA follows its definitions. Return the XCP settings as printed.
+
+    The definitions are the A2ML of the file, and the standard's, which a2ltool inserts into a file without A2ML.
+    """
+    assert "No problems found" in a2ltool(text, folder, "--check", "--strict")
+    whole, kept = folder / "standard.a2l", folder / "kept.a2l"
+    a2ltool(A2ML.sub("", text), folder, "--insert-a2ml", "-o", str(whole))
+    for each in (text, whole.read_text(encoding="utf-8")):
+        assert "/begin A2ML" in each
+        a2ltool(each.encode("ascii", "replace").decode(), folder, "--ifdata-cleanup", "-o", str(kept))  # removes invalid ones
+        assert kept.read_text(encoding="utf-8").count("/begin IF_DATA") == text.count("/begin IF_DATA") > 1
+    return a2ltool(text, folder, "--check", "--strict", "--show-xcp")
 
 
 def test_the_orientation_of_the_map(tracking: Linked) -> None:
@@ -245,3 +261,78 @@ def test_missing_objects_are_omitted(tracking: Linked, tmp_path: Path) -> None:
     assert (filled.instance, set(filled.left_out)) == ("", measured)
     assert objects(filled.text).keys() == tracking.objects.keys() - measured
     read_strictly(filled.text, tmp_path)
+
+
+# --- the slave of another ECU ---------------------------------------------------------------------------------------------
+
+OWN = {
+    "receive_id": 0x18DA00F1,
+    "transmit_id": 0x18DAF100,
+    "extended_ids": True,
+    "bitrate_kbit_s": 1000.0,
+    "data_bitrate_kbit_s": 5000.0,
+    "frame_bytes_max": 64,
+    "frames_are_full": True,
+    "max_cto": 32,
+    "max_dto": 64,
+    "timeout_ms": 25,
+    "seed_and_key_function": "SeedNKey.dll",
+    "commands": [*NATIVE_COMMANDS, "GET_SEED", "UNLOCK", "SHORT_DOWNLOAD"],
+    "event_channel": 300,
+    "event_name": "Rear steering",
+    "daq_lists_max": 16,
+    "identification": "relative-word-aligned",
+    "has_prescaler": False,
+    "timestamp_bytes": 4,
+    "timestamp_unit": "1 us",
+}
+
+
+def made_for(options: dict[str, object], folder: Path, precision: Precision = "single") -> tuple[Description, str, str]:
+    """Return the A2L of a build with an [xcp], its XCP settings as printed by a2ltool, and the header of the native ECU."""
+    config = parse({**builds.CONFIG.model_dump(), "can": {}, "xcp": options}, "ars.toml")
+    files = builds.render(builds.paper_map(), config, precision).files
+    (folder / "own.a2l").write_bytes(files["ars.a2l"])
+    shown = read_strictly(files["ars.a2l"].decode("ascii"), folder)
+    return Description.read(folder / "own.a2l"), shown, files["linux/ars_ecu_config.h"].decode("ascii")
+
+
+def test_the_options_of_another_slave(tmp_path: Path) -> None:
+    a2l, shown, header = made_for(OWN, tmp_path)
+    assert re.findall(r"(CAN.*): (.*)", shown) == [
+        ("CAN id master", "0x18DA00F1"),
+        ("CAN id slave", "0x18DAF100"),
+        ("CAN baudrate", "1000 kbps"),
+        ("CAN-FD data baudrate", "5000 kbps"),
+        ("CAN-FD max DLC", "64"),
+    ]
+    assert a2l.bus == {"can_id_master": 0x98DA00F1, "can_id_slave": 0x98DAF100, "bitrate": 1_000_000}
+    assert "#define ARS_XCP_ID_TRANSMIT 0x98DAF100 " in header
+    assert "MAX_DLC_REQUIRED" in a2l.xcp["XCP_ON_CAN"]["CAN_FD"].values
+    layer, daq = a2l.xcp["PROTOCOL_LAYER"], a2l.xcp["DAQ"]
+    assert (layer.values[1:10], layer.after("SEED_AND_KEY_EXTERNAL_FUNCTION")) == ([*[25] * 7, 32, 64], "SeedNKey.dll")
+    assert sorted(a2l.commands) == sorted([*NATIVE_COMMANDS, "GET_SEED", "UNLOCK", "SHORT_DOWNLOAD"])
+    assert daq.values[1] == 16 and daq.after("GRANULARITY_ODT_ENTRY_SIZE_DAQ_BYTE") == 60
+    assert {"IDENTIFICATION_FIELD_TYPE_RELATIVE_WORD_ALIGNED", "PRESCALER_SUPPORTED"} & set(daq.values) == {
+        "IDENTIFICATION_FIELD_TYPE_RELATIVE_WORD_ALIGNED"
+    }
+    assert daq["TIMESTAMP_SUPPORTED"].values == [1, "SIZE_DWORD", "UNIT_1US"]
+    assert daq["EVENT"].values[:3] == ["Rear steering", "Rear ste", 300]
+    assert {each.event for each in a2l.measured.values()} == {300}
+
+
+def test_a_slave_without_lists_pages_and_checksum(tmp_path: Path) -> None:
+    a2l, _, _ = made_for({"commands": ["SET_MTA", "UPLOAD", "SHORT_UPLOAD", "DOWNLOAD"]}, tmp_path)
+    assert not [name for name in ("DAQ", "PAG") if list(a2l.xcp.blocks(name))]
+    segment = if_data(a2l.segment)["SEGMENT"]
+    assert (segment.values, list(segment.blocks("CHECKSUM"))) == ([0, 1, 0, 0, 0], [])
+    assert [page.values[0] for page in segment.blocks("PAGE")] == [0]
+    assert not [each for each in a2l.module["MEASUREMENT"] if "IF_DATA" in each]
+
+
+def test_a_number_that_no_packet_holds_has_no_event(tmp_path: Path) -> None:
+    """Eight bytes do not fit into a packet of eight bytes with its identification field."""
+    a2l, _, _ = made_for({"timestamp_bytes": 0}, tmp_path, "double")
+    assert not list(a2l.xcp["DAQ"].blocks("TIMESTAMP_SUPPORTED"))
+    with_event = {each["DataType"]["Value"]: "IF_DATA" in each for each in a2l.module["MEASUREMENT"]}
+    assert with_event == {"FLOAT64_IEEE": False, "ULONG": True, "UBYTE": True}
