@@ -46,7 +46,7 @@ def test_measurement_lists(slave: Slave, a2l: Description) -> None:
     assert key >> 6 == 0 and "IDENTIFICATION_FIELD_TYPE_ABSOLUTE" in daq.values
     granularity, entry, _, _, mode, ticks, _ = slave.positive("GET_DAQ_RESOLUTION_INFO")
     assert granularity == 1 and daq.after("GRANULARITY_ODT_ENTRY_SIZE_DAQ_BYTE") == entry
-    units = [f"UNIT_{unit}" for unit in "1NS 10NS 100NS 1US 10US 100US 1MS 10MS 100MS 1S".split()]
+    units = [f"UNIT_{unit}" for unit in ["1NS", "10NS", "100NS", "1US", "10US", "100US", "1MS", "10MS", "100MS", "1S"]]
     sizes = {1: "SIZE_BYTE", 2: "SIZE_WORD", 4: "SIZE_DWORD"}
     assert daq["TIMESTAMP_SUPPORTED"].values == [ticks, sizes[mode & 7], units[mode >> 4]]
     name, short, number, direction, lists, cycle, unit, priority = daq["EVENT"].values
@@ -66,8 +66,8 @@ def test_pages(slave: Slave, a2l: Description) -> None:
     for number, page in enumerate(segment.blocks("PAGE")):
         properties, _ = slave.positive("GET_PAGE_INFO", 0, 0, number)
         ecu, read, write = (accesses[properties >> shift & 3] for shift in (0, 2, 4))
-        texts = [f"ECU_ACCESS_{ecu.format('XCP')}", f"XCP_READ_ACCESS_{read.format('ECU')}", f"XCP_WRITE_ACCESS_{write.format('ECU')}"]
-        assert page.values == [number, *texts]
+        xcp = [f"XCP_READ_ACCESS_{read.format('ECU')}", f"XCP_WRITE_ACCESS_{write.format('ECU')}"]
+        assert page.values == [number, f"ECU_ACCESS_{ecu.format('XCP')}", *xcp]
     assert len(list(segment.blocks("PAGE"))) == pages
     slave.positive("SET_MTA", 0, 0, 0, dword(MEASUREMENTS))
     assert slave.positive("BUILD_CHECKSUM", 0, 0, 0, dword(1))[0] == 9 and segment["CHECKSUM"].values == ["XCP_CRC_32"]

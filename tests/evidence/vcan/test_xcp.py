@@ -1,12 +1,16 @@
-"""XCP on SocketCAN: pyxcp is the master of the native ECU in the loop. The reference is the same task in this process."""
+"""XCP on SocketCAN: pyxcp, configured from the A2L alone, measures and calibrates the native ECU in the loop.
 
+The A2L is read by pya2l. The reference is the same task in this process.
+"""
+
+import binascii
 import functools
 import logging
 import math
 import os
 import struct
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise
@@ -22,7 +26,8 @@ from pyxcp.daq_stim import DaqOnlinePolicy
 from pyxcp.master import Master
 from pyxcp.types import XcpTimeoutError
 
-from codegen.export.elf import Elf, Place
+from codegen.export.a2l import fill
+from codegen.export.elf import Elf
 from codegen.sil.software import Software, Status
 from hil_sim import ecu_process, manoeuvres
 from hil_sim.bench import Cycle, run_through_can
@@ -35,19 +40,16 @@ from hil_sim.scenarios import find
 from hil_sim.session import Setup, run_plant
 from tests import builds
 from tests.evidence.vcan.conftest import FOLDER
+from tests.xcp.description import Description
 
 pytestmark = pytest.mark.vcan
 
 CAN = builds.CONFIG.can
 TIMEOUT_S = 10.0
 """Timeout in s; only a failure waits this long."""
-GAIN = "ars_parameters_default.proportional_gain"
-MEASURED = {
-    "yaw_rate_reference": ("ecu.task.controller.yaw_rate_reference", "F32"),
-    "integral": ("ecu.task.controller.law.integral", "F32"),
-    "rear_angle": ("ecu.task.controller.rear_angle", "F32"),
-    "status": ("ecu.task.controller.status", "U32"),
-}
+GAIN = "ars.parameters.proportional_gain"
+KINDS = {"B": "U8", "H": "U16", "I": "U32", "f": "F32"}
+"""Types of pyxcp by those of `struct`."""
 CHANGED_AT = 130
 """Cycle, in the turn-in of the scenario."""
 STRONGER = 0.2
@@ -56,13 +58,12 @@ KEEP_ALIVE: list[Any] = []
 """Objects that pyxcp's listening thread may still call from C++ after a session; they live until the process ends."""
 
 
-Program = Callable[[str], Place]
-
-
 @pytest.fixture(scope="module")
-def program() -> Program:
-    """Return a function that finds an object of the native ECU by its name."""
-    return Elf.read(ecu_process.compile_ecu(FOLDER)).place
+def a2l(tmp_path_factory: pytest.TempPathFactory) -> Description:
+    """Return the A2L of the native ECU, as `codegen a2l` writes it."""
+    path = tmp_path_factory.mktemp("a2l") / "ecu.a2l"
+    path.write_text(fill(FOLDER, Elf.read(ecu_process.compile_ecu(FOLDER))).text, encoding="ascii")
+    return Description.read(path)
 
 
 @pytest.fixture
@@ -78,11 +79,12 @@ SHORT = replace(find("step-steer"), duration=2.0, steer_time=1.0, drive=manoeuvr
 
 
 class Rows(DaqOnlinePolicy):  # type: ignore[misc]
-    """Values of one measurement list, run by run, as decoded by pyxcp."""
+    """Values of all measurements of the A2L in a list at their default event, run by run, as decoded by pyxcp."""
 
-    def __init__(self, program: Program) -> None:
-        measured = [(name, program(path).address, 0, kind) for name, (path, kind) in MEASURED.items()]
-        super().__init__([DaqList("task", 0, False, True, measured, 0, 1)])
+    def __init__(self, a2l: Description) -> None:
+        measured = [(name, each.address, 0, KINDS[each.format]) for name, each in a2l.measured.items()]
+        (event,) = {each.event for each in a2l.measured.values()}
+        super().__init__([DaqList("task", event, False, True, measured, 0, 1)])
         self.rows: list[dict[str, Any]] = []
         self.stamps: list[int] = []
         self._came = threading.Condition()
@@ -105,10 +107,9 @@ class Rows(DaqOnlinePolicy):  # type: ignore[misc]
             assert self._came.wait_for(lambda: len(self.rows) >= count, TIMEOUT_S), f"{len(self.rows)} of {count} samples came"
 
 
-def application(interface: str) -> PyXCP:
+def application(interface: str, a2l: Description) -> PyXCP:
     """pyxcp's settings, without a file."""
-    settings = {"interface": "socketcan", "channel": interface}
-    settings |= {"can_id_master": CAN.xcp_receive_id, "can_id_slave": CAN.xcp_transmit_id}
+    settings = {"interface": "socketcan", "channel": interface, **a2l.bus}
     made = create_application_from_config({"Transport": {"CAN": settings}}, log_level=logging.WARNING)
     made.transport.layer = "CAN"
     made.general.disable_error_handling = True  # no retries: an error is a valid response
@@ -116,9 +117,9 @@ def application(interface: str) -> PyXCP:
 
 
 @contextmanager
-def connected(interface: str, policy: Any = None) -> Iterator[Master]:
+def connected(interface: str, a2l: Description, policy: Any = None) -> Iterator[Master]:
     """Provide a master with a session."""
-    with Master("can", config=application(interface), policy=policy) as master:
+    with Master("can", config=application(interface, a2l), policy=policy) as master:
         KEEP_ALIVE.extend((master, policy))
         master.connect()
         yield master
@@ -126,15 +127,16 @@ def connected(interface: str, policy: Any = None) -> Iterator[Master]:
 
 
 @pytest.fixture(autouse=True)
-def settings(vcan: str) -> Iterator[None]:
+def settings(vcan: str, a2l: Description) -> Iterator[None]:
     """Set pyxcp's settings of this process, which its measurement lists read."""
-    set_application(application(vcan))
+    set_application(application(vcan, a2l))
     yield
     reset_application()
 
 
-def read(master: Master, place: Place) -> bytes:
-    return bytes(master.shortUpload(place.size, place.address))
+def read(master: Master, a2l: Description, address: int, kind: str) -> Any:
+    """Return a number in the memory of the ECU; `kind` is its type in the notation of `struct`."""
+    return struct.unpack(a2l.order + kind, bytes(master.shortUpload(struct.calcsize(kind), address)))[0]
 
 
 def access(ecu: EcuProcess, address: int) -> str:
@@ -147,15 +149,16 @@ def access(ecu: EcuProcess, address: int) -> str:
     raise AssertionError("no memory there")
 
 
-def number(value: float) -> bytes:
-    return struct.pack("<f", value)
-
-
-def simulate(software: Software, gain: float | None = None) -> tuple[list[Frame], list[dict[str, Any]]]:
+def simulate(
+    software: Software, gain: float | None = None, measured: Mapping[str, str] | None = None
+) -> tuple[list[Frame], list[dict[str, Any]]]:
     """Run the task in this process, with another gain from `CHANGED_AT` on.
 
+    Args:
+        measured: paths in the task by the name of the measurement.
+
     Returns:
-        The ECU's frames, and the measured state after each run.
+        The ECU's frames, and the measured values after each run.
     """
     frames, states, node, parameters = [], [], PlantNode(software.config, SHORT), software.parameters()
     task = software.task(parameters)
@@ -167,8 +170,7 @@ def simulate(software: Software, gain: float | None = None) -> tuple[list[Frame]
         frames.append(Frame(*task.run()))
         node.receive(frames[-1])
         node.finish(cycle)
-        controller = task.state.controller
-        states.append({name: _field(controller, path.split(".controller.")[1]) for name, (path, _) in MEASURED.items()})
+        states.append({name: _field(task.state, path) for name, path in (measured or {}).items()})
     return frames, states
 
 
@@ -194,56 +196,76 @@ def check_command(frame: Frame, row: dict[str, Any]) -> None:
     """Compare a command with the measured state of the same run. Tolerance: half a step, and 1e-4 for rounding."""
     command, step = Codec(CAN).decode(frame.id, frame.data), CAN.rear_steer_command
     assert isinstance(command, RearSteerCommand)
-    assert command.status == row["status"]
-    assert math.isnan(command.rear_angle) or abs(command.rear_angle - row["rear_angle"]) <= 0.5001 * step.rear_angle.factor
+    assert command.status == row["ars.status"]
+    assert math.isnan(command.rear_angle) or abs(command.rear_angle - row["ars.rear_angle"]) <= 0.5001 * step.rear_angle.factor
     reference = command.yaw_rate_reference
-    assert math.isnan(reference) or abs(reference - row["yaw_rate_reference"]) <= 0.5001 * step.yaw_rate_reference.factor
+    assert math.isnan(reference) or abs(reference - row["ars.yaw_rate_reference"]) <= 0.5001 * step.yaw_rate_reference.factor
 
 
-def test_a_list_holds_each_run_of_the_task(vcan: str, ecu: EcuProcess, software: Software, program: Program) -> None:
-    rows = Rows(program)
-    with connected(vcan, rows) as master:
+def test_all_measurements_of_each_run_of_the_task(vcan: str, ecu: EcuProcess, software: Software, a2l: Description) -> None:
+    rows = Rows(a2l)
+    with connected(vcan, a2l, rows) as master:
         rows.setup()
         rows.start()
         frames = drive(vcan, software, rows.wait_for)
         rows.wait_for(len(frames))
         rows.stop()
-        uploaded = read(master, program(MEASURED["yaw_rate_reference"][0]))
-    expected, states = simulate(software)
-    assert max(state["yaw_rate_reference"] for state in states) > 0.1
+        uploaded = {name: read(master, a2l, each.address, each.format) for name, each in a2l.measured.items()}
+    links = {each["Name"]["Value"]: each["SYMBOL_LINK"]["SymbolName"]["Value"] for each in a2l.module["MEASUREMENT"]}
+    expected, states = simulate(software, measured={name: link.removeprefix("ecu.task.") for name, link in links.items()})
+    assert max(state["ars.yaw_rate_reference"] for state in states) > 0.1
     assert frames == expected
-    assert rows.rows == states  # bit for bit: no number is NaN
-    assert struct.unpack("<f", uploaded) == (states[-1]["yaw_rate_reference"],)
-    assert {later - earlier for earlier, later in pairwise(rows.stamps)} == {10_000_000}  # ns
+    assert len(rows.rows) == len(states) and len(states[0]) == len(links) > 20
+    for measured, state in zip([*rows.rows, uploaded], [*states, states[-1]], strict=True):  # bit for bit
+        assert measured.keys() == state.keys()
+        assert np.array_equal(*([float(row[name]) for name in state] for row in (measured, state)), equal_nan=True)
+    period = 10_000_000  # ns, of the event in the A2L: 10 ms
+    assert a2l.xcp["DAQ"]["EVENT"].values[5:7] == [10, 6]
+    assert {later - earlier for earlier, later in pairwise(rows.stamps)} == {period}
     for frame, row in zip(frames, rows.rows, strict=True):
         check_command(frame, row)
 
 
 def test_a_gain_changed_in_the_loop_changes_the_response(
-    vcan: str, ecu: EcuProcess, software: Software, program: Program
+    vcan: str, ecu: EcuProcess, software: Software, a2l: Description
 ) -> None:
     """The frames equal those of the task in this process with that gain from that sample on, bit for bit."""
-    with connected(vcan) as master:
+    address, kind = a2l.value(GAIN)
+    with connected(vcan, a2l) as master:
 
         def change(cycle: int) -> None:
             if cycle == CHANGED_AT:
-                master.setMta(program(GAIN).address)
-                master.download(number(STRONGER))
+                master.setMta(address)
+                master.download(struct.pack(a2l.order + kind, STRONGER))
 
         changed = drive(vcan, software, change)
-        assert read(master, program(GAIN)) == number(STRONGER)
+        assert read(master, a2l, address, kind) == np.float32(STRONGER)
     unchanged, _ = simulate(software)
     assert changed[:CHANGED_AT] == unchanged[:CHANGED_AT]
     assert changed[CHANGED_AT] != unchanged[CHANGED_AT]
     assert changed == simulate(software, gain=STRONGER)[0]
 
 
-def test_measurements_in_real_time(vcan: str, software: Software, program: Program) -> None:
+def test_the_memory_segment_is_that_of_the_slave(vcan: str, ecu: EcuProcess, a2l: Description) -> None:
+    """Its address, and its checksum over both pages. The section may end with padding after the last object of the A2L."""
+    address, size = (int(a2l.segment[key]["Value"], 0) for key in ("Address", "Size"))
+    content = Elf.read(ecu_process.compile_ecu(FOLDER)).bytes_at(address, size)
+    assert content is not None
+    with connected(vcan, a2l) as master:
+        segment = [master.getSegmentInfo(0, 0, info, 0).basicInfo for info in (0, 1)]
+        assert segment[0] == address and size <= segment[1] < size + 64
+        for page in range(2):
+            master.setCalPage(2, 0, page)
+            master.setMta(address)
+            assert master.buildChecksum(size).checksum == binascii.crc32(content)
+
+
+def test_measurements_in_real_time(vcan: str, software: Software, a2l: Description) -> None:
     """The list's sample of the same run follows each command. While commands are on time, the run equals lock-step."""
     seen: list[can.Message] = []
-    rows, address = Rows(program), BusAddress("socketcan", vcan)
+    rows, address = Rows(a2l), BusAddress("socketcan", vcan)
     wanted = run_through_can(software, SHORT).record
-    ids = (CAN.rear_steer_command.id, CAN.xcp_transmit_id)
+    ids = (CAN.rear_steer_command.id, a2l.bus["can_id_slave"])
     filters = [{"can_id": identifier, "can_mask": 0x7FF, "extended": False} for identifier in ids]
 
     def listen(_cycle: Cycle | None = None) -> None:
@@ -253,7 +275,7 @@ def test_measurements_in_real_time(vcan: str, software: Software, program: Progr
         EcuProcess(ecu_process.command(FOLDER, vcan, parent=os.getpid(), xcp=True)) as ecu,
         can.Bus(interface="socketcan", channel=vcan, can_filters=filters) as listener,
     ):
-        with connected(vcan, rows) as master:
+        with connected(vcan, a2l, rows) as master:
             rows.setup()
             rows.start()
             result = run_plant(Setup(software.config, SHORT, address), ecu, listen)
@@ -278,14 +300,14 @@ def test_measurements_in_real_time(vcan: str, software: Software, program: Progr
 
 
 @pytest.mark.parametrize("xcp", [False, True])
-def test_without_the_option_there_is_no_slave_and_the_memory_is_read_only(vcan: str, program: Program, xcp: bool) -> None:
+def test_without_the_option_there_is_no_slave_and_the_memory_is_read_only(vcan: str, a2l: Description, xcp: bool) -> None:
     command = ecu_process.command(FOLDER, vcan, lock_step=True, parent=os.getpid(), xcp=xcp)
-    with EcuProcess(command) as ecu, Master("can", config=application(vcan)) as master:
+    with EcuProcess(command) as ecu, Master("can", config=application(vcan, a2l)) as master:
         master.transport.timeout = int((TIMEOUT_S if xcp else 0.2) * 1e9)
         if xcp:
             master.connect()
         else:
             with pytest.raises(XcpTimeoutError):
                 master.connect()
-        assert access(ecu, program(GAIN).address) == ("rw-p" if xcp else "r--p")
+        assert access(ecu, a2l.value(GAIN)[0]) == ("rw-p" if xcp else "r--p")
         assert ecu.alive
