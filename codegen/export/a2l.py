@@ -36,7 +36,7 @@ class Filled:
         places: object name -> location.
         left_out: measurements that the program does not contain.
         instance: path of the measured task or controller; "" if there is none.
-        segment: first address and size in bytes of the calibration data.
+        segment: first address and size in bytes of the calibration data and the build's identity.
         edited: files of the build that were changed after generation.
     """
 
@@ -80,8 +80,9 @@ def fill(build: Path, elf: Elf, instance: str | None = None) -> Filled:
     text = _BLOCK.sub(lambda block: blocks.filled(block), text)
     for name in blocks.left_out:
         text = _without(text, name)
-    first = min(place.address for place in blocks.calibration)
-    segment = (first, max(place.address + place.bytes for place in blocks.calibration) - first)
+    data = (*blocks.calibration, epk)
+    first = min(place.address for place in data)
+    segment = (first, max(place.address + place.bytes for place in data) - first)
     return Filled(
         _headed(text, elf, segment, epk),
         blocks.places,

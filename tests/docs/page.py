@@ -62,6 +62,7 @@ def import_examples(folder: Path) -> None:
 SETUPS: Mapping[str, Callable[[Path], None]] = {
     "docs/flash.md": own_configuration,
     "docs/import.md": import_examples,
+    "docs/inca-canape.md": own_configuration,
     "docs/theory-map.md": own_configuration,
 }
 """Files of the reader that a page requires."""

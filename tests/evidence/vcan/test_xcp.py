@@ -246,18 +246,23 @@ def test_a_gain_changed_in_the_loop_changes_the_response(
     assert changed == simulate(software, gain=STRONGER)[0]
 
 
-def test_the_memory_segment_is_that_of_the_slave(vcan: str, ecu: EcuProcess, a2l: Description) -> None:
-    """Its address, and its checksum over both pages. The section may end with padding after the last object of the A2L."""
+def test_the_identity_and_the_memory_segment_of_the_a2l_are_those_of_the_slave(
+    vcan: str, ecu: EcuProcess, a2l: Description
+) -> None:
+    """A tool reads the EPK, and compares the checksum of both pages with its own file."""
     address, size = (int(a2l.segment[key]["Value"], 0) for key in ("Address", "Size"))
     content = Elf.read(ecu_process.compile_ecu(FOLDER)).bytes_at(address, size)
+    ((place,), epk) = (a2l.module["MOD_PAR"][key] for key in ("ADDR_EPK", "EPK"))
+    identity = epk["Identifier"]["Value"].encode()
     assert content is not None
     with connected(vcan, a2l) as master:
-        segment = [master.getSegmentInfo(0, 0, info, 0).basicInfo for info in (0, 1)]
-        assert segment[0] == address and size <= segment[1] < size + 64
+        assert [master.getSegmentInfo(0, 0, info, 0).basicInfo for info in (0, 1)] == [address, size]
         for page in range(2):
             master.setCalPage(2, 0, page)
             master.setMta(address)
             assert master.buildChecksum(size).checksum == binascii.crc32(content)
+        master.setMta(int(place["Address"]["Value"], 0))
+        assert master.fetch(len(identity)) == identity
 
 
 def test_measurements_in_real_time(vcan: str, software: Software, a2l: Description) -> None:
