@@ -1,5 +1,6 @@
 """XCP in the native ECU, without a bus: its option, its identifiers and its addresses; random packets to the slave."""
 
+import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -56,6 +57,12 @@ def test_builds_and_ecus_without_a_slave_are_refused(tmp_path: Path) -> None:
     (folder / "linux" / "ars_xcp.c").rename(folder / "linux" / "other.c")
     with pytest.raises(BuildError, match=r"the build has no linux/ars_xcp\.c; build again"):
         ecu_process.command(folder, "vcan0", xcp=True)
+    wide = Path(shutil.copytree(BUILD, tmp_path / "wide"))
+    tables = json.loads((wide / "manifest.json").read_text())
+    tables["configuration"]["xcp"] = {"extended_ids": True}
+    (wide / "manifest.json").write_text(json.dumps(tables))
+    with pytest.raises(BuildError, match=r"xcp: the native ECU has no 29-bit identifiers; build with extended_ids = false"):
+        ecu_process.command(wide, "vcan0", xcp=True)
     with pytest.raises(CodegenError, match=r"^--xcp: only the native ECU has XCP, not cffi; use --ecu native$"):
         check_xcp("cffi", xcp=True)
 
