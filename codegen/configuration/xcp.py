@@ -82,9 +82,9 @@ Identifier = Annotated[int, Field(ge=0, le=0x1FFF_FFFF)]
 
 
 class Xcp(Section):
-    """XCP on CAN. The native ECU and the A2L use the identifiers; the other keys are for the A2L of an ECU with its own slave.
+    """XCP on CAN. The identifiers are those of the native ECU and of the A2L; the other keys only change the A2L.
 
-    The defaults describe the slave of the native ECU, which always is as they say. Change them where your own slave differs.
+    The defaults describe the slave of the native ECU. For an ECU with its own slave, change the keys in which that one differs.
     """
 
     receive_id: Annotated[Identifier, Meaning("identifier of the master's commands (CAN_ID_MASTER of the A2L)")] = 0x6A0

@@ -194,6 +194,14 @@ def test_the_orientation_of_the_map(tracking: Linked) -> None:
     assert there.sum() > 1000 and np.array_equal(found[there], wanted[there])
 
 
+def test_the_byte_order_is_that_of_the_program(tracking: Linked) -> None:
+    """Both places state it: the one for memory and the one for packets of XCP."""
+    words, elf = ("BYTE_ORDER MSB_", "BYTE_ORDER_MSB_"), Elf.read(tracking.program)
+    elf.is_little = False
+    for text, end in ((tracking.filled.text, "LAST"), (fill(BUILD, elf).text, "FIRST")):
+        assert all(f"{word}{end}" in A2ML.sub("", text) for word in words)
+
+
 # --- other programs -----------------------------------------------------------------------------------------------------
 
 EMPTY = "int main(void) { return 0; }\n"
