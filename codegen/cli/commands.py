@@ -5,6 +5,7 @@ from __future__ import annotations
 from codegen.cli import (  # noqa: F401
     arxml_command,
     bench_commands,
+    calibrate_command,
     check_commands,
     completion,
     exchange_commands,

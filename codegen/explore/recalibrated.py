@@ -6,7 +6,6 @@ copy puts them into writable sections. A test checks that it computes the same b
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -30,12 +29,9 @@ from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.compile import DEFAULT_FLAGS, Library, compile_library
-from codegen.sil.software import Software, bench_sources
+from codegen.sil.software import Software, bench_sources, writable_flags
 
 PREFIX = "ars"
-# Linkers put a section of this name into writable memory, although its objects are const.
-_SECTION = "__DATA,ars_calib" if sys.platform == "darwin" else ".data.calibration"
-WRITABLE = tuple(f'-DARS_SECTION_{kind}=__attribute__((section("{_SECTION}")))' for kind in ("CALIBRATION", "CONST"))
 
 _CONSTANTS_H = f"""#include "{PREFIX}_constants.h"
 {PREFIX}_constants_t *writable_constants(void);
@@ -121,7 +117,7 @@ class Recalibrated:
             sources,
             [*public, "bench/plant.h", "bench/loop.h", "bench/constants.h"],
             include_folders=("include", "bench"),
-            flags=(*DEFAULT_FLAGS, *WRITABLE),
+            flags=(*DEFAULT_FLAGS, *writable_flags(PREFIX)),
         )
         self._software = Software(self.library, PREFIX, "single", config)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -144,12 +144,31 @@ class Elf:
 
     def bytes_at(self, address: int, size: int) -> bytes | None:
         """Return the initial bytes at an address; None if the file does not contain them, as for zeroed memory."""
+        found = self._loaded(address, size)
+        return None if found is None else self.content[found[0] : found[0] + size]
+
+    def replaced(self, parts: Mapping[int, bytes]) -> bytes:
+        """Return the file with other initial bytes at addresses that it contains. Raises ValueError: it does not."""
+        content = bytearray(self.content)
+        for address, data in parts.items():
+            found = self._loaded(address, len(data))
+            if found is None:
+                raise ValueError(f"no bytes at 0x{address:X}")
+            content[found[0] : found[0] + len(data)] = data
+        return bytes(content)
+
+    def load_address(self, address: int, size: int) -> int:
+        """Return the address at which a programmer writes the initial bytes, in flash for data that is copied to RAM."""
+        found = self._loaded(address, size)
+        return address if found is None else found[1]
+
+    def _loaded(self, address: int, size: int) -> tuple[int, int] | None:
+        """Return offset in the file and load address of initial bytes; None if the file does not contain them."""
         with _whole(self.name):
             for segment in self._file.iter_segments("PT_LOAD"):
                 offset = address - segment["p_vaddr"]
                 if offset >= 0 and offset + size <= segment["p_filesz"]:
-                    start = segment["p_offset"] + offset
-                    return self.content[start : start + size]
+                    return segment["p_offset"] + offset, segment["p_paddr"] + offset
         return None
 
     def _read_symbols(self) -> dict[str, set[int]]:

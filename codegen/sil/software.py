@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import enum
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -190,6 +191,14 @@ def load(build: Path, config: Config | None = None, flags: Sequence[str] = DEFAU
     require_can_side(manifest, build)
     files = read_files(build, manifest, ("include/", "src/"))
     return compile_build(files, manifest, config, flags=flags, edited=tuple(verify_hashes(build)))
+
+
+def writable_flags(prefix: str) -> tuple[str, ...]:
+    """Return the compiler flags that put calibration and constants of a build into writable memory, although they are const."""
+    # Linkers put a section of this name into writable memory.
+    section = "__DATA,ars_calib" if sys.platform == "darwin" else ".data.calibration"
+    kinds = ("CALIBRATION", "CONST")
+    return tuple(f'-D{prefix.upper()}_SECTION_{kind}=__attribute__((section("{section}")))' for kind in kinds)
 
 
 def require_can_side(manifest: Mapping[str, Any], build: Path) -> None:
