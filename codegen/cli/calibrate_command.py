@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from codegen import console
 from codegen.cli.base import cli, example, json_option, note_edited
-from codegen.cli.options import FileType, any_file, build_option
+from codegen.cli.options import FileType, any_file, build_option, configuration_file, picture_to_write
 from codegen.errors import CodegenError
 from codegen.files import write_atomically
 from codegen.text_table import text_table
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from codegen.export.calibration.sets import CalibrationSet
 
 SET_ENDINGS = (".dcm", ".cdfx")
-WRITTEN_ENDINGS = SET_ENDINGS
+WRITTEN_ENDINGS = (*SET_ENDINGS, ".toml", ".npz")
 IMAGE_ENDINGS = (".elf", ".s19", ".hex")
 
 
@@ -29,7 +30,7 @@ IMAGE_ENDINGS = (".elf", ".s19", ".hex")
     short_help="Read, check, compare and convert calibration data, or patch them into an image.",
     epilog=example(
         "codegen calibrate --build generated/4ws2 -o set.dcm\n"
-        "  codegen calibrate --build generated/4ws2 set.dcm\n"
+        "  codegen calibrate --build generated/4ws2 set.dcm --plot changes.png\n"
         "  codegen calibrate --build generated/4ws2 set.dcm gains.cdfx -o new.cdfx\n"
         "  codegen calibrate --build generated/4ws2 set.dcm --image ecu.s19 --addresses ecu.elf -o new.s19"
     ),
@@ -41,7 +42,7 @@ IMAGE_ENDINGS = (".elf", ".s19", ".hex")
     "--output",
     type=FileType((*WRITTEN_ENDINGS, *IMAGE_ENDINGS), to_write=True),
     metavar="OUT",
-    help="Write the set: .dcm, .cdfx, or the patched image, with its extension.",
+    help="Write the set: .dcm, .cdfx, .toml (ars.toml), .npz (its map), or the patched image, with its extension.",
 )
 @click.option(
     "--image",
@@ -53,6 +54,8 @@ IMAGE_ENDINGS = (".elf", ".s19", ".hex")
 @click.option(
     "--addresses", type=any_file, metavar="ELF|A2L", help="For S-record and Intel HEX: the program's ELF, or its A2L."
 )
+@click.option("--config", "config_path", type=configuration_file, help="For .toml: the ars.toml whose keys are replaced.")
+@click.option("--plot", type=picture_to_write, metavar="PNG", help="Without -o: draw the differences.")
 @json_option
 def calibrate(
     build_path: Path,
@@ -60,6 +63,8 @@ def calibrate(
     output: Path | None,
     image_path: Path | None,
     addresses: Path | None,
+    config_path: Path | None,
+    plot: Path | None,
     as_json: bool,
 ) -> None:
     """Read calibration data as DCM 2.0 or CDF 2.0 (.cdfx), check them with the build's own C, and compare or convert them.
@@ -72,19 +77,20 @@ def calibrate(
     from codegen.export.calibration.images import Image
     from codegen.export.calibration.sets import merged
 
-    inputs = (build_path, *files, image_path, addresses)
-    _refuse(output, image_path, addresses, len(files))
+    inputs = (build_path, *files, image_path, addresses, config_path)
+    _refuse(output, image_path, addresses, config_path, plot, len(files))
     if output is not None:
         suffix = output.suffix.lower()
         is_set = suffix in WRITTEN_ENDINGS or image_path is None
         check_output(output, suffix if is_set or image_path is None else image_path.suffix.lower(), inputs)
+    check_output(plot, ".png", inputs)
     with console.status(f"compiling {build_path}"):
         build = BuildCalibration.load(build_path)
     note_edited(build_path, build.edited, quiet=as_json)
     image = None if image_path is None else Image.load(image_path, addresses, build_path, build.layout)
     base, name = (build.values, "build") if image is None else (image.read(), image.path.name)
     if output is not None:
-        _write(build, merged(build, base, name, files), image, output, as_json)
+        _write(build, merged(build, base, name, files), image, output, config_path, as_json)
         return
     own = merged(build, build.values, "build", ())
     sets = [merged(build, base, name, files[k : k + 1]) for k in range(max(len(files), 1))]
@@ -94,14 +100,20 @@ def calibrate(
     if len(sets) == 1:
         _list(build, sets[0].values, as_json)
     else:
-        _compare(build, sets[0], sets[1], as_json)
+        _compare(build, sets[0], sets[1], plot, as_json)
 
 
-def _refuse(output: Path | None, image: Path | None, addresses: Path | None, count: int) -> None:
+def _refuse(
+    output: Path | None, image: Path | None, addresses: Path | None, config: Path | None, plot: Path | None, count: int
+) -> None:
     """Raise CodegenError for options that do not go together."""
     suffix = None if output is None else output.suffix.lower()
     if addresses is not None and image is None:
         raise CodegenError("has no effect here", where="--addresses", remedy="add --image, or leave it out")
+    if config is not None and suffix != ".toml":
+        raise CodegenError("has no effect here", where="--config", remedy="write a .toml with -o, or leave it out")
+    if plot is not None and (output is not None or (count == 0 and image is None)):
+        raise CodegenError("draws a comparison", where="--plot", remedy="give one or two FILEs and no -o")
     if output is None and count > 2:
         raise CodegenError(f"{count} files", where="codegen calibrate", remedy="compare two, or merge them with -o")
     if output is not None and suffix not in WRITTEN_ENDINGS and image is None:
@@ -112,7 +124,9 @@ def _refuse(output: Path | None, image: Path | None, addresses: Path | None, cou
         )
 
 
-def _write(build: BuildCalibration, made: CalibrationSet, image: Image | None, output: Path, as_json: bool) -> None:
+def _write(
+    build: BuildCalibration, made: CalibrationSet, image: Image | None, output: Path, config_path: Path | None, as_json: bool
+) -> None:
     from codegen.export.calibration.sets import READERS, differences
 
     _note_stale([made])
@@ -120,8 +134,23 @@ def _write(build: BuildCalibration, made: CalibrationSet, image: Image | None, o
     if suffix in READERS:
         title = f"Calibration of the build {layout.build_id}, made by codegen"
         content, what = READERS[suffix].write(made.values, layout, title), f"{len(layout.objects)} objects"
+    elif suffix == ".toml":
+        from codegen.export.calibration.convert import toml_of
+
+        config = toml_of(made.values, build, config_path)
+        content, what = config.text.encode("utf-8"), f"{len(config.changed)} keys changed"
+        if any(not np.array_equal(made.values[each.name], build.values[each.name]) for each in layout.map_objects):
+            console.note("the map of the set is not that of the build; write it as .npz")
+    elif suffix == ".npz":
+        from codegen.export.calibration.convert import map_of
+        from codegen.map_file import map as npz
+
+        written = map_of(made.values, build, output)
+        content, what = npz.to_bytes(written.map), "the map of the set"
+        for name in written.lost:
+            console.note(f"{name} is changed outside of the breakpoints of the map as well; a build extends the map anew")
     else:
-        assert image is not None
+        assert image is not None  # see _refuse
         content, what = image.patched(made.values), f"{image.format} image"
     write_atomically(output, content)
     checksum = int(made.values[layout.checksum.name])
@@ -155,10 +184,12 @@ def _list(build: BuildCalibration, values: Values, as_json: bool) -> None:
     console.say(text_table(("", "size", "value", "unit"), rows, left=1))
 
 
-def _compare(build: BuildCalibration, first: CalibrationSet, second: CalibrationSet, as_json: bool) -> None:
+def _compare(build: BuildCalibration, first: CalibrationSet, second: CalibrationSet, plot: Path | None, as_json: bool) -> None:
     from codegen.export.calibration.sets import differences
 
     found = differences(first.values, second.values, build.layout)
+    if plot is not None:
+        raise NotImplementedError
     if as_json:
         entries: list[dict[str, Any]] = [
             {

@@ -13,7 +13,16 @@ from codegen.configuration.controller import REAR_RATE_MIN_DEG_S
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S, law_of
-from codegen.emit.parameters import RATE_OFF, Field, Parameter, ParameterView, configured, parameter_views, search_strides
+from codegen.emit.parameters import (
+    RATE_OFF,
+    Field,
+    Parameter,
+    ParameterView,
+    configured,
+    parameter_views,
+    rate_key,
+    search_strides,
+)
 from codegen.emit.text import Precision, literal
 from codegen.units import DEGREE, KM_H
 
@@ -99,6 +108,8 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
             "rad/s, bound on the command's rate" + (" (off)" if rate == "off" else ""),
             math.radians(REAR_RATE_MIN_DEG_S),
             RATE_OFF,
+            key="controller.rear_rate_max_deg_s",
+            to_key=rate_key,
         ),
         configured(controller, "friction_min", "friction_min", "a lower estimate counts as this"),
         configured(controller, "enable_speed", "enable_speed_km_h", "m/s, control starts from here", KM_H),
@@ -126,9 +137,19 @@ def _actuator_parameters(config: Config) -> Iterator[Parameter]:
         "rad, tolerated error, in addition to twice the remaining way",
         1e-4,
         1.5,
+        key="rear_actuator.stuck_error_deg",
+        to_key=math.degrees,
     )
     samples = max(round(time / period), 1)
-    yield Parameter("actuator_samples_max", samples, "samples off, less others, then it is stuck", 1, ACTUATOR_SAMPLES_MAX)
+    yield Parameter(
+        "actuator_samples_max",
+        samples,
+        "samples off, less others, then it is stuck",
+        1,
+        ACTUATOR_SAMPLES_MAX,
+        key="rear_actuator.stuck_time_s",
+        to_key=lambda value: value * period,
+    )
 
 
 _LAW_STATE = (Field("bool", "is_limited", "a limit acted in the last sample"),)

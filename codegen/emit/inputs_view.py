@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from codegen.configuration import Config
 from codegen.configuration.controller import DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX
-from codegen.emit.parameters import Parameter, ParameterView, configured, parameter_views
+from codegen.emit.parameters import Parameter, ParameterView, configured, lag_of, parameter_views
 from codegen.emit.text import Precision, literal
 from codegen.units import DEGREE, GRAVITY, KM_H
 from codegen.vehicle.single_track import SingleTrack
@@ -59,6 +59,8 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             "weight of the steady yaw rate in the low-pass filter of the expected one",
             1e-3,
             1.0,
+            key="controller.inputs.yaw_rate_lag_s",
+            to_key=lambda share: lag_of(share, period),
         ),
         of_key(
             "yaw_rate_tolerance",
@@ -102,6 +104,8 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             "share of a correction of the yaw rate that is removed in a sample",
             1e-6,
             1.0,
+            key="controller.inputs.yaw_rate_correction_time_s",
+            to_key=lambda share: period / share,
         ),
         of_key("speed_fall", "speed_fall_m_s2", "m/s, decrease of a lost speed in a sample", period, 1.0),
         of_key("friction_recovery", "friction_recovery_1_s", "increase of a lost estimate in a sample", period, 1.0),
@@ -111,6 +115,8 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             "missing samples, less good ones, before a signal is replaced",
             0,
             round(DEGRADED_TIME_MAX_S / period),
+            key="controller.fail_safe.degraded_samples_max",
+            to_key=int,
         ),
         Parameter(
             "recovery_samples",
@@ -118,6 +124,8 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             "good samples in a row until it is used again",
             1,
             RECOVERY_SAMPLES_MAX,
+            key="controller.fail_safe.recovery_samples",
+            to_key=int,
         ),
     )
 

@@ -23,7 +23,7 @@ from codegen.configuration.controller import (
     TRIM_MAX_PERCENT,
 )
 from codegen.design.margins import Gains, gains_of
-from codegen.emit.parameters import Field, Parameter, configured
+from codegen.emit.parameters import Field, Parameter, configured, lag_of
 from codegen.errors import BuildError
 from codegen.units import DEGREE, KM_H
 from codegen.vehicle.single_track import SingleTrack
@@ -126,6 +126,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             200.0,
             points,
             increasing=True,
+            key="controller.tracking.schedule.speed_km_h",
+            to_key=lambda speed: speed / KM_H,
         ),
         Parameter(
             "proportional_gain",
@@ -134,6 +136,7 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             0.0,
             PROPORTIONAL_GAIN_MAX_S,
             points,
+            key="controller.tracking.schedule.proportional_gain_s",
         ),
         Parameter(
             "integral_gain",
@@ -142,6 +145,7 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             INTEGRAL_GAIN_MIN,
             INTEGRAL_GAIN_MAX,
             points,
+            key="controller.tracking.schedule.integral_gain",
         ),
         Parameter(
             "lead_time",
@@ -150,6 +154,7 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             -LEAD_MAX_S,
             LEAD_MAX_S,
             points,
+            key="controller.tracking.schedule.lead_s",
         ),
         Parameter(
             "response_gain",
@@ -158,6 +163,7 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             0.0,
             RESPONSE_GAIN_MAX_S,
             points,
+            key="controller.tracking.schedule.response_gain_s",
         ),
         Parameter(
             "lead_smoothing",
@@ -165,8 +171,18 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             "weight of a new rate of the front angle in its low-pass filter",
             0.01,
             1.0,
+            key="controller.tracking.lead_smoothing_s",
+            to_key=lambda share: lag_of(share, config.controller.sampling_time_s),
         ),
-        Parameter("lead_angle_max", math.radians(tracking.lead_max_deg), "rad, bound of the predicted change", 0.0, 0.5),
+        Parameter(
+            "lead_angle_max",
+            math.radians(tracking.lead_max_deg),
+            "rad, bound of the predicted change",
+            0.0,
+            0.5,
+            key="controller.tracking.lead_max_deg",
+            to_key=math.degrees,
+        ),
         configured(
             tracking,
             "response_samples",
@@ -180,6 +196,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             "rad, bound of the feedback in the direction that increases the yaw rate",
             0.0,
             1.0,
+            key="controller.tracking.yaw_increasing_max_deg",
+            to_key=math.degrees,
         ),
         Parameter(
             "trim_share",
@@ -187,30 +205,59 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             "bound of the trim, as a share of the map's yaw rate",
             0.0,
             TRIM_MAX_PERCENT / 100.0,
+            key="controller.tracking.trim_max_percent",
+            to_key=lambda share: 100.0 * share,
         ),
-        Parameter("trim_rate", 1.0 / tracking.trim_time_s, "1/s, inverse time constant of the trim", 0.01, 20.0),
+        Parameter(
+            "trim_rate",
+            1.0 / tracking.trim_time_s,
+            "1/s, inverse time constant of the trim",
+            0.01,
+            20.0,
+            key="controller.tracking.trim_time_s",
+            to_key=lambda rate: 1.0 / rate,
+        ),
         Parameter(
             "grip_shortfall",
             tracking.grip_shortfall_m_s2,
             "m/s^2, shortfall of lateral acceleration that does not count as a loss of grip",
             0.1,
             20.0,
+            key="controller.tracking.grip_shortfall_m_s2",
         ),
-        Parameter("grip_loss_rate", 1.0 / tracking.grip_loss_time_s, "1/s, inverse time constant of a loss of grip", 0.1, 50.0),
+        Parameter(
+            "grip_loss_rate",
+            1.0 / tracking.grip_loss_time_s,
+            "1/s, inverse time constant of a loss of grip",
+            0.1,
+            50.0,
+            key="controller.tracking.grip_loss_time_s",
+            to_key=lambda rate: 1.0 / rate,
+        ),
         Parameter(
             "grip_forgetting",
             1.0 / tracking.grip_memory_s,
             "1/s, inverse time constant of the reached lateral acceleration",
             0.01,
             50.0,
+            key="controller.tracking.grip_memory_s",
+            to_key=lambda rate: 1.0 / rate,
         ),
-        Parameter("grip_recovery", tracking.grip_recovery_m_s3, "m/s^3, recovery of the grip in a turn", 0.01, 100.0),
+        Parameter(
+            "grip_recovery",
+            tracking.grip_recovery_m_s3,
+            "m/s^3, recovery of the grip in a turn",
+            0.01,
+            100.0,
+            key="controller.tracking.grip_recovery_m_s3",
+        ),
         Parameter(
             "grip_recovery_idle",
             tracking.grip_recovery_idle_m_s3,
             "m/s^3, recovery while less than half of the grip is needed",
             0.01,
             100.0,
+            key="controller.tracking.grip_recovery_idle_m_s3",
         ),
         _lead_over_actuator(config),
     )

@@ -12,7 +12,7 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.configuration.controller import REAR_RATE_MIN_DEG_S
-from codegen.emit.parameters import RATE_OFF, Parameter, ParameterView, parameter_views
+from codegen.emit.parameters import RATE_OFF, Parameter, ParameterView, parameter_views, rate_key
 from codegen.emit.text import Precision, literal
 from codegen.map_file.map import ReferenceMap
 from codegen.units import KM_H
@@ -91,6 +91,8 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
             "rad/s" + (" (off)" if rate == "off" else ""),
             math.radians(REAR_RATE_MIN_DEG_S),
             RATE_OFF,
+            key="limiter.rear_rate_max_deg_s",
+            to_key=rate_key,
         ),
         Parameter(
             "opposite_phase_speed",
@@ -100,6 +102,8 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
             200.0,
             POINTS,
             increasing=True,
+            key="limiter.opposite_phase_speed_km_h",
+            to_key=lambda speed: speed / KM_H,
         ),
         Parameter(
             "opposite_phase_max",
@@ -108,6 +112,8 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
             0.0,
             1.0,
             POINTS,
+            key="limiter.opposite_phase_max_deg",
+            to_key=math.degrees,
         ),
         Parameter(
             "in_phase_from_front_angle",
@@ -115,6 +121,8 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
             "rad, front angle from which the whole rear_angle_max is allowed in phase",
             1e-4,
             1.0,
+            key="limiter.in_phase_from_front_angle_deg",
+            to_key=math.degrees,
         ),
         Parameter("speed_max", inputs.speed_max_km_h * KM_H, "m/s, range; a speed beyond it is ignored", 1.0, 200.0),
         Parameter(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+import functools
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 
+from codegen.configuration import Config
 from codegen.configuration.section import Range, Section
 from codegen.emit.text import Precision, lines_of, literal
 
@@ -12,11 +15,24 @@ RATE_OFF = 1000.0
 """Rate limit in rad/s that never acts on a rear axle, which moves by a few degrees."""
 
 
+def rate_key(rate: float) -> float | str:
+    """Return a rate limit in rad/s as a key in deg/s, which is "off" if it never acts."""
+    return "off" if rate >= RATE_OFF else math.degrees(rate)
+
+
+def lag_of(share: float, period: float) -> float:
+    """Return the time constant in s of a low-pass filter with the weight `share` of a new sample; 0 if it does not filter."""
+    return -period / math.log1p(-share) if share < 1.0 else 0.0
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One field of a parameter struct in SI units, with its allowed range. An integer is an unsigned count.
 
     A tuple is an array. `points` is the C name of its size, and `increasing` states that its values must increase.
+
+    `key` is the key of `ars.toml` that sets it alone, such as "controller.enable_speed_km_h", and `to_key` returns the value of
+    this key for a value of the parameter. Parameters without such a key follow from the car.
     """
 
     name: str
@@ -26,6 +42,25 @@ class Parameter:
     high: float
     points: str = ""
     increasing: bool = False
+    key: str = ""
+    to_key: Callable[[float], float | str] = field(default=float, compare=False)
+
+
+@functools.cache
+def table_of(section: type[Section]) -> str:
+    """Return the dotted name of a table of `ars.toml` that occurs once. Raises LookupError: there is no such table."""
+
+    def below(model: type[Section], place: str) -> Iterator[str]:
+        for name, info in model.model_fields.items():
+            if isinstance(info.annotation, type) and issubclass(info.annotation, Section):
+                if info.annotation is section:
+                    yield f"{place}{name}"
+                yield from below(info.annotation, f"{place}{name}.")
+
+    found = list(below(Config, ""))
+    if len(found) != 1:
+        raise LookupError(section.__name__)
+    return found[0]
 
 
 def configured(section: Section, name: str, key: str, comment: str, scale: float = 1.0, high: float | None = None) -> Parameter:
@@ -35,7 +70,15 @@ def configured(section: Section, name: str, key: str, comment: str, scale: float
     """
     range_ = next(item for item in type(section).model_fields[key].metadata if isinstance(item, Range))
     highest = range_.high * scale if high is None else high
-    return Parameter(name, getattr(section, key) * scale, comment, range_.low * scale, highest)
+    return Parameter(
+        name,
+        getattr(section, key) * scale,
+        comment,
+        range_.low * scale,
+        highest,
+        key=f"{table_of(type(section))}.{key}",
+        to_key=lambda value: value / scale,
+    )
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from codegen.emit.outputs import check_output
 from codegen.errors import CodegenError, ConfigError
 from codegen.explore.controls import ExploreError
 from codegen.files import read_file, write_atomically
-from codegen.importing.toml_edit import replace_values
+from codegen.importing.toml_edit import replace_values, whole
 
 REMARK = "codegen explore wrote into this table."
 MOVABLE = ("cases.", "limits.", "road.", "tyre.", "controller.")
@@ -84,7 +84,7 @@ class Target:
             edited = _edited(text, config) if text is not None else None
             if edited is not None:
                 return edited, bool(own) and text is own[0]
-        return whole(config), False
+        return whole(config, "codegen explore"), False
 
     def _told(self, before: bytes, config: Config, kept: bool) -> tuple[str, tuple[str, ...]]:
         base = _parsed(_decoded(before) or "")
@@ -99,12 +99,6 @@ class Target:
             f"{self.path} differs in more than the settings of this page. All of it would be replaced, with its comments:",
             changes,
         )
-
-
-def whole(config: Config) -> str:
-    """Return all keys of a configuration as TOML."""
-    keys = tomlkit.dumps(config.model_dump(mode="json", exclude_none=True))
-    return f"# Written by codegen explore: every key, units in the names.\n\n{keys}"
 
 
 def _edited(text: str, config: Config) -> str | None:

@@ -1,4 +1,4 @@
-"""New values in a table of a TOML text. Comments, order and spaces of the rest stay."""
+"""A configuration as TOML; and new values in a table of a TOML text, whose other comments, order and spaces stay."""
 
 from __future__ import annotations
 
@@ -11,9 +11,16 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AoT, Comment, Item, Key, Null, Table
 
+from codegen.configuration import Config
 from codegen.importing.source import ImportFault
 
 Entry = tuple[Key | None, Item]
+
+
+def whole(config: Config, author: str) -> str:
+    """Return all keys of a configuration as TOML."""
+    keys = tomlkit.dumps(config.model_dump(mode="json", exclude_none=True))
+    return f"# Written by {author}: every key, units in the names.\n\n{keys}"
 
 
 def replace_values(text: str, table: str, values: Mapping[str, Any], renamed: Mapping[str, str], remark: str) -> str:

@@ -15,6 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from codegen.arrays import FloatArray
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.errors import BuildError, CodegenError
@@ -90,6 +91,25 @@ class BuildCalibration:
             self._write({checksum.name: values[checksum.name]})
             if not self._function("selftest")():
                 raise BuildError("the self-test of the build fails with these values", where=self.folder, remedy="build again")
+
+    def looked_up(
+        self, values: Values, speed: Numbers, front_angle: Numbers, friction: float, *, with_rear_angle: bool
+    ) -> list[FloatArray]:
+        """Return the yaw rates (n, m) in rad/s, and the rear angles in rad if wanted, that the C looks up with a valid set.
+
+        Args:
+            speed: (n,) m/s. front_angle: (m,) rad. friction: of the road.
+            with_rear_angle: whether the kind of controller looks up rear angles.
+        """
+        with self._written(values):
+            if with_rear_angle:
+                reference = self._function("map_reference")
+                found = [[reference(v, angle, friction) for angle in front_angle] for v in speed]
+                return [
+                    np.array([[getattr(each, name) for each in row] for row in found]) for name in ("yaw_rate", "rear_angle")
+                ]
+            yaw_rate = self._function("map_yaw_rate_on_road")
+            return [np.array([[yaw_rate(v, angle, friction) for angle in front_angle] for v in speed])]
 
     def _conflict(self, values: Values, origins: Mapping[str, object]) -> CodegenError:
         """Return the error for values that are valid alone, but not together."""

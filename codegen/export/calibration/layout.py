@@ -93,7 +93,8 @@ class CalibrationObject:
         """Return the physical values of numbers as the ECU stores them."""
         if self.scale is None:
             return stored.astype(self.dtype)
-        return np.multiply(stored.astype(self.dtype), self.dtype.type(self.scale))
+        values: Numbers = np.multiply(stored.astype(self.dtype), self.dtype.type(self.scale))
+        return values
 
     def raw(self, values: Numbers) -> Numbers:
         """Return physical values as the ECU stores them. Raw numbers are rounded to the nearest step."""
@@ -124,6 +125,11 @@ class Layout:
     def checksum(self) -> CalibrationObject:
         """The checksum that the self-test expects."""
         return self.objects[f"{self.prefix}.calibration.expected_checksum"]
+
+    @property
+    def map_objects(self) -> list[CalibrationObject]:
+        """The maps and their axes."""
+        return [each for each in self.objects.values() if each.name.startswith(f"{self.prefix}.map.")]
 
     @property
     def tables(self) -> list[CalibrationObject]:

@@ -94,9 +94,8 @@ def differences(first: Values, second: Values, layout: Layout) -> list[Differenc
         if each.name == layout.checksum.name or not differ.any():
             continue
         index = np.unravel_index(int(np.abs(two - one).argmax()), one.shape)
-        if each.kind == "AXIS":
-            at = (float(index[0]),)
-        else:
+        at: tuple[float, ...] = (float(index[0]),) if each.kind == "AXIS" else ()
+        if each.axes:
             at = tuple(float(first[axis][k]) for axis, k in zip(each.axes, reversed(index), strict=True))
         found.append(Difference(each, int(differ.sum()), float(one[index]), float(two[index]), at))
     return found
