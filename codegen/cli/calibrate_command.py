@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from codegen.export.calibration.build import BuildCalibration
     from codegen.export.calibration.images import Image
     from codegen.export.calibration.layout import Values
-    from codegen.export.calibration.sets import CalibrationSet
+    from codegen.export.calibration.sets import CalibrationSet, Difference
 
 SET_ENDINGS = (".dcm", ".cdfx")
 WRITTEN_ENDINGS = (*SET_ENDINGS, ".toml", ".npz")
@@ -170,11 +170,11 @@ def _note_stale(sets: list[CalibrationSet]) -> None:
 
 
 def _list(build: BuildCalibration, values: Values, as_json: bool) -> None:
-    from codegen.export.calibration.labels import number_text
+    from codegen.export.calibration.labels import number_text, python_numbers
 
     objects = build.layout.objects
     if as_json:
-        console.print_json({"build": str(build.folder), "values": {name: values[name].tolist() for name in objects}})
+        console.print_json({"build": str(build.folder), "values": {name: python_numbers(values[name]) for name in objects}})
         return
     rows = []
     for name, each in objects.items():
@@ -189,7 +189,7 @@ def _compare(build: BuildCalibration, first: CalibrationSet, second: Calibration
 
     found = differences(first.values, second.values, build.layout)
     if plot is not None:
-        raise NotImplementedError
+        _draw(build, found, (first, second), plot)
     if as_json:
         entries: list[dict[str, Any]] = [
             {
@@ -202,7 +202,9 @@ def _compare(build: BuildCalibration, first: CalibrationSet, second: Calibration
             }
             for each in found
         ]
-        console.print_json({"first": first.name, "second": second.name, "differences": entries})
+        console.print_json(
+            {"first": first.name, "second": second.name, "differences": entries, "plot": None if plot is None else str(plot)}
+        )
         return
     console.say(f"first:  {first.name}\nsecond: {second.name}\n")
     if not found:
@@ -216,8 +218,52 @@ def _compare(build: BuildCalibration, first: CalibrationSet, second: Calibration
             f"{each.second:.6g}",
             f"{each.second - each.first:+.3g}",
             each.object.unit,
-            ", ".join(f"{value:.4g}" for value in each.at),
+            _place(build, each),
         )
         for each in found
     ]
     console.say(text_table(("", "numbers", "first", "second", "difference", "unit", "largest at"), rows))
+    if plot is not None:
+        console.say(f"\nplot: {plot}")
+
+
+def _place(build: BuildCalibration, difference: Difference) -> str:
+    """Return the place of the largest difference: breakpoints with units, or the number of a breakpoint."""
+    if difference.object.kind == "AXIS":
+        return f"breakpoint {difference.at[0]:g}"
+    units = [build.layout.objects[name].unit for name in difference.object.axes]
+    return ", ".join(f"{value:.4g} {unit}" for value, unit in zip(difference.at, units, strict=True))
+
+
+def _draw(build: BuildCalibration, found: list[Difference], sets: tuple[CalibrationSet, CalibrationSet], plot: Path) -> None:
+    """Draw values and curves that differ, and the maps if one of their objects does."""
+    from codegen.export.calibration.convert import map_of
+    from codegen.report.calibration_plots import CurveChange, ValueChange, calibration_figure
+    from codegen.report.style import save
+
+    objects, prefix = build.layout.objects, f"{build.layout.prefix}."
+    values = [
+        ValueChange(each.object.name.removeprefix(prefix), each.first, each.second)
+        for each in found
+        if each.object.kind == "VALUE"
+    ]
+    differing = {each.object.name for each in found}
+    curves = []
+    for each in objects.values():
+        if each.axes and differing.intersection((each.name, *each.axes)):
+            numbers = [one.values[each.name].astype(float) for one in sets]
+            axis, title = objects[each.axes[0]], each.name.removeprefix(prefix)
+            if each.kind == "MAP":  # the row with the largest difference
+                row = int(np.abs(numbers[1] - numbers[0]).max(axis=1).argmax())
+                rows_axis = objects[each.axes[1]]
+                numbers = [one[row] for one in numbers]
+                title += f" at {sets[0].values[rows_axis.name][row]:.4g} {rows_axis.unit}"
+            first, second = ((one.values[axis.name].astype(float), y) for one, y in zip(sets, numbers, strict=True))
+            points_label = f"{axis.name.removeprefix(prefix)} ({axis.unit})"
+            curves.append(CurveChange(title, each.unit or "1", points_label, first, second))
+    maps = None
+    if any(difference.object in build.layout.map_objects for difference in found):
+        one, two = (map_of(each.values, build, each.name).map for each in sets)
+        maps = one, two
+    with console.status("drawing"):
+        save(calibration_figure(values, curves, maps, (sets[0].name, sets[1].name)), plot)

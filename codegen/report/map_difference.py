@@ -39,7 +39,7 @@ from codegen.units import KM_H
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 
 POINT_SPEEDS_KM_H = (30.0, 60.0, 100.0, 150.0)
@@ -339,6 +339,9 @@ NAME_MAX = 20
 BOUND = 100.0
 """Percent."""
 
+MAPS_SIZE = (9.6, 7.2)
+"""Width and height of a figure without slips, in inches."""
+
 BOTH, DIVERGING, USE = "#D9D4C5", "BrBG", "RdYlBu_r"
 
 
@@ -350,34 +353,42 @@ def map_difference_figure(
     Args:
         used: `slip_use` of each map; without it, its two panels are omitted.
     """
+    with style():
+        figure = new_figure(13.2, 7.2) if any(used) else new_figure(*MAPS_SIZE)
+        draw_map_difference(figure, maps, used, names)
+    return figure
+
+
+def draw_map_difference(
+    figure: Figure | SubFigure,
+    maps: tuple[ReferenceMap, ReferenceMap],
+    used: tuple[SlipUse | None, SlipUse | None],
+    names: tuple[str, str],
+) -> None:
+    """Draw the panels of `map_difference_figure` in a figure or a part of one, in the style that is set."""
     from matplotlib.ticker import MaxNLocator
 
     known = any(used)
     titles = [f"{which}: {plain(one_line(name, NAME_MAX))}" for which, name in zip(("first", "second"), names, strict=True)]
-    with style():
-        figure = new_figure(13.2, 7.2) if known else new_figure(9.6, 7.2)
-        grid = figure.subplots(2, 3 if known else 2, sharex=True, sharey=True)
-        _draw_yaw_rates(figure, grid[0][:2], maps, titles)
-        gain, where = grid[:, 2] if known else grid[1]
-        limits = {"xlim": grid[0][0].get_xlim(), "ylim": grid[0][0].get_ylim()}
-        _draw_gain(figure, gain, maps)
-        entries = _draw_where(where, maps)
-        if known and _draw_use(figure, grid[1][:2], maps, used, titles):
-            entries.append(line_handle(color=BLACK, linewidth=1.0, label="slip meets its bound"))
-        grid[0][0].set(**limits)
-        for axes in grid[-1]:
-            axes.set_xlabel(SPEED_LABEL)
-        grid[0][0].xaxis.set_major_locator(
-            MaxNLocator(5, prune="upper")
-        )  # the last label would touch the first of the next panel
-        for axes in grid[:, 0]:
-            axes.set_ylabel(FRONT_ANGLE_LABEL)
-        figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
-    return figure
+    grid = figure.subplots(2, 3 if known else 2, sharex=True, sharey=True)
+    _draw_yaw_rates(figure, grid[0][:2], maps, titles)
+    gain, where = grid[:, 2] if known else grid[1]
+    limits = {"xlim": grid[0][0].get_xlim(), "ylim": grid[0][0].get_ylim()}
+    _draw_gain(figure, gain, maps)
+    entries = _draw_where(where, maps)
+    if known and _draw_use(figure, grid[1][:2], maps, used, titles):
+        entries.append(line_handle(color=BLACK, linewidth=1.0, label="slip meets its bound"))
+    grid[0][0].set(**limits)
+    for axes in grid[-1]:
+        axes.set_xlabel(SPEED_LABEL)
+    grid[0][0].xaxis.set_major_locator(MaxNLocator(5, prune="upper"))  # the last label would touch the first of the next panel
+    for axes in grid[:, 0]:
+        axes.set_ylabel(FRONT_ANGLE_LABEL)
+    figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
 
 
 def _draw_yaw_rates(
-    figure: Figure, panels: Sequence[Axes], maps: tuple[ReferenceMap, ReferenceMap], titles: Sequence[str]
+    figure: Figure | SubFigure, panels: Sequence[Axes], maps: tuple[ReferenceMap, ReferenceMap], titles: Sequence[str]
 ) -> None:
     """Draw both on one scale. The first is drawn last, because its limits are those of the picture."""
     scale = YAW_RATE.scale(maps)
@@ -389,7 +400,7 @@ def _draw_yaw_rates(
     YAW_RATE.colour_bar(figure, list(panels), scale, label=f"yaw rate ({YAW_RATE.unit})")
 
 
-def _draw_gain(figure: Figure, axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> None:
+def _draw_gain(figure: Figure | SubFigure, axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -427,7 +438,7 @@ def _draw_where(axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> list[Art
 
 
 def _draw_use(
-    figure: Figure,
+    figure: Figure | SubFigure,
     panels: Sequence[Axes],
     maps: tuple[ReferenceMap, ReferenceMap],
     used: tuple[SlipUse | None, SlipUse | None],

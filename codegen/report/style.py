@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap, Normalize
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 
 # M. Okabe, K. Ito, Color Universal Design (2008): distinguishable with all common kinds of colour vision.
@@ -157,7 +157,7 @@ class Quantity:
         values = getattr(reference_map, self.attribute)
         return None if values is None else np.degrees(np.where(reference_map.feasible, values, np.nan))
 
-    def colour_bar(self, figure: Figure, axes: Any, scale: Normalize, **look: Any) -> None:
+    def colour_bar(self, figure: Figure | SubFigure, axes: Any, scale: Normalize, **look: Any) -> None:
         """Add the colour bar of one or several panels."""
         from matplotlib.cm import ScalarMappable
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from codegen.errors import CodegenError, suggestion
-from codegen.export.calibration.layout import CalibrationObject, Kind, Layout, Values
+from codegen.export.calibration.layout import CalibrationObject, Kind, Layout, Numbers, Values
 
 CALIBRATION_BYTES_MAX = 64 * 2**20
 READ_REMEDY = "give a DCM 2.0 or CDF 2.0 file that a calibration tool or codegen calibrate wrote"
@@ -133,6 +133,13 @@ def _where(label: Label) -> str:
 def number_text(value: Any) -> str:
     """Return the shortest text of a number that gives the same bits in its precision."""
     return np.format_float_scientific(value, unique=True, trim="-") if _is_long(value) else _plain(value)
+
+
+def python_numbers(values: Numbers) -> Any:
+    """Return values as Python numbers, in nested lists for an array. Floats are the shortest decimals; see `number_text`."""
+    if values.dtype.kind == "u":
+        return values.tolist()
+    return np.array([float(number_text(value)) for value in values.reshape(-1)]).reshape(values.shape).tolist()
 
 
 def _is_long(value: Any) -> bool:

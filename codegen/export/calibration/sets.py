@@ -11,7 +11,7 @@ import numpy as np
 from codegen.errors import CodegenError
 from codegen.export.calibration import cdf, dcm
 from codegen.export.calibration.build import BuildCalibration
-from codegen.export.calibration.labels import CALIBRATION_BYTES_MAX, READ_REMEDY, values_of
+from codegen.export.calibration.labels import CALIBRATION_BYTES_MAX, READ_REMEDY, python_numbers, values_of
 from codegen.export.calibration.layout import CalibrationObject, Layout, Values
 from codegen.files import read_file
 
@@ -89,13 +89,13 @@ def differences(first: Values, second: Values, layout: Layout) -> list[Differenc
     """Return the objects that differ, in the order of the layout, without the checksum."""
     found = []
     for each in layout.objects.values():
-        one, two = first[each.name].astype(np.float64), second[each.name].astype(np.float64)
+        one, two = first[each.name], second[each.name]
         differ = one != two
         if each.name == layout.checksum.name or not differ.any():
             continue
-        index = np.unravel_index(int(np.abs(two - one).argmax()), one.shape)
+        index = np.unravel_index(int(np.abs(two.astype(np.float64) - one).argmax()), one.shape)
         at: tuple[float, ...] = (float(index[0]),) if each.kind == "AXIS" else ()
         if each.axes:
-            at = tuple(float(first[axis][k]) for axis, k in zip(each.axes, reversed(index), strict=True))
-        found.append(Difference(each, int(differ.sum()), float(one[index]), float(two[index]), at))
+            at = tuple(python_numbers(first[axis][k]) for axis, k in zip(each.axes, reversed(index), strict=True))
+        found.append(Difference(each, int(differ.sum()), python_numbers(one[index]), python_numbers(two[index]), at))
     return found
