@@ -187,7 +187,8 @@ def _memory(library: Library, index: int, each: CalibrationObject) -> Numbers:
 
 def _fault(each: CalibrationObject, values: Numbers) -> str:
     """Return the first fault that an object has alone, or ""."""
-    low, high = each.dtype.type(each.low), each.dtype.type(each.high)
+    slack = 0.49 * (each.scale or 0.0)  # raw numbers are rounded to whole steps
+    low, high = each.dtype.type(each.low - slack), each.dtype.type(each.high + slack)
     unit = f" {each.unit}" if each.unit else ""
     outside = ~((values >= low) & (values <= high))  # true for NaN
     if outside.any():
