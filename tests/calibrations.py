@@ -22,7 +22,7 @@ def records_of(a2l: bytes, values: Values, prefix: str = "ars") -> Any:
     """Return an image with the identity of the build and its values at the addresses of an A2L."""
     layout: Layout = read_layout(a2l, prefix, "A2L")
     records = bincopy.BinFile()
-    records.header = b"ecu"
+    records.header = "ecu"
     records.execution_start_address = FIRST
     records.add_binary(layout.build_id.encode() + b"\0", layout.epk_address)
     for each in layout.objects.values():

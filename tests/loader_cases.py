@@ -3,6 +3,7 @@ line."""
 
 from __future__ import annotations
 
+import functools
 import io
 import json
 import re
@@ -21,6 +22,10 @@ from codegen.configuration import preset, preset_text
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
 from codegen.export import runs as exported
+from codegen.export.calibration.build import BuildCalibration
+from codegen.export.calibration.images import Image
+from codegen.export.calibration.layout import layout_of_a2l
+from codegen.export.calibration.sets import READERS, merged
 from codegen.export.elf import Elf
 from codegen.importing.maps import Choices, import_map
 from codegen.importing.tyre import import_tyres
@@ -35,6 +40,7 @@ from hil_sim import scenario_files
 from hil_sim.codec import Frame
 from hil_sim.logs import BusLog
 from hil_sim.suite import requirements
+from tests.calibrations import addressed, records_of
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "generated" / "4ws2-paper"
@@ -138,9 +144,38 @@ def loaders() -> Mapping[str, Loader]:
     }
     for kind, weight in (("csv", 1.0), ("parquet", 0.5), ("mf4", 0.05)):
         found[f"run, {kind}"] = Loader(f"run.{kind}", _written(f"run.{kind}", _run), _report_input, weight)
+    for kind, module in READERS.items():
+        own = _calibration()
+        found[f"calibration, {kind}"] = Loader(f"set{kind}", module.write(own.values, own.layout, "test"), _calibrated)
+    a2l = addressed((BUILD / "ars.a2l").read_bytes())
+    records = records_of(a2l, _calibration().values)
+    found["addresses"] = Loader("ecu.a2l", a2l, _placed, 0.2)
+    found["image, S-record"] = Loader("ecu.s19", records.as_srec().encode(), _image, 0.2)
+    found["image, Intel HEX"] = Loader("ecu.hex", records.as_ihex().encode(), _image, 0.2)
     for kind in ("asc", "log", "blf"):
         found[f"log, {kind}"] = Loader(f"bus.{kind}", _written(f"bus.{kind}", _log), _report_input, 0.5)
     return found
+
+
+@functools.cache
+def _calibration() -> BuildCalibration:
+    return BuildCalibration.load(BUILD)
+
+
+def _calibrated(path: Path) -> object:
+    own = _calibration()
+    return merged(own, own.values, "build", [path])
+
+
+def _image(path: Path) -> object:
+    a2l, own = path.with_name("good.a2l"), _calibration()
+    a2l.write_bytes(addressed((BUILD / "ars.a2l").read_bytes()))
+    image = Image.load(path, a2l, BUILD, own.layout)
+    return merged(own, image.read(), path.name, ()), image.patched(own.values)
+
+
+def _placed(path: Path) -> object:
+    return layout_of_a2l(path, _calibration().layout)
 
 
 def _scenario(path: Path) -> object:

@@ -156,21 +156,19 @@ def test_an_independent_reader_reads_the_dcm(tmp_path: Path) -> None:
         assert np.array_equal(np.array(numbers, dtype=values[name].dtype), values[name]), name
 
     for each in reader.get_parameters():
-        check(each.name, each.value, each.attrs["units"])
+        check(each.name, each.value, each.unit)
     for each in reader.get_distributions():
-        check(each.name, each.values, each.attrs["units_x"])
+        check(each.name, each.values, each.unit_x)
     for each in reader.get_group_characteristic_lines():
-        check(each.name, list(each.values.values()), each.attrs["units"])
-        assert each.attrs["x_mapping"] == objects[each.name].axes[0]
-        check(objects[each.name].axes[0], list(each.values), each.attrs["units_x"])
+        assert each.x_mapping == objects[each.name].axes[0]
+        check(each.x_mapping, list(each.values), each.unit_x)
+        check(each.name, list(each.values.values()), each.unit_values)
     for each in reader.get_group_characteristic_maps():
-        x, y = objects[each.name].axes
-        assert (each.attrs["x_mapping"], each.attrs["y_mapping"]) == (x, y)
-        check(x, sorted({key[0] for key in each.values}), each.attrs["units_x"])
-        check(y, sorted({key[1] for key in each.values}), each.attrs["units_y"])
-        columns, rows = values[x].tolist(), values[y].tolist()
-        found = {(np.float32(key[0]), np.float32(key[1])): value for key, value in each.values.items()}
-        check(each.name, [[found[np.float32(a), np.float32(b)] for a in columns] for b in rows], each.attrs["units"])
+        assert (each.x_mapping, each.y_mapping) == objects[each.name].axes
+        rows = list(each.values.values())
+        check(each.x_mapping, list(rows[0]), each.unit_x)
+        check(each.y_mapping, list(each.values), each.unit_y)
+        check(each.name, [list(row.values()) for row in rows], each.unit_values)
     assert seen == objects.keys()
 
 
@@ -213,41 +211,39 @@ def test_ranges_are_those_of_the_c() -> None:
                 assert not build._is_valid(), each.name
 
 
-DAMAGES: dict[str, tuple[str, str, str]] = {
-    "unknown name": (".dcm", DISABLE, "does not have it"),
-    "text": (".dcm", "   WERT 3.3333333", "'abc' is not a number"),
-    "missing number": (".dcm", "   ST/X 4.1666665 ", "13 numbers for ars.parameters.schedule_speed, which has 14"),
-    "no END": (".dcm", "END\n\nFESTWERT ars.limiter.rear_rate_max", "has no END"),
-    "other size": (".dcm", "GRUPPENKENNLINIE ars.parameters.integral_gain 14", "size 13 in the file, 14 in the build"),
-    "other kind": (".dcm", "FESTWERT ars.limiter.speed_max", "unknown keyword KENNWERT"),
-    "format": (".dcm", "KONSERVIERUNG_FORMAT 2.0", "does not begin with KONSERVIERUNG_FORMAT 2.0"),
-    "entity": (".cdfx", '"cdf_v2.0.0.sl.dtd">', "declares an entity"),
-    "xml": (".cdfx", "</SW-SYSTEMS>", "not well-formed XML"),
-    "category": (".cdfx", "<CATEGORY>CDF20</CATEGORY>", "no MSRSW of category CDF20"),
+DAMAGES: dict[str, tuple[str, str, str, str]] = {
+    "name": (
+        ".dcm",
+        DISABLE,
+        "ars.parameters.disable_sped",
+        "does not have it; remove it, or give the build that has it; did you",
+    ),
+    "two numbers": (".dcm", f"FESTWERT {DISABLE}\n", f"FESTWERT {DISABLE}\n WERT 2\n", f"2 numbers for {DISABLE}, which has 1"),
+    "word": (".dcm", "0.48658288", "nan", "'nan' is not a number"),
+    "missing number": (".dcm", "90.916664 111.111115\nEND", "90.916664\nEND", "13 numbers for ars.parameters.schedule_speed, which has 14"),
+    "fraction": (".dcm", "WERT 73\n", "WERT 73.5\n", "not whole numbers from 0 to 65535"),
+    "no END": (".dcm", "END\n\nFESTWERT ars.limiter.rear_rate_max", "\nFESTWERT ars.limiter.rear_rate_max", "has no END"),
+    "size": (".dcm", f"KENNLINIE {GAIN} 14", f"KENNLINIE {GAIN} 13", "size 13 in the file, 14 in the build"),
+    "keyword": (".dcm", "FESTWERT ars.limiter.speed_max", "KENNWERT ars.limiter.speed_max", "unknown keyword KENNWERT"),
+    "kind": (".dcm", "FESTWERT ars.limiter.speed_max", "KENNLINIE ars.limiter.speed_max 1", "a curve in the file, a value in"),
+    "format": (".dcm", "KONSERVIERUNG_FORMAT 2.0", "KONSERVIERUNG_FORMAT 1.0", "does not begin with KONSERVIERUNG_FORMAT 2.0"),
+    "entity": (".cdfx", '.dtd">', '.dtd" [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]>', "declares an entity"),
+    "end": (".cdfx", "</SW-SYSTEMS>", "</SW-SYSTEM>", "not well-formed XML"),
+    "category": (".cdfx", "<CATEGORY>CDF20</CATEGORY>", "<CATEGORY>MDX</CATEGORY>", "no MSRSW of category CDF20"),
+    "number": (".cdfx", "<V>0.48658288</V>", "<V>1e999</V>", "inf is outside 0.01 to 1"),
 }
-REPLACEMENTS = {
-    "unknown name": "ars.parameters.disable_sped",
-    "text": "   WERT abc",
-    "missing number": "   ST/X ",
-    "no END": "FESTWERT ars.limiter.rear_rate_max",
-    "other size": "GRUPPENKENNLINIE ars.parameters.integral_gain 13",
-    "other kind": "KENNWERT ars.limiter.speed_max",
-    "format": "KONSERVIERUNG_FORMAT 1.0",
-    "entity": '"cdf_v2.0.0.sl.dtd" [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>',
-    "xml": "</SW-SYSTEM>",
-    "category": "<CATEGORY>MDX</CATEGORY>",
-}
+"""Suffix, text that occurs once, its replacement, and words of the message."""
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_a_damaged_file_is_rejected_with_its_place(damage: str, tmp_path: Path) -> None:
-    suffix, old, words = DAMAGES[damage]
-    path = write(loaded().values, tmp_path / f"set{suffix}")
+    suffix, old, new, words = DAMAGES[damage]
+    path, build = write(loaded().values, tmp_path / f"set{suffix}"), loaded()
     text = path.read_text(encoding="utf-8")
     assert text.count(old) == 1
-    path.write_text(text.replace(old, REPLACEMENTS[damage]), encoding="utf-8")
+    path.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(CodegenError) as caught:
-        read_set(path, loaded().layout)
+        merged(build, build.values, "build", [path])
     assert str(path) in str(caught.value) and words in str(caught.value)
 
 
@@ -302,7 +298,7 @@ def test_every_key_gives_its_parameter(name: str) -> None:
     config = configuration.parse(loaded(name).manifest["configuration"], name)
     parameters = (*controller_parameters(config), *inputs_parameters(config), *limiter_parameters(config))
     keys = [each.key for each in parameters if each.key]
-    assert len(set(keys)) == len(keys) > 0.8 * len(parameters)
+    assert len(set(keys)) == len(keys) > 0.75 * len(parameters)
     for each in parameters:
         current = reduce(getattr, each.key.split("."), config) if each.key else None
         if each.key and current is not None and not str(current).startswith("from-") and current != [0.0]:
@@ -361,7 +357,7 @@ def test_a_map_of_the_set_builds_the_same_map(name: str, tmp_path: Path) -> None
     build = loaded(name)
     written = map_of(build.values, build, "set")
     assert not written.lost
-    again = BuildCalibration.load(_written(f"map of {name}", builds.render(written.map, builds.CONFIG)))
+    again = BuildCalibration.load(_written(f"map of {name}", builds.render(written.map, written.map.config or builds.CONFIG)))
     with_rear = written.map.rear_angle is not None
     speed, angle = np.float32(written.map.speed), np.float32(written.map.front_angle)
     for friction in build.manifest["map"]["frictions"]:
