@@ -220,7 +220,12 @@ DAMAGES: dict[str, tuple[str, str, str, str]] = {
     ),
     "two numbers": (".dcm", f"FESTWERT {DISABLE}\n", f"FESTWERT {DISABLE}\n WERT 2\n", f"2 numbers for {DISABLE}, which has 1"),
     "word": (".dcm", "0.48658288", "nan", "'nan' is not a number"),
-    "missing number": (".dcm", "90.916664 111.111115\nEND", "90.916664\nEND", "13 numbers for ars.parameters.schedule_speed, which has 14"),
+    "missing number": (
+        ".dcm",
+        "90.916664 111.111115\nEND",
+        "90.916664\nEND",
+        "13 numbers for ars.parameters.schedule_speed, which has 14",
+    ),
     "fraction": (".dcm", "WERT 73\n", "WERT 73.5\n", "not whole numbers from 0 to 65535"),
     "no END": (".dcm", "END\n\nFESTWERT ars.limiter.rear_rate_max", "\nFESTWERT ars.limiter.rear_rate_max", "has no END"),
     "size": (".dcm", f"KENNLINIE {GAIN} 14", f"KENNLINIE {GAIN} 13", "size 13 in the file, 14 in the build"),
