@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 from codegen import console
 from codegen.cli.base import cli, example, json_option, note_edited
@@ -139,7 +138,7 @@ def _write(
 
         config = toml_of(made.values, build, config_path)
         content, what = config.text.encode("utf-8"), f"{len(config.changed)} keys changed"
-        if any(not np.array_equal(made.values[each.name], build.values[each.name]) for each in layout.map_objects):
+        if any(each.object in layout.map_objects for each in differences(build.values, made.values, layout)):
             console.note("the map of the set is not that of the build; write it as .npz")
     elif suffix == ".npz":
         from codegen.export.calibration.convert import map_of
@@ -238,32 +237,15 @@ def _place(build: BuildCalibration, difference: Difference) -> str:
 def _draw(build: BuildCalibration, found: list[Difference], sets: tuple[CalibrationSet, CalibrationSet], plot: Path) -> None:
     """Draw values and curves that differ, and the maps if one of their objects does."""
     from codegen.export.calibration.convert import map_of
+    from codegen.export.calibration.sets import curves_of
     from codegen.report.calibration_plots import CurveChange, ValueChange, calibration_figure
     from codegen.report.style import save
 
-    objects, prefix = build.layout.objects, f"{build.layout.prefix}."
-    values = [
-        ValueChange(each.object.name.removeprefix(prefix), each.first, each.second)
-        for each in found
-        if each.object.kind == "VALUE"
-    ]
-    differing = {each.object.name for each in found}
-    curves = []
-    for each in objects.values():
-        if each.axes and differing.intersection((each.name, *each.axes)):
-            numbers = [one.values[each.name].astype(float) for one in sets]
-            axis, title = objects[each.axes[0]], each.name.removeprefix(prefix)
-            if each.kind == "MAP":  # the row with the largest difference
-                row = int(np.abs(numbers[1] - numbers[0]).max(axis=1).argmax())
-                rows_axis = objects[each.axes[1]]
-                numbers = [one[row] for one in numbers]
-                title += f" at {sets[0].values[rows_axis.name][row]:.4g} {rows_axis.unit}"
-            first, second = ((one.values[axis.name].astype(float), y) for one, y in zip(sets, numbers, strict=True))
-            points_label = f"{axis.name.removeprefix(prefix)} ({axis.unit})"
-            curves.append(CurveChange(title, each.unit or "1", points_label, first, second))
-    maps = None
-    if any(difference.object in build.layout.map_objects for difference in found):
-        one, two = (map_of(each.values, build, each.name).map for each in sets)
-        maps = one, two
+    first, second = sets
     with console.status("drawing"):
-        save(calibration_figure(values, curves, maps, (sets[0].name, sets[1].name)), plot)
+        values = [ValueChange(each.object.name, each.first, each.second) for each in found if each.object.kind == "VALUE"]
+        curves = [CurveChange(*each) for each in curves_of(found, first.values, second.values, build.layout)]
+        maps = None
+        if any(each.object in build.layout.map_objects for each in found):
+            maps = map_of(first.values, build, first.name).map, map_of(second.values, build, second.name).map
+        save(calibration_figure(values, curves, maps, (first.name, second.name)), plot)

@@ -9,7 +9,8 @@ from codegen import configuration
 from codegen.errors import CodegenError
 from codegen.explore.controls import ExploreError
 from codegen.explore.explorer import Explorer
-from codegen.explore.toml_file import Existing, Target, preset_bases, whole
+from codegen.explore.toml_file import Existing, Target, preset_bases
+from codegen.importing.toml_edit import whole
 
 from .conftest import GENERATED, Client
 
@@ -38,7 +39,7 @@ def test_the_file_holds_exactly_the_settings(pi: Explorer, tracking: Explorer, t
 
 def test_an_existing_file_is_replaced_only_on_confirmation_and_keeps_its_comments(tracking: Explorer, tmp_path: Path) -> None:
     target = Target(tmp_path / "ars.toml")
-    own = whole(tracking.start).replace("[limits]", "# Measured by Ann.\n[limits]")
+    own = whole(tracking.start, "codegen explore").replace("[limits]", "# Measured by Ann.\n[limits]")
     target.path.write_text(own, encoding="utf-8")
     config = tracking.configured({"limits.rear_angle_max_deg": 2.5, "integral_percent": 50.0})
     question = refusal(target, config)

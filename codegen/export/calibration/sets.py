@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from codegen.arrays import FloatArray
 from codegen.errors import CodegenError
 from codegen.export.calibration import cdf, dcm
 from codegen.export.calibration.build import BuildCalibration
@@ -99,3 +100,28 @@ def differences(first: Values, second: Values, layout: Layout) -> list[Differenc
             at = tuple(python_numbers(first[axis][k]) for axis, k in zip(each.axes, reversed(index), strict=True))
         found.append(Difference(each, int(differ.sum()), python_numbers(one[index]), python_numbers(two[index]), at))
     return found
+
+
+Line = tuple[FloatArray, FloatArray]
+"""Breakpoints and numbers, both (n,)."""
+
+
+def curves_of(
+    found: Sequence[Difference], first: Values, second: Values, layout: Layout
+) -> Iterator[tuple[str, str, str, Line, Line]]:
+    """Yield name, unit, label of the axis and the lines of both sets for each curve or map that differs, alone or in an axis.
+
+    The line of a map is its row with the largest difference.
+    """
+    differing = {each.object.name for each in found}
+    for each in layout.objects.values():
+        if not each.axes or not differing.intersection((each.name, *each.axes)):
+            continue
+        axis, title = layout.objects[each.axes[0]], each.name
+        one, two = (values[each.name].astype(np.float64) for values in (first, second))
+        if each.kind == "MAP":
+            row = int(np.abs(two - one).max(axis=1).argmax())
+            rows = layout.objects[each.axes[1]]
+            one, two, title = one[row], two[row], f"{title} at {first[rows.name][row]:.4g} {rows.unit}"
+        points = (values[axis.name].astype(np.float64) for values in (first, second))
+        yield title, each.unit or "1", f"{axis.name} ({axis.unit})", (next(points), one), (next(points), two)
