@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 COLUMNS, PANEL_HEIGHT, BAR_HEIGHT = 3, 2.4, 0.16
 """Panels in a row; height of a panel and of a bar in inches."""
+MARKED_POINTS_MAX = 32
+"""Largest number of breakpoints that have a mark each."""
 
 
 @dataclass(frozen=True)
@@ -101,5 +103,5 @@ def _draw_values(axes: Axes, values: Sequence[ValueChange]) -> None:
 
 def _draw_curve(axes: Axes, curve: CurveChange) -> None:
     for (points, numbers), colour, mark in ((curve.first, BLUE, "o"), (curve.second, VERMILION, "x")):
-        axes.plot(points, numbers, color=colour, marker=mark, markersize=3.5)
+        axes.plot(points, numbers, color=colour, marker=mark if points.size <= MARKED_POINTS_MAX else None, markersize=3.5)
     axes.set(title=curve.name, xlabel=curve.points_label, ylabel=curve.label)

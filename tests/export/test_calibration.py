@@ -194,6 +194,7 @@ def test_the_build_rejects_what_its_c_rejects_by_name(suffix: str, tmp_path: Pat
         ("inputs__speed_max", 20.0): f"{path}: ars.inputs.speed_max: 20 conflicts with other values",
     }.items():
         assert words in rejection(changed(**{changes[0]: changes[1]}), path)
+    assert "it requires disable_speed < enable_speed" in rejection(changed(parameters__disable_speed=10.0), path)
     assert f"{path}: ars.map.speed: one of its 102 values conflicts" in rejection(changed(map__speed=axis), path)
     line = rejection(changed(parameters__schedule_speed=falling), path)
     assert f"{path}: ars.parameters.schedule_speed: breakpoint 3 (8.33333302 m/s) is not above" in line

@@ -6,6 +6,7 @@ those of the generated code, so this module repeats none of their rules.
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -47,6 +48,7 @@ class BuildCalibration:
     values: Values
     edited: tuple[str, ...]
     _library: Library
+    _source: str
 
     @classmethod
     def load(cls, folder: Path) -> Self:
@@ -62,11 +64,12 @@ class BuildCalibration:
             include_folders=("include", "calibration"),
             flags=(*DEFAULT_FLAGS, *writable_flags(layout.prefix)),
         )
+        source = files[f"src/{layout.prefix}_parameters.c"].decode("ascii", "replace")
         values: Values = {}
         with _using:
             for index, each in enumerate(layout.objects.values()):
                 values[each.name] = each.physical(_memory(library, index, each).copy())
-        own = cls(folder, manifest, layout, values, tuple(verify_hashes(folder)), library)
+        own = cls(folder, manifest, layout, values, tuple(verify_hashes(folder)), library, source)
         own.check(values, {})
         return own
 
@@ -116,11 +119,24 @@ class BuildCalibration:
         first, *others = self._conflicts(values)
         with_others = f", together with {', '.join(others[:3])}" if others else ""
         rejects = f"{self.layout.prefix}_parameters_valid() of the build rejects the set"
-        return CodegenError(
-            f"{_shown(values[first])} conflicts with other values{with_others}: {rejects}",
-            where=_where(origins, first),
-            remedy=f"see the conditions in src/{self.layout.prefix}_parameters.c, and change the values together",
-        )
+        conditions = self._conditions(first)
+        if self.layout.objects[first] in self.layout.map_objects:
+            conditions = ["axes from zero, and even ones to stay even to a hundredth of a step"]
+        remedy = f"it requires {' and '.join(conditions)}" if conditions else "change the values together"
+        what = f"{_shown(values[first])} conflicts with other values{with_others}: {rejects}"
+        return CodegenError(what, where=_where(origins, first), remedy=remedy)
+
+    def _conditions(self, name: str) -> list[str]:
+        """Return the conditions in the C of the build that contain a parameter and another number with a name."""
+        field = self.layout.objects[name].link.removeprefix(f"{self.layout.prefix}_parameters_default.")
+        found = []
+        for line in self._source.splitlines():
+            condition = line.strip().removeprefix("&& ").rstrip(";").replace("parameters->", "")
+            sides = re.split(" <= | >= | < ", condition)
+            names = [re.findall(r"[A-Za-z_][\w.]*", side) for side in sides]
+            if condition.startswith("(") and len(sides) == 2 and all(names) and field in (names[0][0], names[1][0]):
+                found.append(condition[1:-1])
+        return found
 
     def _conflicts(self, values: Values) -> list[str]:
         """Return the objects whose values cause a rejection: each one alone, as far as one alone does."""

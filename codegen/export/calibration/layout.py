@@ -182,7 +182,9 @@ def _objects(text: str) -> Iterator[tuple[str, CalibrationObject]]:
     """Yield name and object, the axes first. Raises KeyError or ValueError."""
     records = {each["name"]: np.dtype(_TYPES[each["type"]]) for each in _RECORD.finditer(text)}
     conversions = {each["name"]: each for each in _CONVERSION.finditer(text)}
-    real = next(each for name, each in records.items() if name.endswith("_REAL"))
+    real = next((each for name, each in records.items() if name.endswith("_REAL")), None)
+    if real is None:
+        raise ValueError("no record layout of real numbers")
     blocks = list(_BLOCK.finditer(text))
     points: dict[str, int] = {}
     for kind, pattern in (("AXIS_PTS", _AXIS), ("CHARACTERISTIC", _CHARACTERISTIC)):
