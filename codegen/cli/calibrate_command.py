@@ -187,6 +187,9 @@ def _compare(build: BuildCalibration, first: CalibrationSet, second: Calibration
     from codegen.export.calibration.sets import differences
 
     found = differences(first.values, second.values, build.layout)
+    if not found and plot is not None:
+        console.note(f"{plot} is not written: nothing differs")
+        plot = None
     if plot is not None:
         _draw(build, found, (first, second), plot)
     if as_json:

@@ -142,7 +142,10 @@ MCDC = "in the tests of the C every condition alone determines a result"
 HELPERS = "helpers of one argument are right for all 2^32 inputs"
 FUZZED = "libFuzzer, guided by coverage, finds no crash and no broken bound"
 KINDS = "the checks of the C pass for every kind of controller, precision, map and storage"
-TOOLCHAINS = "the C builds and runs with other compilers, in CMake and Make projects, and as firmware in QEMU"
+TOOLCHAINS = (
+    "the C builds and runs with other compilers, in CMake and Make projects, and as firmware in QEMU; CDF files are valid "
+    "against the schema of CDF 2.0"
+)
 IPOPT = "IPOPT and a brute-force search find the same optimum, on whole grids and for random cars"
 DRIVES = "long closed-loop suites, a second plant and campaigns give the expected results"
 LOADERS = "damaged files of every kind are read, or rejected in one line"

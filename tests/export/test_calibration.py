@@ -3,6 +3,7 @@
 import functools
 import math
 import re
+import struct
 import subprocess
 import tomllib
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from functools import reduce
 from pathlib import Path
 from typing import Any
 
+import bincopy
 import numpy as np
 import pytest
 from dcmReader.dcm_reader import DcmReader
@@ -480,8 +482,6 @@ def test_records_are_patched_only_where_values_change(name: str, order: str, suf
 
 
 def test_an_elf_gives_the_addresses_of_records(tmp_path: Path) -> None:
-    import bincopy
-
     build, values, program = loaded(), recalibrated(), compiled(BUILD, tmp_path, MAIN)
     path, records = tmp_path / "ecu.hex", bincopy.BinFile()
     records.add_elf_file(str(program))
@@ -492,6 +492,25 @@ def test_an_elf_gives_the_addresses_of_records(tmp_path: Path) -> None:
     wanted = bincopy.BinFile()
     wanted.add_elf_file(str(patched))
     assert bytes_of(image.patched(values).decode()) == bytes_of(wanted.as_ihex())
+
+
+def test_records_lie_where_a_programmer_writes(tmp_path: Path) -> None:
+    """Calibration that is copied to RAM at start: the load address of its segment is another one."""
+    build, program = loaded(), compiled(BUILD, tmp_path, MAIN)
+    content, (start, size, count) = bytearray(program.read_bytes()), (64, 56, program.read_bytes()[56])
+    moved = 0x4000_0000
+    for at in range(start, start + size * count, size):
+        (physical,) = struct.unpack_from("<Q", content, at + 24)  # p_paddr of Elf64_Phdr
+        struct.pack_into("<Q", content, at + 24, physical + moved)
+    program.write_bytes(content)
+    path, records = tmp_path / "ecu.s19", bincopy.BinFile()
+    records.add_elf_file(str(program))
+    path.write_text(records.as_srec())
+    assert min(bytes_of(path.read_text())) > moved
+    assert all(
+        np.array_equal(found, build.values[name])
+        for name, found in Image.load(path, program, BUILD, build.layout).read().items()
+    )
 
 
 # --- the command --------------------------------------------------------------------------------------------------------

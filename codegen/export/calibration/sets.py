@@ -24,7 +24,11 @@ def read_set(path: Path, layout: Layout) -> Values:
     """Return the values of a file that belong to a build; see `values_of`. Raises CodegenError."""
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise CodegenError(f"{path.suffix or 'no extension'} is not supported", where=path, remedy="give a .dcm or .cdfx file")
+        raise CodegenError(
+            f"{path.suffix or 'no extension'} is not supported",
+            where=path,
+            remedy="give a .dcm or .cdfx file, or an image with --image",
+        )
     values = values_of(reader.read(read_file(path, CALIBRATION_BYTES_MAX, READ_REMEDY), path), layout)
     if not values:
         what = f"contains no value of this build: no name begins with {layout.prefix}."
