@@ -359,7 +359,7 @@ def test_comments_stay_and_values_without_a_key_are_rejected(tmp_path: Path) -> 
         toml_of(changed(inputs__wheelbase=3.0), build, None)
 
 
-@pytest.mark.parametrize("name", ["4ws2", "4ws2-paper", "uneven stack"])
+@pytest.mark.parametrize("name", ["4ws2", "4ws2-paper", "uneven stack", "int16"])
 def test_a_map_of_the_set_builds_the_same_map(name: str, tmp_path: Path) -> None:
     """The lookup of a build of the written map returns that of the set at its own breakpoints."""
     build = loaded(name)

@@ -17,6 +17,7 @@ from typing import Any, Self
 import numpy as np
 
 from codegen.arrays import FloatArray
+from codegen.configuration import Config, parse
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.errors import BuildError, CodegenError
@@ -72,6 +73,11 @@ class BuildCalibration:
         own = cls(folder, manifest, layout, values, tuple(verify_hashes(folder)), library, source)
         own.check(values, {})
         return own
+
+    @property
+    def config(self) -> Config:
+        """Configuration of the build."""
+        return parse(self.manifest["configuration"], "manifest.json: configuration")
 
     def check(self, values: Values, origins: Mapping[str, object]) -> None:
         """Check a complete set, and set its checksum to that of the C.

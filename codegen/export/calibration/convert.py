@@ -57,7 +57,7 @@ def toml_of(values: Values, build: BuildCalibration, config_path: Path | None) -
         CodegenError: a value has no key of its own, or is outside the range of its key; or the file cannot be edited.
     """
     if config_path is None:
-        text, base = None, parse(build.manifest["configuration"], "manifest.json: configuration")
+        text, base = None, build.config
     else:
         text = read_text(config_path, CONFIG_BYTES_MAX, "give an ars.toml", ConfigError).replace("\r\n", "\n")
         try:
@@ -185,21 +185,28 @@ class WrittenMap:
 def map_of(values: Values, build: BuildCalibration, name: object) -> WrittenMap:
     """Return the map that the ECU follows with a set: what the build's own lookup returns at the breakpoints of the map.
 
-    Breakpoints that the build has added (zero, the last angle) are left out, because another build adds them again. The map has
-    the configuration of the build.
+    Breakpoints that the build has added (zero, the last angle) are left out, because another build adds them again. The
+    breakpoints of a placed table are too few for a map, because the lookup cuts it off inside cells; it is sampled as finely as
+    `[grid]` says. The map has the configuration of the build.
 
     Raises:
         MapError: the tables are not a map.
     """
     facts, prefix = build.manifest["map"], f"{build.layout.prefix}.map."
-    rows, columns = _own_breakpoints(facts["rule_by_speed_and_front_angle"])
-    speed, front_angle = (values[f"{prefix}{axis}"] for axis in ("speed", "front_angle"))
+    lost: tuple[str, ...] = ()
+    if "placement" in facts:
+        grid, placement = build.config.grid, facts["placement"]
+        speed = _evenly(placement["own_speed_range_m_s"], grid.speed_points)
+        front_angle = _evenly(placement["own_front_angle_range_rad"], grid.front_angle_points)
+    else:
+        rows, columns = _own_breakpoints(facts["rule_by_speed_and_front_angle"])
+        speed, front_angle = _doubles(values[f"{prefix}speed"][rows]), _doubles(values[f"{prefix}front_angle"][columns])
+        lost = tuple(_lost(values, build, rows, columns))
     with_rear = any(each.name.startswith(f"{prefix}rear_angle") for each in build.layout.tables)
     layers = [
-        build.looked_up(values, speed[rows], front_angle[columns], friction, with_rear_angle=with_rear)
-        for friction in facts["frictions"]
+        build.looked_up(values, speed, front_angle, friction, with_rear_angle=with_rear) for friction in facts["frictions"]
     ]
-    arrays: dict[str, Any] = {"vx": _doubles(speed[rows]), "delta_f": _doubles(front_angle[columns])}
+    arrays: dict[str, Any] = {"vx": speed, "delta_f": front_angle}
     for key, tables in zip(("yaw_rate", "delta_r")[: 1 + with_rear], zip(*layers, strict=True), strict=False):
         *lower, arrays[key] = tables  # the last one is that of the map itself
         if lower:
@@ -213,8 +220,7 @@ def map_of(values: Values, build: BuildCalibration, name: object) -> WrittenMap:
         made = npz.from_arrays({**arrays, "meta": np.array(json.dumps(meta))}, name)
     except MapError as error:
         raise MapError(error.what, where=error.where, remedy="keep the set as .dcm or .cdfx") from None
-    lost = _lost(values, build, rows, columns)
-    return WrittenMap(made, tuple(lost))
+    return WrittenMap(made, lost)
 
 
 def _own_breakpoints(rules: list[str]) -> tuple[Any, Any]:
@@ -233,10 +239,13 @@ def _lost(values: Values, build: BuildCalibration, rows: Any, columns: Any) -> I
 
 def _within(rear_angle: FloatArray, build: BuildCalibration) -> FloatArray:
     """Return rear angles in rad without rounding beyond the largest angle of the actuator."""
-    config = parse(build.manifest["configuration"], "manifest.json: configuration")
-    largest = config.rear_actuator.angle_max
+    largest = build.config.rear_actuator.angle_max
     rounded = np.abs(rear_angle) <= float(build.layout.tables[0].dtype.type(largest))
     return np.where(rounded, np.clip(rear_angle, -largest, largest), rear_angle)
+
+
+def _evenly(ends: list[float], points: int) -> FloatArray:
+    return np.linspace(ends[0], ends[1], points)
 
 
 def _doubles(numbers: Numbers) -> FloatArray:
