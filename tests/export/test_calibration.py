@@ -86,6 +86,7 @@ def write(values: Values, path: Path, name: str = "4ws2") -> Path:
     return path
 
 
+@functools.cache
 def another(build: BuildCalibration) -> Values:
     """Return other valid values for each object: scaled down by a number without a short decimal, within the limits."""
     values = dict(build.values)
