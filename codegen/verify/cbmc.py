@@ -7,18 +7,19 @@ lists and a loader of that folder; nothing of the system changes. Bitwuzla comes
 
 from __future__ import annotations
 
+import argparse
 import os
 import platform
 import shlex
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.cache import cache_folder
 from codegen.emit.render import verbatim
-from codegen.errors import CodegenError
+from codegen.errors import CodegenError, one_line
 from codegen.programs import run_program
 from codegen.verify.packages import MissingTool
 
@@ -133,5 +134,19 @@ def _run(*command: str, folder: Path | None = None) -> str:
     return result.stdout
 
 
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `python -m codegen.verify.cbmc [DIR]`. Returns the exit code."""
+    parser = argparse.ArgumentParser(f"python -m {__spec__.name}", description="Install CBMC and Bitwuzla beside the system.")
+    parser.add_argument("folder", metavar="DIR", nargs="?", type=Path, help="default: the cache, where codegen verify looks")
+    folder = (parser.parse_args(arguments).folder or cache_folder() / "cbmc").resolve()
+    try:
+        install(folder)
+    except (CodegenError, OSError) as error:
+        print(f"error: {one_line(error)}", file=sys.stderr)
+        return CodegenError.exit_code
+    print(f"installed: {folder / 'bin'}")
+    return 0
+
+
 if __name__ == "__main__":
-    install(Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else cache_folder() / "cbmc")
+    sys.exit(main())

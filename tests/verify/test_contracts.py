@@ -100,6 +100,21 @@ def test_missing_programs_are_reported(stand_in: Path, monkeypatch: pytest.Monke
         cbmc.installed()
 
 
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("")
+    assert cbmc.main([str(tmp_path / "file")]) == 2
+    assert re.fullmatch(r"error: .*Not a directory.*\n", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["a", "b"]])
+def test_a_request_for_help_installs_nothing(arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ARS_CACHE", str(tmp_path))
+    with pytest.raises(SystemExit):
+        cbmc.main(arguments)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("sound", "planted", "verdict"), [("", "", "proved"), ("? rear_angle : 0.0f", "? rear_angle : 2.0f", "failed")]
 )
