@@ -66,7 +66,7 @@ def check(subject: Path, config_path: Path | None, as_json: bool) -> None:
     "requirements_file",
     type=FileType((".csv",), to_write=True),
     metavar="FILE",
-    help="Write the requirements with their evidence and results as CSV.",
+    help="Write the requirements with their evidence and results as CSV; with --quick, those of a recorded full run.",
 )
 def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: Path | None) -> None:
     """Verify the C of a build.
@@ -77,6 +77,7 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     """
     from codegen.emit import requirements
     from codegen.emit.outputs import check_output
+    from codegen.plausibility.build import read_record
     from codegen.sil.software import require_can_side
     from codegen.verify import record, runner
     from codegen.verify.check import Effort, Subject, Verdict
@@ -89,17 +90,18 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     note_edited(build, subject.edited)
     with console.progress(f"verifying {build}") as progress:
         report = runner.run(subject, Effort(quick), progress)
-    found = record.to_dict(report)
+    found = kept = record.to_dict(report)
     if json_file is not None:
         write_atomically(json_file, record.render(found))
-    if requirements_file is not None:
-        write_atomically(requirements_file, requirements.table(found["requirements"]))
     console.say(record.table(report))
     console.say(*record.findings(report))
     if record.write(report, build):
         console.say(f"written: {build / record.JSON}, {build / record.MANUAL}")
     else:
+        kept = read_record(build) or found
         console.note(f"{build / record.JSON} and {record.MANUAL} record a full run on the same files and are kept")
+    if requirements_file is not None:
+        write_atomically(requirements_file, requirements.table(kept["requirements"]))
     passed, not_run = report.count(Verdict.PASSED), report.count(Verdict.NOT_RUN)
     if report.failed:
         raise CheckFailed(
@@ -107,7 +109,10 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
         )
     if not passed:
         raise CheckFailed("no check could be run", where=build, remedy='pip install "ars-codegen[verify]"')
-    console.say(f"{passed} checks passed" + (f", {not_run} not run" if not_run else ""))
+    harnesses = found["checks"].get("contracts", {}).get("figures", {}).get("harnesses", {})
+    open_count = sum(verdict == "open" for verdict in harnesses.values())
+    counts = {"not run": not_run, "contracts open": open_count}
+    console.say(f"{passed} checks passed" + "".join(f", {count} {what}" for what, count in counts.items() if count))
 
 
 COLOURS = {"good": "green", "missing": "yellow", "bad": "red"}

@@ -12,10 +12,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-HEADER = ("id", "requirement", "shown by", "tests", "result")
+HEADER = ("id", "requirement", "engines", "harnesses", "tests", "result")
 NOT_RUN, SHOWN = "not run", "shown"
 RESULTS = ("failed", "open", NOT_RUN, SHOWN)
 """Results of a requirement, the worst first."""
+ENGINES = {
+    "contracts": "CBMC",
+    "memory": "Frama-C EVA",
+    "law": "second implementation",
+    "sanitizers": "sanitizers and fuzzing",
+    "processor-in-the-loop": "emulated processors",
+    "budgets": "counted instructions and stack",
+    "compiles": "compilers",
+    "static-analysis": "cppcheck and GCC's analyser",
+}
+"""Engine of each check of `codegen verify`."""
 
 
 @dataclass(frozen=True)
@@ -245,9 +256,10 @@ def entries(checks: Mapping[str, Mapping[str, Any]], prefix: str) -> list[dict[s
         results = [*proofs, *(checks[name]["verdict"] for name in each.checks if name in checks)]
         if len(proofs) < len(each.contracts) or not results:
             results.append(NOT_RUN)
-        evidence = [*(f"contract of {name}" for name in each.contracts), *(f"check {name}" for name in each.checks)]
+        engines = [ENGINES[name] for name in (*(["contracts"] if each.contracts else []), *each.checks)]
+        proved = [f"prove_{prefix}_{name}" for name in each.contracts] or ["all"] * ("contracts" in each.checks)
         worst = next((result for result in RESULTS if result in results), SHOWN)
-        row = (each.id, each.text, ", ".join(evidence), ", ".join(each.tests), worst)
+        row = (each.id, each.text, ", ".join(engines), ", ".join(proved), ", ".join(each.tests), worst)
         found.append(dict(zip(HEADER, row, strict=True)))
     return found
 

@@ -1,5 +1,6 @@
 """The contracts in ACSL: EVA, as an interpreter of a drive without unknown values, confirms what they state about it."""
 
+import os
 import shutil
 
 import pytest
@@ -50,7 +51,7 @@ BROKEN = {
     "the other case": ("!lies_within(input->speed, ", "lies_within(input->speed, "),
 }
 
-pytestmark = pytest.mark.skipif(shutil.which("frama-c") is None, reason="Frama-C is not installed")
+pytestmark = pytest.mark.skipif("CI" not in os.environ and shutil.which("frama-c") is None, reason="Frama-C is not installed")
 
 
 def driven(old: str = "", new: str = "") -> Outcome:

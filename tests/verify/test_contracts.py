@@ -125,5 +125,7 @@ def test_a_unit_is_proved_and_a_fault_is_found(tmp_path: Path, sound: str, plant
     try:
         (result,) = prove(folder, cbmc.installed(), wanted=lambda name: name == "ars_limiter_init")
     except MissingTool as error:
+        if "CI" in os.environ:
+            raise
         pytest.skip(str(error))
     assert result.verdict == verdict

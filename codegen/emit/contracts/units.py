@@ -54,6 +54,7 @@ def _lemmas(build: Conditions) -> Iterator[Lemma]:
     yield Lemma("lemma_magnitude", (number["value"],), unit=build.own("limiter"))
     bounds = (Argument(name, "int32_t") for name in ("low", "high", "not_available"))
     yield Lemma("lemma_code", (number["value"], number["scale"], *bounds), unit=build.own("can"))
+    yield Lemma("lemma_crc", (Argument("byte", "uint32_t"),), unit=build.own("e2e"))
     if build.controller.search_strides:
         scheduled = (build.argument("parameters", "parameters_t", "in"), number["speed"])
         yield Lemma("lemma_gains", scheduled, unit=build.own("law"))

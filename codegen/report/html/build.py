@@ -56,7 +56,7 @@ def verification_blocks(folder: Path) -> Iterator[Block]:
     if requirements := record.get("requirements"):
         header = tuple(requirements[0])
         yield Table(
-            "Requirements", header, [tuple(row.values()) for row in requirements], words=(0, 1, 2, 3, 4), verdicts=VERDICTS
+            "Requirements", header, [tuple(row.values()) for row in requirements], words=range(len(header)), verdicts=VERDICTS
         )
     found = [(name, finding) for name, check in record["checks"].items() for finding in check["findings"]]
     if found:
