@@ -77,7 +77,7 @@ def install(folder: Path) -> None:
         _write_command(commands / name, _LAUNCHER.format(**{key: shlex.quote(word) for key, word in words.items()}))
     _run(sys.executable, "-m", "pip", "install", "--quiet", "--upgrade", "--target", str(wheels), "bitwuzla")
     # Links are followed: a virtual environment may be removed, the Python that it links to stays.
-    shim = verbatim("verify/bitwuzla.py").decode("ascii")
+    shim = verbatim("verify/bitwuzla.py.txt").decode("ascii")
     _write_command(commands / "bitwuzla", f"#!{Path(sys.executable).resolve()}\n{shim}")
 
 
