@@ -32,7 +32,7 @@ def test_a_fault_may_replace_several_texts_of_several_lines() -> None:
     assert fault.replacements == (("a;\n    b;", "c;"), ("d;", "e;\n\nf;"))
 
 
-def test_the_table_counts_the_faults_that_each_check_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_table_marks_the_checks_that_find_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "docs" / "_ext"))
     import evidence_tables
 
@@ -44,9 +44,9 @@ def test_the_table_counts_the_faults_that_each_check_finds(monkeypatch: pytest.M
     run = {"figure": "3 of 3", "figures": figures, "verdict": "passed", "hashes": {}}
     monkeypatch.setattr(evidence_tables.Record, "read", lambda part: Record(part, {"full": run}))
     text = evidence_tables.planted_faults()
-    assert text.startswith("The last full run: 3 of 3.\n")
-    head, _, bounds, nan, total, *_ = text.splitlines()[2:]
-    column = head.split(" | ").index("contracts")
-    assert [row.split(" | ")[column] for row in (bounds, nan, total)] == ["1", "0", "1"]
-    assert "- **contracts**: every fault of the kinds NaN; two." in text
-    assert "- **contracts and abstract interpretation**: every fault of the kinds NaN." in text
+    assert text.startswith("The last full run (subject and own code changed since): 3 of 3. CBMC and EVA together find 2.\n")
+    head, _, *rows = (line.strip("| ").split(" | ") for line in text.strip().splitlines()[2:])
+    assert [row[0] for row in rows] == ["**bounds**", "one", "two", "**NaN**", "three", "**found**"]
+    column = [row[1].strip() if len(row) > 1 else "" for row in rows]
+    assert head[:3] == ["fault", "CBMC", "EVA"]
+    assert column == ["", "●", "", "", "", "1"]
