@@ -248,26 +248,33 @@ FMU_SUFFIX = ".fmu"
 @build_option
 @click.option(
     "--what",
-    type=click.Choice(["controller", "plant", "loop"]),
+    type=click.Choice(["controller", "plant", "loop", "ecu"]),
     required=True,
-    help="The controller, the car of the build's configuration, or both in closed loop.",
+    help="The controller, the car of the build's configuration, both in closed loop, or the whole task with its CAN frames.",
 )
-@click.option("--fmi", "version", type=click.Choice(["2", "3"]), default="2", show_default=True, help="FMI 2.0 or 3.0.")
+@click.option("--bus", is_flag=True, help="With --what plant: the car sends and receives CAN frames (FMI-LS-BUS).")
+@click.option("--fmi", "version", type=click.Choice(["2", "3"]), help="FMI 2.0 or 3.0.  [default: 2; with a bus: 3]")
 @click.option(
     "-o", "--output", required=True, type=FileType((FMU_SUFFIX,), to_write=True), metavar="FMU", help="The file to write, .fmu."
 )
 @json_option
-def fmu(build_path: Path, what: What, version: Version, output: Path, as_json: bool) -> None:
+def fmu(build_path: Path, what: What, bus: bool, version: Version | None, output: Path, as_json: bool) -> None:
     """Write a co-simulation FMU of a build, with its sources and the binary for this machine.
 
     A simulator that imports it runs the build's own C, with the same results as `codegen sil`.
     """
     from codegen.emit.outputs import check_output
     from codegen.export.fmu.export import make_fmu
+    from codegen.export.fmu.variables import WITH_BUS
 
+    if bus and what not in ("plant", "ecu"):
+        raise CodegenError(f"{what} has no bus", where="--bus", remedy="give it with --what plant")
+    kind: What = "bus_plant" if bus and what == "plant" else what
+    has_bus = kind in WITH_BUS
+    version = version or ("3" if has_bus else "2")
     check_output(output, FMU_SUFFIX, (build_path,))
     with console.status(f"compiling {build_path}"):
-        made = make_fmu(build_path, what, version)
+        made = make_fmu(build_path, kind, version)
     note_edited(build_path, made.edited, quiet=as_json)
     write_atomically(output, made.content)
     counted = {role: sum(each.role == role for each in made.variables) for role in ("input", "output", "fixed", "tunable")}
@@ -277,6 +284,7 @@ def fmu(build_path: Path, what: What, version: Version, output: Path, as_json: b
             {
                 "fmu": str(output),
                 "what": what,
+                "bus": has_bus,
                 "fmi": f"{version}.0",
                 "model_identifier": made.identifier,
                 "token": made.token,
@@ -291,8 +299,13 @@ def fmu(build_path: Path, what: What, version: Version, output: Path, as_json: b
         )
         return
     console.say(
-        f"{output}: FMI {version}.0 co-simulation, {what}, for {made.platform}; {counted['input']} inputs, "
-        f"{counted['output']} outputs, {parameters} parameters; steps of whole multiples of {made.internal_step:g} s"
+        f"{output}: FMI {version}.0 co-simulation, {what}{' on a CAN bus' if has_bus else ''}, for {made.platform}; "
+        f"{counted['input']} inputs, {counted['output']} outputs, {parameters} parameters; "
+        + (
+            f"internal steps of {made.internal_step:g} s"
+            if has_bus
+            else f"steps of whole multiples of {made.internal_step:g} s"
+        )
     )
 
 

@@ -17,6 +17,7 @@ from codegen.files import read_file
 
 ELF_BYTES_MAX = 2**30
 """Largest program file with debug information, in bytes."""
+_SHF_ALLOC = 2
 
 Kind = Literal["float", "unsigned", "signed"]
 
@@ -68,16 +69,18 @@ class Elf:
         name: file name.
         content: bytes of the file.
         is_little: whether the target is little-endian.
+
+    A shared library is accepted with `shared`; its addresses are relative to its base.
     """
 
-    def __init__(self, name: str, content: bytes) -> None:
-        self.name, self.content = name, content
+    def __init__(self, name: str, content: bytes, *, shared: bool = False) -> None:
+        self.name, self.content, self._type = name, content, "ET_DYN" if shared else "ET_EXEC"
         with _whole(name):
             self._read()
 
     def _read(self) -> None:
         self._file = _parsed(self.name, self.content)
-        if self._file["e_type"] != "ET_EXEC":
+        if self._file["e_type"] != self._type:
             raise BuildError(
                 "no program with addresses of its own",
                 where=self.name,
@@ -91,6 +94,16 @@ class Elf:
     def read(cls, path: Path) -> Self:
         """Read a program. Raises BuildError: not an ELF, not linked, or without symbols or debug information."""
         return cls(str(path), read_file(path, ELF_BYTES_MAX, "give the linked program", BuildError))
+
+    def is_stripped_to(self, other: bytes) -> bool:
+        """Return whether another file of the program has the same sections in memory, at the same addresses."""
+
+        def loaded(file: Any) -> list[tuple[str, int, bytes]]:
+            sections = [each for each in file.iter_sections() if each["sh_flags"] & _SHF_ALLOC]
+            return [(each.name, each["sh_addr"], each.data()) for each in sections]
+
+        with _whole(self.name):
+            return loaded(self._file) == loaded(_parsed(self.name, other))
 
     def place(self, path: str) -> Place | None:
         """Return the place of `name.field[2]`, or of `file.c:name` if several files have the name; None if the program has

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "events.h"
 #include "fmi3Functions.h"
 #include "instance.h"
 
@@ -16,6 +17,32 @@ typedef struct {
     fmi3LogMessageCallback log_message;
     bool logging;
 } component_t;
+
+static component_t only;
+static bool only_is_used;
+
+/* Return a zeroed instance, or null: no memory, or there is one already. */
+static component_t *allocate(void)
+{
+    if (FMU_SINGLE_INSTANCE == 0) {
+        return calloc(1u, sizeof(component_t));
+    }
+    if (only_is_used) {
+        return NULL;
+    }
+    memset(&only, 0, sizeof(only));
+    only_is_used = true;
+    return &only;
+}
+
+static void release(component_t *component)
+{
+    if (component == &only) {
+        only_is_used = false;
+    } else {
+        free(component);
+    }
+}
 
 /* The standard allows no messages while logging is off. */
 static void report(void *receiver, const char *text)
@@ -55,7 +82,7 @@ static const char *obstacle(fmi3String name, fmi3String token, bool event_mode, 
         text = "an instance needs a name";
     } else if ((token == NULL) || (strcmp(token, instance_token) != 0)) {
         text = "the instantiation token is not that of this binary: modelDescription.xml and the binary are of different FMUs";
-    } else if (event_mode) {
+    } else if (event_mode && !events_supported) {
         text = "there is no event mode";
     } else if (intermediate > 0u) {
         text = "there are no intermediate variables";
@@ -71,7 +98,7 @@ fmi3Instance fmi3InstantiateCoSimulation(
     size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage,
     fmi3IntermediateUpdateCallback intermediateUpdate)
 {
-    component_t *component = calloc(1u, sizeof(*component));
+    component_t *component = allocate();
     const char *text;
 
     (void)resourcePath;
@@ -80,6 +107,10 @@ fmi3Instance fmi3InstantiateCoSimulation(
     (void)requiredIntermediateVariables;
     (void)intermediateUpdate;
     if (component == NULL) {
+        if (loggingOn && (logMessage != NULL)) {
+            logMessage(instanceEnvironment, fmi3Error, error_category,
+                (FMU_SINGLE_INSTANCE != 0) ? "only one instance is possible in a process" : "out of memory");
+        }
         return NULL;
     }
     component->environment = instanceEnvironment;
@@ -88,16 +119,17 @@ fmi3Instance fmi3InstantiateCoSimulation(
     text = obstacle(instanceName, instantiationToken, eventModeUsed, nRequiredIntermediateVariables);
     if (text != NULL) {
         report(component, text);
-        free(component);
+        release(component);
         return NULL;
     }
     instance_init(&component->instance, report, component);
+    component->instance.has_event_mode = eventModeUsed;
     return component;
 }
 
 void fmi3FreeInstance(fmi3Instance instance)
 {
-    free(instance);
+    release(instance);
 }
 
 fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, size_t nCategories, const fmi3String categories[])
@@ -222,6 +254,7 @@ fmi3Status fmi3DoStep(
         return fmi3Error;
     }
     good = instance_step(&component->instance, currentCommunicationPoint, communicationStepSize);
+    *eventHandlingNeeded = good && component->instance.has_event_mode && events_pending(&component->instance);
     *lastSuccessfulTime = instance_time(&component->instance);
     return status_of(good);
 }

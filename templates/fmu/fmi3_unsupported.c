@@ -52,47 +52,7 @@ DEFINE_ABSENT(UInt32)
 DEFINE_ABSENT(UInt64)
 DEFINE_ABSENT(String)
 
-fmi3Status fmi3GetBinary(
-    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, size_t valueSizes[],
-    fmi3Binary values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)valueSizes;
-    (void)values;
-    (void)nValues;
-    return no_such_variable(instance, nValueReferences);
-}
-
-fmi3Status fmi3SetBinary(
-    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, const size_t valueSizes[],
-    const fmi3Binary values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)valueSizes;
-    (void)values;
-    (void)nValues;
-    return no_such_variable(instance, nValueReferences);
-}
-
 /* ---- clocks ---- */
-
-fmi3Status fmi3GetClock(
-    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3Clock values[])
-{
-    (void)valueReferences;
-    (void)nValueReferences;
-    (void)values;
-    return unsupported(instance, "there are no clocks");
-}
-
-fmi3Status fmi3SetClock(
-    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, const fmi3Clock values[])
-{
-    (void)valueReferences;
-    (void)nValueReferences;
-    (void)values;
-    return unsupported(instance, "there are no clocks");
-}
 
 fmi3Status fmi3GetIntervalDecimal(
     fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3Float64 intervals[],
@@ -102,7 +62,7 @@ fmi3Status fmi3GetIntervalDecimal(
     (void)nValueReferences;
     (void)intervals;
     (void)qualifiers;
-    return unsupported(instance, "there are no clocks");
+    return unsupported(instance, "there are no time-based clocks");
 }
 
 fmi3Status fmi3GetIntervalFraction(
@@ -114,7 +74,7 @@ fmi3Status fmi3GetIntervalFraction(
     (void)counters;
     (void)resolutions;
     (void)qualifiers;
-    return unsupported(instance, "there are no clocks");
+    return unsupported(instance, "there are no time-based clocks");
 }
 
 fmi3Status fmi3GetShiftDecimal(
@@ -123,7 +83,7 @@ fmi3Status fmi3GetShiftDecimal(
     (void)valueReferences;
     (void)nValueReferences;
     (void)shifts;
-    return unsupported(instance, "there are no clocks");
+    return unsupported(instance, "there are no time-based clocks");
 }
 
 fmi3Status fmi3GetShiftFraction(
@@ -134,7 +94,7 @@ fmi3Status fmi3GetShiftFraction(
     (void)nValueReferences;
     (void)counters;
     (void)resolutions;
-    return unsupported(instance, "there are no clocks");
+    return unsupported(instance, "there are no time-based clocks");
 }
 
 fmi3Status fmi3SetIntervalDecimal(
@@ -144,7 +104,7 @@ fmi3Status fmi3SetIntervalDecimal(
     (void)valueReferences;
     (void)nValueReferences;
     (void)intervals;
-    return unsupported(instance, "there are no clocks");
+    return unsupported(instance, "there are no time-based clocks");
 }
 
 fmi3Status fmi3SetIntervalFraction(
@@ -155,7 +115,7 @@ fmi3Status fmi3SetIntervalFraction(
     (void)nValueReferences;
     (void)counters;
     (void)resolutions;
-    return unsupported(instance, "there are no clocks");
+    return unsupported(instance, "there are no time-based clocks");
 }
 
 fmi3Status fmi3SetShiftDecimal(
@@ -164,7 +124,7 @@ fmi3Status fmi3SetShiftDecimal(
     (void)valueReferences;
     (void)nValueReferences;
     (void)shifts;
-    return unsupported(instance, "there are no clocks");
+    return unsupported(instance, "there are no time-based clocks");
 }
 
 fmi3Status fmi3SetShiftFraction(
@@ -175,14 +135,14 @@ fmi3Status fmi3SetShiftFraction(
     (void)nValueReferences;
     (void)counters;
     (void)resolutions;
-    return unsupported(instance, "there are no clocks");
+    return unsupported(instance, "there are no time-based clocks");
 }
 
 fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference clockReference, fmi3Float64 activationTime)
 {
     (void)clockReference;
     (void)activationTime;
-    return unsupported(instance, "there are no clocks");
+    return unsupported(instance, "there are no time-based clocks");
 }
 
 /* ---- dependencies and derivatives ---- */
@@ -253,11 +213,6 @@ fmi3Status fmi3GetOutputDerivatives(
 
 /* ---- modes and discrete states ---- */
 
-fmi3Status fmi3EnterEventMode(fmi3Instance instance)
-{
-    return unsupported(instance, "there is no event mode");
-}
-
 fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance)
 {
     return unsupported(instance, "there are no structural parameters");
@@ -270,26 +225,7 @@ fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance)
 
 fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance instance)
 {
-    return unsupported(instance, "there is no event mode");
-}
-
-fmi3Status fmi3UpdateDiscreteStates(
-    fmi3Instance instance, fmi3Boolean *discreteStatesNeedUpdate, fmi3Boolean *terminateSimulation,
-    fmi3Boolean *nominalsOfContinuousStatesChanged, fmi3Boolean *valuesOfContinuousStatesChanged,
-    fmi3Boolean *nextEventTimeDefined, fmi3Float64 *nextEventTime)
-{
-    (void)discreteStatesNeedUpdate;
-    (void)terminateSimulation;
-    (void)nominalsOfContinuousStatesChanged;
-    (void)valuesOfContinuousStatesChanged;
-    (void)nextEventTimeDefined;
-    (void)nextEventTime;
-    return unsupported(instance, "there is no event mode");
-}
-
-fmi3Status fmi3EnterStepMode(fmi3Instance instance)
-{
-    return unsupported(instance, "there is no event mode to come from");
+    return unsupported(instance, "discrete states are evaluated where they are read");
 }
 
 /* ---- model exchange ---- */

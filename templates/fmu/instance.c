@@ -47,7 +47,7 @@ bool instance_refuse(const instance_t *self, const char *format, ...)
 
 double instance_time(const instance_t *self)
 {
-    return self->now.start_time + (model_step_size * (double)self->now.steps);
+    return self->now.start_time + (model_step_size * (double)self->now.steps) + self->now.excess;
 }
 
 bool instance_set_times(instance_t *self, double start_time, bool stop_time_defined, double stop_time)
@@ -99,6 +99,7 @@ static double read_value(const model_t *model, const variable_t *variable)
     case STORED_BOOL:
         value = *(const bool *)place ? 1.0 : 0.0;
         break;
+    case STORED_ELSEWHERE:
     default:
         break;
     }
@@ -126,13 +127,13 @@ static void write_value(model_t *model, const variable_t *variable, double value
     case STORED_BOOL:
         *(bool *)place = (value > 0.0) || (value < 0.0);
         break;
+    case STORED_ELSEWHERE:
     default:
         break;
     }
 }
 
-/* Find a variable. Returns null after reporting an error. */
-static const variable_t *find(const instance_t *self, uint32_t reference, variable_type_t type)
+const variable_t *instance_find(const instance_t *self, uint32_t reference, variable_type_t type)
 {
     if (reference >= (uint32_t)VARIABLES) {
         (void)instance_refuse(self, "there is no variable with the value reference %lu", (unsigned long)reference);
@@ -159,7 +160,7 @@ bool instance_check_lists(const instance_t *self, const void *references, size_t
 
 bool instance_get(instance_t *self, uint32_t reference, variable_type_t type, double *value)
 {
-    const variable_t *variable = find(self, reference, type);
+    const variable_t *variable = instance_find(self, reference, type);
 
     if (variable == NULL) {
         return false;
@@ -178,8 +179,8 @@ bool instance_get(instance_t *self, uint32_t reference, variable_type_t type, do
 
 bool instance_set(instance_t *self, uint32_t reference, variable_type_t type, double value)
 {
-    const variable_t *variable = find(self, reference, type);
-    const bool started = (self->now.phase == PHASE_STEPPING) || (self->now.phase == PHASE_TERMINATED);
+    const variable_t *variable = instance_find(self, reference, type);
+    const bool started = self->now.phase >= PHASE_STEPPING;
 
     if (variable == NULL) {
         return false;
@@ -276,14 +277,32 @@ bool instance_exit_initialization(instance_t *self)
         return false;
     }
     model_start(&self->now.model);
-    self->now.phase = PHASE_STEPPING;
+    self->now.phase = self->has_event_mode ? PHASE_EVENT : PHASE_STEPPING;
     self->outputs_are_current = false;
+    return true;
+}
+
+bool instance_enter_event(instance_t *self)
+{
+    if (!self->has_event_mode || (self->now.phase != PHASE_STEPPING)) {
+        return instance_refuse(self, "events can only be handled between two steps, and if the simulator announced it");
+    }
+    self->now.phase = PHASE_EVENT;
+    return true;
+}
+
+bool instance_leave_event(instance_t *self)
+{
+    if (self->now.phase != PHASE_EVENT) {
+        return instance_refuse(self, "there is no event to leave");
+    }
+    self->now.phase = PHASE_STEPPING;
     return true;
 }
 
 bool instance_terminate(instance_t *self)
 {
-    if (self->now.phase != PHASE_STEPPING) {
+    if ((self->now.phase != PHASE_STEPPING) && (self->now.phase != PHASE_EVENT)) {
         return instance_refuse(self, "there is no simulation to end");
     }
     self->now.phase = PHASE_TERMINATED;
@@ -301,50 +320,78 @@ static bool is_finite(const model_t *model)
     return finite;
 }
 
-/* Number of model steps in a communication step; 0 after reporting an error. */
-static uint64_t steps_in(const instance_t *self, double time, double size)
+/* Steps of the model in a communication step, and the rest of it. */
+typedef struct {
+    uint64_t count;
+    double excess; /* s */
+} plan_t;
+
+/* Divide a communication step into steps of the model. */
+static bool plan_step(const instance_t *self, double size, plan_t *plan)
+{
+    const double tolerance = time_tolerance * model_step_size;
+    const double total = self->now.excess + size;
+    const double count = floor((total + tolerance) / model_step_size);
+    const double rest = total - (count * model_step_size);
+    const bool is_whole = (rest <= tolerance) && (count >= 1.0);
+
+    if (!((size > 0.0) && (count <= steps_max) && (is_whole || (FMU_ANY_STEP_SIZE != 0)))) {
+        return instance_refuse(self, (FMU_ANY_STEP_SIZE != 0) ? "a step of %.9g s is not possible"
+                                                               : "a step of %.9g s is no whole multiple of %.9g s", size, model_step_size);
+    }
+    plan->count = (uint64_t)count;
+    plan->excess = (rest > tolerance) ? rest : 0.0;
+    return true;
+}
+
+/* Check a communication step against phase, present time and stop time. */
+static bool check_step(const instance_t *self, double time, double size)
 {
     const double reached = instance_time(self);
-    const double count = round(size / model_step_size);
     const double tolerance = time_tolerance * model_step_size;
 
+    if (self->now.phase == PHASE_EVENT) {
+        return instance_refuse(self, "no step can be done while an event is handled");
+    }
     if (self->now.phase != PHASE_STEPPING) {
-        (void)instance_refuse(self, "no step can be done before the initialization has ended or after the simulation has");
-        return 0u;
+        return instance_refuse(self, "no step can be done before the initialization has ended or after the simulation has");
     }
     if (!(fabs(time - reached) <= tolerance)) {
-        (void)instance_refuse(self, "the step begins at %.9g s, and the time is %.9g s", time, reached);
-        return 0u;
-    }
-    if (!((count >= 1.0) && (count <= steps_max) && (fabs(size - (count * model_step_size)) <= tolerance))) {
-        (void)instance_refuse(self, "a step of %.9g s is no whole multiple of %.9g s", size, model_step_size);
-        return 0u;
+        return instance_refuse(self, "the step begins at %.9g s, and the time is %.9g s", time, reached);
     }
     if (self->now.stop_time_defined && ((reached + size) > (self->now.stop_time + tolerance))) {
-        (void)instance_refuse(self, "the step ends at %.9g s, after the stop time %.9g s", reached + size, self->now.stop_time);
-        return 0u;
+        return instance_refuse(self, "the step ends at %.9g s, after the stop time %.9g s", reached + size, self->now.stop_time);
     }
-    return (uint64_t)count;
+    return true;
 }
 
 bool instance_step(instance_t *self, double time, double size)
 {
-    const uint64_t count = steps_in(self, time, size);
+    plan_t plan = { 0u, 0.0 };
+    bool is_begun = self->now.excess > 0.0;
     model_t next = self->now.model;
     uint64_t k;
 
-    if ((count == 0u) || !check_parameters(self)) {
+    if (!check_step(self, time, size) || !plan_step(self, size, &plan) || !check_parameters(self)) {
         return false;
     }
-    for (k = 0u; k < count; k++) {
+    for (k = 0u; k < plan.count; k++) {
+        if (!is_begun) {
+            model_hold(&next);
+        }
         model_step(&next);
+        is_begun = false;
+    }
+    if ((plan.excess > 0.0) && !is_begun) {
+        model_hold(&next);
     }
     model_update(&next);
     if (!is_finite(&next)) {
         return instance_refuse(self, "the motion from %.9g s on is not finite with these inputs", instance_time(self));
     }
     self->now.model = next;
-    self->now.steps += count;
+    self->now.steps += plan.count;
+    self->now.excess = plan.excess;
     self->outputs_are_current = true;
     return true;
 }

@@ -12,7 +12,7 @@
 #include "model.h"
 #include "variables.h"
 
-typedef enum { PHASE_INSTANTIATED, PHASE_INITIALIZATION, PHASE_STEPPING, PHASE_TERMINATED } phase_t;
+typedef enum { PHASE_INSTANTIATED, PHASE_INITIALIZATION, PHASE_STEPPING, PHASE_EVENT, PHASE_TERMINATED } phase_t;
 
 /* Complete state of a simulation, for saving and restoring. */
 typedef struct {
@@ -21,6 +21,7 @@ typedef struct {
     double start_time; /* s */
     double stop_time; /* s */
     uint64_t steps; /* of the model, since start_time */
+    double excess; /* s, since the last step of the model */
     model_t model;
 } snapshot_t;
 
@@ -29,6 +30,7 @@ typedef void (*report_t)(void *receiver, const char *text);
 typedef struct {
     snapshot_t now; /* present state */
     bool outputs_are_current;
+    bool has_event_mode; /* the simulator handles events */
     report_t report; /* never null */
     void *receiver;
 } instance_t;
@@ -51,10 +53,15 @@ bool instance_set_times(instance_t *self, double start_time, bool stop_time_defi
 /* Change the phase of the simulation. The end of the initialization also checks the parameters. */
 bool instance_enter_initialization(instance_t *self);
 bool instance_exit_initialization(instance_t *self);
+bool instance_enter_event(instance_t *self);
+bool instance_leave_event(instance_t *self);
 bool instance_terminate(instance_t *self);
 
 /* Check that lists of value references and of values have the same length and are not null. */
 bool instance_check_lists(const instance_t *self, const void *references, size_t count, const void *values, size_t value_count);
+
+/* Find a variable by its value reference; type must be that of the variable. Returns null after reporting an error. */
+const variable_t *instance_find(const instance_t *self, uint32_t reference, variable_type_t type);
 
 /* Get and set one variable by its value reference; type must be that of the variable. A double represents all values of all types. */
 bool instance_get(instance_t *self, uint32_t reference, variable_type_t type, double *value);

@@ -44,6 +44,12 @@ void model_update(model_t *self)
     plant_output(&self->plant, &input, &self->output);
 }
 
+/* The inputs do not change within a step. */
+void model_hold(model_t *self)
+{
+    (void)self;
+}
+
 void model_step(model_t *self)
 {
     const plant_input_t input = plant_input_of(self);

@@ -9,10 +9,10 @@
 #include "fmu_config.h"
 
 /* Type of a variable in modelDescription.xml. */
-typedef enum { TYPE_REAL, TYPE_INTEGER, TYPE_ENUMERATION, TYPE_BOOLEAN } variable_type_t;
+typedef enum { TYPE_REAL, TYPE_INTEGER, TYPE_ENUMERATION, TYPE_BOOLEAN, TYPE_BINARY, TYPE_CLOCK } variable_type_t;
 
-/* Type of the member of model_t. */
-typedef enum { STORED_DOUBLE, STORED_FLOAT, STORED_INT32, STORED_UINT16, STORED_BOOL } storage_t;
+/* Type of the member of model_t; STORED_ELSEWHERE: binary variables and clocks have none. */
+typedef enum { STORED_DOUBLE, STORED_FLOAT, STORED_INT32, STORED_UINT16, STORED_BOOL, STORED_ELSEWHERE } storage_t;
 
 typedef enum {
     ROLE_TIME,

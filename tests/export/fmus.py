@@ -116,7 +116,7 @@ def listed_sources(made: Made) -> list[str]:
 class Slave:
     """One FMU instance; `messages` holds its log. It is freed with this object."""
 
-    def __init__(self, made: Made, name: str = "one") -> None:
+    def __init__(self, made: Made, name: str = "one", *, event_mode: bool = False) -> None:
         self.messages: list[str] = []
         messages = self.messages
         self.made = made
@@ -139,7 +139,9 @@ class Slave:
             self.fmu.instantiate(callbacks=callbacks)
         else:
             self.fmu = fmi3.FMU3Slave(**given)
-            self.fmu.instantiate(loggingOn=True, logMessage=lambda *given: messages.append(given[-1].decode()))
+            self.fmu.instantiate(
+                loggingOn=True, eventModeUsed=event_mode, logMessage=lambda *given: messages.append(given[-1].decode())
+            )
         weakref.finalize(self, self.fmu.freeInstance)
 
     def start(self, values: Mapping[str, float] | None = None, start: float = 0.0, stop: float | None = None) -> Slave:
@@ -172,7 +174,7 @@ class Slave:
         return [self.get(name) for name in names]
 
     def step(self, size: float) -> None:
-        self.fmu.doStep(self.time, size)
+        self.has_event = self.fmu.doStep(self.time, size)[0] if self.made.version == "3" else False
         self.time += size
 
     def restore(self, state: Any, time: float) -> None:

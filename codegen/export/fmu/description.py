@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from codegen.export.fmu.layers import BUFFER_BYTES, MIME_TYPE, text
 from codegen.export.fmu.variables import UNITS, Status, Variable, Version
 
 STATUS_TYPE = "Status"
@@ -18,7 +19,14 @@ STOP_TIME = 10.0
 
 _TYPES: dict[Version, Mapping[str, str]] = {
     "2": {"real": "Real", "integer": "Integer", "boolean": "Boolean", "status": "Enumeration"},
-    "3": {"real": "Float64", "integer": "Int32", "boolean": "Boolean", "status": "Enumeration"},
+    "3": {
+        "real": "Float64",
+        "integer": "Int32",
+        "boolean": "Boolean",
+        "status": "Enumeration",
+        "binary": "Binary",
+        "clock": "Clock",
+    },
 }
 _CAUSALITY = {"time": "independent", "input": "input", "output": "output", "fixed": "parameter", "tunable": "parameter"}
 
@@ -34,6 +42,8 @@ class Description:
         communication_step: step proposed to the simulator, in s; a whole multiple of internal_step.
         token: ties the description to its sources.
         sources: .c files, for FMI 2.0.
+        has_bus: whether there is a bus: events, and communication steps of any size.
+        is_single: whether a process can have one instance only.
     """
 
     version: Version
@@ -48,6 +58,8 @@ class Description:
     variables: Sequence[Variable]
     statuses: Sequence[Status]
     sources: Sequence[str]
+    has_bus: bool = False
+    is_single: bool = False
 
 
 def model_description(given: Description) -> bytes:
@@ -74,14 +86,19 @@ def model_description(given: Description) -> bytes:
     variables = ET.SubElement(root, "ModelVariables")
     for reference, variable in enumerate(given.variables):
         (_variable_3 if third else _variable_2)(variables, variable, str(reference))
+    _set_clocks(variables, given.variables)
     _structure(root, given)
-    return _text(root)
+    return text(root)
 
 
 def _co_simulation(root: ET.Element, given: Description) -> None:
-    common = {"modelIdentifier": given.identifier, "canHandleVariableCommunicationStepSize": "false"}
+    common = {"modelIdentifier": given.identifier, "canHandleVariableCommunicationStepSize": _boolean(given.has_bus)}
     if given.version == "3":
         states = {"canGetAndSetFMUState": "true", "canSerializeFMUState": "true"}
+        if given.has_bus:
+            states["hasEventMode"] = "true"
+        if given.is_single:
+            states["canBeInstantiatedOnlyOncePerProcess"] = "true"
         # Lets a simulator determine which communication steps are whole multiples.
         ET.SubElement(root, "CoSimulation", {**common, **states, "fixedInternalStepSize": repr(given.internal_step)})
         return
@@ -89,6 +106,10 @@ def _co_simulation(root: ET.Element, given: Description) -> None:
     files = ET.SubElement(element, "SourceFiles")
     for name in given.sources:
         ET.SubElement(files, "File", {"name": name})
+
+
+def _boolean(value: bool) -> str:
+    return "true" if value else "false"
 
 
 def _units(root: ET.Element, variables: Sequence[Variable]) -> None:
@@ -143,7 +164,7 @@ def _of_type(variable: Variable) -> Attributes:
 
 def _number(variable: Variable, value: float) -> str:
     if variable.kind == "boolean":
-        return "true" if value else "false"
+        return _boolean(bool(value))
     return repr(value) if variable.kind == "real" else str(int(value))
 
 
@@ -157,8 +178,26 @@ def _variable_2(parent: ET.Element, variable: Variable, reference: str) -> None:
     ET.SubElement(scalar, _TYPES["2"][variable.kind], _of_type(variable))
 
 
+def _set_clocks(parent: ET.Element, variables: Sequence[Variable]) -> None:
+    """Write the value references of the clocks of clocked variables."""
+    number = {each.name: str(reference) for reference, each in enumerate(variables)}
+    for element, variable in zip(parent, variables, strict=True):
+        if variable.clock:
+            element.set("clocks", number[variable.clock])
+
+
 def _variable_3(parent: ET.Element, variable: Variable, reference: str) -> None:
     attributes = _common(variable, reference)
+    if variable.kind == "clock":
+        ET.SubElement(parent, "Clock", {**attributes, "intervalVariability": "triggered"})
+        return
+    if variable.kind == "binary":
+        size = {"maxSize": str(BUFFER_BYTES), "mimeType": MIME_TYPE}
+        initial = {"initial": "calculated" if variable.role == "output" else "exact"}
+        element = ET.SubElement(parent, "Binary", {**attributes, **initial, **size})
+        if variable.role == "input":
+            ET.SubElement(element, "Start", {"value": ""})
+        return
     if variable.role == "output":
         attributes["initial"] = "calculated"
     ET.SubElement(parent, _TYPES["3"][variable.kind], {**attributes, **_of_type(variable)})
@@ -177,6 +216,8 @@ def _structure(root: ET.Element, given: Description) -> None:
         key = "valueReference" if third else "index"
         ET.SubElement(outputs, "Output" if third else "Unknown", {key: number[each.name], "dependencies": depends})
     for each in computed:
+        if each.clock:
+            continue  # no value before its clock ticks
         key, tag = ("valueReference", "InitialUnknown") if third else ("index", "Unknown")
         ET.SubElement(initial, tag, {key: number[each.name]})
     if not third:
@@ -191,10 +232,4 @@ def build_description(identifier: str, sources: Sequence[str]) -> bytes:
     for name in sources:
         ET.SubElement(files, "SourceFile", {"name": name})
     ET.SubElement(configuration, "Library", {"name": "m", "external": "true", "description": "the C library's mathematics"})
-    return _text(root)
-
-
-def _text(root: ET.Element) -> bytes:
-    ET.indent(root, "  ")
-    text = ET.tostring(root, encoding="unicode")
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
+    return text(root)

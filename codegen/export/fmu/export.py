@@ -9,6 +9,7 @@ import hashlib
 import importlib.util
 import io
 import json
+import math
 import platform
 import re
 import sys
@@ -20,23 +21,39 @@ from pathlib import Path, PurePosixPath
 
 from codegen import __version__, configuration
 from codegen.configuration import Config
+from codegen.configuration.can import NODES
 from codegen.configuration.signals import MEASURED
+from codegen.emit.can_view import can_view, task_view
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.render import render, verbatim
 from codegen.emit.text import Precision, comment_text, literal
 from codegen.errors import BuildError, CodegenError
+from codegen.export.a2l import fill
+from codegen.export.elf import Elf
+from codegen.export.fmu import layers
 from codegen.export.fmu.description import Description, build_description, model_description
-from codegen.export.fmu.variables import Role, Variable, Version, What, parameter_variables, status_values, variables_of
+from codegen.export.fmu.variables import (
+    WITH_BUS,
+    Role,
+    Variable,
+    Version,
+    What,
+    parameter_variables,
+    status_values,
+    variables_of,
+)
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.plant import plant_sources
-from codegen.sil.software import compile_build, require_can_side
+from codegen.sil.software import COUNTERS, compile_build, require_can_side, writable_flags
 from codegen.sil.toolchain import compiler_command, require_success, run
 
 TITLES: dict[What, str] = {
     "controller": "the controller",
     "plant": "the car",
     "loop": "the car with the controller, in closed loop",
+    "ecu": "the ECU with its task on a CAN bus",
+    "bus_plant": "the car on a CAN bus",
 }
 
 _STORAGE = {
@@ -46,12 +63,23 @@ _STORAGE = {
     "int32_t": "STORED_INT32",
     "uint16_t": "STORED_UINT16",
     "bool": "STORED_BOOL",
+    "elsewhere": "STORED_ELSEWHERE",
 }
 _LARGEST = {"float": "FLT_MAX", "bool": "1.0"}
 
 
+_ROOTS: Mapping[What, Sequence[str]] = {
+    "controller": ("controller.h", "calibration.c"),
+    "plant": (),
+    "loop": ("controller.h", "calibration.c"),
+    "ecu": ("task.h", "calibration.c"),
+    "bus_plant": ("can.h", "e2e.h"),
+}
+"""Files of a build, without their prefix, that a model needs, with everything that they include."""
+
+
 def step_size(what: What, config: Config) -> float:
-    """Return the step of the model in s: a sample of the controller, or a step of the plant."""
+    """Return the step of the model in s: a sample of the controller, or a step of the plant (also for the clock of an ECU)."""
     return config.controller.sampling_time_s if what == "controller" else config.plant.sampling_time_s
 
 
@@ -60,41 +88,98 @@ def _model(what: What, config: Config, prefix: str, variables: Sequence[Variable
 
     `groups` has the members of the struct, each with its declaration and comment; `starts` those that do not start at zero.
     """
-    has_plant, has_controller = what != "controller", what != "plant"
+    has_plant, has_controller = what in ("plant", "loop", "bus_plant"), what in ("controller", "loop")
     steps = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
-    own = [each for each in variables if each.member and "." not in each.member]
+    named = [each for each in variables if each.member and "." not in each.member]
+    own = [f"{prefix}_{root}" for root in _ROOTS[what] if root.endswith(".h")]
 
     def members(role: Role) -> list[tuple[str, str]]:
-        return [(f"{each.storage} {each.member}", each.unit) for each in own if each.role == role]
+        return [(f"{each.storage} {each.member}", each.unit) for each in named if each.role == role]
 
     groups = {
         "inputs": members("input"),
         "outputs": [*members("output"), *([("plant_output_t output", "")] if has_plant else [])],
+        **({"parameters": members("fixed")} if what == "ecu" else {}),
         **({"parameters": [*members("fixed"), (f"{prefix}_parameters_t parameters", "")]} if has_controller else {}),
         "states": [
             *([("plant_state_t plant", "")] if has_plant else []),
             *([(f"{prefix}_controller_t controller", "")] if has_controller else []),
-            *(_LOOP_STATES if what == "loop" else ()),
+            *_STATES.get(what, ()),
+            *([(f"{prefix}_task_t task", "")] if what == "ecu" else []),
+            *([(f"{prefix}_e2e_receiver_t receiver", "")] if what == "bus_plant" else []),
+            *([("can_node_t node", "")] if what in WITH_BUS else []),
         ],
     }
     return {
         "title": TITLES[what],
-        "headers": [*(["plant.h"] if has_plant else []), *([f"{prefix}_controller.h"] if has_controller else [])],
-        "constants": {"SAMPLE_STEPS": steps, "DELAY_SAMPLES": config.plant.command_delay_samples} if what == "loop" else {},
+        "headers": [*(["plant.h"] if has_plant else []), *own, *(["can_node.h"] if what in WITH_BUS else [])],
+        "constants": _constants(what, config, steps),
+        "numbers": {"actuator_return_step": literal(_return_step(config), "double")} if what == "bus_plant" else {},
+        "has_bus": what in WITH_BUS,
+        "is_single": what == "ecu",
         "groups": groups,
         "starts": {
-            **{each.member: literal(each.start, "double") for each in own if each.start and each.kind == "real"},
-            **{each.member: "true" for each in own if each.start and each.kind == "boolean"},
+            **{each.member: literal(each.start, "double") for each in named if each.start and each.kind == "real"},
+            **{each.member: "true" for each in named if each.start and each.kind == "boolean"},
         },
         "step_size": literal(step_size(what, config), "double"),
     }
 
 
-_LOOP_STATES = (
-    ("double waiting[DELAY_SAMPLES + 1]", "rad, newest last: commands that wait to act"),
-    ("double acting", "rad, the command that acts"),
-    ("uint32_t steps_since_sample", ""),
-)
+_STATES: Mapping[What, Sequence[tuple[str, str]]] = {
+    "loop": (
+        ("double waiting[DELAY_SAMPLES + 1]", "rad, newest last: commands that wait to act"),
+        ("double acting", "rad, the command that acts"),
+        ("uint32_t steps_since_sample", ""),
+    ),
+    "ecu": (("uint32_t steps_to_task", ""),),
+    "bus_plant": (
+        ("plant_input_t held", "inputs of the present step"),
+        ("double waiting[DELAY_STEPS + 1]", "rad, newest last: commands that wait to act"),
+        ("uint32_t steps_since_sample", ""),
+        ("uint32_t silent_cycles", "without a good command"),
+        ("uint8_t motion_counter", ""),
+        ("uint8_t conditions_counter", ""),
+        ("bool is_heard", "a command came in this cycle, good or not"),
+        ("bool is_fresh", "a good command came in this cycle"),
+    ),
+}
+
+
+def _constants(what: What, config: Config, steps: int) -> dict[str, int]:
+    """Return the whole numbers of model.h; `steps`: of the plant in a sample."""
+    if what == "loop":
+        return {"SAMPLE_STEPS": steps, "DELAY_SAMPLES": config.plant.command_delay_samples}
+    if what == "ecu":
+        return {"SAMPLE_STEPS": steps}
+    if what == "bus_plant":
+        return {
+            "SAMPLE_STEPS": steps,
+            "DELAY_STEPS": config.plant.command_delay_samples * steps,
+            "ACTUATOR_RETURNS": int(config.rear_actuator.on_command_loss == "return"),
+            "SILENT_CYCLES_MAX": config.rear_actuator.command_loss_samples_max,
+        }
+    return {}
+
+
+def _return_step(config: Config) -> float:
+    """Return the movement in rad of an actuator without commands in a sample."""
+    return math.radians(config.rear_actuator.return_rate_deg_s) * config.controller.sampling_time_s
+
+
+RESTART_BITS = 128 * 11
+"""Bit times until a node leaves bus off, of ISO 11898-1."""
+
+
+def _bus(what: What, config: Config, precision: Precision) -> dict[str, int]:
+    """Return the constants of the node on the bus."""
+    sender = NODES[1] if what == "ecu" else NODES[0]
+    bit_rate = round(config.can.bitrate_kbit_s * 1e3)
+    return {
+        "CAN_BIT_RATE": bit_rate,
+        "CAN_MAILBOXES": sum(each.sender == sender for each in can_view(config, precision).messages),
+        "CAN_RESTART_STEPS": math.ceil(RESTART_BITS / bit_rate / config.plant.sampling_time_s),
+    }
 
 
 def row(variable: Variable, version: Version) -> dict[str, str]:
@@ -127,6 +212,9 @@ def context(what: What, config: Config, prefix: str, precision: Precision, varia
         "real": "float" if precision == "single" else "double",
         "zero": literal(0.0, precision),
         "measured": MEASURED,
+        "task": task_view(config),
+        "counters": COUNTERS,
+        "bus": _bus(what, config, precision) if what in WITH_BUS else {},
         "what": _model(what, config, prefix, variables),
     }
 
@@ -184,8 +272,10 @@ def library_path(version: Version, identifier: str) -> str:
     return f"binaries/{folder}/{identifier}.{'dylib' if system == 'darwin' else 'so'}"
 
 
-def compile_binary(sources: Mapping[str, bytes], name: str) -> bytes:
+def compile_binary(sources: Mapping[str, bytes], name: str, flags: Sequence[str] = FLAGS) -> bytes:
     """Compile C sources to the shared library `name`; equal sources and compilers give equal bytes.
+
+    With "-g" among the flags it keeps its symbols.
 
     Raises:
         BuildError: no compiler, or C that does not compile.
@@ -193,14 +283,14 @@ def compile_binary(sources: Mapping[str, bytes], name: str) -> bytes:
     if sys.platform == "darwin":
         kind = ["-dynamiclib", f"-Wl,-install_name,@rpath/{name}"]
     else:  # without local symbols and build id, which vary although the code does not
-        kind = ["-shared", "-s", "-Wl,--build-id=none"]
+        kind = ["-shared", *(() if "-g" in flags else ("-s",)), "-Wl,--build-id=none"]
     units = sorted(path for path in sources if path.endswith(".c"))
     with tempfile.TemporaryDirectory(prefix="ars-fmu-") as scratch:
         folder = Path(scratch)
         try:
             for path, content in sources.items():
                 (folder / path).write_bytes(content)
-            require_success(run([*compiler_command(), *FLAGS, *kind, *units, "-o", name, "-lm"], folder), name)
+            require_success(run([*compiler_command(), *flags, *kind, *units, "-o", name, "-lm"], folder), name)
             return (folder / name).read_bytes()
         except OSError as error:
             raise BuildError(
@@ -211,11 +301,11 @@ def compile_binary(sources: Mapping[str, bytes], name: str) -> bytes:
 _INCLUDE = re.compile(rb'^#include "([^"]+)"', re.MULTILINE)
 
 
-def build_sources(files: Mapping[str, bytes], prefix: str) -> dict[str, bytes]:
-    """Return name -> content of the controller's sources in a build, and of every header and source they depend on."""
+def build_sources(what: What, files: Mapping[str, bytes], prefix: str) -> dict[str, bytes]:
+    """Return name -> content of the sources of a build that a model uses, and of every header and source they depend on."""
     named = {PurePosixPath(path).name: content for path, content in files.items()}
     found: dict[str, bytes] = {}
-    waiting = [f"{prefix}_controller.h", f"{prefix}_calibration.c"]
+    waiting = [f"{prefix}_{root}" for root in _ROOTS[what]]
     while waiting:
         name = waiting.pop()
         if name in named and name not in found:
@@ -246,12 +336,15 @@ def model_sources(
         f"fmi{version}.c": f"fmi{version}.c",
     }
     if version == "3":
-        templates["fmi3_unsupported.c"] = "fmi3_unsupported.c"
+        events = "fmi3_bus.c" if what in WITH_BUS else "fmi3_no_events.c"
+        templates |= {name: name for name in ("fmi3_unsupported.c", "events.h", events)}
+    if what in WITH_BUS:
+        templates |= {name: name for name in ("can_node.h", "can_node.c")}
     made = {
         name: render(f"fmu/{source}", seen) if source.endswith(".j2") else verbatim(f"fmu/{source}")
         for name, source in templates.items()
     }
-    return {**made, **(plant_sources(config) if what != "controller" else {})}
+    return {**made, **(plant_sources(config) if what not in ("controller", "ecu") else {})}
 
 
 _DESCRIPTION = "modelDescription.xml"
@@ -286,8 +379,10 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
     """Return the FMU of a build's controller, of the car of its configuration, or of both in closed loop.
 
     Raises:
-        CodegenError: no build, no compiler, C that does not compile, or fmpy is missing.
+        CodegenError: no build, no compiler, C that does not compile, fmpy is missing, or a bus in FMI 2.0.
     """
+    if what in WITH_BUS and version != "3":
+        raise CodegenError("a bus needs the clocks of FMI 3.0", where="--fmi", remedy="give --fmi 3 or leave it out")
     standard = headers(version)
     manifest = read_build(build)
     require_can_side(manifest, build)
@@ -295,11 +390,12 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
     config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
     prefix, precision = manifest["options"]["prefix"], manifest["options"]["precision"]
     variables = variables_of(what, config)
-    if what != "plant":
+    if what in ("controller", "loop"):
         # Compiled as for a run, so that the struct and its values come from the compiler.
         variables += parameter_variables(compile_build(files, manifest), files)
     name, identifier = comment_text(str(manifest["name"])), f"{prefix}_{manifest['name']}_{what}"
-    own = build_sources(files, prefix) if what != "plant" else {}
+    own = build_sources(what, files, prefix)
+    flags = (*FLAGS, *(writable_flags(prefix) if what == "ecu" else ()))
 
     def sources_with(token: str) -> dict[str, bytes]:
         return {**own, **model_sources(what, version, config, prefix, precision, variables, token)}
@@ -317,21 +413,28 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
         variables=variables,
         statuses=status_values(files, prefix),
         sources=sorted(name for name in sources_with("") if name.endswith(".c")),
+        has_bus=what in WITH_BUS,
+        is_single=what == "ecu",
     )
     # The SHA-256 of all content except the token and the compiled binary.
-    hashed = {"flags": list(FLAGS), "description": hashlib.sha256(model_description(about)).hexdigest()}
+    hashed = {"flags": list(flags), "description": hashlib.sha256(model_description(about)).hexdigest()}
     hashes = {name: hashlib.sha256(text).hexdigest() for name, text in sources_with("").items()}
     token = hashlib.sha256(json.dumps([hashed, hashes], sort_keys=True).encode()).hexdigest()
     sources = {**sources_with(token), **standard}
     path = library_path(version, about.identifier)
     content = {
         _DESCRIPTION: model_description(replace(about, token=token)),
-        path: compile_binary(sources, PurePosixPath(path).name),
+        path: compile_binary(sources, PurePosixPath(path).name, flags),
         "documentation/licenses/fmi-headers.txt": licence(standard),
         **{f"sources/{name}": text for name, text in sources.items()},
     }
     if version == "3":
         content["sources/buildDescription.xml"] = build_description(about.identifier, about.sources)
+    if what in WITH_BUS:
+        content[layers.TERMINALS_PATH] = layers.terminals()
+        content[layers.manifest_path(layers.BUS)] = layers.bus_manifest()
+    if what == "ecu" and sys.platform.startswith("linux"):
+        content |= _memory_description(build, prefix, sources, path, flags, content[path])
     return Fmu(
         _pack(content),
         about.identifier,
@@ -341,6 +444,32 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
         variables,
         tuple(verify_hashes(build)),
     )
+
+
+def _memory_description(
+    build: Path, prefix: str, sources: Mapping[str, bytes], path: str, flags: Sequence[str], binary: bytes
+) -> dict[str, bytes]:
+    """Return the files of FMI-LS-XCP: the A2L with the addresses of the binary, relative to its base, and the manifest."""
+    name = PurePosixPath(path)
+    elf = Elf(name.name, compile_binary(sources, name.name, (*flags, "-g")), shared=True)
+    if not elf.is_stripped_to(binary):
+        raise BuildError("the binary depends on debug information", where=name.name, remedy="use another compiler")
+    folder = f"extra/{layers.XCP}"
+    text = fill(build, elf).text.encode("ascii")
+    return {
+        layers.manifest_path(layers.XCP): layers.xcp_manifest(f"{prefix}.a2l"),
+        f"{folder}/{name.parent.name}/{prefix}.a2l": text,
+        "documentation/fmi-ls-xcp.txt": _XCP_GUIDE.encode(),
+    }
+
+
+_XCP_GUIDE = """\
+The A2L describes the memory of the task and its calibration in the binary. Addresses are relative to the base of the loaded
+library.
+The FMU has no XCP service of its own: the importer provides it and replaces IF_DATA XCP by the settings of its service.
+
+For another machine, run codegen fmu there: addresses differ from one compiler to the next.
+"""
 
 
 def _pack(files: Mapping[str, bytes]) -> bytes:

@@ -20,7 +20,8 @@ import numpy as np
 from codegen.configuration import Config
 from codegen.configuration.signals import MEASURED, RECORDED
 from codegen.emit.text import unit_of_comment
-from codegen.sil.software import Software
+from codegen.export.fmu.layers import CHANNEL, NOTIFICATIONS
+from codegen.sil.software import COUNTERS, Software
 from codegen.vehicle.dynamics import two_track
 
 DEGREES = math.degrees(1.0)
@@ -60,9 +61,11 @@ def unit_of_name(name: str) -> str:
 
 
 Version = Literal["2", "3"]
-What = Literal["controller", "plant", "loop"]
+What = Literal["controller", "plant", "loop", "ecu", "bus_plant"]
+"""Kinds of FMU; "bus_plant" is the plant as a node on the bus."""
+WITH_BUS: tuple[What, ...] = ("ecu", "bus_plant")
 
-Kind = Literal["real", "integer", "boolean", "status"]
+Kind = Literal["real", "integer", "boolean", "status", "binary", "clock"]
 Role = Literal["time", "input", "output", "fixed", "tunable"]
 
 SPEED_MAX = 150.0
@@ -80,11 +83,12 @@ class Variable:
 
     Attributes:
         name: name for the simulator.
-        member: member of `model_t`; "" for the time.
-        storage: C type of the member: double, float, int32_t, uint16_t or bool.
+        member: member of `model_t`; "" for the time, binary variables and clocks.
+        storage: C type of the member: double, float, int32_t, uint16_t or bool; "elsewhere": no member.
         start: start value; None if computed.
         low, high: inclusive range; None: range of the type.
         depends: inputs that an output depends on directly, within the same step.
+        clock: clock of a binary variable.
     """
 
     name: str
@@ -99,6 +103,7 @@ class Variable:
     high: float | None = None
     continuous: bool = False
     depends: tuple[str, ...] = ()
+    clock: str = ""
 
 
 TIME = Variable("time_s", "", "real", "time", "time", unit="s", continuous=True)
@@ -204,7 +209,20 @@ def variables_of(what: What, config: Config) -> tuple[Variable, ...]:
         return (TIME, *_road(config), _REAR_COMMAND, *_motion(config))
     if what == "controller":
         return (TIME, *_measurement(config), *_commands(config), _initial(config))
-    inputs = (
+    if what == "ecu":
+        return (TIME, *_ecu_outputs(config), _task_offset(config), *_bus(()))
+    driver = _driver(config)
+    every = tuple(each.name for each in driver)
+    if what == "bus_plant":
+        command = replace(_commands(config)[0], description=f"{_commands(config)[0].description}, as received")
+        return (TIME, *driver, *_motion(config), command, *_bus(every))
+    commands = tuple(replace(each, depends=every) for each in _commands(config))
+    return (TIME, *driver, *_motion(config), *commands)
+
+
+def _driver(config: Config) -> tuple[Variable, ...]:
+    """Return the inputs of the car and those of the controller that no sensor of the car measures."""
+    return (
         *_road(config),
         _input(
             "friction_estimate",
@@ -215,9 +233,54 @@ def variables_of(what: What, config: Config) -> tuple[Variable, ...]:
         _flag("friction_estimate_available", "false: the controller takes the friction of its map"),
         _flag("inhibit", "ESC or ABS is acting: the controller's integrator holds"),
     )
-    every = tuple(each.name for each in inputs)
-    commands = tuple(replace(each, depends=every) for each in _commands(config))
-    return (TIME, *inputs, *_motion(config), *commands)
+
+
+def _bus(depends: tuple[str, ...]) -> tuple[Variable, ...]:
+    """Return the variables of the bus terminal. The frames to send depend on these inputs directly."""
+
+    def named(member: str, kind: Kind, role: Role, description: str, clock: str = "") -> Variable:
+        name = f"{CHANNEL}.{member}"
+        needed = depends if clock and role == "output" else ()
+        return Variable(name, "", kind, role, description, "elsewhere", depends=needed, clock=clock)
+
+    receive, transmit = f"{CHANNEL}.Rx_Clock", f"{CHANNEL}.Tx_Clock"
+    about = "the bus confirms frames and reports errors: frames are repeated, and errors counted"
+    return (
+        named("Rx_Clock", "clock", "input", "ticks when operations arrive from the bus"),
+        named("Rx_Data", "binary", "input", "operations from the bus", receive),
+        named("Tx_Clock", "clock", "output", "ticks when there are operations for the bus"),
+        named("Tx_Data", "binary", "output", "operations for the bus", transmit),
+        Variable(f"{CHANNEL}.{NOTIFICATIONS}", "node.notifications", "boolean", "fixed", about, "bool", start=0.0),
+    )
+
+
+def _ecu_outputs(config: Config) -> tuple[Variable, ...]:
+    """Return what the last command of the task contains, and the counters of the task."""
+    angle, reference, status = _commands(config)
+    available = "whether the last frame has an angle; before the first good sample it has none"
+    return (
+        angle,
+        Variable("rear_angle_command_available", "rear_angle_command_available", "boolean", "output", available, "bool"),
+        reference,
+        status,
+        Variable("diagnostics", "diagnostics", "integer", "output", "bits of the signal Diagnostics", "int32_t"),
+        *(Variable(each, each, "integer", "output", f"{_COUNTED[each]} of the task", "int32_t") for each in COUNTERS),
+    )
+
+
+_COUNTED = {
+    "cycles": "runs",
+    "late_cycles": "runs with more than one frame of a message",
+    "early_cycles": "runs without a frame",
+    "lost_samples": "runs without a good sample",
+}
+
+
+def _task_offset(config: Config) -> Variable:
+    period = config.controller.sampling_time_s
+    about = "time of the first run of the task; by default half a period after the first frames of the car"
+    low, start = config.plant.sampling_time_s, 0.5 * period
+    return Variable("task_offset_s", "task_offset", "real", "fixed", about, unit="s", start=start, low=low, high=period)
 
 
 def _measurement(config: Config) -> tuple[Variable, ...]:

@@ -1,0 +1,17 @@
+/*
+ * Events of the model, such as frames on its bus. fmi3_bus.c has them; an FMU without a bus has fmi3_no_events.c.
+ */
+#ifndef EVENTS_H
+#define EVENTS_H
+
+#include <stdbool.h>
+
+#include "instance.h"
+
+/* Whether the simulator may handle events. */
+extern const bool events_supported;
+
+/* Return whether the simulator must handle an event after the step. */
+bool events_pending(const instance_t *self);
+
+#endif /* EVENTS_H */

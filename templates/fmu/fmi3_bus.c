@@ -1,0 +1,222 @@
+/*
+ * FMI 3.0: binary variables, clocks and events of an FMU with one CAN bus by FMI-LS-BUS. See fmi3.c, events.h and can_node.h.
+ *
+ * Operations that the simulator does not read stay in the buffer and are announced again after the next step.
+ */
+#include <string.h>
+
+#include "events.h"
+#include "fmi3Functions.h"
+#include "instance.h"
+
+const bool events_supported = true;
+
+/* An instance of fmi3.c begins with this part of it. */
+static can_node_t *node_of(instance_t *self)
+{
+    return &self->now.model.node;
+}
+
+static fmi3Status status_of(bool good)
+{
+    return good ? fmi3OK : fmi3Error;
+}
+
+bool events_pending(const instance_t *self)
+{
+    const can_node_t *node = &self->now.model.node;
+
+    return node->frames_are_due || (node->transmit.size > 0u);
+}
+
+static bool is_in_event(const instance_t *self)
+{
+    return self->now.phase == PHASE_EVENT;
+}
+
+/* Let the model pass its frames to the node. */
+static void send_frames(instance_t *self)
+{
+    if (node_of(self)->frames_are_due) {
+        node_of(self)->frames_are_due = false;
+        model_send(&self->now.model);
+    }
+}
+
+static void on_frame(void *owner, uint32_t id, const uint8_t *data, uint8_t length)
+{
+    model_on_frame(owner, id, data, length);
+}
+
+/* ---- binary variables ---- */
+
+fmi3Status fmi3GetBinary(
+    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, size_t valueSizes[],
+    fmi3Binary values[], size_t nValues)
+{
+    instance_t *self = instance;
+    bool good = (self != NULL) && instance_check_lists(self, valueReferences, nValueReferences, values, nValues)
+        && instance_check_lists(self, valueReferences, nValueReferences, valueSizes, nValues);
+    size_t k;
+
+    for (k = 0u; good && (k < nValues); k++) {
+        const variable_t *variable = instance_find(self, valueReferences[k], TYPE_BINARY);
+
+        good = variable != NULL;
+        if (good && (variable->role == ROLE_INPUT)) {
+            values[k] = node_of(self)->receive.bytes;
+            valueSizes[k] = node_of(self)->receive.size;
+        } else if (good && is_in_event(self)) {
+            send_frames(self);
+            node_of(self)->is_read = true;
+            values[k] = node_of(self)->transmit.bytes;
+            valueSizes[k] = node_of(self)->transmit.size;
+        } else if (good) { /* its clock does not tick */
+            values[k] = node_of(self)->transmit.bytes;
+            valueSizes[k] = 0u;
+        } else {
+            /* reported */
+        }
+    }
+    return status_of(good);
+}
+
+static bool set_operations(instance_t *self, fmi3ValueReference reference, fmi3Binary bytes, size_t size)
+{
+    const variable_t *variable = instance_find(self, reference, TYPE_BINARY);
+
+    if (variable == NULL) {
+        return false;
+    }
+    if (variable->role != ROLE_INPUT) {
+        return instance_refuse(self, "%s cannot be set, it is computed", variable->name);
+    }
+    if (size > (size_t)CAN_BUFFER_SIZE) {
+        return instance_refuse(
+            self, "%s has room for %d bytes, not for %lu", variable->name, (int)CAN_BUFFER_SIZE, (unsigned long)size);
+    }
+    if ((size > 0u) && (bytes == NULL)) {
+        return instance_refuse(self, "a null pointer in place of the bytes of %s", variable->name);
+    }
+    if (size > 0u) {
+        memcpy(node_of(self)->receive.bytes, bytes, size);
+    }
+    node_of(self)->receive.size = (uint32_t)size;
+    return true;
+}
+
+fmi3Status fmi3SetBinary(
+    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, const size_t valueSizes[],
+    const fmi3Binary values[], size_t nValues)
+{
+    instance_t *self = instance;
+    bool good = (self != NULL) && instance_check_lists(self, valueReferences, nValueReferences, values, nValues)
+        && instance_check_lists(self, valueReferences, nValueReferences, valueSizes, nValues);
+    size_t k;
+
+    for (k = 0u; good && (k < nValues); k++) {
+        good = set_operations(self, valueReferences[k], values[k], valueSizes[k]);
+    }
+    return status_of(good);
+}
+
+/* ---- clocks ---- */
+
+fmi3Status fmi3GetClock(
+    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3Clock values[])
+{
+    instance_t *self = instance;
+    bool good = (self != NULL) && instance_check_lists(self, valueReferences, nValueReferences, values, nValueReferences);
+    size_t k;
+
+    for (k = 0u; good && (k < nValueReferences); k++) {
+        const variable_t *variable = instance_find(self, valueReferences[k], TYPE_CLOCK);
+
+        good = variable != NULL;
+        if (good && (variable->role == ROLE_INPUT)) {
+            values[k] = node_of(self)->receive_clock;
+        } else if (good) {
+            values[k] = is_in_event(self) && events_pending(self) && !node_of(self)->is_announced;
+            node_of(self)->is_announced = node_of(self)->is_announced || values[k];
+        } else {
+            /* reported */
+        }
+    }
+    return status_of(good);
+}
+
+fmi3Status fmi3SetClock(
+    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, const fmi3Clock values[])
+{
+    instance_t *self = instance;
+    bool good = (self != NULL) && instance_check_lists(self, valueReferences, nValueReferences, values, nValueReferences);
+    size_t k;
+
+    for (k = 0u; good && (k < nValueReferences); k++) {
+        const variable_t *variable = instance_find(self, valueReferences[k], TYPE_CLOCK);
+
+        good = variable != NULL;
+        if (good && (variable->role != ROLE_INPUT)) {
+            good = instance_refuse(self, "%s cannot be set, it is computed", variable->name);
+        } else if (good && values[k] && !is_in_event(self)) {
+            good = instance_refuse(self, "%s can only tick while an event is handled", variable->name);
+        } else if (good) {
+            node_of(self)->receive_clock = values[k];
+        } else {
+            /* reported */
+        }
+    }
+    return status_of(good);
+}
+
+/* ---- events ---- */
+
+fmi3Status fmi3EnterEventMode(fmi3Instance instance)
+{
+    return status_of((instance != NULL) && instance_enter_event(instance));
+}
+
+fmi3Status fmi3UpdateDiscreteStates(
+    fmi3Instance instance, fmi3Boolean *discreteStatesNeedUpdate, fmi3Boolean *terminateSimulation,
+    fmi3Boolean *nominalsOfContinuousStatesChanged, fmi3Boolean *valuesOfContinuousStatesChanged,
+    fmi3Boolean *nextEventTimeDefined, fmi3Float64 *nextEventTime)
+{
+    instance_t *self = instance;
+    can_node_t *node;
+
+    if (self == NULL) {
+        return fmi3Error;
+    }
+    if ((discreteStatesNeedUpdate == NULL) || (terminateSimulation == NULL) || (nominalsOfContinuousStatesChanged == NULL)
+        || (valuesOfContinuousStatesChanged == NULL) || (nextEventTimeDefined == NULL) || (nextEventTime == NULL)) {
+        return status_of(instance_refuse(self, "a null pointer in place of what an event answers"));
+    }
+    if (!is_in_event(self)) {
+        return status_of(instance_refuse(self, "there is no event to update states in"));
+    }
+    *discreteStatesNeedUpdate = false;
+    *terminateSimulation = false;
+    *nominalsOfContinuousStatesChanged = false;
+    *valuesOfContinuousStatesChanged = false;
+    *nextEventTimeDefined = false;
+    *nextEventTime = 0.0;
+    node = node_of(self);
+    send_frames(self);
+    if (node->is_read) {
+        node->transmit.size = 0u;
+    }
+    if (node->receive_clock) {
+        can_node_process(node, on_frame, &self->now.model);
+    }
+    node->receive.size = 0u;
+    node->receive_clock = false;
+    node->is_announced = false;
+    node->is_read = false;
+    self->outputs_are_current = false;
+    return fmi3OK;
+}
+
+fmi3Status fmi3EnterStepMode(fmi3Instance instance)
+{
+    return status_of((instance != NULL) && instance_leave_event(instance));
+}
