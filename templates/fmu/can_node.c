@@ -284,6 +284,22 @@ static void process(can_node_t *self, const uint8_t *operation, can_receiver_t r
     }
 }
 
+bool can_node_receive(can_node_t *self, const uint8_t *bytes, size_t size)
+{
+    const size_t last = (size_t)self->receive.size - (size_t)self->received_from;
+
+    if ((size == 0u) || ((size == last) && (memcmp(&self->receive.bytes[self->received_from], bytes, size) == 0))) {
+        return true;
+    }
+    if (size > ((size_t)CAN_BUFFER_SIZE - (size_t)self->receive.size)) {
+        return false;
+    }
+    memcpy(&self->receive.bytes[self->receive.size], bytes, size);
+    self->received_from = self->receive.size;
+    self->receive.size += (uint32_t)size;
+    return true;
+}
+
 void can_node_process(can_node_t *self, can_receiver_t receiver, void *owner)
 {
     uint32_t start = 0u;
@@ -306,7 +322,6 @@ void can_node_process(can_node_t *self, can_receiver_t receiver, void *owner)
         }
         start += length;
     }
-    self->receive.size = 0u;
 }
 
 /* ---- the node ---- */

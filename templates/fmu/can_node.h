@@ -9,6 +9,7 @@
 #define CAN_NODE_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "fmu_config.h"
@@ -39,6 +40,7 @@ typedef struct {
     uint32_t restart_steps; /* until the node leaves bus off */
     bool frames_are_due; /* the model has frames for the next event */
     bool receive_clock;
+    uint32_t received_from; /* start of the operations that were added last */
     bool is_announced; /* the simulator has read the transmit clock in this event */
     bool is_read; /* the simulator has read the operations in this event */
     can_mailbox_t mailboxes[CAN_MAILBOXES];
@@ -56,7 +58,11 @@ void can_node_init(can_node_t *self);
 /* Send a frame. A node in bus off sends nothing; a frame that does not fit the buffer is lost. */
 void can_node_send(can_node_t *self, uint32_t id, const uint8_t data[CAN_DATA_MAX]);
 
-/* Process the received operations and empty their buffer. */
+/* Add received operations. Returns false, and adds nothing, if they do not fit. Equal ones twice in succession count once: a simulator
+ * may set a variable again in the same event. Others are added, because some simulators set the frames of an event one by one. */
+bool can_node_receive(can_node_t *self, const uint8_t *bytes, size_t size);
+
+/* Process the received operations. */
 void can_node_process(can_node_t *self, can_receiver_t receiver, void *owner);
 
 /* Advance by one step of the model. */

@@ -3,8 +3,6 @@
  *
  * Operations that the simulator does not read stay in the buffer and are announced again after the next step.
  */
-#include <string.h>
-
 #include "events.h"
 #include "fmi3Functions.h"
 #include "instance.h"
@@ -91,17 +89,13 @@ static bool set_operations(instance_t *self, fmi3ValueReference reference, fmi3B
     if (variable->role != ROLE_INPUT) {
         return instance_refuse(self, "%s cannot be set, it is computed", variable->name);
     }
-    if (size > (size_t)CAN_BUFFER_SIZE) {
-        return instance_refuse(
-            self, "%s has room for %d bytes, not for %lu", variable->name, (int)CAN_BUFFER_SIZE, (unsigned long)size);
-    }
     if ((size > 0u) && (bytes == NULL)) {
         return instance_refuse(self, "a null pointer in place of the bytes of %s", variable->name);
     }
-    if (size > 0u) {
-        memcpy(node_of(self)->receive.bytes, bytes, size);
+    if (!can_node_receive(node_of(self), bytes, size)) {
+        return instance_refuse(
+            self, "%s has room for %d bytes in an event, not for %lu more", variable->name, (int)CAN_BUFFER_SIZE, (unsigned long)size);
     }
-    node_of(self)->receive.size = (uint32_t)size;
     return true;
 }
 
@@ -209,6 +203,7 @@ fmi3Status fmi3UpdateDiscreteStates(
         can_node_process(node, on_frame, &self->now.model);
     }
     node->receive.size = 0u;
+    node->received_from = 0u;
     node->receive_clock = false;
     node->is_announced = false;
     node->is_read = false;
