@@ -151,6 +151,16 @@ def test_the_command_writes_the_file_and_reports_it(run: Run, tmp_path: Path) ->
     assert facts["bytes"] == len(target.read_bytes())
 
 
+def test_a_bus_needs_fmi_3(run: Run, refused: Refused, tmp_path: Path) -> None:
+    ecu = ("fmu", "--build", BUILDS["pi"], "--what", "ecu", "-o", tmp_path / "ecu.fmu")
+    facts = json.loads(run(*ecu, "--json").out)
+    assert (facts["what"], facts["fmi"], facts["bus"], facts["internal_step_s"]) == ("ecu", "3.0", True, 0.001)
+    assert "needs the clocks of FMI 3.0" in refused(*ecu, "--fmi", "2")
+    car = ("fmu", "--build", BUILDS["pi"], "--bus", "-o", "car.fmu")
+    assert "controller has no bus" in refused(*car, "--what", "controller")
+    assert "needs the clocks of FMI 3.0" in refused(*car, "--what", "plant", "--fmi", "2")
+
+
 def test_bad_input_is_one_line(refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plant = ("fmu", "--build", BUILDS["pi"], "--what", "plant", "-o")
     assert "only .fmu is written" in refused(*plant, "car.zip")
