@@ -174,7 +174,8 @@ class Slave:
         return [self.get(name) for name in names]
 
     def step(self, size: float) -> None:
-        self.has_event = self.fmu.doStep(self.time, size)[0] if self.made.version == "3" else False
+        answer = self.fmu.doStep(self.time, size)
+        self.has_event = self.made.version == "3" and answer[0]
         self.time += size
 
     def restore(self, state: Any, time: float) -> None:
