@@ -23,7 +23,9 @@ SIGNAL = """    lateral_speed: Annotated[
 """A number that the simulated car has, and a flag that it does not have."""
 
 CHECK = """
+import io
 import sys
+import zipfile
 from pathlib import Path
 
 import cantools
@@ -32,6 +34,7 @@ import numpy as np
 from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
 from codegen.export.arxml.export import export
+from codegen.export.fmu.export import make_fmu
 from codegen.export.fmu.variables import variables_of
 from codegen.export.runs import COLUMNS
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
@@ -83,6 +86,11 @@ controls = {each.name: each for each in variables_of("controller", software.conf
 assert controls["lateral_speed_m_s"].unit == "m/s" and "lateral_speed_available" in controls
 assert controls["reverse_gear"].kind == "boolean"
 assert "lateral_speed_m_s" in {each.name for each in variables_of("loop", software.config) if each.role == "output"}
+
+# FMUs of both nodes on the bus
+for what, line in (("bus_plant", "conditions.lateral_speed = (float)self->plant.lateral_speed;"), ("ecu", "run_task(self);")):
+    with zipfile.ZipFile(io.BytesIO(make_fmu(Path("added"), what, "3").content)) as archive:
+        assert line in archive.read("sources/model.c").decode()
 
 # the guide
 sys.path.append("docs/_ext")

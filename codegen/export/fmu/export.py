@@ -409,7 +409,7 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
         tool=f"ars-codegen {__version__}",
         token="",
         internal_step=step_size(what, config),
-        communication_step=config.controller.sampling_time_s,
+        communication_step=step_size(what, config) if what in WITH_BUS else config.controller.sampling_time_s,
         variables=variables,
         statuses=status_values(files, prefix),
         sources=sorted(name for name in sources_with("") if name.endswith(".c")),
