@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-
-from fmpy import fmi3
+from dataclasses import dataclass, field
 
 from hil_sim.codec import Frame
 from tests.export.fmus import Slave
@@ -187,60 +185,3 @@ def simulate(bus: Bus, duration: float, step: float, values: Callable[[int, floa
         for number, node in enumerate(bus.nodes):
             if node.slave.has_event:
                 bus.accept(number, node.event(values=values(number, now * MICROSECOND)))
-
-
-class BusFmu:
-    """A bus simulation FMU by the standard with a terminal for each node and countdown clocks, in place of `Bus`."""
-
-    def __init__(self, nodes: Sequence[Node], slave: Slave, terminals: Sequence[str]) -> None:
-        self.nodes, self.slave, self.frames = nodes, slave, list[Frame]()
-        self.moving, self.free_at = None, 0
-        self._waiting = dict.fromkeys(range(len(nodes)), b"")
-        members = ("Rx_Clock", "Rx_Data", "Tx_Clock", "Tx_Data")
-        number = {name: each.valueReference for name, each in slave.variables.items()}
-        self._numbers = [{member: number[f"{terminal}.{member}"] for member in members} for terminal in terminals]
-        slave.fmu.enterInitializationMode()
-        slave.fmu.exitInitializationMode()
-        slave.fmu.enterStepMode()
-
-    def accept(self, sender: int, content: bytes) -> None:
-        self._waiting[sender] += content
-
-    def begin(self, now: int) -> None:
-        """Pass the waiting operations to the bus."""
-        if any(self._waiting.values()):
-            self._enter(now)
-            for numbers, content in zip(self._numbers, self._waiting.values(), strict=True):
-                if content:
-                    self.slave.fmu.setClock([numbers["Rx_Clock"]], [True])
-                    self.slave.fmu.setBinary([numbers["Rx_Data"]], [content])
-            self._waiting = dict.fromkeys(self._waiting, b"")
-            self._leave(now)
-
-    def end(self, now: int) -> dict[int, bytes]:
-        """Activate the transmit clocks and return the operations for each node."""
-        self._enter(now)
-        self.moving = None
-        for numbers in self._numbers:
-            self.slave.fmu.setClock([numbers["Tx_Clock"]], [True])
-        found = {k: bytes(self.slave.fmu.getBinary([each["Tx_Data"]])[0]) for k, each in enumerate(self._numbers)}
-        self._leave(now)
-        sent = {content for each in found.values() for code, content in operations(each) if code == TRANSMIT}
-        self.frames += [replace(frame_of(content), time=now * MICROSECOND) for content in sent]
-        return found
-
-    def _enter(self, now: int) -> None:
-        size = now * MICROSECOND - self.slave.time
-        if size > 0.1 * MICROSECOND:
-            self.slave.step(size)
-        self.slave.fmu.enterEventMode()
-
-    def _leave(self, now: int) -> None:
-        self.slave.fmu.updateDiscreteStates()
-        counter, resolution, qualifier = (fmi3.fmi3UInt64 * 1)(), (fmi3.fmi3UInt64 * 1)(), (fmi3.fmi3IntervalQualifier * 1)()
-        for numbers in self._numbers:
-            clock = (fmi3.fmi3ValueReference * 1)(numbers["Tx_Clock"])
-            self.slave.fmu.getIntervalFraction(clock, counter, resolution, qualifier)
-            if qualifier[0] == 2:  # fmi3IntervalChanged
-                self.moving, self.free_at = True, now + round(counter[0] / resolution[0] / MICROSECOND)
-        self.slave.fmu.enterStepMode()

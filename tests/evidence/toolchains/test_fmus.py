@@ -1,5 +1,6 @@
 """FMUs of the other kind and scenario, of another configuration, and under a misbehaving simulator."""
 
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,10 @@ from fmpy.validation import validate_fmu
 from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
 from codegen.export.fmu.export import make_fmu
-from codegen.export.fmu.variables import Version
+from codegen.export.fmu.variables import Version, What
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import load
+from codegen.sil.toolchain import compiler_command
 from tests.export import fmus
 from tests.export.test_fmu_file import RECORD_ORDER
 from tests.export.test_fmu_states import misuse
@@ -21,6 +23,20 @@ from tests.export.test_fmu_states import misuse
 @pytest.mark.parametrize("version", ["2", "3"])
 def test_misuse_under_sanitizers(version: Version, tmp_path: Path) -> None:
     answer = misuse(version, tmp_path, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1")
+    assert answer.returncode == 0, answer.stderr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("what", ["ecu", "bus_plant"])
+def test_random_operations_from_the_bus_under_sanitizers(what: What, tmp_path: Path) -> None:
+    known, program = fmus.made(what, "3"), tmp_path / "flood"
+    number = {each.name: str(each.valueReference) for each in known.description.modelVariables}
+    flags = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1", "-std=c99", "-Wall", "-Werror", "-I.")
+    sources = [*fmus.listed_sources(known), fmus.ROOT / "tests" / "export" / "flood.c"]
+    command = [*compiler_command(), *flags, *sources, "-o", program, "-lm"]
+    subprocess.run(command, cwd=known.folder / "sources", check=True)
+    variables = (number["CanChannel.Rx_Clock"], number["CanChannel.BusNotifications"])
+    answer = subprocess.run([program, known.fmu.token, *variables], capture_output=True, text=True, check=False)
     assert answer.returncode == 0, answer.stderr
 
 
