@@ -79,11 +79,16 @@ def test_fmpy_validates_the_files() -> None:
 
 @pytest.mark.parametrize(("bit_rate", "elapsed", "notifies"), [(None, 0.005, False), (500e3, 0.006, True)])
 def test_both_nodes_on_a_bus(bit_rate: float | None, elapsed: float, notifies: bool) -> None:
-    wanted, cycles = recorded("tracking", SCENARIO, elapsed)
-    given = driver("tracking", SCENARIO)
+    check_run("tracking", SCENARIO, bit_rate, elapsed, notifies)
+
+
+def check_run(kind: str, scenario: str, bit_rate: float | None, elapsed: float, notifies: bool) -> None:
+    """Compare all frames of a scenario on a bus with those of the SIL."""
+    wanted, cycles = recorded(kind, scenario, elapsed)
+    given = driver(kind, scenario)
     start = {"CanChannel.BusNotifications": float(notifies)}
-    plant = Node(Slave(made("bus_plant", "3"), event_mode=True)).start({**start, **given(0.0)})
-    ecu = Node(Slave(made("ecu", "3"), event_mode=True)).start(start)
+    plant = Node(Slave(made("bus_plant", "3", kind), event_mode=True)).start({**start, **given(0.0)})
+    ecu = Node(Slave(made("ecu", "3", kind), event_mode=True)).start(start)
     bus = Bus((plant, ecu), bit_rate, notifies=notifies)
     simulate(bus, cycles * 0.01 - STEP, STEP, lambda number, time: given(time) if number == 0 else {})
     assert [(frame.id, frame.data) for frame in bus.frames] == [(frame.id, frame.data) for frame in wanted]

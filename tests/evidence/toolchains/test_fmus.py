@@ -14,7 +14,7 @@ from codegen.export.fmu.variables import Version, What
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import load
 from codegen.sil.toolchain import compiler_command
-from tests.export import fmus
+from tests.export import fmus, test_fmu_bus
 from tests.export.test_fmu_file import RECORD_ORDER
 from tests.export.test_fmu_states import misuse
 
@@ -24,6 +24,12 @@ from tests.export.test_fmu_states import misuse
 def test_misuse_under_sanitizers(version: Version, tmp_path: Path) -> None:
     answer = misuse(version, tmp_path, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1")
     assert answer.returncode == 0, answer.stderr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["pi", "tracking"])
+def test_nodes_on_a_bus_in_another_scenario(kind: str) -> None:
+    test_fmu_bus.check_run(kind, "step-steer", 500e3, 0.006, True)
 
 
 @pytest.mark.long
