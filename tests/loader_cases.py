@@ -262,6 +262,10 @@ def fault_of(loader: Loader, data: bytes, folder: Path) -> str:
     return fault_of_file(loader, path)
 
 
+class HangError(BaseException):
+    """No answer in time. Loaders and `logging` catch every Exception."""
+
+
 def fault_of_file(loader: Loader, path: Path) -> str:
     """Return the fault in a loader's response to the file at `path`; see `fault_of`."""
     before = signal.signal(signal.SIGALRM, _hung)
@@ -271,7 +275,7 @@ def fault_of_file(loader: Loader, path: Path) -> str:
     except CodegenError as error:
         text = str(error)
         return "" if text and text.isprintable() else f"not one printable line: {text[:200]!r}"
-    except Exception as error:
+    except (Exception, HangError) as error:
         return f"{type(error).__name__}: {str(error)[:200]}"
     finally:
         signal.alarm(0)
@@ -280,4 +284,4 @@ def fault_of_file(loader: Loader, path: Path) -> str:
 
 
 def _hung(_signal: int, _frame: object) -> None:
-    raise TimeoutError(f"no answer after {HANG_S} s")
+    raise HangError(f"no answer after {HANG_S} s")
