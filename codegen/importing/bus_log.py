@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from codegen.errors import CodegenError, one_line
 from codegen.files import reason_of, require_regular
+from codegen.importing import child
 
 if TYPE_CHECKING:
     import can
@@ -39,19 +40,29 @@ def frames(path: Path) -> Iterator[can.Message]:
     require_regular(path, BYTES_MAX, "give a shorter log")
     if path.suffix.lower() in TEXT_LOGS:
         _check_text(path)
+    is_mf4 = path.suffix.lower() == ".mf4"
     try:
-        with _reader(path) as reader:
-            whole = getattr(reader, "file_size", 0)  # from the header of a BLF
-            for frame in reader:
-                if not abs(frame.timestamp) <= TIME_MAX_S:  # NaN neither
-                    raise CodegenError("a frame has an invalid time", where=path, remedy=REMEDY)
-                yield frame
+        for frame in child.call(__name__, "_frames_of_mf4", path, **child.LOG) if is_mf4 else _frames(path):
+            if not abs(frame.timestamp) <= TIME_MAX_S:  # NaN neither
+                raise CodegenError("a frame has an invalid time", where=path, remedy=REMEDY)
+            yield frame
     except CodegenError:
         raise
     except ImportError as error:
         raise CodegenError(f"the package that reads it is missing ({one_line(error)})", where=path, remedy=TOOLS) from None
     except Exception as error:  # readers may raise anything for a damaged file
         raise CodegenError(f"not a readable log of a CAN bus ({one_line(error)})", where=path, remedy=REMEDY) from None
+
+
+def _frames_of_mf4(path: Path) -> list[can.Message]:
+    """Return the frames, in a child process: asammdf may crash on a damaged file (8.8 does)."""
+    return list(_frames(path))
+
+
+def _frames(path: Path) -> Iterator[can.Message]:
+    with _reader(path) as reader:
+        whole = getattr(reader, "file_size", 0)  # from the header of a BLF
+        yield from reader
     if path.stat().st_size < whole:
         what = f"it ends early: {path.stat().st_size} of {whole} bytes"
         raise CodegenError(what, where=path, remedy="copy it again, or let the tool that writes it close it")

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -16,6 +14,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
 from codegen.files import read_file, require_regular
+from codegen.importing import child
 from codegen.importing.bus_log import LOGS, TOOLS, frames
 from codegen.report.bus_tables import FaultEntry, FaultFile
 from codegen.sil.software import RECORD_COLUMNS
@@ -167,28 +166,15 @@ def _read_parquet(path: Path) -> FloatArray:
     return _checked(np.column_stack(columns), path)
 
 
-def _close_quietly(file: Any) -> None:
-    """Close a file of asammdf. Its own destructor fails for a file that could not be opened, and Python prints a traceback."""
-    with contextlib.suppress(Exception):
-        file.close()
-
-
 def _read_mf4(path: Path) -> FloatArray | None:
     """Return the recording in an MF4 file; None for a log of the bus."""
     try:
-        from asammdf import MDF
-        from asammdf.blocks.mdf_v4 import MDF4
+        columns = child.call("codegen.importing.mf4", "columns", path, RECORD_COLUMNS, **child.LOG)
     except ImportError:
         raise _missing("asammdf", path) from None
-    MDF4.__del__ = _close_quietly  # type: ignore[method-assign]
-    try:
-        with MDF(path) as mdf:
-            if RECORD_COLUMNS[1] not in mdf.channels_db:
-                return None
-            columns = [mdf.get(name, raw=True).samples.astype(np.float64) for name in RECORD_COLUMNS]
     except Exception as error:  # asammdf may raise anything for a damaged file
         raise _no_run(path, error) from None
-    return _checked(np.column_stack(columns), path)
+    return None if columns is None else _checked(np.column_stack(columns), path)
 
 
 def _read_csv(path: Path) -> FloatArray:
