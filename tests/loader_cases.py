@@ -142,7 +142,7 @@ def loaders() -> Mapping[str, Loader]:
         "faults": Loader("faults.json", _faults(), _report_input),
         "program": Loader("program", _written("program", _program), Elf.read, 0.5),
     }
-    for kind, weight in (("csv", 1.0), ("parquet", 0.5), ("mf4", 0.05)):
+    for kind, weight in (("csv", 1.0), ("parquet", 0.5), ("mf4", 0.02)):
         found[f"run, {kind}"] = Loader(f"run.{kind}", _written(f"run.{kind}", _run), _report_input, weight)
     for kind, module in READERS.items():
         own = _calibration()
