@@ -118,7 +118,7 @@ def compiled(folder: Path, headers: Path, target: Path) -> Made:
     )
     sources = sorted(str(path) for path in (folder / "src").glob("*.c"))
     subprocess.run([*compiler_command(), *options, *sources, "-o", str(binary)], check=True)
-    return Made(None, place, place, description)  # type: ignore[arg-type]
+    return Made(None, place, place, description)
 
 
 def frames_of(frames: Sequence[Frame]) -> list[tuple[int, bytes]]:
@@ -138,7 +138,7 @@ def both_on_demo_bus(bus_fmu: Made) -> tuple[str, bool]:
     given = driver(KIND, SCENARIO)
     car = started(made("bus_plant", "3", KIND), {**NOTIFIED, **given(0.0)})
     bus = BusFmu((car, started(made("ecu", "3", KIND), NOTIFIED)), Slave(bus_fmu, event_mode=True), ("Node1", "Node2"))
-    simulate(bus, cycles * 0.01 - fmus.STEP, fmus.STEP, lambda number, time: given(time) if number == 0 else {})  # type: ignore[arg-type]
+    simulate(bus, cycles * 0.01 - fmus.STEP, fmus.STEP, lambda number, time: given(time) if number == 0 else {})
     return f"car and ECU on the demo bus: {len(bus.frames)} frames", frames_of(bus.frames) == frames_of(wanted)
 
 
@@ -167,7 +167,7 @@ def ecu_and_demo_node(bus_fmu: Made, node: Made, target: Path) -> tuple[str, boo
     third = started(node)
     bus = BusFmu((ecu, third), Slave(bus_fmu, event_mode=True), ("Node1", "Node2"))
     duration = 3.0
-    simulate(bus, duration, fmus.STEP, lambda number, time: {})  # type: ignore[arg-type]
+    simulate(bus, duration, fmus.STEP, lambda number, time: {})
     task = load(build).task()
     own = [frame for frame in frames_of(bus.frames) if frame != NODE_FRAME]
     wanted = [task.run() for _ in own]
