@@ -1,8 +1,8 @@
 """ECU and car as participants of SIL Kit, compared with the SIL: `python -m tests.export.demo_silkit PYTHON`.
 
 PYTHON is an interpreter (3.12 or newer) with fmpy and silkit-py, whose wheel contains SIL Kit with its registry and system
-controller. It is not a test of `make test`, because silkit-py does not support all Python versions of this project. The exit code is 1 if
-frames differ.
+controller. It is not a test of `make test`, because silkit-py does not support all Python versions of this project. The exit
+code is 1 if frames differ.
 """
 
 from __future__ import annotations
