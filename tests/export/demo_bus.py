@@ -174,9 +174,7 @@ def ecu_and_demo_node(bus_fmu: Made, node: Made, target: Path) -> tuple[str, boo
     other, received = len(bus.frames) - len(own), sum("Received CAN frame" in message for message in third.slave.messages)
     # A transmission that ends after the end of the simulation is not counted.
     is_whole = len(own) == round(duration / 0.01) and received == len(own) and other == round(duration / NODE_PERIOD) - 1
-    return f"ECU and demo node on the demo bus: {len(own)} frames, and {other} of the node", (
-        is_whole and own == wanted
-    )
+    return f"ECU and demo node on the demo bus: {len(own)} frames, and {other} of the node", (is_whole and own == wanted)
 
 
 def main() -> int:
