@@ -1,22 +1,20 @@
-"""End-to-end protection of frames: AUTOSAR E2E profile 1, variant 1A, both sides, and the state of a message (E2E_SMCheck).
+"""AUTOSAR E2E protection of frames in Python, from the same table as the generated C but by other means.
 
-After AUTOSAR FO R20-11, E2E Protocol Specification (PRS_E2EProtocol, document 849), section 6.3. A frame of eight bytes holds
-a CRC-8 in byte 0 and a counter, 0 to 14, in the low nibble of byte 1. The data id, known to both sides and never sent, goes
-into the CRC before the data, so that a frame under a wrong identifier does not pass.
+After AUTOSAR FO R20-11, E2E Protocol Specification (PRS_E2EProtocol, document 849). A frame starts with a CRC and a counter.
+The data id, known to both sides, goes into the CRC, so that a frame under a wrong identifier does not pass.
 """
 
 from __future__ import annotations
 
 import enum
 from collections import deque
+from functools import lru_cache
 
 from codegen.configuration.can import FRAME_BYTES, E2e
+from codegen.configuration.e2e_profiles import DEFAULT, Crc, DataId, Profile
 
-POLYNOMIAL = 0x1D
-"""CRC-8 SAE J1850. Profile 1 takes 0x00 for start value and final XOR (PRS_E2E_00083), unlike the bare CRC, which has 0xFF."""
-
-LARGEST_COUNTER = 14
-"""15 is skipped (PRS_E2E_00075)."""
+LARGEST_COUNTER = DEFAULT.counter_max
+"""15 is skipped in profile 1 (PRS_E2E_00075)."""
 
 
 class E2eStatus(enum.IntEnum):
@@ -32,51 +30,84 @@ class E2eStatus(enum.IntEnum):
     WRONG_SEQUENCE = 7
 
 
-def _crc_of_byte(value: int) -> int:
-    for _ in range(8):
-        value = (value << 1) ^ POLYNOMIAL if value & 0x80 else value << 1
-    return value & 0xFF
+@lru_cache
+def _table(kind: Crc) -> tuple[int, ...]:
+    """Return the remainder of each byte."""
+    mask = (1 << kind.width) - 1
+
+    def remainder(value: int) -> int:
+        value <<= kind.width - 8
+        for _ in range(8):
+            value = (value << 1) ^ kind.polynomial if value >> (kind.width - 1) & 1 else value << 1
+        return value & mask
+
+    return tuple(remainder(value) for value in range(256))
 
 
-_TABLE = bytes(_crc_of_byte(value) for value in range(256))
+def _data_id_bytes(profile: Profile, data_id: DataId, counter: int) -> tuple[int, ...]:
+    """Return the bytes of the data id in the CRC."""
+    if isinstance(data_id, bytes):
+        return (data_id[counter],)
+    low, high = data_id & 0xFF, data_id >> 8 & 0xFF
+    return {"both": (low, high), "alternating": ((low, high)[counter & 1],), "nibble": (low, 0)}[profile.data_id_mode]
 
 
-def crc(data_id: int, data: bytes) -> int:
-    """Return the CRC of a frame, over the data id (16 bits, low byte first) and all bytes of `data` except the first, which
-    holds the CRC."""
-    result = 0
-    for byte in (data_id & 0xFF, data_id >> 8 & 0xFF, *data[1:]):
-        result = _TABLE[result ^ byte]
-    return result
+def crc(data_id: DataId, data: bytes, profile: Profile = DEFAULT) -> int:
+    """Return the CRC of a frame, over the data id and all bytes of `data` except the first ones, which hold the CRC."""
+    kind, table = profile.crc, _table(profile.crc)
+    number, contents = _data_id_bytes(profile, data_id, received_counter(data, profile)), data[profile.crc_bytes :]
+    result, shift, mask = kind.start, kind.width - 8, (1 << kind.width) - 1
+    for byte in (*number, *contents) if profile.has_data_id_first else (*contents, *number):
+        result = (result << 8 & mask) ^ table[result >> shift ^ byte]
+    return result ^ kind.final_xor
 
 
-def protect(data_id: int, counter: int, data: bytes) -> bytes:
-    """Return `data` (8 bytes) with counter and CRC (PRS_E2E_00195). The high nibble of byte 1 is unchanged.
+def received_counter(data: bytes, profile: Profile = DEFAULT) -> int:
+    """Return the counter of a frame."""
+    return data[profile.counter_byte] & ((1 << profile.counter_length) - 1)
+
+
+def protect(data_id: DataId, counter: int, data: bytes, profile: Profile = DEFAULT) -> bytes:
+    """Return `data` with CRC, counter (PRS_E2E_00195) and, in the variants C, the nibble of the data id.
+
+    Other bits are unchanged.
 
     Raises:
-        ValueError: not eight bytes, or a counter outside 0 to 14.
+        ValueError: a frame without room for both, or a counter out of range.
     """
-    if len(data) != FRAME_BYTES:
-        raise ValueError(f"{len(data)} bytes; a protected frame has {FRAME_BYTES}")
-    if not 0 <= counter <= LARGEST_COUNTER:
-        raise ValueError(f"counter {counter} is not within 0 to {LARGEST_COUNTER}")
-    body = bytes((0, data[1] & 0xF0 | counter)) + data[2:]
-    return bytes((crc(data_id, body),)) + body[1:]
+    if not profile.counter_byte < len(data) <= profile.data_bytes_max:
+        raise ValueError(
+            f"{len(data)} bytes; a frame of E2E {profile.title} has {profile.counter_byte + 1} to {profile.data_bytes_max}"
+        )
+    if not 0 <= counter <= profile.counter_max:
+        raise ValueError(f"counter {counter} is not within 0 to {profile.counter_max}")
+    body = bytearray(data)
+    kept = 0xFF << profile.counter_length & 0xFF
+    body[profile.counter_byte] = body[profile.counter_byte] & kept | counter
+    if profile.nibble_bits and isinstance(data_id, int):
+        body[1] = data_id >> 4 & 0xF0 | counter
+    body[: profile.crc_bytes] = crc(data_id, bytes(body), profile).to_bytes(profile.crc_bytes, "little")
+    return bytes(body)
 
 
-def next_counter(counter: int) -> int:
-    """Return the counter of the next frame; 0 follows 14."""
-    return (counter + 1) % (LARGEST_COUNTER + 1)
+def next_counter(counter: int, profile: Profile = DEFAULT) -> int:
+    """Return the counter of the next frame; 0 follows the largest one."""
+    return (counter + 1) % profile.counter_count
 
 
 class Receiver:
-    """State of the reception of one message: function E2E_P01Check (PRS_E2E_00196 and the figures of 6.3.4).
+    """State of the reception of one message: function E2E_P01Check (PRS_E2E_00196 and the figures of 6.3.4), or that of another
+    profile.
 
     Called in every cycle: `check` for each frame that came, in their order, or `no_new_data` where none came.
+
+    In profiles 5 and 11 the window of the counter is constant. The first intact frame is INITIAL for them too. The
+    specification compares it with the counter before 0, so that most are WRONG_SEQUENCE. Its state machine goes from NO_DATA
+    to INIT with either result.
     """
 
-    def __init__(self, settings: E2e) -> None:
-        self._settings = settings
+    def __init__(self, settings: E2e, frame_bytes: int = FRAME_BYTES) -> None:
+        self._settings, self._profile, self._frame_bytes = settings, settings.definition, frame_bytes
         self._last_valid_counter = 0
         self._max_delta_counter = 0
         self._wait_for_first_data = True
@@ -84,23 +115,26 @@ class Receiver:
         self._no_new_or_repeated = 0
 
     def no_new_data(self) -> E2eStatus:
-        """Check a cycle with a frame of eight bytes."""
+        """Check a cycle without a frame."""
         self._tolerate_one_more()
         self._count_no_new_or_repeated()
         return E2eStatus.NO_NEW_DATA
 
-    def check(self, data_id: int, data: bytes) -> E2eStatus:
-        """Check a cycle with a frame of eight bytes.
+    def check(self, data_id: DataId, data: bytes) -> E2eStatus:
+        """Check a cycle with a frame.
 
         A counter of 15 counts as a wrong CRC. The specification treats it as a wrong input (E2E_E_INPUTERR_WRONG), tested
         before the CRC. The state machine maps that to E2E_P_ERROR (SWS_E2E_00384), as it does WRONG_CRC (SWS_E2E_00383). A
         frame of another length is a wrong input too.
         """
         self._tolerate_one_more()
-        if len(data) != FRAME_BYTES:
+        profile = self._profile
+        if len(data) != self._frame_bytes:
             return E2eStatus.WRONG_CRC
-        received = data[1] & 0x0F
-        if received > LARGEST_COUNTER or crc(data_id, data) != data[0]:
+        received = received_counter(data, profile)
+        if received > profile.counter_max or crc(data_id, data, profile) != int.from_bytes(data[: profile.crc_bytes], "little"):
+            return E2eStatus.WRONG_CRC
+        if profile.nibble_bits and isinstance(data_id, int) and data[1] >> 4 != data_id >> 8:
             return E2eStatus.WRONG_CRC
         if self._wait_for_first_data:
             self._wait_for_first_data = False
@@ -109,7 +143,14 @@ class Receiver:
         return self._check_sequence(received)
 
     def _check_sequence(self, received: int) -> E2eStatus:
-        delta = (received - self._last_valid_counter) % (LARGEST_COUNTER + 1)
+        delta = (received - self._last_valid_counter) % self._profile.counter_count
+        if not self._profile.has_synchronisation:
+            self._last_valid_counter = received
+            if delta == 0:
+                return E2eStatus.REPEATED
+            if delta > self._settings.max_delta_counter:
+                return E2eStatus.WRONG_SEQUENCE
+            return E2eStatus.OK if delta == 1 else E2eStatus.OK_SOME_LOST
         if delta == 0:
             self._count_no_new_or_repeated()
             return E2eStatus.REPEATED
@@ -136,10 +177,12 @@ class Receiver:
 
     def _tolerate_one_more(self) -> None:
         # At every call, so that the cycle of a good frame counts too: with an initial value of 1, one lost frame is tolerated.
-        self._max_delta_counter = min(self._max_delta_counter + 1, LARGEST_COUNTER)
+        if self._profile.has_synchronisation:
+            self._max_delta_counter = min(self._max_delta_counter + 1, self._profile.counter_max)
 
     def _count_no_new_or_repeated(self) -> None:
-        self._no_new_or_repeated = min(self._no_new_or_repeated + 1, LARGEST_COUNTER)
+        if self._profile.has_synchronisation:
+            self._no_new_or_repeated = min(self._no_new_or_repeated + 1, self._profile.counter_max)
 
 
 class E2eState(enum.IntEnum):

@@ -12,7 +12,7 @@ from typing import Literal
 from codegen.configuration.can import Can, Message, RealSignal
 from codegen.errors import CodegenError, suggestion
 from hil_sim.codec import Frame
-from hil_sim.e2e import protect
+from hil_sim.e2e import protect, received_counter
 
 FaultKind = Literal[
     "drop",
@@ -184,9 +184,11 @@ class Injector:
 
     def _frozen_counter(self, index: int, frame: Frame) -> Frame:
         """Repeat the counter with a correct CRC: the sender hangs, its protection does not."""
-        message = next(message for message in self._messages.values() if message.id == frame.id)
-        counter = self._frozen.setdefault((index, frame.id), ((frame.data[1] & 0xF) - 1) % 15)  # that of the previous frame
-        return replace(frame, data=protect(message.e2e_data_id, counter, frame.data))
+        message, profile = next(each for each in self._messages.values() if each.id == frame.id), self._can.e2e.definition
+        counter = self._frozen.setdefault(
+            (index, frame.id), (received_counter(frame.data, profile) - 1) % profile.counter_count
+        )  # previous
+        return replace(frame, data=protect(message.e2e_data_id, counter, frame.data, profile))
 
     def _among_strangers(self, frames: Sequence[Frame]) -> list[Frame]:
         """Add as many foreign frames as the bus has room for in a cycle, of higher and lower priority."""

@@ -96,6 +96,7 @@ class PlantNode:
         seed: int = 0,
     ) -> None:
         self._config, self._can = config, config.can
+        self._profile = config.can.e2e.definition
         self._per_sample = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
         self.sampling_time = config.plant.sampling_time_s * self._per_sample
         inputs = scenario.inputs(config)
@@ -127,7 +128,7 @@ class PlantNode:
             (self._can.vehicle_conditions, VehicleConditions(0.0, 0.0)),
             (self._can.rear_steer_command, RearSteerCommand(0.0, 0.0)),
         ):
-            data = protect(message.e2e_data_id, 0, self._codec.encode(payload))
+            data = protect(message.e2e_data_id, 0, self._codec.encode(payload), self._profile)
             Receiver(self._can.e2e).check(message.e2e_data_id, data)
             self._codec.decode(message.id, data)
 
@@ -178,8 +179,8 @@ class PlantNode:
         names = [signal.role for signal in signals_of("vehicle_motion")]
         values = self.injector.signals(cycle, message.name, {name: measured[name] for name in names})
         data = self._codec.encode(VehicleMotion(*(values[name] for name in names)))
-        data = protect(message.e2e_data_id, self._motion_counter, data)
-        self._motion_counter = next_counter(self._motion_counter)
+        data = protect(message.e2e_data_id, self._motion_counter, data, self._profile)
+        self._motion_counter = next_counter(self._motion_counter, self._profile)
         return Frame(message.id, data)
 
     def _conditions(self, cycle: int, measured: dict[str, float], inhibit: bool) -> Frame:
@@ -187,8 +188,8 @@ class PlantNode:
         names = [signal.role for signal in signals_of("vehicle_conditions") if signal.is_real]
         values = self.injector.signals(cycle, message.name, {name: measured.get(name, math.nan) for name in names})
         data = self._codec.encode(VehicleConditions(**values, inhibit=inhibit))
-        data = protect(message.e2e_data_id, self._conditions_counter, data)
-        self._conditions_counter = next_counter(self._conditions_counter)
+        data = protect(message.e2e_data_id, self._conditions_counter, data, self._profile)
+        self._conditions_counter = next_counter(self._conditions_counter, self._profile)
         return Frame(message.id, data)
 
     def receive(self, frame: Frame) -> bool:

@@ -14,17 +14,18 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from codegen.configuration.e2e_profiles import DATA_ID_COUNT, DEFAULT, PROFILES, DataId, Profile, ProfileName
 from codegen.configuration.section import Meaning, Range, Section
 from codegen.configuration.signals import signals_of
 
 FRAME_BYTES = 8
-CRC_BITS = frozenset(range(8))
-"""Byte 0: AUTOSAR E2E profile 1, variant 1A."""
-COUNTER_BITS = frozenset(range(8, 12))
-"""The low nibble of byte 1."""
+"""Bytes of a frame of classical CAN."""
 
 QUALIFIED = tuple(each.role for each in signals_of("vehicle_motion"))
 """Signals of VehicleMotion that have a bit each in its qualifier, from bit 0."""
+
+NIBBLE_NAME = "DataIdNibble"
+"""Default name in the DBC of the bits of the data id in a frame."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}\Z", re.ASCII)
 
@@ -110,7 +111,7 @@ class RealSignal(Signal):
 
 
 class Message(Section):
-    """A frame of eight bytes, sent in every sampling time and protected by AUTOSAR E2E profile 1, variant 1A.
+    """A frame of eight bytes, sent in every sampling time and protected by an AUTOSAR E2E profile.
 
     A subclass names its role in the table of signals, such as `role="vehicle_motion"`, and gets a field for each signal of it.
     """
@@ -124,14 +125,28 @@ class Message(Section):
         Annotated[int, Field(ge=0, le=0xFFFF)] | None,
         Meaning("data id of the E2E protection, by default the `id` of the message"),
     ] = None
+    data_ids: Annotated[
+        list[Annotated[int, Field(ge=0, le=0xFF)]] | None,
+        Meaning("list of the 16 data ids of E2E profile 2, one for each counter; other profiles have `data_id`"),
+    ] = Field(default=None, exclude_if=lambda ids: ids is None)
     byte_order: Annotated[Literal["intel", "motorola"], Meaning("byte order of the signals")] = "intel"
-    crc_name: Annotated[DbcName, Meaning("name in the DBC of the CRC in byte 0")]
-    counter_name: Annotated[DbcName, Meaning("name in the DBC of the counter in the low nibble of byte 1")]
+    crc_name: Annotated[DbcName, Meaning("name in the DBC of the CRC")]
+    counter_name: Annotated[DbcName, Meaning("name in the DBC of the counter")]
+    nibble_name: Annotated[
+        DbcName, Meaning("name in the DBC of the four bits of the data id that a frame of profile 1C or 11C carries")
+    ] = Field(default=NIBBLE_NAME, exclude_if=lambda name: name == NIBBLE_NAME)
 
     @property
-    def e2e_data_id(self) -> int:
-        """Data id of the protection; by default the CAN identifier."""
+    def e2e_data_id(self) -> DataId:
+        """Data id of the protection, by default the CAN identifier; for profile 2 the list of data ids."""
+        if self.data_ids is not None:
+            return bytes(self.data_ids)
         return self.id if self.data_id is None else self.data_id
+
+    def header(self, profile: Profile) -> tuple[tuple[str, frozenset[int]], ...]:
+        """Return name and bits of each field of the protection."""
+        fields = ((self.crc_name, profile.crc_bits), (self.counter_name, profile.counter_bits))
+        return (*fields, (self.nibble_name, profile.nibble_bits)) if profile.nibble_bits else fields
 
     def __init_subclass__(cls, role: str, **keywords: Any) -> None:
         """Add the fields, before pydantic collects them."""
@@ -165,7 +180,7 @@ class Message(Section):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        names = [self.crc_name, self.counter_name, *(signal.name for signal in self.signals().values())]
+        names = [self.crc_name, self.counter_name, self.nibble_name, *(signal.name for signal in self.signals().values())]
         if twice := next((name for name in names if names.count(name) > 1), None):
             raise ValueError(f"two signals are called {twice}; rename one")
         for one, other in combinations(self._places(), 2):
@@ -173,9 +188,32 @@ class Message(Section):
                 raise ValueError(f"{one[0]} and {other[0]} share bit {min(one[1] & other[1])}; move one of them")
         return self
 
+    def check_protection(self, profile: Profile) -> None:
+        """Check that the message has the data id of a profile, and room for its header.
+
+        Raises:
+            ValueError: it has not.
+        """
+        if (self.data_ids is not None) != (profile.data_id_mode == "list"):
+            remedy = "remove it" if self.data_ids is not None else f"give {DATA_ID_COUNT} numbers from 0 to 255"
+            raise ValueError(
+                f"{self.name} {'has' if self.data_ids is not None else 'needs'} data_ids with E2E {profile.title}; {remedy}"
+            )
+        if self.data_ids is not None and len(self.data_ids) != DATA_ID_COUNT:
+            raise ValueError(f"{self.name} has {len(self.data_ids)} data_ids; give {DATA_ID_COUNT}, one for each counter")
+        number = self.e2e_data_id
+        if isinstance(number, int) and number > profile.data_id_max:
+            raise ValueError(
+                f"{self.name} has the data id 0x{number:X}; E2E {profile.title} needs a data_id up to 0x{profile.data_id_max:X}"
+            )
+        for name, bits in self._places():
+            for field, own in self.header(profile):
+                if bits & own:
+                    raise ValueError(
+                        f"{self.name}: {field} of E2E {profile.title} and {name} share bit {min(bits & own)}; move {name}"
+                    )
+
     def _places(self) -> Iterator[tuple[str, frozenset[int]]]:
-        yield self.crc_name, CRC_BITS
-        yield self.counter_name, COUNTER_BITS
         for signal in self.signals().values():
             yield signal.name, frozenset(signal.bits(self.byte_order))
 
@@ -248,12 +286,19 @@ WindowCount = Annotated[int, Field(ge=0, le=WINDOW_SIZE_MAX)]
 
 
 class E2e(Section):
-    """Tolerances of the receivers of protected frames, named as in AUTOSAR's E2E profile 1 and its E2E state machine.
+    """Protection of the frames, and tolerances of their receivers, named as in AUTOSAR's E2E profiles and its state machine.
 
     The state machine counts the good frames (`min_ok_*`) and the damaged ones (`max_error_*`) of the last `window_size` cycles.
     The data of a message are used only while it is VALID.
     """
 
+    profile: Annotated[ProfileName, Meaning("AUTOSAR E2E profile and variant: `1A`, `1B`, `1C`, `2`, `5`, `11A` or `11C`")] = (
+        Field(default=DEFAULT.name, exclude_if=lambda name: name == DEFAULT.name)
+    )
+    max_delta_counter: Annotated[
+        Annotated[int, Field(ge=1, le=14)],
+        Meaning("largest step of the counter between two frames, for the profiles 5 and 11; they ignore the next three keys"),
+    ] = Field(default=2, exclude_if=lambda step: step == 2)
     max_delta_counter_init: Annotated[
         int,
         Field(ge=0, le=14),
@@ -276,6 +321,11 @@ class E2e(Section):
     max_error_state_valid: Annotated[WindowCount, Meaning("most damaged cycles to stay valid")] = 3
     min_ok_state_invalid: Annotated[WindowCount, Meaning("least good cycles to become valid again")] = 3
     max_error_state_invalid: Annotated[WindowCount, Meaning("most damaged cycles to become valid again")] = 2
+
+    @property
+    def definition(self) -> Profile:
+        """The profile's entry in the table."""
+        return PROFILES[self.profile]
 
     @model_validator(mode="after")
     def _state_is_reached_and_kept(self) -> Self:
@@ -328,5 +378,13 @@ class Can(Section):
             if one.name == other.name:
                 raise ValueError(f"two messages are called {one.name}; rename one")
             if one.e2e_data_id == other.e2e_data_id:
-                raise ValueError(f"{one.name} and {other.name} have the same data_id 0x{one.e2e_data_id:X}; change one")
+                number = one.e2e_data_id
+                what = f"data_id 0x{number:X}" if isinstance(number, int) else "data_ids"
+                raise ValueError(f"{one.name} and {other.name} have the same {what}; change one")
+        return self
+
+    @model_validator(mode="after")
+    def _protected(self) -> Self:
+        for message in self.messages().values():
+            message.check_protection(self.e2e.definition)
         return self

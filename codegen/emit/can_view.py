@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from codegen.configuration import Config
-from codegen.configuration.can import NODES, QUALIFIED, Can, Message, RealSignal, Signal
-from codegen.configuration.signals import SIGNALS, SignalDefinition
+from codegen.configuration.can import FRAME_BYTES, NODES, QUALIFIED, Can, Message, RealSignal, Signal
+from codegen.configuration.e2e_profiles import Profile
+from codegen.configuration.signals import PAYLOADS, SIGNALS, SignalDefinition
+from codegen.emit.e2e_view import E2eView
 from codegen.emit.render import decimal
-from codegen.emit.text import Precision, lines_of, literal
+from codegen.emit.text import Precision, literal
 
 
 @dataclass(frozen=True)
@@ -200,6 +202,18 @@ class Frame:
         return self.layout.name
 
     @property
+    def data_id(self) -> int:
+        """Data id in the C: that of the protection, or the number of the message's list of data ids."""
+        number = self.layout.e2e_data_id
+        return number if isinstance(number, int) else tuple(PAYLOADS).index(self.role)
+
+    @property
+    def data_ids(self) -> tuple[int, ...]:
+        """Data ids of the protection: one, or one for each counter."""
+        number = self.layout.e2e_data_id
+        return tuple(number) if isinstance(number, bytes) else (number,)
+
+    @property
     def is_qualified(self) -> bool:
         """Whether the frame has a qualifier with a validity bit for each signal."""
         return "qualifier" in self.layout.signals()
@@ -220,6 +234,7 @@ class CanView:
     task_period_ms: str
     cycle_time_is_whole: bool
     baudrate: str
+    max_delta_counter: int
     max_delta_counter_init: int
     max_no_new_or_repeated_data: int
     sync_counter_init: int
@@ -242,8 +257,15 @@ class CanView:
     half: str
     nan_type: str
     nan_bits: str
-    crc_table: tuple[str, ...]
-    crc_sum: int
+    e2e: E2eView
+    frame_bytes: int
+    frames_text: str
+    accepted_text: str
+
+    @property
+    def profile(self) -> Profile:
+        """E2E profile of the frames."""
+        return self.e2e.profile
 
 
 @dataclass(frozen=True)
@@ -277,7 +299,7 @@ def can_view(config: Config, precision: Precision) -> CanView:
         task_period_ms=decimal(period_ms),
         cycle_time_is_whole=period_ms == round(period_ms),
         baudrate=decimal(can.bitrate_kbit_s * 1e3),
-        **can.e2e.model_dump(),
+        **{name: getattr(can.e2e, name) for name in type(can.e2e).model_fields if name != "profile"},
         window_ms=decimal(period_ms * can.e2e.window_size),
         window_mask=f"0x{((1 << can.e2e.window_size) - 2) * 0x10001:08X}",
         counts_mask=f"0x{count_mask * 0x10001:08X}",
@@ -290,31 +312,22 @@ def can_view(config: Config, precision: Precision) -> CanView:
         half=literal(0.5, precision),
         nan_type="uint32_t" if precision == "single" else "uint64_t",
         nan_bits="0x7FC00000u" if precision == "single" else "0x7FF8000000000000u",
-        crc_table=lines_of([f"0x{_crc_of_byte(byte):02X}u" for byte in range(256)]),
-        crc_sum=_crc_sum(),
+        e2e=_e2e_view(can),
+        frame_bytes=FRAME_BYTES,
+        frames_text="Classical CAN with 11-bit identifiers and eight data bytes",
+        accepted_text="classical data frames with 11-bit identifiers",
     )
 
 
-CRC_POLYNOMIAL = 0x1D
-"""SAE J1850."""
-
-CRC_EXAMPLE = (0x23, 0x01, 1, 0, 0, 0, 0, 0)
-"""Data id (low byte first) and bytes 1 to 6 of the self-test's frame. Its byte 7 takes all values."""
-
-
-def _crc_sum() -> int:
-    crc = 0
-    for byte in CRC_EXAMPLE:
-        crc = _crc_of_byte(crc ^ byte)
-    return sum((value + 1) * _crc_of_byte(crc ^ value) for value in range(256))
-
-
-def _crc_of_byte(byte: int) -> int:
-    crc = byte
-    for _ in range(8):
-        crc = (crc << 1) ^ (CRC_POLYNOMIAL if crc & 0x80 else 0)
-        crc &= 0xFF
-    return crc
+def _e2e_view(can: Can) -> E2eView:
+    e2e, ids = can.e2e, [message.e2e_data_id for message in can.messages().values()]
+    settings = f"MaxDeltaCounter {e2e.max_delta_counter}"
+    if e2e.definition.has_synchronisation:
+        settings = (
+            f"MaxDeltaCounterInit {e2e.max_delta_counter_init}, MaxNoNewOrRepeatedData {e2e.max_no_new_or_repeated_data}, "
+            f"SyncCounterInit {e2e.sync_counter_init}"
+        )
+    return E2eView(e2e.definition, FRAME_BYTES, tuple(each for each in ids if isinstance(each, bytes)), settings)
 
 
 _TITLES = {

@@ -39,7 +39,10 @@ def frames_of(can: Can, codec: Codec, counter: int, sample: Measurement) -> Cycl
     motion = VehicleMotion(sample.speed, sample.front_angle, sample.yaw_rate)
     conditions = VehicleConditions(sample.rear_angle, sample.friction, sample.lateral_acceleration, sample.inhibit)
     sent = ((can.vehicle_motion, motion), (can.vehicle_conditions, conditions))
-    return tuple(Frame(each.id, protect(each.e2e_data_id, counter, codec.encode(contents))) for each, contents in sent)
+    return tuple(
+        Frame(each.id, protect(each.e2e_data_id, counter, codec.encode(contents), can.e2e.definition))
+        for each, contents in sent
+    )
 
 
 def closed_loop(software: Software) -> tuple[str, list[Cycle]]:
@@ -81,6 +84,7 @@ class _Traffic:
     def __init__(self, config: Config, recorded: Sequence[Cycle], seed: int) -> None:
         messages = (config.can.vehicle_motion, config.can.vehicle_conditions)
         self._data_ids = {message.id: message.e2e_data_id for message in messages}
+        self._profile = config.can.e2e.definition
         self._counters = dict.fromkeys(self._data_ids, 0)
         self._random = random.Random(seed)
         self._recorded = [cycle for cycle in recorded if len(cycle) == len(messages)]
@@ -124,8 +128,8 @@ class _Traffic:
             cycle = self._recorded[place % len(self._recorded)]
             data = next((frame.data for frame in cycle if frame.id == identifier), data)
         counter = self._counters[identifier]
-        self._counters[identifier] = next_counter(counter)
-        return Frame(identifier, protect(self._data_ids[identifier], counter, data))
+        self._counters[identifier] = next_counter(counter, self._profile)
+        return Frame(identifier, protect(self._data_ids[identifier], counter, data, self._profile))
 
     def _faulty(self, frame: Frame) -> list[Frame]:
         if self._random.random() >= FAULT:
@@ -144,9 +148,9 @@ class _Traffic:
             return [self._garbage(), frame]
         if fault == 5:  # under the other message's identifier
             return [Frame(self._random.choice(list(self._data_ids)), frame.data)]
-        counter = self._random.randrange(15)
-        self._counters[frame.id] = next_counter(counter)
-        return [Frame(frame.id, protect(self._data_ids[frame.id], counter, frame.data))]
+        counter = self._random.randrange(self._profile.counter_count)
+        self._counters[frame.id] = next_counter(counter, self._profile)
+        return [Frame(frame.id, protect(self._data_ids[frame.id], counter, frame.data, self._profile))]
 
     def _garbage(self) -> Frame:
         """Return a frame with arbitrary content and id."""

@@ -282,7 +282,8 @@ class Transformer:
 def settings_of(model: Any) -> E2e:
     """Return the settings of the E2E transformer in the ARXML."""
     (each,) = (each for _, each in model.elements_dfs if each.element_name == "END-TO-END-TRANSFORMATION-DESCRIPTION")
-    names = {name: name.upper().replace("_", "-") for name in E2e.model_fields}
+    of_profile_1 = E2e.model_fields.keys() - {"profile", "max_delta_counter"}
+    names = {name: name.upper().replace("_", "-") for name in of_profile_1}
     names |= {"max_delta_counter_init": "MAX-DELTA-COUNTER", "window_size": "WINDOW-SIZE-VALID"}
     return E2e(**{name: int(text(each, tag)) for name, tag in names.items()})
 

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from codegen.configuration.can import E2e, RealSignal
+from codegen.configuration.can import Can, E2e, RealSignal
+from codegen.configuration.e2e_profiles import DataId, Profile
 from hil_sim.codec import PAYLOADS, Codec
 from hil_sim.e2e import E2eStatus, Receiver, Supervision, crc, next_counter, protect
 from tests.builds import Built
@@ -102,41 +103,52 @@ Events = list[tuple[bytes | None, int]]
 class ReceiverResults:
     """Status sequences of receivers, cycles (good, damaged) with the message's state, and protected frames."""
 
+    profile: Profile
+    data_id: DataId
     receptions: list[Events]
     states: list[list[tuple[bool, bool, int]]]
-    protected: list[tuple[int, int, bytes, bytes]]
+    protected: list[tuple[DataId, int, bytes, bytes]]
+
+    def number_of(self, data_id: DataId) -> int:
+        """Return the data id as the C takes it. Lists of data ids: that of the first message is used."""
+        return data_id if isinstance(data_id, int) else 0
 
 
 def answers_of_e2e(built: Built, count: int = 4000, every: bool = True) -> ReceiverResults:
     """Return results for received, missing, repeated, skipped and damaged frames; long runs of each reach every status."""
-    settings, rng = built.software.config.can.e2e, np.random.default_rng(6)
+    can, rng = built.software.config.can, np.random.default_rng(6)
+    settings, data_id = can.e2e, can.vehicle_motion.e2e_data_id
+    profile = settings.definition
     receiver, counter = Receiver(settings), 0
     events: Events = []
-    kinds = ("next",) * 6 + ("silence", "repeat", "jump", "corrupt", "fifteen")
+    kinds = ("next",) * 6 + ("silence", "repeat", "jump", "corrupt", "fifteen")[: 5 if profile.has_invalid_counter else 4]
     while len(events) < count:
         kind, length = rng.choice(kinds), int(rng.choice([1, 1, 1, 2, 3, 5, 20]))
         for _ in range(length):
             step = {"next": 1, "repeat": 0, "jump": int(rng.integers(2, 15))}.get(kind, 1)
-            counter = (counter + step) % 15
-            data = protect(0x101, counter, bytes(rng.integers(0, 256, 8, dtype=np.uint8)))
+            counter = (counter + step) % profile.counter_count
+            data = protect(data_id, counter, bytes(rng.integers(0, 256, 8, dtype=np.uint8)), profile)
             if kind == "corrupt":
                 data = bytes((data[0] ^ 1 << int(rng.integers(8)),)) + data[1:]
             if kind == "fifteen":
                 body = bytes((0, data[1] | 0x0F)) + data[2:]
-                data = bytes((crc(0x101, body),)) + body[1:]
+                data = bytes((crc(data_id, body, profile),)) + body[1:]
             if kind == "silence":
                 events.append((None, int(receiver.no_new_data())))
             else:
-                events.append((data, int(receiver.check(0x101, data))))
+                events.append((data, int(receiver.check(data_id, data))))
     assert not every or {status for _, status in events} == set(map(int, E2eStatus))
-    silences = [each for jump in range(1, 15) for each in _silences(settings, jump, range(7), (None, 1, 0, 1, 1, 1, 1))]
+    silences = [each for jump in range(1, 15) for each in _silences(can, jump, range(7), (None, 1, 0, 1, 1, 1, 1))]
     long = (*range(1, 18), *range(254, 262), 300)
-    silences += [each for jump in (1, 2, 14) for each in _silences(settings, jump, long, (1, 1, 1, None, 0, 1, 1, 1))]
+    silences += [each for jump in (1, 2, 14) for each in _silences(can, jump, long, (1, 1, 1, None, 0, 1, 1, 1))]
     protected = []
     for index in range(600):
-        data_id, body = int(rng.integers(0, 1 << 16)), bytes(rng.integers(0, 256, 8, dtype=np.uint8))
-        protected.append((data_id, index % 15, body, protect(data_id, index % 15, body)))
-    return ReceiverResults([events, *silences], [_states(settings, rng) for _ in range(count // 80)], protected)
+        number, body = int(rng.integers(0, 1 << 16)), bytes(rng.integers(0, 256, 8, dtype=np.uint8))
+        other, sent = data_id if isinstance(data_id, bytes) else number, index % profile.counter_count
+        protected.append((other, sent, body, protect(other, sent, body, profile)))
+    return ReceiverResults(
+        profile, data_id, [events, *silences], [_states(settings, rng) for _ in range(count // 80)], protected
+    )
 
 
 def _states(settings: E2e, rng: np.random.Generator) -> list[tuple[bool, bool, int]]:
@@ -150,18 +162,19 @@ def _states(settings: E2e, rng: np.random.Generator) -> list[tuple[bool, bool, i
     return states
 
 
-def _silences(settings: E2e, jump: int, silences: Sequence[int], steps: Sequence[int | None]) -> Iterator[Events]:
+def _silences(can: Can, jump: int, silences: Sequence[int], steps: Sequence[int | None]) -> Iterator[Events]:
     """Yield frames whose counters advance by these steps (0 means `jump`), with a silence of each length for None."""
     for silent in silences:
-        receiver, counter = Receiver(settings), 5
+        receiver, counter, profile = Receiver(can.e2e), 5, can.e2e.definition
+        data_id = can.vehicle_motion.e2e_data_id
         events: Events = []
         for step in steps:
             if step is None:
                 events += [(None, int(receiver.no_new_data())) for _ in range(silent)]
                 continue
-            counter = (counter + (step or jump)) % 15
-            data = protect(0x101, counter, bytes(8))
-            events.append((data, int(receiver.check(0x101, data))))
+            counter = (counter + (step or jump)) % profile.counter_count
+            data = protect(data_id, counter, bytes(8), profile)
+            events.append((data, int(receiver.check(data_id, data))))
         yield events
 
 
@@ -173,7 +186,7 @@ def check_e2e(built: Built, known: ReceiverResults) -> None:
     for events in known.receptions:
         software.function("e2e_receiver_init")(state)
         for index, (data, wanted) in enumerate(events):
-            got = silent(state) if data is None else check(state, 0x101, data)
+            got = silent(state) if data is None else check(state, known.number_of(known.data_id), data)
             assert got == wanted, f"event {index}: {got} instead of {E2eStatus(wanted).name}"
     supervision, supervise = software.new("e2e_supervision"), software.function("e2e_supervise")
     for states in known.states:
@@ -182,7 +195,8 @@ def check_e2e(built: Built, known: ReceiverResults) -> None:
             assert supervise(supervision, good, damaged) == wanted, f"cycle {index}"
     for data_id, counter, body, wanted_frame in known.protected:
         buffer, count = software.ffi.new("uint8_t[8]", body), software.ffi.new("uint8_t *", counter)
-        software.function("e2e_protect")(data_id, count, buffer)
+        number = known.number_of(data_id)
+        software.function("e2e_protect")(number, count, buffer)
         assert bytes(buffer) == wanted_frame
-        assert count[0] == next_counter(counter)
-        assert software.function("e2e_crc")(data_id, body) == crc(data_id, body)
+        assert count[0] == next_counter(counter, known.profile)
+        assert software.function("e2e_crc")(number, body) == crc(data_id, body, known.profile)

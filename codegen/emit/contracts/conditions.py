@@ -8,7 +8,7 @@ from typing import Any
 from codegen.configuration.can import RealSignal
 from codegen.emit.can_view import CanView, Frame, TaskView
 from codegen.emit.constants import Constant
-from codegen.emit.contracts.contract import Argument, Claim, Unit
+from codegen.emit.contracts.contract import Argument, Claim, Role, Unit
 from codegen.emit.controller_view import ControllerView
 from codegen.emit.dynamics_view import ReferenceModelView
 from codegen.emit.inputs_view import FRICTION_UNKNOWN, InputsView
@@ -21,8 +21,6 @@ REFERENCE_MAX_RAD_S = 20.0
 """Bound of the yaw rate that a law follows."""
 LATERAL_ACCELERATION_MAX_M_S2 = 4096.0
 """Bound of the lateral acceleration that is computed from checked signals."""
-E2E_COUNTER_MAX = 14
-"""AUTOSAR E2E profile 1: 15 is never sent."""
 SIGNALS_CHECKED = ("speed", "front_angle", "yaw_rate")
 """Signals that the inputs check and replace."""
 
@@ -42,6 +40,20 @@ class Conditions:
         self.task: TaskView = context["task"]
         self.model: ReferenceModelView | None = context["model"]
         self.constants: tuple[Constant, ...] = context["constants"]
+
+    @property
+    def counter_max(self) -> int:
+        """Return the largest counter of the E2E profile."""
+        return self.can.profile.counter_max
+
+    def frame(self, role: Role) -> Argument:
+        """Return the argument `data`, a frame."""
+        return Argument("data", "uint8_t", role, self.can.frame_bytes)
+
+    @property
+    def received_counter(self) -> str:
+        """Return the expression of the counter in a frame."""
+        return f"({self.can.e2e.received_counter})"
 
     def number(self, value: float) -> str:
         """Return a number as a literal in the precision of the build."""

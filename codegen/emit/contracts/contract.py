@@ -10,7 +10,7 @@ Role = Literal["value", "in", "out", "new", "state", "parameter", "bytes in", "b
 """Use of an argument.
 
 value: a number. in, out: a struct that is read, or written. new, state: a struct whose invariant holds after the call, or
-before and after it. parameter: a struct that is read and whose invariant holds. bytes in, bytes out: a frame of eight bytes.
+before and after it. parameter: a struct that is read and whose invariant holds. bytes in, bytes out: a frame.
 """
 
 
@@ -29,11 +29,12 @@ class Claim:
 
 @dataclass(frozen=True)
 class Argument:
-    """One argument; `ctype` is the type of the number or of the struct."""
+    """One argument; `ctype` is the type of the number or of the struct, `size` the number of bytes of a frame."""
 
     name: str
     ctype: str
     role: Role = "value"
+    size: int = 8
 
     @property
     def is_pointer(self) -> bool:
@@ -58,7 +59,7 @@ class Argument:
     @property
     def local(self) -> str:
         """Declaration of an object for the argument."""
-        return f"{self.ctype} {self.name}{'[8]' if self.role.startswith('bytes') else ''};"
+        return f"{self.ctype} {self.name}{f'[{self.size}]' if self.role.startswith('bytes') else ''};"
 
     @property
     def passed(self) -> str:
@@ -67,7 +68,7 @@ class Argument:
 
     def _declared(self, const: str) -> str:
         if self.role.startswith("bytes"):
-            return f"{const}{self.ctype} {self.name}[8]"
+            return f"{const}{self.ctype} {self.name}[{self.size}]"
         return f"{const}{self.ctype} {'*' if self.is_pointer else ''}{self.name}"
 
 

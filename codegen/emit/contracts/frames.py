@@ -8,12 +8,8 @@ from typing import Any
 
 from codegen.configuration.can import RealSignal
 from codegen.emit.can_view import Frame
-from codegen.emit.contracts.conditions import E2E_COUNTER_MAX, Conditions
+from codegen.emit.contracts.conditions import Conditions
 from codegen.emit.contracts.contract import Argument, Claim, Unit
-
-_ADVANCED = "self_before->max_delta_counter"
-_ADVANCE = f"(({_ADVANCED} < {E2E_COUNTER_MAX}u) ? ({_ADVANCED} + 1u) : {E2E_COUNTER_MAX}u)"
-"""Largest accepted advance of the counter in a cycle."""
 
 
 class FrameUnits(Conditions):
@@ -27,20 +23,22 @@ class FrameUnits(Conditions):
 
     def _e2e_units(self) -> Iterator[Unit]:
         own, unit = self.own, self.own("e2e")
-        identifier, data = Argument("data_id", "uint16_t"), Argument("data", "uint8_t", "bytes in")
+        identifier, data = Argument("data_id", "uint16_t"), self.frame("bytes in")
         new, state = (self.argument("self", "e2e_receiver_t", role) for role in ("new", "state"))
         status = own("e2e_status_t")
         yield Unit(own("e2e_receiver_init"), unit, (new,))
         code = Claim("the result is one of its enumerators", self.is_code("result", 7))
         yield Unit(own("e2e_check"), unit, (state, identifier, data), status, ensures=(code, *self._checked()))
         none = Claim("it returns NO_NEW_DATA", f"result == {self.upper}_E2E_NO_NEW_DATA")
-        silent = Claim("the accepted advance of the counter grows by one", f"self->max_delta_counter == {_ADVANCE}")
-        yield Unit(own("e2e_no_new_data"), unit, (state,), status, ensures=(none, silent))
-        arguments = (identifier, Argument("counter", "uint8_t", "state"), Argument("data", "uint8_t", "bytes out"))
+        silent = Claim("the accepted advance of the counter grows by one", f"self->max_delta_counter == {self._advance}")
+        grows = (silent,) if self.can.profile.has_synchronisation else ()
+        yield Unit(own("e2e_no_new_data"), unit, (state,), status, ensures=(none, *grows))
+        arguments = (identifier, Argument("counter", "uint8_t", "state"), self.frame("bytes out"))
         sent = (
-            Claim("the counter for the next frame is at most 14", f"*counter <= {E2E_COUNTER_MAX}u"),
-            Claim("the frame carries the counter", "(data[1] & 0x0Fu) == (*counter_before & 0x0Fu)"),
-            Claim("the frame has the right CRC", f"{own('e2e_crc')}(data_id, data) == data[0]"),
+            Claim(f"the counter for the next frame is at most {self.counter_max}", f"*counter <= {self.counter_max}u"),
+            Claim("the frame carries the counter", f"{self.received_counter} == {self._of_four_bits('*counter_before')}"),
+            Claim("the frame has the right CRC", f"{own('e2e_crc')}(data_id, data) == {self.can.e2e.received_crc}"),
+            *self._nibble(),
         )
         yield Unit(own("e2e_protect"), unit, arguments, ensures=sent)
         new, state = (self.argument("self", "e2e_supervision_t", role) for role in ("new", "state"))
@@ -50,23 +48,40 @@ class FrameUnits(Conditions):
         yield Unit(own("e2e_supervise"), unit, arguments, own("e2e_state_t"), ensures=(kept, *self._supervised()))
 
     def _checked(self) -> Iterator[Claim]:
-        """Yield the result of a check as AUTOSAR's profile 1 states it, by the advance of the counter."""
-        result, counter, span = f"result == {self.upper}_E2E", "(data[1] & 0x0Fu)", E2E_COUNTER_MAX + 1
-        damaged = f"(({self.own('e2e_crc')}(data_id, data) != data[0]) || ({counter} == {span}u))"
+        """Yield the result of a check as AUTOSAR's profile states it, by the advance of the counter."""
+        can, result, counter, span = self.can, f"result == {self.upper}_E2E", self.received_counter, self.counter_max + 1
+        wrong = [f"({self.own('e2e_crc')}(data_id, data) != {can.e2e.received_crc})"]
+        wrong += [f"({counter} == {span}u)"] if can.profile.has_invalid_counter else []
+        wrong += ["((data[1] / 16u) != (data_id / 256u))"] if can.profile.nibble_bits else []
+        damaged = f"({' || '.join(wrong)})" if len(wrong) > 1 else wrong[0]
         counted = f"(!{damaged} && !self_before->waits_for_first)"
         advance = f"(({counter} + {span}u - self_before->last_counter) % {span}u)"
-        within = f"({advance} <= {_ADVANCE})"
-        silence = f"(self_before->no_new_or_repeated_data_counter > {self.can.max_no_new_or_repeated_data}u)"
-        in_sequence = f"({counted} && !{silence} && (self_before->sync_counter == 0u))"
-        old = f"(({result}_WRONG_CRC) || ({result}_REPEATED))"
-        renewed = f"(self->sync_counter == {self.can.sync_counter_init}u)"
-        table = {
+        intact = {
             "a wrong CRC is found": f"({result}_WRONG_CRC) == {damaged}",
             "only the first intact frame may have any counter": f"({result}_INITIAL)"
             f" == (!{damaged} && self_before->waits_for_first)",
             "the first intact frame ends the wait for it": "self->waits_for_first"
             f" == (({result}_WRONG_CRC) && self_before->waits_for_first)",
             "a repeated counter is found": f"({result}_REPEATED) == ({counted} && ({advance} == 0u))",
+        }
+        if not can.profile.has_synchronisation:
+            most = f"({advance} <= {can.max_delta_counter}u)"
+            table = intact | {
+                "a counter beyond the window is found": f"({result}_WRONG_SEQUENCE) == ({counted} && !{most})",
+                "a frame is accepted if its counter advances by one": f"({result}_OK) == ({counted} && ({advance} == 1u))",
+                "after lost frames, one is accepted within the window only": f"({result}_OK_SOME_LOST)"
+                f" == ({counted} && ({advance} > 1u) && {most})",
+                "the last counter is that of the last intact frame": "self->last_counter"
+                f" == ({damaged} ? self_before->last_counter : {counter})",
+            }
+            yield from (Claim(text, condition) for text, condition in table.items())
+            return
+        within = f"({advance} <= {self._advance})"
+        silence = f"(self_before->no_new_or_repeated_data_counter > {self.can.max_no_new_or_repeated_data}u)"
+        in_sequence = f"({counted} && !{silence} && (self_before->sync_counter == 0u))"
+        old = f"(({result}_WRONG_CRC) || ({result}_REPEATED))"
+        renewed = f"(self->sync_counter == {self.can.sync_counter_init}u)"
+        table = intact | {
             "a counter beyond the window is found": f"({result}_WRONG_SEQUENCE)"
             f" == ({counted} && ({advance} > 0u) && !{within})",
             "a frame is accepted if its counter advances by one": f"({result}_OK)"
@@ -74,12 +89,26 @@ class FrameUnits(Conditions):
             "after lost frames, one is accepted within the window only": f"({result}_OK_SOME_LOST)"
             f" == ({in_sequence} && ({advance} > 1u) && {within})",
             "the window grows until a new frame": "self->max_delta_counter"
-            f" == ({old} ? {_ADVANCE} : {self.can.max_delta_counter_init}u)",
+            f" == ({old} ? {self._advance} : {self.can.max_delta_counter_init}u)",
             "the last counter is that of the last new frame": "self->last_counter"
             f" == ({old} ? self_before->last_counter : {counter})",
             "after a jump, frames must be in sequence": f"!({result}_WRONG_SEQUENCE) || {renewed}",
         }
         yield from (Claim(text, condition) for text, condition in table.items())
+
+    @property
+    def _advance(self) -> str:
+        """Largest accepted advance of the counter in a cycle."""
+        before = "self_before->max_delta_counter"
+        return f"(({before} < {self.counter_max}u) ? ({before} + 1u) : {self.counter_max}u)"
+
+    def _of_four_bits(self, counter: str) -> str:
+        """Return a counter of which the frame carries four bits; one of a byte is unchanged."""
+        return f"({counter} & 0x0Fu)" if self.can.profile.counter_length == 4 else counter
+
+    def _nibble(self) -> Iterator[Claim]:
+        if self.can.profile.nibble_bits:
+            yield Claim("the frame carries four bits of the data id", "(data[1] / 16u) == ((data_id / 256u) % 16u)")
 
     def _supervised(self) -> Iterator[Claim]:
         """Yield the transitions of AUTOSAR's E2E state machine, with the cycles of the window counted bit by bit."""
@@ -110,10 +139,10 @@ class FrameUnits(Conditions):
         yield Unit(self.own("can_not_available"), unit, (), self.real, ensures=(absent,))
         for frame in self.can.messages:
             signals, ensures = f"{frame.role}_t", self.signals_in_range(frame, "signals->")
-            data = Argument("data", "uint8_t", "bytes in")
+            data = self.frame("bytes in")
             out = self.argument("signals", signals, "out")
             yield Unit(self.own(f"can_unpack_{frame.role}"), unit, (data, out), ensures=tuple(ensures))
-            arguments = (self.argument("signals", signals, "in"), Argument("data", "uint8_t", "bytes out"))
+            arguments = (self.argument("signals", signals, "in"), self.frame("bytes out"))
             received = (f"{self.own(signals)} unpacked;", f"{self.own(f'can_unpack_{frame.role}')}(data, &unpacked);")
             more: dict[str, Any] = {"facts": received, "more": tuple(self._packed(frame)), "includes": True, "unwind": 26}
             more |= {"stand_in": "to_code_of_lemma", "replaced": ("to_code",)}
@@ -170,17 +199,15 @@ class FrameUnits(Conditions):
             f"CONTRACT_ASSUME({own('parameters_holds')}(&parameters));",
         )
         more["callees"] = (init, own("controller_step"))
-        data, length = Argument("data", "uint8_t", "bytes in"), Argument("length", "uint8_t")
+        data, length = self.frame("bytes in"), Argument("length", "uint8_t")
         yield Unit(own("task_on_can_frame"), unit, (state, Argument("id", "uint32_t"), data, length), **more)
         identifier = f"result == (uint32_t){self.upper}_CAN_ID_REAR_STEER_COMMAND"
-        crc = f"{own('e2e_crc')}((uint16_t){self.upper}_CAN_DATA_ID_REAR_STEER_COMMAND, data) == data[0]"
+        crc = f"{own('e2e_crc')}((uint16_t){self.upper}_CAN_DATA_ID_REAR_STEER_COMMAND, data) == {self.can.e2e.received_crc}"
         before = "(uint32_t)self_before->counter"
-        counted = f"((data[1] & 0x0Fu) == {before}) && (self->counter == (({before} + 1u) % {E2E_COUNTER_MAX + 1}u))"
+        counted = f"({self.received_counter} == {before}) && (self->counter == (({before} + 1u) % {self.counter_max + 1}u))"
         sent = (
             Claim("it is the frame of the command", identifier),
             Claim("the frame has the counter, and the counter advances", counted),
             Claim("the frame has the right CRC", crc),
         )
-        yield Unit(
-            own(self.task.function), unit, (state, Argument("data", "uint8_t", "bytes out")), "uint32_t", ensures=sent, **more
-        )
+        yield Unit(own(self.task.function), unit, (state, self.frame("bytes out")), "uint32_t", ensures=sent, **more)

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 
 from codegen.configuration.signals import STATUSES
-from codegen.emit.contracts.conditions import E2E_COUNTER_MAX, REFERENCE_MAX_RAD_S, Conditions
+from codegen.emit.contracts.conditions import REFERENCE_MAX_RAD_S, Conditions
 from codegen.emit.contracts.contract import Invariant
 from codegen.emit.controller_view import ACTUATOR_SAMPLES_MAX
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
@@ -46,17 +46,20 @@ class Invariants(Conditions):
             yield Invariant(own("grip_t"), self._grip())
         yield Invariant(own("law_t"), tuple(self._law()))
         yield Invariant(own("controller_t"), tuple(self._controller()))
-        counters = ("last_counter", "max_delta_counter", "no_new_or_repeated_data_counter")
-        receiver = (
-            *(f"(value->{name} <= {E2E_COUNTER_MAX}u)" for name in counters),
-            f"(value->sync_counter <= {self.can.sync_counter_init}u)",
-        )
-        yield Invariant(own("e2e_receiver_t"), (*receiver, "is_flag(value->waits_for_first)"))
+        yield Invariant(own("e2e_receiver_t"), (*self._receiver(), "is_flag(value->waits_for_first)"))
         yield Invariant(own("e2e_supervision_t"), (self.is_code("value->state", 3),))
         states = (f"{own(f'e2e_{name}_holds')}(&value->{name})" for name in ("receiver", "supervision"))
         counts = (f"(value->causes <= {(1 << self.can.reception_bits) - 1}u)", "(value->advance <= 7u)")
         yield Invariant(own("task_input_t"), (*states, *counts, "is_flag(value->disturbed)", "is_flag(value->usable)"))
         yield Invariant(own("task_t"), tuple(self._task()))
+
+    def _receiver(self) -> Iterator[str]:
+        """Yield the bounds of the counters of a receiver."""
+        yield f"(value->last_counter <= {self.counter_max}u)"
+        if self.can.profile.has_synchronisation:
+            for name in ("max_delta_counter", "no_new_or_repeated_data_counter"):
+                yield f"(value->{name} <= {self.counter_max}u)"
+            yield f"(value->sync_counter <= {self.can.sync_counter_init}u)"
 
     def _parameters(self, ctype: str, views: Iterable[ParameterView], relations: Iterable[str]) -> Invariant:
         """Ranges of the parameters, and the relations between them that proofs use."""
@@ -149,7 +152,7 @@ class Invariants(Conditions):
             yield f"{self.own('task_input_holds')}(&value->{name}_input)"
             frame = next(each for each in self.can.messages if each.role == f"vehicle_{name}")
             yield from (claim.condition for claim in self.signals_in_range(frame, f"value->{name}."))
-        yield f"(value->counter <= {E2E_COUNTER_MAX}u)"
+        yield f"(value->counter <= {self.counter_max}u)"
         yield f"((value->backlog <= {TASK_COUNT_MAX}u) && (value->disturbance <= {TASK_COUNT_MAX}u))"
         yield f"(value->actuator_samples <= {ACTUATOR_SAMPLES_MAX + 1}u)"
         yield self.within("value->expected_angle", self.high("rear_angle_max"))

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 from codegen import __version__, configuration
 from codegen.configuration import Config
-from codegen.configuration.can import FRAME_BYTES, NODES
+from codegen.configuration.can import NODES
 from codegen.configuration.signals import MEASURED
 from codegen.emit.build import NUMBERS, BuildView
 from codegen.emit.can_view import Cause, can_view, task_view
@@ -39,7 +39,14 @@ Protection = Literal["transformer", "task"]
 WHAT = "autosar"
 """Manifest entry that distinguishes the export from a build."""
 
-PROFILE = "PROFILE_01"
+DATA_ID_MODES = {
+    "both": ("ALL-16-BIT", 0),
+    "alternating": ("ALTERNATING-8-BIT", 1),
+    "nibble": ("LOWER-12-BIT", 3),
+    "list": ("", 0),
+}
+"""Names of the data id mode in a transformer, and its number in an end-to-end profile; profile 2 has none."""
+
 QUEUE_LENGTH = 4
 """Frames of a message that wait for the task, in the variant on raw frames. The task is late if more than one waits."""
 
@@ -149,7 +156,7 @@ def _context(manifest: Mapping[str, Any], config: Config, calibration: str, prot
     can, period = can_view(config, precision), config.controller.sampling_time_s
     calibrated = (*parameters, *tables)
     bits = numpy_type(precision)().itemsize * 8
-    messages = tuple(message_view(frame) for frame in can.messages)
+    messages = tuple(message_view(frame, can.profile) for frame in can.messages)
     measured = (signal for message in messages for signal in message.signals)
     used = {NONE, *(each.unit for each in calibrated), *(signal.unit for signal in measured)}
     by_transformer = protection == "transformer"
@@ -176,9 +183,10 @@ def _context(manifest: Mapping[str, Any], config: Config, calibration: str, prot
         "units": tuple(unit for unit in UNITS if unit in used),
         "events": tuple(event_view(cause, period) for cause in (*can.diagnostics, REJECTED)),
         "nodes": NODES,
-        "frame_bytes": FRAME_BYTES,
+        "frame_bytes": can.frame_bytes,
         "platform_types": PLATFORM_TYPES,
-        "profile": PROFILE,
+        "profile": can.profile,
+        "data_id_modes": DATA_ID_MODES[can.profile.data_id_mode],
         "sections": SECTIONS,
         "queue_length": QUEUE_LENGTH,
         "task": task_view(config),

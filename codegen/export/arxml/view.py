@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from codegen.configuration import Config
-from codegen.configuration.can import COUNTER_BITS, CRC_BITS, NODES, Message, RealSignal
+from codegen.configuration.can import NODES, Message, RealSignal
+from codegen.configuration.e2e_profiles import Profile
 from codegen.ecu_map.storage import RAW_MAX
 from codegen.emit.a2l_view import OF_THE_ANGLE
 from codegen.emit.can_view import Cause, Frame, FrameSignal
@@ -170,17 +171,17 @@ class EventView:
     passed: int
 
 
-def message_view(frame: Frame) -> MessageView:
-    """Return the view of a message, CRC and counter first."""
-    protection = (
-        _protection(frame.layout.crc_name, "CRC-8 of the E2E protection", CRC_BITS, 255),
-        _protection(frame.layout.counter_name, "counter of the E2E protection", COUNTER_BITS, 14),
-    )
+def message_view(frame: Frame, profile: Profile) -> MessageView:
+    """Return the view of a message, the fields of its E2E protection first."""
+    texts = (profile.crc.name, "counter", "low four bits of the high byte of the data id")
+    highs = (2**profile.crc.width - 1, profile.counter_max, 15)
+    fields = zip(frame.layout.header(profile), texts, highs, strict=False)  # most profiles have no nibble
+    protection = (_protection(name, f"{text} of the E2E protection", bits, high) for (name, bits), text, high in fields)
     return MessageView(frame, (*protection, *(_signal(frame.layout, signal) for signal in frame.signals)))
 
 
 def _protection(name: str, text: str, bits: frozenset[int], high: int) -> SignalView:
-    return SignalView(name, text, min(bits), len(bits), True, "uint8", (Scale(0, high),))
+    return SignalView(name, text, min(bits), len(bits), True, _platform_type(len(bits), False), (Scale(0, high),))
 
 
 def _signal(message: Message, signal: FrameSignal) -> SignalView:

@@ -138,9 +138,11 @@ def _with_special_numbers(rows: npt.NDArray[np.floating], usual: int, generator:
 def cycles_of(config: Config, steps: Rows) -> list[Cycle]:
     """Return the protected frames of each step. After a step without speed, a frame is missing too."""
     can, codec, counter, found = config.can, Codec(config.can), 0, []
+    profile = can.e2e.definition
     for sample in measurements_of(steps[:, : len(COLUMNS)]):
         found.append(frames_of(can, codec, counter, sample))
-        counter = next_counter(next_counter(counter) if math.isnan(sample.speed) else counter)
+        lost = math.isnan(sample.speed)
+        counter = next_counter(next_counter(counter, profile) if lost else counter, profile)
     return found
 
 

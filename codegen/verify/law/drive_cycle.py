@@ -89,5 +89,5 @@ def cycles_of(config: Config, precision: Precision, samples: Sequence[Measuremen
             angle = math.nan
         frames = frames_of(can, codec, counter, replace(sample, rear_angle=angle))
         found.append(tuple(frame for frame, gap in zip(frames, gaps, strict=True) if not gap[number] or age <= waits))
-        counter = next_counter(counter)
+        counter = next_counter(counter, can.e2e.definition)
     return found

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from codegen.configuration.can import FRAME_BYTES, Can
+from codegen.configuration.e2e_profiles import DataId
 from codegen.sil.software import Measurement
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.inputs import Quality
@@ -30,7 +31,7 @@ class _Input:
     """State of one message: its frames in this cycle, and the last usable contents."""
 
     name: str
-    data_id: int
+    data_id: DataId
     receiver: Receiver
     supervision: Supervision
     frames: int = 0
@@ -122,8 +123,8 @@ class SecondTask:
         sent = (command.rear_angle, command.yaw_rate_reference) if self._started else (math.nan, math.nan)
         message = self.can.rear_steer_command
         contents = self.codec.encode(RearSteerCommand(*sent, command.status, diagnostics))
-        data = protect(message.e2e_data_id, self._counter, contents)
-        self._counter = next_counter(self._counter)
+        data = protect(message.e2e_data_id, self._counter, contents, self.can.e2e.definition)
+        self._counter = next_counter(self._counter, self.can.e2e.definition)
         return message.id, data
 
     def _receive(self, frame: Frame) -> None:
