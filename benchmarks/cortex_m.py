@@ -1,14 +1,17 @@
-"""Instructions on a Cortex-M4F: a step of each kind of controller, and ways to compute a tyre's curve. Counted, not timed."""
+"""Instructions on a Cortex-M4F: a step of each kind of controller, ways to compute a tyre's curve, E2E protection.
+
+Counted, not timed.
+"""
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
+from benchmarks import e2e_profiles
+from benchmarks.images import flash_bytes
 from benchmarks.nonlinear_map import nonlinear
 from benchmarks.tables import CountReport, Row
 from benchmarks.tyre_curves import Candidate, Shape, candidates
@@ -22,7 +25,6 @@ from codegen.optimum.solve import solve_case, solve_stack
 from codegen.verify.budgets.measure import Count, measure_step
 from codegen.verify.budgets.program import Program
 from codegen.verify.check import Effort, Subject
-from codegen.verify.packages import module
 from codegen.verify.target import DATA, Processor, compile_image
 
 CASE = "4ws-2"
@@ -66,6 +68,8 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     shape = Shape(tyre.shape_factor_c, tyre.curvature_factor_e)
     say("counting tyre curves")
     curves = [_curve_row(candidate, shape, QUICK_POINTS if quick else POINTS) for candidate in candidates(shape, folder.files)]
+    say("counting the E2E profiles")
+    profiles = e2e_profiles.rows()
     return CountReport(
         (
             (
@@ -78,6 +82,7 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
                 ("computed by", "worst", "mean", "flash bytes", "largest error", "of small slip"),
                 tuple(curves),
             ),
+            ("E2E protection of a frame of eight bytes, instructions of a call", e2e_profiles.HEADER, profiles),
         ),
         (
             "clang -O2 of the package ziglang, run in unicorn. Worst: the longest step that was found, a measured maximum.",
@@ -143,13 +148,7 @@ def _curve_row(candidate: Candidate, shape: Shape, points: int) -> Row:
     inside = (blocks.address < frame.start) | (blocks.address >= frame.end)
     call = np.cumsum(blocks.address == program.named("curve").start) - 1
     counts = np.bincount(call[inside], weights=blocks.instructions[inside])
-    flash = _flash_bytes(image) - (frame.end - frame.start)
+    flash = flash_bytes(image) - (frame.end - frame.start)
     return Row(
         (candidate.name, f"{counts.max():,.0f}", f"{counts.mean():,.0f}", f"{flash:,}", f"{error:.1e}", f"{slope:.2g} %")
     )
-
-
-def _flash_bytes(image: bytes) -> int:
-    elf: Any = module("elftools.elf.elffile", "pyelftools").ELFFile(io.BytesIO(image))
-    sections = [elf.get_section_by_name(name) for name in (".text", ".rodata")]
-    return sum(int(section["sh_size"]) for section in sections if section is not None)

@@ -86,10 +86,15 @@ class Profile:
     has_synchronisation: bool
 
     @property
+    def number(self) -> str:
+        """Number of the profile, without its variant."""
+        return self.name.rstrip("ABC")
+
+    @property
     def title(self) -> str:
         """Name in comments."""
-        number = self.name.rstrip("ABC")
-        return f"profile {number}, variant {self.name}" if number != self.name else f"profile {number}"
+        variant = f", variant {self.name}" if self.name != self.number else ""
+        return f"profile {self.number}{variant}"
 
     @property
     def crc_bytes(self) -> int:
@@ -130,6 +135,13 @@ class Profile:
     def has_invalid_counter(self) -> bool:
         """Whether the bits of the counter can carry a value above its largest one."""
         return self.counter_max < (1 << self.counter_length) - 1
+
+    def data_id_bytes(self, data_id: DataId, counter: int) -> tuple[int, ...]:
+        """Return the bytes of the data id in the CRC of a frame with a counter."""
+        if isinstance(data_id, bytes):
+            return (data_id[counter],)
+        low, high = data_id & 0xFF, data_id >> 8
+        return {"both": (low, high), "alternating": ((low, high)[counter % 2],), "nibble": (low, 0)}[self.data_id_mode]
 
     @property
     def data_id_max(self) -> int:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from codegen.configuration.e2e_profiles import DEFAULT, DataId, Profile
+from codegen.configuration.e2e_profiles import DEFAULT, Profile
 from codegen.emit.text import lines_of
 
 EXAMPLE_ID = 0x0123
@@ -183,7 +183,7 @@ class E2eView:
 
     def _crc_of(self, data: Sequence[int]) -> int:
         crc, data_id = self.profile.crc, self.lists[0] if self.lists else EXAMPLE_ID
-        number = tuple(_data_id_bytes(self.profile, data_id, data[self.profile.counter_byte]))
+        number = self.profile.data_id_bytes(data_id, data[self.profile.counter_byte])
         covered = (
             (*number, *data[self.profile.crc_bytes :])
             if self.profile.has_data_id_first
@@ -193,16 +193,3 @@ class E2eView:
         for byte in covered:
             result = (result << 8 & mask) ^ crc.shifted(result >> (crc.width - 8) ^ byte)
         return result ^ crc.final_xor
-
-
-def _data_id_bytes(profile: Profile, data_id: DataId, counter: int) -> Iterator[int]:
-    """Yield the bytes of the data id in the CRC."""
-    if isinstance(data_id, bytes):
-        yield data_id[counter]
-        return
-    if profile.data_id_mode != "alternating" or counter % 2 == 0:
-        yield data_id & 0xFF
-    if profile.data_id_mode == "nibble":
-        yield 0
-    elif profile.data_id_mode != "alternating" or counter % 2 == 1:
-        yield data_id >> 8

@@ -18,10 +18,12 @@ import autosar_data
 import cantools
 import numpy as np
 import pytest
+from cantools.autosar.end_to_end import check_profile2_crc, check_profile5_crc
 from elftools.elf.elffile import ELFFile
 
 from codegen import __version__
 from codegen.configuration import Config
+from codegen.configuration.e2e_profiles import PROFILES, ProfileName
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.placement import Placed, Request
 from codegen.ecu_map.placement_error import MeasuredError
@@ -38,11 +40,13 @@ from codegen.sil.software import load
 from codegen.sil.toolchain import compiler_command
 from codegen.verify.analysis.analysers import judged_by_misra
 from hil_sim.codec import Frame
+from hil_sim.e2e import protect
 from hil_sim.scenarios import find
 from tests import builds, shared
 from tests.cli.conftest import Answer, refused, run
 from tests.export import rte
 from tests.hil_sim.test_codec import OTHER
+from tests.sil import e2e_profiles
 
 __all__ = ["refused", "run"]  # fixtures
 
@@ -129,6 +133,28 @@ def test_cantools_reads_the_messages_of_the_dbc(name: str) -> None:
                 assert getattr(other, attribute) == getattr(signal, attribute), (signal.name, attribute)
         for data in random.integers(0, 256, (10_000, 8), dtype=np.uint8):
             assert here.decode(data.tobytes()) == there.decode(data.tobytes())
+
+
+@pytest.mark.parametrize("profile", ["1C", "2", "5", "11A"])
+def test_readers_find_the_profile_and_its_data_ids(profile: ProfileName, tmp_path: Path) -> None:
+    """cantools takes the data ids from the ARXML and computes the CRC of profiles 2 and 5 from it."""
+    build, can = tmp_path / "build", e2e_profiles.config_of(profile).can
+    write_folder(e2e_profiles.built(profile).folder, build)
+    for protection in PROTECTIONS:
+        write_folder(export(build, protection).folder, tmp_path / protection)
+        model, warnings = rte.load(tmp_path / protection)
+        assert warnings == []
+        assert model.check_references() == []
+    database = cantools.database.load_file(tmp_path / "transformer" / "ars.arxml")
+    for message, there in zip(can.messages().values(), database.messages, strict=True):
+        number, entry = message.e2e_data_id, PROFILES[profile]
+        assert there.autosar.e2e.category == entry.category
+        assert there.autosar.e2e.data_ids == (list(number) if isinstance(number, bytes) else [number])
+        data = protect(number, 3, bytes(range(8)), entry)
+        assert there.decode(data, decode_choices=False)[message.counter_name] == 3
+        if profile in ("2", "5"):
+            check = check_profile2_crc if profile == "2" else check_profile5_crc
+            assert check(data, there)
 
 
 @pytest.mark.parametrize("name", BUILDS)

@@ -69,7 +69,7 @@ def built(name: ProfileName) -> builds.Built:
 _MODES = {"both": "BOTH", "alternating": "ALT", "nibble": "NIBBLE"}
 
 
-def oracle(profile: Profile) -> tuple[Callable[[bytearray, Any], None], Callable[[bytes, Any], bool]]:
+def oracle(profile: Profile) -> tuple[Callable[[bytearray, Any], None], Callable[[bytearray, Any], bool]]:
     """Return protection of a frame that has its counter, and its check, by `autosar-e2e`."""
     match profile.category:
         case "PROFILE_02":

@@ -16,7 +16,7 @@ NAMES: tuple[ProfileName, ...] = get_args(ProfileName)
 SETTLING = 2
 """Samples until both messages are valid: the first frame, and `min_ok_state_init` - 1 more."""
 FRAMES = 2_000
-"""`make evidence PART=profiles` compares 10^6 frames of each profile."""
+"""`make evidence PART=kinds` compares 10^6 frames of each profile."""
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -41,6 +41,7 @@ COUNTS = {"missing_samples_max": 100, "recovery_samples": 300}
 SILENCES = range(1, 19)
 """Lengths of silence on the bus, in cycles: the counters of the receiver saturate at 14."""
 COUNTER_STEPS = 15
+"""Steps of the counter after a silence: all of profile 1, and those around the window of the others."""
 FRAME_COUNTS = (255, 256, 257)
 """Frames of one message in a cycle, around the overflow of eight bits."""
 
@@ -188,8 +189,8 @@ class LongDrives:
             "damaged frames": [bus.damaged],
             "repeated frames": [bus.cycle(0)],
             "a stuck actuator": bus.cycles(rear_angle=-0.05),
-            "two periods in a call": [(*bus.cycle(k), *bus.cycle(k + 1)) for k in range(0, 2 * COUNTER_STEPS, 2)],
-            "a disturbed bus": [each for k in range(0, 2 * COUNTER_STEPS, 2) for each in (bus.cycle(k), ())],
+            "two periods in a call": [(*bus.cycle(k), *bus.cycle(k + 1)) for k in range(0, 2 * bus.counters, 2)],
+            "a disturbed bus": [each for k in range(0, 2 * bus.counters, 2) for each in (bus.cycle(k), ())],
             "an impossible rear angle": bus.cycles(rear_angle=1.5 * limits.rear_angle_max),
         }
         for name in [*held][:1] if self.is_quick else held:
@@ -260,16 +261,17 @@ class _Bus:
 
     def __init__(self, software: Software, codec: Codec, motion: Measurement) -> None:
         self._can, self._codec, self._motion = software.config.can, codec, motion
+        self.counters = self._can.e2e.definition.counter_count
 
     def cycle(self, number: int, rear_angle: float = 0.0) -> Cycle:
         """Return both frames with the counter of a cycle."""
         yaw_rate = self._motion.yaw_rate + YAW_RATE_NOISE[number % len(YAW_RATE_NOISE)]
         sample = replace(self._motion, yaw_rate=yaw_rate, rear_angle=rear_angle)
-        return frames_of(self._can, self._codec, number % COUNTER_STEPS, sample)
+        return frames_of(self._can, self._codec, number % self.counters, sample)
 
-    def cycles(self, rear_angle: float = 0.0, count: int = COUNTER_STEPS, first: int = 0) -> list[Cycle]:
+    def cycles(self, rear_angle: float = 0.0, count: int | None = None, first: int = 0) -> list[Cycle]:
         """Return consecutive cycles; the default number can be repeated."""
-        return [self.cycle(first + number, rear_angle) for number in range(count)]
+        return [self.cycle(first + number, rear_angle) for number in range(self.counters if count is None else count)]
 
     @property
     def damaged(self) -> Cycle:

@@ -279,26 +279,29 @@ class ReceiverPair(Pair):
     """Receiver and supervision of a message. In: the advance of the sender's counter since the last frame, DAMAGED, or SILENT.
     Out: status and state."""
 
-    DAMAGED, SILENT = 15, -1
+    DAMAGED, SILENT = -2, -1
 
     def __init__(self, software: Software) -> None:
         can = software.config.can
-        self._data_id = can.vehicle_motion.e2e_data_id
+        message, self._profile = can.vehicle_motion, can.e2e.definition
+        self._data_id = message.e2e_data_id
+        self._number = self._data_id if isinstance(self._data_id, int) else 0  # of the first list of data ids
         self._receiver, self._supervision = Receiver(can.e2e), Supervision(can.e2e)
         self._c_receiver, self._c_supervision = software.new("e2e_receiver"), software.new("e2e_supervision")
         self._check, self._no_new_data, self._supervise = map(
             software.function, ("e2e_check", "e2e_no_new_data", "e2e_supervise")
         )
         self._counters = [0, 0]  # of the sender to each implementation
-        frames = [protect(self._data_id, counter, bytes(FRAME_BYTES)) for counter in range(15)]
-        self._frames = (*frames, bytes((frames[0][0] ^ 1, *frames[0][1:])))
+        counters = range(self._profile.counter_count)
+        self._frames = [protect(self._data_id, counter, bytes(FRAME_BYTES), self._profile) for counter in counters]
+        self._damaged = bytes((self._frames[0][0] ^ 1, *self._frames[0][1:]))
         software.function("e2e_receiver_init")(self._c_receiver)
         software.function("e2e_supervision_init")(self._c_supervision)
 
     def _frame(self, sample: int, side: int) -> bytes:
         if sample == self.DAMAGED:
-            return self._frames[self.DAMAGED]
-        self._counters[side] = (self._counters[side] + sample) % 15
+            return self._damaged
+        self._counters[side] = (self._counters[side] + sample) % self._profile.counter_count
         return self._frames[self._counters[side]]
 
     def second(self, sample: int) -> tuple[int, int]:
@@ -312,7 +315,7 @@ class ReceiverPair(Pair):
         if sample == self.SILENT:
             status = self._no_new_data(self._c_receiver)
         else:
-            status = self._check(self._c_receiver, self._data_id, self._frame(sample, 1))
+            status = self._check(self._c_receiver, self._number, self._frame(sample, 1))
         return status, self._supervise(self._c_supervision, *_judged(status))
 
     def state(self) -> Any:

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.configuration.can import Message, RealSignal
+from codegen.configuration.can import FRAME_BYTES, Can, RealSignal
 from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.emit.can_view import task_view
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
@@ -34,8 +34,6 @@ HARNESSES: tuple[Name, ...] = ("can", "step")
 
 COVERAGE = "-fsanitize-coverage=trace-pc"
 """Flag with which the sanitized code reports its edges to the driver."""
-CRC_AND_COUNTER = range(12)
-"""Bits of a protected frame."""
 
 
 def sources(subject: Subject) -> dict[str, bytes]:
@@ -71,7 +69,8 @@ def _context(subject: Subject) -> dict[str, Any]:
         "real": c_type(precision),
         "task": task_view(config),
         "can": config.can,
-        "used_bits": _used_bits(config.can.rear_steer_command),
+        "frame_bytes": FRAME_BYTES,
+        "used_bits": _used_bits(config.can),
         "signals": tuple(_reals(config)),
         "measured": MEASURED,
         "carried": CARRIED,
@@ -82,10 +81,12 @@ def _context(subject: Subject) -> dict[str, Any]:
     }
 
 
-def _used_bits(message: Message) -> int:
-    """Return a mask of the used bits of a frame, from the lowest of byte 0."""
-    used = {*CRC_AND_COUNTER, *(bit for signal in message.signals().values() for bit in signal.bits(message.byte_order))}
-    return sum(1 << bit for bit in used)
+def _used_bits(can: Can) -> tuple[int, ...]:
+    """Return a mask of the used bits of each byte of the command."""
+    message = can.rear_steer_command
+    signals = {bit for signal in message.signals().values() for bit in signal.bits(message.byte_order)}
+    used = sum(1 << bit for bit in can.e2e.definition.header_bits | signals)
+    return tuple(used.to_bytes(FRAME_BYTES, "little"))
 
 
 def _reals(config: Config) -> Iterator[tuple[str, str, RealSignal]]:

@@ -12,6 +12,7 @@ from codegen.emit.folder import Folder
 from codegen.optimum.solve import solve_case
 from codegen.verify.check import Effort, Verdict
 from codegen.verify.runner import CHECKS
+from tests.sil import e2e_profiles
 from tests.verify import builds, planted
 
 MODULES = {check.name: check.module for check in CHECKS}
@@ -58,6 +59,9 @@ BUILDS = {
     "double": functools.partial(builds.made, "pi", precision="double"),
     "double stack": functools.partial(builds.made, "tracking", "uneven", layers=True, precision="double"),
     "other car": other_car,
+    "profile 1C": lambda: e2e_profiles.built("1C").folder,
+    "profile 2": lambda: e2e_profiles.built("2").folder,
+    "profile 5": lambda: e2e_profiles.built("5").folder,
     "other frames": other_frames,
     "placed": placed,
 }
