@@ -25,7 +25,7 @@ from codegen.arrays import FloatArray
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import Software
-from hil_sim.codec import Frame, RearSteerCommand
+from hil_sim.codec import Frame, RearSteerCommand, frame_of, is_configured
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import Scenario
 
@@ -143,11 +143,11 @@ def run_in_process(
         running = not off
         for frame in node.outgoing(cycle):
             _note(log, frame, now, received=False)
-            if running and not (frame.extended or frame.remote or frame.error):
+            if running and is_configured(software.config.can, frame):
                 task.on_can_frame(frame.id, frame.data)
         for elapsed in node.task_starts[cycle] if running else ():
             node.advance(cycle, elapsed)
-            answer = Frame(*task.run())
+            answer = frame_of(software.config.can, *task.run())
             _note(log, answer, now + elapsed, received=True)
             node.receive(answer)
         recorder.close_cycle(cycle, 0.0, np.nan)

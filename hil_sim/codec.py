@@ -28,13 +28,13 @@ from codegen.emit.text import Precision, numpy_type
 
 @dataclass(frozen=True)
 class Frame:
-    """A classical CAN frame.
+    """A frame of classical CAN.
 
     Attributes:
         id: 11 or 29 bits.
         data: 0 to 8 bytes.
         time: s since the start of the run; 0.0 if unknown.
-        extended, remote, error: kind of the frame; all false for frames between controller and car.
+        extended, remote, error: kind of the frame. Frames between controller and car are data frames; `frame_of` makes them.
     """
 
     id: int
@@ -43,6 +43,16 @@ class Frame:
     extended: bool = False
     remote: bool = False
     error: bool = False
+
+
+def frame_of(can: Can, identifier: int, data: bytes) -> Frame:
+    """Return a frame of the configured kind."""
+    return Frame(identifier, data, extended=can.extended_ids)
+
+
+def is_configured(can: Can, frame: Frame) -> bool:
+    """Return whether a frame is a data frame of the configured kind."""
+    return frame.extended == can.extended_ids and not (frame.remote or frame.error)
 
 
 class _Codes:
@@ -161,7 +171,7 @@ class Codec:
         return self._layouts[self._role_of[type(payload)]].encode(payload)
 
     def decode(self, identifier: int, data: bytes) -> Payload | None:
-        """Return the contents of a frame by its 11-bit id; None for a frame of another node or with other than eight bytes."""
+        """Return the contents of a frame by its id; None for a frame of another node or with other than eight bytes."""
         role = self._roles.get(identifier)
         return None if role is None or len(data) != FRAME_BYTES else self._layouts[role].decode(data)
 

@@ -1,7 +1,7 @@
 """The generated task as an ECU on any bus: the same C that goes into the car, called through cffi.
 
 In real time a timer with absolute deadlines runs the task, half a period after the car's frames; in lock-step each complete set
-of them does. Foreign frames, 29-bit identifiers, remote and error frames, and its own frames are ignored.
+of them does. Foreign frames, identifiers of another length, remote and error frames, and its own frames are ignored.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from codegen.sil.software import Software, Task
 from hil_sim.bus import Bus
-from hil_sim.codec import Frame
+from hil_sim.codec import Frame, frame_of, is_configured
 
 SILENCE_PERIODS = 4
 """Periods without a frame of the car after which the timer synchronises with the next complete set."""
@@ -42,6 +42,7 @@ class EcuNode:
 
     def __init__(self, software: Software, bus: Bus) -> None:
         can = software.config.can
+        self._can = can
         self._ids = (can.vehicle_motion.id, can.vehicle_conditions.id)
         self._period = software.config.controller.sampling_time_s
         self._tolerated = software.config.controller.fail_safe.degraded_samples_max + 1
@@ -96,7 +97,7 @@ class EcuNode:
 
     def _take(self, frame: Frame | None) -> bool:
         """Pass a frame to the task. Return whether it was one of the car's."""
-        if frame is None or frame.extended or frame.remote or frame.error or frame.id not in self._ids:
+        if frame is None or not is_configured(self._can, frame) or frame.id not in self._ids:
             return False
         self.task.on_can_frame(frame.id, frame.data)
         return True
@@ -104,5 +105,5 @@ class EcuNode:
     def _answer(self) -> None:
         identifier, data = self.task.run()
         self.counters.cycles += 1
-        if not self._bus.send(Frame(identifier, data)):
+        if not self._bus.send(frame_of(self._can, identifier, data)):
             self.counters.send_errors += 1

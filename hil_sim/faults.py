@@ -198,7 +198,11 @@ class Injector:
         strangers = []
         for number in range(max(room, 0)):
             extended = number % 7 == 6
-            identifier = next(iter(own)) | 0x10000 if extended else ids[number % len(ids)]
+            identifier = (
+                next(number for number in (one ^ 0x10000 for one in own) if number not in own)
+                if extended
+                else ids[number % len(ids)]
+            )
             data = self._random.randbytes(8)
             strangers.append(Frame(identifier, data, extended=extended, remote=number % 11 == 10))
         middle = len(strangers) // 2

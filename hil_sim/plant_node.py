@@ -16,7 +16,7 @@ from codegen.configuration.signals import RECORDED, signals_of
 from codegen.emit.text import Precision
 from codegen.sil.plant import Plant, PlantInput, PlantSample
 from codegen.sil.software import RECORD_COLUMNS, Status
-from hil_sim.codec import Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
+from hil_sim.codec import Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion, frame_of, is_configured
 from hil_sim.e2e import E2eStatus, Receiver, next_counter, protect
 from hil_sim.faults import Injector
 from hil_sim.scenarios import Scenario
@@ -181,7 +181,7 @@ class PlantNode:
         data = self._codec.encode(VehicleMotion(*(values[name] for name in names)))
         data = protect(message.e2e_data_id, self._motion_counter, data, self._profile)
         self._motion_counter = next_counter(self._motion_counter, self._profile)
-        return Frame(message.id, data)
+        return frame_of(self._can, message.id, data)
 
     def _conditions(self, cycle: int, measured: dict[str, float], inhibit: bool) -> Frame:
         message = self._can.vehicle_conditions
@@ -190,11 +190,11 @@ class PlantNode:
         data = self._codec.encode(VehicleConditions(**values, inhibit=inhibit))
         data = protect(message.e2e_data_id, self._conditions_counter, data, self._profile)
         self._conditions_counter = next_counter(self._conditions_counter, self._profile)
-        return Frame(message.id, data)
+        return frame_of(self._can, message.id, data)
 
     def receive(self, frame: Frame) -> bool:
         """Process a frame from the bus. Return whether it was a command, valid or not; other frames are ignored."""
-        if frame.extended or frame.remote or frame.error or frame.id != self._can.rear_steer_command.id:
+        if not is_configured(self._can, frame) or frame.id != self._can.rear_steer_command.id:
             return False
         self._arrived.append(frame)
         return True

@@ -46,7 +46,9 @@ def _check_dbc_name(name: str) -> str:
 
 
 DbcName = Annotated[str, AfterValidator(_check_dbc_name)]
-Identifier = Annotated[int, Field(ge=0, le=0x7FF)]
+Identifier = Annotated[int, Field(ge=0, le=0x1FFF_FFFF)]
+STANDARD_ID_MAX = 0x7FF
+"""Largest identifier of 11 bits."""
 
 
 class Signal(Section):
@@ -357,6 +359,10 @@ class Can(Section):
     bitrate_kbit_s: Annotated[
         float, Range(10.0, 1000.0, "kbit/s"), Meaning("bit rate for the setup of a real bus; `vcan` has none")
     ] = 500.0
+    extended_ids: Annotated[
+        bool,
+        Meaning("whether the identifiers of the three messages have 29 bits; an identifier up to 0x7FF may have 29 bits too"),
+    ] = Field(default=False, exclude_if=lambda extended: not extended)
     e2e: E2e = E2e()
     vehicle_motion: VehicleMotion = VehicleMotion()
     vehicle_conditions: VehicleConditions = VehicleConditions()
@@ -381,6 +387,13 @@ class Can(Section):
                 number = one.e2e_data_id
                 what = f"data_id 0x{number:X}" if isinstance(number, int) else "data_ids"
                 raise ValueError(f"{one.name} and {other.name} have the same {what}; change one")
+        return self
+
+    @model_validator(mode="after")
+    def _identified(self) -> Self:
+        for message in self.messages().values():
+            if message.id > STANDARD_ID_MAX and not self.extended_ids:
+                raise ValueError(f"{message.name} has the id 0x{message.id:X}; give at most 0x7FF, or set extended_ids = true")
         return self
 
     @model_validator(mode="after")

@@ -63,7 +63,7 @@ HEADERS = (
 SOURCES = ("calibration", *(header for header in HEADERS if header not in ("sections", "constants")), "selftest")
 OF_REFERENCE_MODEL = ("grip", "reference_model")
 """Units of the laws that use the reference model."""
-LINUX = ("ars_ecu.c", "ars_xcp.c", "ars_xcp.h")
+LINUX = ("ars_xcp.c", "ars_xcp.h")
 """C files of the Linux program that are the same in every build."""
 NUMBERS = {"zero": 0.0, "quarter": 0.25, "half": 0.5, "one": 1.0, "two": 2.0, "five": 5.0, "minus_one": -1.0}
 """Literals that every template may print."""
@@ -177,6 +177,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         f"{prefix}.dbc": render("dbc.j2", context),
         "example/example_main.c": render("example/example_main.c.j2", context),
         "linux/ars_ecu_config.h": render("linux/ars_ecu_config.h.j2", context),
+        "linux/ars_ecu.c": render("linux/ars_ecu.c.j2", context),
         **{f"linux/{name}": verbatim(f"linux/{name}") for name in LINUX},
         f"{prefix}.a2l": render("a2l.j2", context),
         **take_over_files(context),

@@ -259,8 +259,27 @@ class CanView:
     nan_bits: str
     e2e: E2eView
     frame_bytes: int
-    frames_text: str
-    accepted_text: str
+    is_extended: bool
+
+    @property
+    def identifiers_text(self) -> str:
+        """Kind of the identifiers, in words."""
+        return f"{29 if self.is_extended else 11}-bit identifiers"
+
+    @property
+    def frames_text(self) -> str:
+        """Kind of the frames, in words."""
+        return f"Classical CAN with {self.identifiers_text} and {self.e2e.length_text} data bytes"
+
+    @property
+    def accepted_text(self) -> str:
+        """Frames that the task receives, in words."""
+        return f"classical data frames with {self.identifiers_text}"
+
+    @property
+    def dbc_id_flag(self) -> int:
+        """Bit that marks an identifier of 29 bits in a DBC."""
+        return 1 << 31 if self.is_extended else 0
 
     @property
     def profile(self) -> Profile:
@@ -314,8 +333,7 @@ def can_view(config: Config, precision: Precision) -> CanView:
         nan_bits="0x7FC00000u" if precision == "single" else "0x7FF8000000000000u",
         e2e=_e2e_view(can),
         frame_bytes=FRAME_BYTES,
-        frames_text="Classical CAN with 11-bit identifiers and eight data bytes",
-        accepted_text="classical data frames with 11-bit identifiers",
+        is_extended=can.extended_ids,
     )
 
 

@@ -30,7 +30,7 @@ from codegen.files import resolved
 from codegen.programs import run_program
 from codegen.sil.software import Software, load
 from codegen.sil.toolchain import require_success
-from hil_sim.codec import Frame
+from hil_sim.codec import Frame, frame_of
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import Scenario, find
 
@@ -47,7 +47,7 @@ def record(software: Software, scenario: Scenario) -> tuple[list[tuple[Frame, ..
         frames = tuple(node.outgoing(cycle))
         for frame in frames:
             task.on_can_frame(frame.id, frame.data)
-        answer = Frame(*task.run())
+        answer = frame_of(software.config.can, *task.run())
         node.receive(answer)
         node.finish(cycle)
         received.append(frames)

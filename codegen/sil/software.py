@@ -259,7 +259,7 @@ class Task:
         function("task_init")(state, parameters)
 
     def on_can_frame(self, identifier: int, data: bytes) -> None:
-        """Receive a classical data frame with an 11-bit identifier."""
+        """Receive a data frame of the configured kind."""
         self._on_can_frame(self.state, identifier, data, len(data))
 
     @property

@@ -9,7 +9,7 @@ from codegen.configuration import Config
 from codegen.configuration.can import Can
 from codegen.errors import CodegenError
 from codegen.sil.software import Measurement, Software
-from hil_sim.codec import Codec, Frame, VehicleConditions, VehicleMotion
+from hil_sim.codec import Codec, Frame, VehicleConditions, VehicleMotion, frame_of
 from hil_sim.e2e import next_counter, protect
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import DEFAULT, SCENARIOS
@@ -60,7 +60,7 @@ def closed_loop(software: Software) -> tuple[str, list[Cycle]]:
             frames = tuple(node.outgoing(cycle))
             for frame in frames:
                 task.on_can_frame(frame.id, frame.data)
-            node.receive(Frame(*task.run()))
+            node.receive(frame_of(software.config.can, *task.run()))
             node.finish(cycle)
             cycles.append(frames)
         return name, cycles

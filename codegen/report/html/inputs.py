@@ -64,7 +64,7 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
     sent: dict[int, list[float]] = {message.id: [] for message in messages}
     received: dict[int, list[float]] = {message.id: [] for message in messages}
     for frame in frames(path):
-        if frame.arbitration_id in sent and not frame.is_extended_id and not frame.is_error_frame:
+        if frame.arbitration_id in sent and frame.is_extended_id == can.extended_ids and not frame.is_error_frame:
             (received if frame.is_rx else sent)[frame.arbitration_id].append(frame.timestamp)
     # On some buses, such as udp_multicast, a node also receives its own frames; the time of sending counts.
     times = {key: sent[key] or received[key] for key in sent}

@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import can
 import numpy as np
 import pytest
 
+from codegen.emit.write import write_folder
 from codegen.sil.software import Software, Status, load
 from hil_sim import ecu_process, manoeuvres
 from hil_sim.bench import BenchResult, run_through_can
@@ -17,7 +19,9 @@ from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import Scenario, find
 from hil_sim.session import EcuKind, Setup, run_hil
+from tests import builds
 from tests.evidence.vcan.conftest import FOLDER
+from tests.hil_sim.test_frame_kinds import built as extended_build
 
 pytestmark = pytest.mark.vcan
 
@@ -67,6 +71,16 @@ def test_lock_step_gives_the_same_bits_as_one_process(
     wanted = run_through_can(built, scenario).record
     result = run_hil(Setup(built.config, scenario, address, lock_step=True), folder, kind).result
     assert result.received == {"commands": len(wanted), "refused": 0, "cycles_without": 2, "lost": 0}  # until valid
+    assert np.array_equal(result.record, wanted)
+
+
+@kinds
+def test_29_bit_identifiers_give_the_same_bits(address: BusAddress, kind: EcuKind, tmp_path: Path) -> None:
+    folder, scenario = tmp_path / "build", replace(find("step-steer"), duration=1.0)
+    write_folder(extended_build().folder, folder)
+    wanted = run_through_can(builds.paper().software, scenario).record
+    result = run_hil(Setup(extended_build().software.config, scenario, address, lock_step=True), folder, kind).result
+    assert result.received["commands"] == len(wanted)
     assert np.array_equal(result.record, wanted)
 
 
