@@ -15,7 +15,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -143,11 +143,11 @@ def run_in_process(
         running = not off
         for frame in node.outgoing(cycle):
             _note(log, frame, now, received=False)
-            if running and is_configured(software.config.can, frame):
+            if running and is_configured(node.can, frame):
                 task.on_can_frame(frame.id, frame.data)
         for elapsed in node.task_starts[cycle] if running else ():
             node.advance(cycle, elapsed)
-            answer = frame_of(software.config.can, *task.run())
+            answer = frame_of(node.can, *task.run())
             _note(log, answer, now + elapsed, received=True)
             node.receive(answer)
         recorder.close_cycle(cycle, 0.0, np.nan)
@@ -251,7 +251,7 @@ def _switch(ecu: Ecu | None, running: bool, off: bool) -> bool:
 
 def _note(log: BusLog | None, frame: Frame, now: float, *, received: bool) -> None:
     if log is not None:
-        timed = Frame(frame.id, frame.data, now, frame.extended, frame.remote, frame.error)
+        timed = replace(frame, time=now)
         log.write(timed, received=received)
 
 

@@ -15,6 +15,7 @@ from typing import Any, Self
 
 import can
 
+from codegen.configuration.can import Can
 from codegen.errors import CodegenError, one_line
 from hil_sim.codec import Frame
 
@@ -61,14 +62,18 @@ class Bus:
         CodegenError: it cannot be opened; the message has the remedy.
     """
 
-    def __init__(self, address: BusAddress, bitrate: float | None = None) -> None:
+    def __init__(self, address: BusAddress, can_of_build: Can | None = None) -> None:
         self.address = address
         package, remedy = _PACKAGES.get(address.interface, ("", ""))
         if package and importlib.util.find_spec(package) is None:
             raise CodegenError(f"{address.interface} needs the package {package}", where="--bus", remedy=remedy)
         settings: dict[str, Any] = {}
-        if bitrate is not None and address.interface not in LOCAL_INTERFACES:
-            settings["bitrate"] = round(bitrate)
+        if can_of_build is not None and address.interface not in LOCAL_INTERFACES:
+            settings["bitrate"] = round(can_of_build.bitrate_kbit_s * 1e3)
+            if can_of_build.data_bitrate_kbit_s is not None:
+                settings["data_bitrate"] = round(can_of_build.data_bitrate_kbit_s * 1e3)
+        if can_of_build is not None and can_of_build.is_fd:
+            settings["fd"] = True
         # Messages of the backends become part of the error.
         logging.getLogger("can").setLevel(logging.CRITICAL + 1)
         try:
@@ -86,6 +91,8 @@ class Bus:
             is_extended_id=frame.extended,
             is_remote_frame=frame.remote,
             is_error_frame=frame.error,
+            is_fd=frame.fd,
+            bitrate_switch=frame.fd,
         )
         try:
             self._bus.send(message)
@@ -110,6 +117,7 @@ class Bus:
             extended=message.is_extended_id,
             remote=message.is_remote_frame,
             error=message.is_error_frame,
+            fd=message.is_fd,
         )
 
     def close(self) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.configuration.can import FRAME_BYTES, QUALIFIED, Can, RealSignal, Signal
+from codegen.configuration.can import QUALIFIED, Can, RealSignal, Signal
 from codegen.configuration.signals import PAYLOADS as PAYLOADS
 from codegen.configuration.signals import Payload as Payload
 from codegen.configuration.signals import RearSteerCommand as RearSteerCommand
@@ -28,13 +28,14 @@ from codegen.emit.text import Precision, numpy_type
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame of classical CAN.
+    """A frame of classical CAN or CAN FD.
 
     Attributes:
         id: 11 or 29 bits.
-        data: 0 to 8 bytes.
+        data: 0 to 8 bytes; with CAN FD up to 64.
         time: s since the start of the run; 0.0 if unknown.
         extended, remote, error: kind of the frame. Frames between controller and car are data frames; `frame_of` makes them.
+        fd: whether it is a frame of CAN FD, with bit-rate switching.
     """
 
     id: int
@@ -43,16 +44,17 @@ class Frame:
     extended: bool = False
     remote: bool = False
     error: bool = False
+    fd: bool = False
 
 
 def frame_of(can: Can, identifier: int, data: bytes) -> Frame:
     """Return a frame of the configured kind."""
-    return Frame(identifier, data, extended=can.extended_ids)
+    return Frame(identifier, data, extended=can.extended_ids, fd=can.is_fd)
 
 
 def is_configured(can: Can, frame: Frame) -> bool:
     """Return whether a frame is a data frame of the configured kind."""
-    return frame.extended == can.extended_ids and not (frame.remote or frame.error)
+    return (frame.extended, frame.fd) == (can.extended_ids, can.is_fd) and not (frame.remote or frame.error)
 
 
 class _Codes:
@@ -126,6 +128,7 @@ class _Layout:
     def __init__(self, role: str, can: Can, precision: Precision) -> None:
         message = can.messages()[role]
         self.payload = PAYLOADS[role]
+        self._frame_bytes = can.frame_bytes
         self._flags = [each.role for each in signals_of(role) if each.is_flag]
         signals = message.signals()
         self._codes = {name: _Codes(signal, message.byte_order) for name, signal in signals.items()}
@@ -136,7 +139,7 @@ class _Layout:
         available = [name for name in codes if codes[name] != self._scales[name].not_available]
         for name in self._codes.keys() - codes.keys():
             codes[name] = _qualifier(available) if name == "qualifier" else int(getattr(payload, name))
-        return sum(self._codes[name].put(code) for name, code in codes.items()).to_bytes(FRAME_BYTES, "little")
+        return sum(self._codes[name].put(code) for name, code in codes.items()).to_bytes(self._frame_bytes, "little")
 
     def decode(self, data: bytes) -> Payload:
         frame = int.from_bytes(data, "little")
@@ -164,16 +167,17 @@ class Codec:
     def __init__(self, can: Can, precision: Precision = "single") -> None:
         self._layouts = {role: _Layout(role, can, precision) for role in PAYLOADS}
         self._roles = {message.id: role for role, message in can.messages().items()}
+        self._frame_bytes = can.frame_bytes
         self._role_of = {payload: role for role, payload in PAYLOADS.items()}
 
     def encode(self, payload: Payload) -> bytes:
-        """Return the eight bytes of a message."""
+        """Return the bytes of a message."""
         return self._layouts[self._role_of[type(payload)]].encode(payload)
 
     def decode(self, identifier: int, data: bytes) -> Payload | None:
-        """Return the contents of a frame by its id; None for a frame of another node or with other than eight bytes."""
+        """Return the contents of a frame by its id; None for a frame of another node or of another length."""
         role = self._roles.get(identifier)
-        return None if role is None or len(data) != FRAME_BYTES else self._layouts[role].decode(data)
+        return None if role is None or len(data) != self._frame_bytes else self._layouts[role].decode(data)
 
 
 DIAGNOSTICS: Mapping[int, tuple[str, str]] = {cause.bit: (cause.name, cause.words) for cause in can_view.DIAGNOSTICS}

@@ -107,7 +107,7 @@ class Receiver:
     """
 
     def __init__(self, settings: E2e, frame_bytes: int = FRAME_BYTES) -> None:
-        self._settings, self._profile, self._frame_bytes = settings, settings.definition, frame_bytes
+        self._settings, self._profile, self.frame_bytes = settings, settings.definition, frame_bytes
         self._last_valid_counter = 0
         self._max_delta_counter = 0
         self._wait_for_first_data = True
@@ -129,7 +129,7 @@ class Receiver:
         """
         self._tolerate_one_more()
         profile = self._profile
-        if len(data) != self._frame_bytes:
+        if len(data) != self.frame_bytes:
             return E2eStatus.WRONG_CRC
         received = received_counter(data, profile)
         if received > profile.counter_max or crc(data_id, data, profile) != int.from_bytes(data[: profile.crc_bytes], "little"):

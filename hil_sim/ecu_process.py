@@ -254,7 +254,7 @@ class EcuThread:
     def start(self) -> None:
         """Start the thread. From then on it receives frames."""
         self.kill()
-        bus = Bus(self._address)
+        bus = Bus(self._address, self._software.config.can)
         stop = threading.Event()
         node = EcuNode(self._software, bus)
         run = _served(node, bus, self._lock_step, stop)

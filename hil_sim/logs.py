@@ -190,7 +190,8 @@ class CandumpWriter:
             content = f"{CAN_ERR_FLAG | (frame.id or CAN_ERR_BUSERROR):08X}#{data.hex().upper()}"
         else:
             identifier = f"{frame.id:08X}" if frame.extended else f"{frame.id:03X}"
-            content = f"{identifier}#" + (f"R{len(frame.data) or ''}" if frame.remote else frame.data.hex().upper())
+            kind = "##1" if frame.fd else "#"  # a frame of CAN FD has its flags here: bit-rate switching
+            content = f"{identifier}{kind}" + (f"R{len(frame.data) or ''}" if frame.remote else frame.data.hex().upper())
         self._file.write(f"({seconds}.{microseconds:06d}) {self._channel} {content} {'R' if received else 'T'}\n")
 
     def close(self) -> None:
@@ -223,6 +224,8 @@ class Mf4Writer:
         self._records = bytearray()
 
     def write(self, frame: Frame, received: bool) -> None:
+        if frame.fd:
+            raise CodegenError("an .mf4 log has no frames of CAN FD", where="--log", remedy="log to .blf, .asc or .log")
         kind = self.KINDS.index("CAN_ErrorFrame" if frame.error else "CAN_RemoteFrame" if frame.remote else "CAN_DataFrame")
         head = (max(frame.time, 0.0), frame.id, frame.extended, len(frame.data), not received, kind)
         self._records += self.RECORD.pack(*head, frame.data)
@@ -284,6 +287,8 @@ def _message(frame: Frame, received: bool, rounding: float = 0.0) -> can.Message
         is_remote_frame=frame.remote and not frame.error,
         is_error_frame=frame.error,
         is_rx=received,
+        is_fd=frame.fd,
+        bitrate_switch=frame.fd,
         dlc=len(frame.data),
         data=None if frame.remote else frame.data,
     )

@@ -95,7 +95,7 @@ class PlantNode:
         sensors: bool = False,
         seed: int = 0,
     ) -> None:
-        self._config, self._can = config, config.can
+        self._config, self.can = config, config.can
         self._profile = config.can.e2e.definition
         self._per_sample = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
         self.sampling_time = config.plant.sampling_time_s * self._per_sample
@@ -124,17 +124,17 @@ class PlantNode:
         """Run each operation of a cycle once, so that the first cycle, from which an ECU takes its phase, is not slower."""
         self._plant.sample(self._acting(0, 0.0))
         for message, payload in (
-            (self._can.vehicle_motion, VehicleMotion(0.0, 0.0, 0.0)),
-            (self._can.vehicle_conditions, VehicleConditions(0.0, 0.0)),
-            (self._can.rear_steer_command, RearSteerCommand(0.0, 0.0)),
+            (self.can.vehicle_motion, VehicleMotion(0.0, 0.0, 0.0)),
+            (self.can.vehicle_conditions, VehicleConditions(0.0, 0.0)),
+            (self.can.rear_steer_command, RearSteerCommand(0.0, 0.0)),
         ):
             data = protect(message.e2e_data_id, 0, self._codec.encode(payload), self._profile)
-            Receiver(self._can.e2e).check(message.e2e_data_id, data)
+            Receiver(self.can.e2e, self.can.frame_bytes).check(message.e2e_data_id, data)
             self._codec.decode(message.id, data)
 
     def _restart(self) -> None:
         self._motion_counter = self._conditions_counter = 0
-        self._receiver = Receiver(self._can.e2e)
+        self._receiver = Receiver(self.can.e2e, self.can.frame_bytes)
         self._was_off = False
         self._arrived: list[Frame] = []
         self._begin_cycle()
@@ -175,33 +175,33 @@ class PlantNode:
         return self.injector.outgoing(cycle, frames)
 
     def _motion(self, cycle: int, measured: dict[str, float]) -> Frame:
-        message = self._can.vehicle_motion
+        message = self.can.vehicle_motion
         names = [signal.role for signal in signals_of("vehicle_motion")]
         values = self.injector.signals(cycle, message.name, {name: measured[name] for name in names})
         data = self._codec.encode(VehicleMotion(*(values[name] for name in names)))
         data = protect(message.e2e_data_id, self._motion_counter, data, self._profile)
         self._motion_counter = next_counter(self._motion_counter, self._profile)
-        return frame_of(self._can, message.id, data)
+        return frame_of(self.can, message.id, data)
 
     def _conditions(self, cycle: int, measured: dict[str, float], inhibit: bool) -> Frame:
-        message = self._can.vehicle_conditions
+        message = self.can.vehicle_conditions
         names = [signal.role for signal in signals_of("vehicle_conditions") if signal.is_real]
         values = self.injector.signals(cycle, message.name, {name: measured.get(name, math.nan) for name in names})
         data = self._codec.encode(VehicleConditions(**values, inhibit=inhibit))
         data = protect(message.e2e_data_id, self._conditions_counter, data, self._profile)
         self._conditions_counter = next_counter(self._conditions_counter, self._profile)
-        return frame_of(self._can, message.id, data)
+        return frame_of(self.can, message.id, data)
 
     def receive(self, frame: Frame) -> bool:
         """Process a frame from the bus. Return whether it was a command, valid or not; other frames are ignored."""
-        if not is_configured(self._can, frame) or frame.id != self._can.rear_steer_command.id:
+        if not is_configured(self.can, frame) or frame.id != self.can.rear_steer_command.id:
             return False
         self._arrived.append(frame)
         return True
 
     def _take(self, data: bytes) -> bool:
         """Check a command. Return whether it has an angle for the actuator."""
-        message = self._can.rear_steer_command
+        message = self.can.rear_steer_command
         status = self._receiver.check(message.e2e_data_id, data)
         decoded = self._codec.decode(message.id, data)
         if status not in USABLE or not isinstance(decoded, RearSteerCommand):

@@ -99,7 +99,7 @@ def run_plant(setup: Setup, ecu: EcuProcess | EcuThread | None = None, observe: 
     if ecu is None:
         _refuse_restart(setup.scenario)
     node = setup.node()
-    with Bus(setup.address, setup.config.can.bitrate_kbit_s * 1e3) as bus, _logged(setup) as log:
+    with Bus(setup.address, setup.config.can) as bus, _logged(setup) as log:
         if setup.lock_step:
             return run_in_lock_step(node, bus, log=log, observe=observe)
         return run_in_real_time(node, bus, ecu=ecu, log=log, observe=observe)

@@ -18,7 +18,7 @@ from tests.test_config import refused
         ("intel", 14, 5, (14, 15, 16, 17, 18)),
         ("motorola", 20, 3, (18, 19, 20)),
         ("motorola", 23, 16, (*range(24, 32), *range(16, 24))),
-        ("intel", 60, 8, None),
+        ("intel", 508, 8, None),
     ],
 )
 def test_bits_are_numbered_as_in_a_dbc(byte_order: str, start: int, length: int, bits: tuple[int, ...] | None) -> None:

@@ -314,7 +314,7 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, end)
-    with Bus(address, software.config.can.bitrate_kbit_s * 1e3) as bus:
+    with Bus(address, software.config.can) as bus:
         node = EcuNode(software, bus)
         print(READY, flush=True)
         node.run(lock_step, lambda: ended or (parent is not None and os.getppid() != parent))

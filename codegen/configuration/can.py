@@ -20,6 +20,8 @@ from codegen.configuration.signals import signals_of
 
 FRAME_BYTES = 8
 """Bytes of a frame of classical CAN."""
+FRAME_BYTES_MAX = 64
+"""Largest frame of CAN FD, in bytes."""
 
 QUALIFIED = tuple(each.role for each in signals_of("vehicle_motion"))
 """Signals of VehicleMotion that have a bit each in its qualifier, from bit 0."""
@@ -55,7 +57,7 @@ class Signal(Section):
     """Position of an unsigned number in its frame."""
 
     name: Annotated[DbcName, Meaning("name in the DBC")]
-    start_bit: Annotated[int, Field(ge=0, le=63), Meaning("start bit as in a DBC")]
+    start_bit: Annotated[int, Field(ge=0, le=511), Meaning("start bit as in a DBC")]
     length: Annotated[int, Field(ge=1, le=24), Meaning("number of bits")]
 
     def bits(self, byte_order: str) -> tuple[int, ...]:
@@ -71,8 +73,8 @@ class Signal(Section):
                 position += 1
             else:  # down to bit 0 of a byte, then to bit 7 of the next
                 position += 15 if position % 8 == 0 else -1
-        if max(bits) >= 8 * FRAME_BYTES:
-            raise ValueError(f"{self.name} reaches beyond the {FRAME_BYTES} bytes of its frame; correct start_bit or length")
+        if max(bits) >= 8 * FRAME_BYTES_MAX:
+            raise ValueError(f"{self.name} reaches beyond the {FRAME_BYTES_MAX} bytes of a frame; correct start_bit or length")
         return tuple(bits if byte_order == "intel" else reversed(bits))
 
 
@@ -113,7 +115,7 @@ class RealSignal(Signal):
 
 
 class Message(Section):
-    """A frame of eight bytes, sent in every sampling time and protected by an AUTOSAR E2E profile.
+    """A frame, sent in every sampling time and protected by an AUTOSAR E2E profile.
 
     A subclass names its role in the table of signals, such as `role="vehicle_motion"`, and gets a field for each signal of it.
     """
@@ -189,6 +191,16 @@ class Message(Section):
             if one[1] & other[1]:
                 raise ValueError(f"{one[0]} and {other[0]} share bit {min(one[1] & other[1])}; move one of them")
         return self
+
+    def check_end(self, frame_bytes: int) -> None:
+        """Check that the signals are within the frame.
+
+        Raises:
+            ValueError: one is not.
+        """
+        for name, bits in self._places():
+            if max(bits) >= 8 * frame_bytes:
+                raise ValueError(f"{name} reaches beyond the {frame_bytes} bytes of its frame; correct start_bit or length")
 
     def check_protection(self, profile: Profile) -> None:
         """Check that the message has the data id of a profile, and room for its header.
@@ -359,6 +371,13 @@ class Can(Section):
     bitrate_kbit_s: Annotated[
         float, Range(10.0, 1000.0, "kbit/s"), Meaning("bit rate for the setup of a real bus; `vcan` has none")
     ] = 500.0
+    data_bitrate_kbit_s: Annotated[
+        Annotated[float, Range(10.0, 10_000.0, "kbit/s")] | None,
+        Meaning("bit rate of the data phase; makes it CAN FD with bit-rate switching. Not given: classical CAN"),
+    ] = Field(default=None, exclude_if=lambda rate: rate is None)
+    frame_bytes: Annotated[
+        Literal[8, 12, 16, 20, 24, 32, 48, 64], Meaning("bytes of each of the three frames; more than 8 with CAN FD")
+    ] = Field(default=8, exclude_if=lambda size: size == FRAME_BYTES)
     extended_ids: Annotated[
         bool,
         Meaning("whether the identifiers of the three messages have 29 bits; an identifier up to 0x7FF may have 29 bits too"),
@@ -387,6 +406,23 @@ class Can(Section):
                 number = one.e2e_data_id
                 what = f"data_id 0x{number:X}" if isinstance(number, int) else "data_ids"
                 raise ValueError(f"{one.name} and {other.name} have the same {what}; change one")
+        return self
+
+    @property
+    def is_fd(self) -> bool:
+        """Whether the frames are those of CAN FD, with bit-rate switching."""
+        return self.data_bitrate_kbit_s is not None
+
+    @model_validator(mode="after")
+    def _framed(self) -> Self:
+        if self.frame_bytes > FRAME_BYTES and not self.is_fd:
+            raise ValueError(f"frame_bytes is {self.frame_bytes} without CAN FD; give data_bitrate_kbit_s, or 8 bytes")
+        profile = self.e2e.definition
+        if self.frame_bytes > profile.data_bytes_max:
+            what = f"frame_bytes is {self.frame_bytes}; E2E {profile.title} protects up to {profile.data_bytes_max} bytes"
+            raise ValueError(f"{what}; give fewer, or another profile")
+        for message in self.messages().values():
+            message.check_end(self.frame_bytes)
         return self
 
     @model_validator(mode="after")

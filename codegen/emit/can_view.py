@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 from codegen.configuration import Config
-from codegen.configuration.can import FRAME_BYTES, NODES, QUALIFIED, Can, Message, RealSignal, Signal
+from codegen.configuration.can import NODES, QUALIFIED, Can, Message, RealSignal, Signal
 from codegen.configuration.e2e_profiles import Profile
 from codegen.configuration.signals import PAYLOADS, SIGNALS, SignalDefinition
 from codegen.emit.e2e_view import E2eView
@@ -259,7 +259,13 @@ class CanView:
     nan_bits: str
     e2e: E2eView
     frame_bytes: int
+    data_baudrate: str
     is_extended: bool
+
+    @property
+    def is_fd(self) -> bool:
+        """Whether the frames are those of CAN FD."""
+        return bool(self.data_baudrate)
 
     @property
     def identifiers_text(self) -> str:
@@ -269,12 +275,14 @@ class CanView:
     @property
     def frames_text(self) -> str:
         """Kind of the frames, in words."""
-        return f"Classical CAN with {self.identifiers_text} and {self.e2e.length_text} data bytes"
+        return (
+            f"{'CAN FD' if self.is_fd else 'Classical CAN'} with {self.identifiers_text} and {self.e2e.length_text} data bytes"
+        )
 
     @property
     def accepted_text(self) -> str:
         """Frames that the task receives, in words."""
-        return f"classical data frames with {self.identifiers_text}"
+        return f"{'CAN FD' if self.is_fd else 'classical'} data frames with {self.identifiers_text}"
 
     @property
     def dbc_id_flag(self) -> int:
@@ -310,10 +318,12 @@ def can_view(config: Config, precision: Precision) -> CanView:
     # In single precision the arithmetic is made exact. In double precision it equals that of tools that read a DBC.
     exact = precision == "single"
     can, period_ms = config.can, round(config.controller.sampling_time_s * 1e3, 9)
+    e2e = _e2e_view(can)
+    length = e2e.length_text
     count_mask = (1 << can.e2e.window_size.bit_length()) - 1
     return CanView(
         messages=tuple(_frame(can, role, precision) for role in can.messages()),
-        diagnostics=DIAGNOSTICS,
+        diagnostics=tuple(replace(each, text=each.text.replace("eight", length)) for each in DIAGNOSTICS),
         reception_bits=len(_RECEPTION),
         task_period_ms=decimal(period_ms),
         cycle_time_is_whole=period_ms == round(period_ms),
@@ -331,8 +341,9 @@ def can_view(config: Config, precision: Precision) -> CanView:
         half=literal(0.5, precision),
         nan_type="uint32_t" if precision == "single" else "uint64_t",
         nan_bits="0x7FC00000u" if precision == "single" else "0x7FF8000000000000u",
-        e2e=_e2e_view(can),
-        frame_bytes=FRAME_BYTES,
+        e2e=e2e,
+        frame_bytes=can.frame_bytes,
+        data_baudrate="" if can.data_bitrate_kbit_s is None else decimal(can.data_bitrate_kbit_s * 1e3),
         is_extended=can.extended_ids,
     )
 
@@ -345,7 +356,7 @@ def _e2e_view(can: Can) -> E2eView:
             f"MaxDeltaCounterInit {e2e.max_delta_counter_init}, MaxNoNewOrRepeatedData {e2e.max_no_new_or_repeated_data}, "
             f"SyncCounterInit {e2e.sync_counter_init}"
         )
-    return E2eView(e2e.definition, FRAME_BYTES, tuple(each for each in ids if isinstance(each, bytes)), settings)
+    return E2eView(e2e.definition, can.frame_bytes, tuple(each for each in ids if isinstance(each, bytes)), settings)
 
 
 _TITLES = {

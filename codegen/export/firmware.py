@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from codegen import __version__
+from codegen.configuration.can import FRAME_BYTES
 from codegen.emit.can_view import task_name
 from codegen.emit.folder import MANIFEST, Folder, owned_paths, read_files, read_manifest
 from codegen.emit.manifest import read_build
@@ -99,6 +100,9 @@ def project(build: Path) -> Project:
         what = "it computes in double precision, and the FPU of a Cortex-M4F is single"
         raise BuildError(what, where=build, remedy="build with --precision single")
     software = load(build)
+    if software.config.can.frame_bytes > FRAME_BYTES:
+        what = f"its frames have {software.config.can.frame_bytes} bytes, and those of the firmware project eight"
+        raise BuildError(what, where=build, remedy="build with frame_bytes = 8")
     files = {
         f"controller/{path}": content
         for path, content in read_files(build, manifest, ("include/", "src/")).items()

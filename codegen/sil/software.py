@@ -140,7 +140,7 @@ class Software:
         """Return a new instance of the ECU's cyclic task."""
         chosen = self.parameters() if parameters is None else parameters
         name = task_name(self.config.controller.sampling_time_s)
-        return Task(self.ffi, self.new("task"), chosen, self.function, name)
+        return Task(self.ffi, self.new("task"), chosen, self.function, name, self.config.can.frame_bytes)
 
     def controller(self, rear_angle: float = 0.0, parameters: Any | None = None) -> Controller:
         """Return a new controller instance, initialised at a rear angle (rad)."""
@@ -249,12 +249,14 @@ COUNTERS = ("cycles", "late_cycles", "early_cycles", "lost_samples")
 class Task:
     """One `<prefix>_task_t` with its functions. Instances are independent. Do not share one between threads."""
 
-    def __init__(self, ffi: Any, state: Any, parameters: Any, function: Callable[[str], Any], period_name: str) -> None:
+    def __init__(
+        self, ffi: Any, state: Any, parameters: Any, function: Callable[[str], Any], period_name: str, frame_bytes: int
+    ) -> None:
         self.state = state
         self._parameters = parameters  # the C keeps a pointer to them
         self._on_can_frame, self._is_complete = function("task_on_can_frame"), function("task_is_complete")
         self._run = function(period_name)
-        self._data = ffi.new("uint8_t[8]")
+        self._data = ffi.new(f"uint8_t[{frame_bytes}]")
         self._buffer = ffi.buffer(self._data)
         function("task_init")(state, parameters)
 

@@ -84,7 +84,7 @@ class _Traffic:
     def __init__(self, config: Config, recorded: Sequence[Cycle], seed: int) -> None:
         messages = (config.can.vehicle_motion, config.can.vehicle_conditions)
         self._data_ids = {message.id: message.e2e_data_id for message in messages}
-        self._profile = config.can.e2e.definition
+        self._profile, self._frame_bytes = config.can.e2e.definition, config.can.frame_bytes
         self._counters = dict.fromkeys(self._data_ids, 0)
         self._random = random.Random(seed)
         self._recorded = [cycle for cycle in recorded if len(cycle) == len(messages)]
@@ -121,7 +121,7 @@ class _Traffic:
 
     def _frame(self, identifier: int, kind: str, place: int) -> Frame:
         """Return the next protected frame of a message: recorded, of a standing car, or with arbitrary content."""
-        data = self._random.randbytes(8)
+        data = self._random.randbytes(self._frame_bytes)
         if kind in STANDING:
             data = self._standing[kind][identifier]
         elif self._recorded and kind != "random payload":
@@ -140,10 +140,10 @@ class _Traffic:
         if fault == 1:
             return [frame, frame]
         if fault == 2:  # one bit, anywhere
-            number = int.from_bytes(frame.data, "little") ^ 1 << self._random.randrange(64)
-            return [Frame(frame.id, number.to_bytes(8, "little"))]
+            number = int.from_bytes(frame.data, "little") ^ 1 << self._random.randrange(8 * self._frame_bytes)
+            return [Frame(frame.id, number.to_bytes(self._frame_bytes, "little"))]
         if fault == 3:
-            return [Frame(frame.id, frame.data[: self._random.randrange(8)])]
+            return [Frame(frame.id, frame.data[: self._random.randrange(self._frame_bytes)])]
         if fault == 4:
             return [self._garbage(), frame]
         if fault == 5:  # under the other message's identifier
@@ -155,4 +155,4 @@ class _Traffic:
     def _garbage(self) -> Frame:
         """Return a frame with arbitrary content and id."""
         identifier = self._random.choice([*self._data_ids, self._random.getrandbits(32)])
-        return Frame(identifier, self._random.randbytes(8))
+        return Frame(identifier, self._random.randbytes(self._frame_bytes))

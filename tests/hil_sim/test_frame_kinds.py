@@ -1,17 +1,22 @@
-"""Frames with 29-bit identifiers in C, DBC and bench, as other tools see them."""
+"""29-bit identifiers and frames of CAN FD in C, DBC and bench, as other tools see them."""
 
 import functools
 import subprocess
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cantools
 import numpy as np
+import pytest
 
 from codegen.configuration import Config, parse
 from codegen.emit.write import write_folder
 from codegen.sil.toolchain import compiler_command
 from hil_sim.bench import run_through_can
-from hil_sim.codec import Frame, frame_of, is_configured
+from hil_sim.bus import Bus, BusAddress
+from hil_sim.codec import Codec, Frame, VehicleMotion, frame_of, is_configured
+from hil_sim.e2e import protect
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import find
 from tests import builds
@@ -22,10 +27,34 @@ IDS = {"vehicle_motion": 0x18FF0101, "vehicle_conditions": 0x102, "rear_steer_co
 EXTENDED = {"extended_ids": True, **{role: {"id": number, "data_id": number & 0x7FF} for role, number in IDS.items()}}
 
 
+FD = {"data_bitrate_kbit_s": 2000.0, "frame_bytes": 12}
+KINDS: dict[str, dict[str, Any]] = {
+    "29 bits": EXTENDED,
+    "FD, 12 bytes, profile 5": {
+        **FD,
+        "e2e": {"profile": "5"},
+        # The default signals do not fit into the first eight bytes with this header.
+        "vehicle_motion": {"qualifier": {"start_bit": 24}, "speed": {"start_bit": 80}},
+        "vehicle_conditions": {"inhibit": {"start_bit": 24}, "rear_angle": {"start_bit": 80}},
+        "rear_steer_command": {"status": {"start_bit": 24}, "rear_angle": {"start_bit": 80}},
+    },
+    "FD, 24 bytes, profile 1A, 29 bits": {**FD, **EXTENDED, "frame_bytes": 24},
+    "FD, 64 bytes, profile 5": {
+        **FD,
+        "frame_bytes": 64,
+        "e2e": {"profile": "5"},
+        "vehicle_motion": {"qualifier": {"start_bit": 500}, "speed": {"start_bit": 80}},
+        "vehicle_conditions": {"inhibit": {"start_bit": 511}, "rear_angle": {"start_bit": 80}},
+        "rear_steer_command": {"status": {"start_bit": 24}, "rear_angle": {"start_bit": 80}},
+    },
+    "FD, 8 bytes": {"data_bitrate_kbit_s": 4000.0},
+}
+
+
 @functools.cache
-def built() -> builds.Built:
-    """Return the paper's build with 29-bit identifiers."""
-    can = parse({"can": EXTENDED}, "test").can
+def built(name: str = "29 bits") -> builds.Built:
+    """Return the paper's build with another kind of frames."""
+    can = parse({"can": KINDS[name]}, "test").can
     return builds.make(builds.paper_map(), builds.CONFIG.model_copy(update={"can": can}))
 
 
@@ -53,14 +82,49 @@ def test_bench_sends_and_accepts_only_29_bit_identifiers() -> None:
     assert not node.receive(Frame(command.id, command.data))
 
 
-def test_a_run_through_frames_is_that_of_the_default_frames() -> None:
-    here, there = (run_through_can(one.software, find("step-steer")) for one in (built(), builds.paper()))
+@pytest.mark.parametrize("name", KINDS)
+def test_a_run_through_frames_is_that_of_the_default_frames(name: str) -> None:
+    here, there = (run_through_can(one.software, find("step-steer")) for one in (built(name), builds.paper()))
     np.testing.assert_array_equal(here.record, there.record)
 
 
-def test_native_ecu_compiles_under_strict_warnings(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", KINDS)
+def test_dbc_and_python_have_the_same_frames(name: str) -> None:
+    software = built(name).software
+    can, codec = software.config.can, Codec(software.config.can)
+    database = cantools.database.load_string(built(name).folder.files["ars.dbc"].decode())
+    for message in database.messages:
+        assert (message.length, message.is_fd) == (can.frame_bytes, can.is_fd)
+        assert message.dbc.attributes["CANFD_BRS"].value == 1 if can.is_fd else "CANFD_BRS" not in message.dbc.attributes
+    motion = VehicleMotion(12.5, 0.05, -0.25)
+    data = protect(can.vehicle_motion.e2e_data_id, 3, codec.encode(motion), can.e2e.definition)
+    found = database.decode_message(can.vehicle_motion.id, data)
+    assert [found[key] for key in ("Speed", "FrontAngle", "YawRate")] == pytest.approx([12.5, 0.05, -0.25])
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_receiver_and_supervision(name: str) -> None:
+    frame_bytes, task = built(name).software.config.can.frame_bytes, built(name).software.task()
+    (identifier, data), config = task.run(), built(name).software.config
+    assert (identifier, len(data)) == (config.can.rear_steer_command.id, frame_bytes)
+    assert built(name).software.function("selftest")()
+
+
+def test_bus_carries_frames_of_can_fd() -> None:
+    software = built("FD, 12 bytes, profile 5").software
+    address = BusAddress("virtual", "frame kinds")
+    with Bus(address, software.config.can) as sender, Bus(address, software.config.can) as receiver:
+        sent = frame_of(software.config.can, *software.task().run())
+        assert sender.send(sent)
+        found = receiver.receive(5.0)
+    assert found == sent and found.fd and len(found.data) == 12
+    assert not PlantNode(software.config, find("step-steer")).receive(replace(found, fd=False))
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_native_ecu_compiles_under_strict_warnings(name: str, tmp_path: Path) -> None:
     folder = tmp_path / "build"
-    write_folder(built().folder, folder)
+    write_folder(built(name).folder, folder)
     flags = [
         "-std=c99",
         "-Wall",
@@ -85,3 +149,16 @@ def test_identifiers_that_do_not_fit_are_rejected() -> None:
     assert "can.vehicle_motion.id" in refused({"can": {"extended_ids": True, "vehicle_motion": {"id": 0x20000000}}})
     only_id = {"extended_ids": True, "vehicle_motion": {"id": 0x18FF0101}}
     assert "VehicleMotion has the data id 0x18FF0101; E2E profile 1, variant 1A needs a data_id" in refused({"can": only_id})
+
+
+@pytest.mark.parametrize(
+    ("can", "words"),
+    [
+        ({"frame_bytes": 12}, "frame_bytes is 12 without CAN FD; give data_bitrate_kbit_s, or 8 bytes"),
+        ({**FD, "frame_bytes": 13}, "can.frame_bytes"),
+        ({**FD, "frame_bytes": 32}, "E2E profile 1, variant 1A protects up to 30 bytes; give fewer, or another profile"),
+        ({**FD, "vehicle_motion": {"speed": {"start_bit": 90}}}, "Speed reaches beyond the 12 bytes of its frame"),
+    ],
+)
+def test_frames_that_do_not_fit_are_rejected(can: dict[str, Any], words: str) -> None:
+    assert words in refused({"can": can})

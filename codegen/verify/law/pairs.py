@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration.can import FRAME_BYTES
 from codegen.configuration.signals import MEASURED
 from codegen.sil.software import Measurement, Software, Status
 from codegen.verify.law.controller import SecondController, SecondLimiter
@@ -286,14 +285,14 @@ class ReceiverPair(Pair):
         message, self._profile = can.vehicle_motion, can.e2e.definition
         self._data_id = message.e2e_data_id
         self._number = self._data_id if isinstance(self._data_id, int) else 0  # of the first list of data ids
-        self._receiver, self._supervision = Receiver(can.e2e), Supervision(can.e2e)
+        self._receiver, self._supervision = Receiver(can.e2e, can.frame_bytes), Supervision(can.e2e)
         self._c_receiver, self._c_supervision = software.new("e2e_receiver"), software.new("e2e_supervision")
         self._check, self._no_new_data, self._supervise = map(
             software.function, ("e2e_check", "e2e_no_new_data", "e2e_supervise")
         )
         self._counters = [0, 0]  # of the sender to each implementation
         counters = range(self._profile.counter_count)
-        self._frames = [protect(self._data_id, counter, bytes(FRAME_BYTES), self._profile) for counter in counters]
+        self._frames = [protect(self._data_id, counter, bytes(can.frame_bytes), self._profile) for counter in counters]
         self._damaged = bytes((self._frames[0][0] ^ 1, *self._frames[0][1:]))
         software.function("e2e_receiver_init")(self._c_receiver)
         software.function("e2e_supervision_init")(self._c_supervision)

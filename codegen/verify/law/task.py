@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from codegen.configuration.can import FRAME_BYTES, Can
+from codegen.configuration.can import Can
 from codegen.configuration.e2e_profiles import DataId
 from codegen.sil.software import Measurement
 from codegen.verify.law.controller import SecondController
@@ -43,7 +43,7 @@ class _Input:
 
     def receive(self, data: bytes) -> bool:
         """Return whether the frame is good. A frame of wrong length is damaged and does not advance the counter."""
-        if len(data) != FRAME_BYTES:
+        if len(data) != self.receiver.frame_bytes:
             self.causes.add("WRONG_CRC")
             return False
         self.frames += 1
@@ -102,7 +102,9 @@ class SecondTask:
     def __post_init__(self) -> None:
         motion, conditions = self.can.vehicle_motion, self.can.vehicle_conditions
         self._inputs = {
-            message.id: _Input(name, message.e2e_data_id, Receiver(self.can.e2e), Supervision(self.can.e2e))
+            message.id: _Input(
+                name, message.e2e_data_id, Receiver(self.can.e2e, self.can.frame_bytes), Supervision(self.can.e2e)
+            )
             for name, message in (("MOTION", motion), ("CONDITIONS", conditions))
         }
         self._controller = self.make(0.0)

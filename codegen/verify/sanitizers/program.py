@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.configuration.can import FRAME_BYTES, Can, RealSignal
+from codegen.configuration.can import Can, RealSignal
 from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.emit.can_view import task_view
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
@@ -69,7 +69,7 @@ def _context(subject: Subject) -> dict[str, Any]:
         "real": c_type(precision),
         "task": task_view(config),
         "can": config.can,
-        "frame_bytes": FRAME_BYTES,
+        "frame_bytes": config.can.frame_bytes,
         "used_bits": _used_bits(config.can),
         "signals": tuple(_reals(config)),
         "measured": MEASURED,
@@ -86,7 +86,7 @@ def _used_bits(can: Can) -> tuple[int, ...]:
     message = can.rear_steer_command
     signals = {bit for signal in message.signals().values() for bit in signal.bits(message.byte_order)}
     used = sum(1 << bit for bit in can.e2e.definition.header_bits | signals)
-    return tuple(used.to_bytes(FRAME_BYTES, "little"))
+    return tuple(used.to_bytes(can.frame_bytes, "little"))
 
 
 def _reals(config: Config) -> Iterator[tuple[str, str, RealSignal]]:

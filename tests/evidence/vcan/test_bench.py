@@ -21,7 +21,7 @@ from hil_sim.scenarios import Scenario, find
 from hil_sim.session import EcuKind, Setup, run_hil
 from tests import builds
 from tests.evidence.vcan.conftest import FOLDER
-from tests.hil_sim.test_frame_kinds import built as extended_build
+from tests.hil_sim.test_frame_kinds import built as other_build
 
 pytestmark = pytest.mark.vcan
 
@@ -75,11 +75,13 @@ def test_lock_step_gives_the_same_bits_as_one_process(
 
 
 @kinds
-def test_29_bit_identifiers_give_the_same_bits(address: BusAddress, kind: EcuKind, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["29 bits", "FD, 12 bytes, profile 5", "FD, 64 bytes, profile 5"])
+def test_other_frames_give_the_same_bits(address: BusAddress, name: str, kind: EcuKind, tmp_path: Path) -> None:
+    """29-bit identifiers, and frames of CAN FD with bit-rate switching."""
     folder, scenario = tmp_path / "build", replace(find("step-steer"), duration=1.0)
-    write_folder(extended_build().folder, folder)
+    write_folder(other_build(name).folder, folder)
     wanted = run_through_can(builds.paper().software, scenario).record
-    result = run_hil(Setup(extended_build().software.config, scenario, address, lock_step=True), folder, kind).result
+    result = run_hil(Setup(other_build(name).software.config, scenario, address, lock_step=True), folder, kind).result
     assert result.received["commands"] == len(wanted)
     assert np.array_equal(result.record, wanted)
 
