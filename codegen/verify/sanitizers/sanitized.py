@@ -209,10 +209,10 @@ class ServedEcu:
         findings: reports of the sanitizers, filled when the program ends.
     """
 
-    def __init__(self, process: subprocess.Popen[bytes], real: type[np.float32] | type[np.float64]) -> None:
+    def __init__(self, process: subprocess.Popen[bytes], real: type[np.float32] | type[np.float64], frame_bytes: int) -> None:
         assert process.stdin is not None
         assert process.stdout is not None
-        self.real = real
+        self.real, self._frame_bytes = real, frame_bytes
         self.findings: tuple[str, ...] = ()
         self._to: IO[bytes] = process.stdin
         self._from: IO[bytes] = process.stdout
@@ -259,7 +259,7 @@ class ServedEcu:
 
     def run(self) -> tuple[int, bytes]:
         """Run one sample of the task. Return id and data of the frame to send."""
-        answer = self._ask(b"c", 12)
+        answer = self._ask(b"c", 4 + self._frame_bytes)
         return struct.unpack("=I", answer[:4])[0], answer[4:]
 
     def _batches(self, command: bytes, rows: Numbers, answer: np.dtype[Any]) -> Numbers:
@@ -294,7 +294,7 @@ def served(program: Path, subject: Subject) -> Iterator[ServedEcu]:
         )
         watch = threading.Timer(SECONDS_MAX, process.kill)
         watch.start()
-        found = ServedEcu(process, numpy_type(subject.precision))
+        found = ServedEcu(process, numpy_type(subject.precision), subject.config.can.frame_bytes)
         ended = False
         try:
             yield found
