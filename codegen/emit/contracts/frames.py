@@ -16,10 +16,9 @@ class FrameUnits(Conditions):
     """Contracts of E2E protection, CAN and task."""
 
     def units(self) -> Iterator[Unit]:
-        """Yield the contracts."""
-        yield from self._e2e_units()
-        yield from self._can_units()
-        yield from self._task_units()
+        """Yield the contracts. The longest loop may be that over the bytes of a frame."""
+        for unit in (*self._e2e_units(), *self._can_units(), *self._task_units()):
+            yield replace(unit, unwind=max(unit.unwind, self.can.frame_bytes + 1))
 
     def _e2e_units(self) -> Iterator[Unit]:
         own, unit = self.own, self.own("e2e")
