@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
 
 VARIABLE = "ARS_TESTS_SHARED"
@@ -79,11 +80,17 @@ def once(key: str, make: Callable[[], Any]) -> Any:
 @functools.cache
 def build_folder(kind: str = "pi", precision: Precision = "single") -> Path:
     """Return a build of `tests.builds.of_kind` on disk, as written by `codegen build`. Tests must not write to it."""
-    from codegen.emit.write import write_folder
     from tests import builds
 
-    with locked(f"build folder {kind} {precision}") as path:
+    return written(f"build folder {kind} {precision}", lambda: builds.of_kind(kind, precision).folder)
+
+
+def written(key: str, make: Callable[[], Folder]) -> Path:
+    """Return a build on disk, as written by `codegen build` once per run. Tests must not write to it."""
+    from codegen.emit.write import write_folder
+
+    with locked(key) as path:
         place = path / "4ws2"
         if not place.exists():
-            write_folder(builds.of_kind(kind, precision).folder, place)
+            write_folder(make(), place)
         return place

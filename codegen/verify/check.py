@@ -18,7 +18,6 @@ from typing import Any, Self, cast
 
 from codegen import __version__, configuration
 from codegen.configuration import Config
-from codegen.configuration.can import FRAME_BYTES
 from codegen.emit.folder import MANIFEST, read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.text import Precision
@@ -61,10 +60,6 @@ class Effort:
     """Extent of a check. A quick one runs only what finishes in half a minute."""
 
     quick: bool = False
-
-
-LONG_FRAMES = "the programs on emulated cores have frames of eight bytes"
-"""Reason not to run checks on emulated cores for a build with longer frames of CAN FD."""
 
 
 @dataclass(frozen=True)
@@ -111,11 +106,6 @@ class Subject:
     def is_single(self) -> bool:
         """Whether the build computes in single precision."""
         return self.precision == "single"
-
-    @property
-    def has_long_frames(self) -> bool:
-        """Whether frames have more than eight bytes."""
-        return self.config.can.frame_bytes > FRAME_BYTES
 
     @property
     def is_of_this_version(self) -> bool:

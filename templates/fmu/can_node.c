@@ -19,7 +19,7 @@ enum {
     OP_WAKEUP = 0x42
 };
 
-enum { CONFIGURE_CAN_BAUDRATE = 0x01, CONFIGURE_ARBITRATION_LOST = 0x04 };
+enum { CONFIGURE_CAN_BAUDRATE = 0x01, CONFIGURE_CAN_FD_BAUDRATE = 0x02, CONFIGURE_ARBITRATION_LOST = 0x04 };
 enum { BUFFER_AND_RETRANSMIT = 0x01 };
 enum { ERROR_CODE_ACK = 0x05, PRIMARY_ERROR_FLAG = 0x01 };
 
@@ -35,6 +35,9 @@ enum {
     LENGTH_CONFIGURATION = 9,
     LENGTH_STATUS = 9
 };
+
+/* Largest frames, in bytes of data. */
+enum { CAN_DATA_MAX = 8, CAN_FD_DATA_MAX = 64 };
 
 /* Limits and increments of ISO 11898-1, fault confinement. */
 enum {
@@ -90,12 +93,20 @@ static void put_bytes(can_node_t *self, const uint8_t *bytes, uint32_t size)
 
 static void put_transmit(can_node_t *self, uint32_t id, const uint8_t *data)
 {
-    if (begin(self, OP_CAN_TRANSMIT, (uint32_t)LENGTH_CAN_TRANSMIT + (uint32_t)CAN_DATA_MAX)) {
+    const bool is_fd = CAN_DATA_BIT_RATE != 0;
+    const uint32_t head = is_fd ? (uint32_t)LENGTH_CAN_FD_TRANSMIT : (uint32_t)LENGTH_CAN_TRANSMIT;
+
+    if (begin(self, is_fd ? (uint32_t)OP_CAN_FD_TRANSMIT : (uint32_t)OP_CAN_TRANSMIT, head + (uint32_t)CAN_FRAME_BYTES)) {
         put(&self->transmit, id, 4u);
-        put(&self->transmit, 0u, 1u); /* no 29-bit identifier */
-        put(&self->transmit, 0u, 1u); /* no remote frame */
-        put(&self->transmit, (uint32_t)CAN_DATA_MAX, 2u);
-        put_bytes(self, data, (uint32_t)CAN_DATA_MAX);
+        put(&self->transmit, (uint32_t)CAN_IS_EXTENDED, 1u);
+        if (is_fd) {
+            put(&self->transmit, 1u, 1u); /* bit-rate switching */
+            put(&self->transmit, (self->status == CAN_ERROR_PASSIVE) ? 1u : 0u, 1u);
+        } else {
+            put(&self->transmit, 0u, 1u); /* no remote frame */
+        }
+        put(&self->transmit, (uint32_t)CAN_FRAME_BYTES, 2u);
+        put_bytes(self, data, (uint32_t)CAN_FRAME_BYTES);
     }
 }
 
@@ -202,10 +213,12 @@ static void on_bus_error(can_node_t *self, uint32_t id, uint8_t code, uint8_t fl
 
 static void on_frame(can_node_t *self, const uint8_t *operation, can_receiver_t receiver, void *owner)
 {
+    const bool is_fd = number_at(operation, 4u) == (uint32_t)OP_CAN_FD_TRANSMIT;
+    const uint32_t head = is_fd ? (uint32_t)LENGTH_CAN_FD_TRANSMIT : (uint32_t)LENGTH_CAN_TRANSMIT;
     const uint32_t id = number_at(&operation[8], 4u);
     const bool is_extended = operation[12] != 0u;
-    const bool is_remote = operation[13] != 0u;
-    const uint32_t length = number_at(&operation[14], 2u);
+    const bool is_remote = !is_fd && (operation[13] != 0u);
+    const uint32_t length = number_at(&operation[head - 2u], 2u);
 
     if (self->receive_errors > PASSIVE_ABOVE) {
         self->receive_errors = RECEIVE_ERRORS_AFTER_SUCCESS;
@@ -215,8 +228,8 @@ static void on_frame(can_node_t *self, const uint8_t *operation, can_receiver_t 
         /* no errors */
     }
     update_status(self);
-    if (!is_extended && !is_remote) {
-        receiver(owner, id, &operation[LENGTH_CAN_TRANSMIT], (uint8_t)length);
+    if ((is_fd == (CAN_DATA_BIT_RATE != 0)) && (is_extended == (CAN_IS_EXTENDED != 0)) && !is_remote) {
+        receiver(owner, id, &operation[head], (uint8_t)length);
     }
 }
 
@@ -237,7 +250,8 @@ static bool is_well_formed(const uint8_t *operation, uint32_t length)
         break;
     case OP_CAN_FD_TRANSMIT:
         good = (length >= (uint32_t)LENGTH_CAN_FD_TRANSMIT)
-            && (length == ((uint32_t)LENGTH_CAN_FD_TRANSMIT + number_at(&operation[15], 2u)));
+            && (length == ((uint32_t)LENGTH_CAN_FD_TRANSMIT + number_at(&operation[15], 2u)))
+            && (length <= ((uint32_t)LENGTH_CAN_FD_TRANSMIT + (uint32_t)CAN_FD_DATA_MAX));
         break;
     case OP_CAN_XL_TRANSMIT:
         good = (length >= (uint32_t)LENGTH_CAN_XL_TRANSMIT)
@@ -271,7 +285,7 @@ static void process(can_node_t *self, const uint8_t *operation, can_receiver_t r
 {
     const uint32_t code = number_at(operation, 4u);
 
-    if (code == (uint32_t)OP_CAN_TRANSMIT) {
+    if ((code == (uint32_t)OP_CAN_TRANSMIT) || ((CAN_DATA_BIT_RATE != 0) && (code == (uint32_t)OP_CAN_FD_TRANSMIT))) {
         on_frame(self, operation, receiver, owner);
     } else if (self->notifications && (code == (uint32_t)OP_CONFIRM)) {
         on_confirm(self, number_at(&operation[8], 4u));
@@ -333,13 +347,17 @@ void can_node_init(can_node_t *self)
         put(&self->transmit, CONFIGURE_CAN_BAUDRATE, 1u);
         put(&self->transmit, CAN_BIT_RATE, 4u);
     }
+    if ((CAN_DATA_BIT_RATE != 0) && begin(self, OP_CONFIGURATION, (uint32_t)LENGTH_CONFIGURATION + 4u)) {
+        put(&self->transmit, CONFIGURE_CAN_FD_BAUDRATE, 1u);
+        put(&self->transmit, CAN_DATA_BIT_RATE, 4u);
+    }
     if (begin(self, OP_CONFIGURATION, (uint32_t)LENGTH_CONFIGURATION + 1u)) {
         put(&self->transmit, CONFIGURE_ARBITRATION_LOST, 1u);
         put(&self->transmit, BUFFER_AND_RETRANSMIT, 1u);
     }
 }
 
-void can_node_send(can_node_t *self, uint32_t id, const uint8_t data[CAN_DATA_MAX])
+void can_node_send(can_node_t *self, uint32_t id, const uint8_t data[CAN_FRAME_BYTES])
 {
     can_mailbox_t *box = self->notifications ? mailbox_of(self, id) : NULL;
 
@@ -349,7 +367,7 @@ void can_node_send(can_node_t *self, uint32_t id, const uint8_t data[CAN_DATA_MA
     if (box != NULL) {
         box->id = id;
         box->is_pending = true;
-        memcpy(box->data, data, CAN_DATA_MAX);
+        memcpy(box->data, data, CAN_FRAME_BYTES);
     }
     put_transmit(self, id, data);
 }

@@ -14,7 +14,7 @@
 
 #include "fmu_config.h"
 
-enum { CAN_BUFFER_SIZE = 2048, CAN_DATA_MAX = 8 };
+enum { CAN_BUFFER_SIZE = 2048 };
 
 /* Values of the operation Status. */
 enum { CAN_ERROR_ACTIVE = 1, CAN_ERROR_PASSIVE = 2, CAN_BUS_OFF = 3 };
@@ -23,7 +23,7 @@ enum { CAN_ERROR_ACTIVE = 1, CAN_ERROR_PASSIVE = 2, CAN_BUS_OFF = 3 };
 typedef struct {
     uint32_t id;
     bool is_pending;
-    uint8_t data[CAN_DATA_MAX];
+    uint8_t data[CAN_FRAME_BYTES];
 } can_mailbox_t;
 
 /* Operations in the order of their processing. */
@@ -48,15 +48,15 @@ typedef struct {
     can_buffer_t receive;
 } can_node_t;
 
-/* Called with each received data frame that has an 11-bit identifier. */
+/* Called with each received data frame of the configured kind: classical or CAN FD, with 11-bit or 29-bit identifiers. */
 typedef void (*can_receiver_t)(void *owner, uint32_t id, const uint8_t *data, uint8_t length);
 
-/* Initialise a node in zeroed memory. Its first operations configure the bus: bit rate, and that the bus repeats after lost
+/* Initialise a node in zeroed memory. Its first operations configure the bus: bit rates, and that the bus repeats after lost
  * arbitrations. */
 void can_node_init(can_node_t *self);
 
 /* Send a frame. A node in bus off sends nothing; a frame that does not fit the buffer is lost. */
-void can_node_send(can_node_t *self, uint32_t id, const uint8_t data[CAN_DATA_MAX]);
+void can_node_send(can_node_t *self, uint32_t id, const uint8_t data[CAN_FRAME_BYTES]);
 
 /* Add received operations. Returns false, and adds nothing, if they do not fit. Equal ones twice in succession count once: a simulator
  * may set a variable again in the same event. Others are added, because some simulators set the frames of an event one by one. */

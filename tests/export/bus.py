@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from hil_sim.codec import Frame
 from tests.export.fmus import Slave
 
-FORMAT_ERROR, TRANSMIT, CONFIRM, ARBITRATION_LOST, BUS_ERROR, CONFIGURATION, STATUS, WAKEUP = (
-    0x01, 0x10, 0x20, 0x30, 0x31, 0x40, 0x41, 0x42,
+FORMAT_ERROR, TRANSMIT, FD_TRANSMIT, CONFIRM, ARBITRATION_LOST, BUS_ERROR, CONFIGURATION, STATUS, WAKEUP = (
+    0x01, 0x10, 0x11, 0x20, 0x30, 0x31, 0x40, 0x41, 0x42,
 )  # fmt: skip
-BAUDRATE, ARBITRATION = 1, 4
+BAUDRATE, FD_BAUDRATE, ARBITRATION = 1, 2, 4
 FRAME_BITS = 47
 """Bits of a frame with an 11-bit identifier without its data and stuff bits, with the interframe space (ISO 11898-1)."""
 MICROSECOND = 1e-6
@@ -28,6 +28,8 @@ def operation(code: int, content: bytes = b"") -> bytes:
 
 
 def transmit(frame: Frame) -> bytes:
+    if frame.fd:  # with bit-rate switching, of a node that is not error passive
+        return operation(FD_TRANSMIT, struct.pack("<IBBBH", frame.id, frame.extended, 1, 0, len(frame.data)) + frame.data)
     head = struct.pack("<IBBH", frame.id, frame.extended, frame.remote, len(frame.data))
     return operation(TRANSMIT, head + frame.data)
 
@@ -58,6 +60,13 @@ def frame_of(content: bytes) -> Frame:
     identifier, extended, remote, length = struct.unpack_from("<IBBH", content)
     assert len(content) == 8 + length
     return Frame(identifier, content[8:], extended=bool(extended), remote=bool(remote))
+
+
+def fd_frame_of(content: bytes) -> Frame:
+    """Return the frame of a CAN FD Transmit operation."""
+    identifier, extended, switches, is_passive, length = struct.unpack_from("<IBBBH", content)
+    assert (switches, is_passive, len(content)) == (1, 0, 9 + length)
+    return Frame(identifier, content[9:], extended=bool(extended), fd=True)
 
 
 class Node:
@@ -131,6 +140,8 @@ class Bus:
         for code, data in operations(content):
             if code == TRANSMIT:
                 self.waiting.append((sender, frame_of(data)))
+            elif code == FD_TRANSMIT:
+                self.waiting.append((sender, fd_frame_of(data)))
             elif code == CONFIGURATION:
                 self.configuration[sender, data[0]] = int.from_bytes(data[1:], "little")
             elif code == STATUS:
@@ -155,7 +166,7 @@ class Bus:
         failed, self.count = self.fails(frame, self.count), self.count + 1
         if failed:
             return {k: bus_error(frame.id, 4, 1 if k == sender else 2, k == sender) for k in range(len(self.nodes))}
-        self.frames.append(Frame(frame.id, frame.data, now * MICROSECOND))
+        self.frames.append(replace(frame, time=now * MICROSECOND))
         found = {k: transmit(frame) for k in range(len(self.nodes)) if k != sender}
         return {**found, sender: confirm(frame.id)} if self.notifies else found
 

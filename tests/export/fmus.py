@@ -20,7 +20,7 @@ from codegen.export.fmu.variables import Version, What
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, load
 from hil_sim.scenarios import find
-from tests import shared
+from tests import frame_kinds, shared
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDS = {"pi": ROOT / "generated" / "4ws2-paper", "tracking": ROOT / "generated" / "4ws2"}
@@ -39,10 +39,15 @@ OUTPUTS = tuple(name for name in RECORD_COLUMNS if name not in ("time_s", "speed
 """Columns of a run that a loop computes."""
 
 
+def folder_of(kind: str) -> Path:
+    """Return a committed build by its kind of controller, or another one by its kind of frames."""
+    return BUILDS[kind] if kind in BUILDS else frame_kinds.folder(kind)
+
+
 @functools.cache
 def software(kind: str) -> Software:
-    """Return the SIL of a committed build."""
-    return load(BUILDS[kind])
+    """Return the SIL of a build."""
+    return load(folder_of(kind))
 
 
 @functools.cache
@@ -87,10 +92,10 @@ class Made:
 
 @functools.cache
 def made(what: What, version: Version, kind: str = "tracking") -> Made:
-    """Return the FMU of a committed build, compiled once for all workers."""
+    """Return the FMU of a build, compiled once for all workers."""
     name = f"{kind}-{what}-{version}"
     with shared.locked(f"unpacked fmu {name}") as folder:
-        return unpacked(folder, name, shared.once(f"fmu {name}", lambda: make_fmu(BUILDS[kind], what, version)))
+        return unpacked(folder, name, shared.once(f"fmu {name}", lambda: make_fmu(folder_of(kind), what, version)))
 
 
 def unpacked(folder: Path, name: str, fmu: Fmu) -> Made:

@@ -20,7 +20,10 @@ from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import find
 from tests.export import fmus
 from tests.export.bus import (
+    ARBITRATION,
+    BAUDRATE,
     CONFIGURATION,
+    FD_BAUDRATE,
     FORMAT_ERROR,
     STATUS,
     TRANSMIT,
@@ -82,6 +85,11 @@ def test_both_nodes_on_a_bus(bit_rate: float | None, elapsed: float, notifies: b
     check_run("tracking", SCENARIO, bit_rate, elapsed, notifies)
 
 
+@pytest.mark.parametrize("frames", ["29 bits", "FD, 64 bytes, profile 5"])
+def test_other_frames_on_a_bus(frames: str) -> None:
+    check_run(frames, "step-steer", None, 0.005, True)
+
+
 def check_run(kind: str, scenario: str, bit_rate: float | None, elapsed: float, notifies: bool) -> None:
     """Compare all frames of a scenario on a bus with those of the SIL."""
     wanted, cycles = recorded(kind, scenario, elapsed)
@@ -91,8 +99,11 @@ def check_run(kind: str, scenario: str, bit_rate: float | None, elapsed: float, 
     ecu = Node(Slave(made("ecu", "3", kind), event_mode=True)).start(start)
     bus = Bus((plant, ecu), bit_rate, notifies=notifies)
     simulate(bus, cycles * 0.01 - STEP, STEP, lambda number, time: given(time) if number == 0 else {})
-    assert [(frame.id, frame.data) for frame in bus.frames] == [(frame.id, frame.data) for frame in wanted]
-    assert bus.configuration == {(0, 1): 500000, (0, 4): 1, (1, 1): 500000, (1, 4): 1}
+    # Of the three frames of a cycle, the one with the lowest identifier is first. The command has the highest.
+    arbitrated = [frame for k in range(0, len(wanted), 3) for frame in sorted(wanted[k : k + 3], key=lambda frame: frame.id)]
+    assert [replace(frame, time=0.0) for frame in bus.frames] == [replace(frame, time=0.0) for frame in arbitrated]
+    rates = {BAUDRATE: 500_000, **({FD_BAUDRATE: 2_000_000} if fmus.software(kind).config.can.is_fd else {})}
+    assert bus.configuration == {(node, key): value for node in (0, 1) for key, value in {**rates, ARBITRATION: 1}.items()}
     assert (bus.statuses, bus.errors) == ([], [])
     assert ecu.slave.get("lost_samples") <= 2
 
@@ -121,10 +132,10 @@ def test_the_frames_of_the_sil_give_its_commands(in_event: bool) -> None:
 # ---- the node ----
 
 
-def started_ecu(notifies: bool = False) -> Node:
+def started_ecu(notifies: bool = False, kind: str = "tracking") -> Node:
     """Return an ECU that has sent its configuration."""
-    ecu = Node(Slave(made("ecu", "3"), event_mode=True)).start({"CanChannel.BusNotifications": notifies})
-    assert [code for code, _ in operations(ecu.finish_event())] == [CONFIGURATION, CONFIGURATION]
+    ecu = Node(Slave(made("ecu", "3", kind), event_mode=True)).start({"CanChannel.BusNotifications": notifies})
+    assert {code for code, _ in operations(ecu.finish_event())} == {CONFIGURATION}
     return ecu
 
 
@@ -205,14 +216,18 @@ def test_a_corrupt_operation_is_returned(received: bytes, returned: bytes) -> No
     assert answer(started_ecu(), error) == b""  # not for ever
 
 
+@pytest.mark.parametrize("kind", ["tracking", "FD, 8 bytes", "29 bits"])
 @pytest.mark.parametrize(("are_others", "early"), [(True, 1.0), (False, 0.0)])
-def test_frames_of_other_kinds_are_ignored(are_others: bool, early: float) -> None:
-    motion, conditions, _ = recorded("tracking", SCENARIO, 0.0)[0][:3]
-    fd = operation(0x11, struct.pack("<IBBBH", MOTION_ID, 0, 1, 0, 8) + motion.data)
-    xl = operation(0x12, struct.pack("<IBBBBIH", MOTION_ID, 0, 0, 0, 0, 0, 8) + motion.data)
-    others = transmit(replace(motion, extended=True)) + transmit(replace(motion, remote=True)) + fd + xl
-    ecu = started_ecu()
-    ecu.event(others if are_others else transmit(motion) + transmit(conditions))
+def test_frames_of_other_kinds_are_ignored(are_others: bool, early: float, kind: str) -> None:
+    node = PlantNode(fmus.software(kind).config, find(SCENARIO))
+    motion, conditions = node.outgoing(0)
+    xl = operation(0x12, struct.pack("<IBBBBIH", motion.id, motion.extended, 0, 0, 0, 0, 8) + motion.data)
+    others = [replace(each, extended=not each.extended) for each in (motion, conditions)]
+    others += [replace(each, fd=not each.fd) for each in (motion, conditions)]
+    others += [replace(each, remote=True, fd=False) for each in (motion, conditions)]
+    ecu = started_ecu(kind=kind)
+    for each in others if are_others else (motion, conditions):
+        ecu.event(transmit(each) + (xl if are_others else b""))
     first_command(ecu)
     assert ecu.slave.get("early_cycles") == early
 

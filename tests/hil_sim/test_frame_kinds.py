@@ -1,6 +1,5 @@
 """29-bit identifiers and frames of CAN FD in C, DBC and bench, as other tools see them."""
 
-import functools
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +9,7 @@ import cantools
 import numpy as np
 import pytest
 
-from codegen.configuration import Config, parse
-from codegen.emit.write import write_folder
+from codegen.configuration import Config
 from codegen.sil.toolchain import compiler_command
 from hil_sim.bench import run_through_can
 from hil_sim.bus import Bus, BusAddress
@@ -20,43 +18,8 @@ from hil_sim.e2e import protect
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import find
 from tests import builds
+from tests.frame_kinds import EXTENDED, FD, IDS, KINDS, built, folder
 from tests.test_config import refused
-
-IDS = {"vehicle_motion": 0x18FF0101, "vehicle_conditions": 0x102, "rear_steer_command": 0x1FFFFFFF}
-"""Identifiers of 29 bits; one of them would fit into 11."""
-EXTENDED = {"extended_ids": True, **{role: {"id": number, "data_id": number & 0x7FF} for role, number in IDS.items()}}
-
-
-FD = {"data_bitrate_kbit_s": 2000.0, "frame_bytes": 12}
-KINDS: dict[str, dict[str, Any]] = {
-    "29 bits": EXTENDED,
-    "FD, 12 bytes, profile 5": {
-        **FD,
-        "e2e": {"profile": "5"},
-        # The default signals do not fit into the first eight bytes with this header.
-        "vehicle_motion": {"qualifier": {"start_bit": 24}, "speed": {"start_bit": 80}},
-        "vehicle_conditions": {"inhibit": {"start_bit": 24}, "rear_angle": {"start_bit": 80}},
-        "rear_steer_command": {"status": {"start_bit": 24}, "rear_angle": {"start_bit": 80}},
-    },
-    "FD, 24 bytes, profile 1A, 29 bits": {**FD, **EXTENDED, "frame_bytes": 24},
-    "FD, 64 bytes, profile 5": {
-        **FD,
-        "frame_bytes": 64,
-        "e2e": {"profile": "5"},
-        "vehicle_motion": {"qualifier": {"start_bit": 500}, "speed": {"start_bit": 80}},
-        "vehicle_conditions": {"inhibit": {"start_bit": 511}, "rear_angle": {"start_bit": 80}},
-        "rear_steer_command": {"status": {"start_bit": 24}, "rear_angle": {"start_bit": 80}},
-    },
-    "FD, 8 bytes": {"data_bitrate_kbit_s": 4000.0},
-}
-
-
-@functools.cache
-def built(name: str = "29 bits") -> builds.Built:
-    """Return the paper's build with another kind of frames."""
-    can = parse({"can": KINDS[name]}, "test").can
-    return builds.make(builds.paper_map(), builds.CONFIG.model_copy(update={"can": can}))
-
 
 def test_dbc_and_c_have_the_identifiers() -> None:
     database = cantools.database.load_string(built().folder.files["ars.dbc"].decode())
@@ -123,8 +86,6 @@ def test_bus_carries_frames_of_can_fd() -> None:
 
 @pytest.mark.parametrize("name", KINDS)
 def test_native_ecu_compiles_under_strict_warnings(name: str, tmp_path: Path) -> None:
-    folder = tmp_path / "build"
-    write_folder(built(name).folder, folder)
     flags = [
         "-std=c99",
         "-Wall",
@@ -139,7 +100,7 @@ def test_native_ecu_compiles_under_strict_warnings(name: str, tmp_path: Path) ->
     ]
     for unit in ("linux/ars_ecu.c", "src/ars_can.c"):
         command = [*compiler_command(), *flags, "-c", unit, "-o", str(tmp_path / "unit.o")]
-        result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        result = subprocess.run(command, cwd=folder(name), capture_output=True, text=True, check=False)
         assert (result.returncode, result.stderr) == (0, "")
 
 

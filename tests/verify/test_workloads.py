@@ -79,7 +79,7 @@ def frame_data_id(identifier: int) -> int:
 
 def test_events_and_their_cycles() -> None:
     cycles = cycles_of(CONFIG, HISTORIES[0][:3])
-    events, place = events_of([*cycles, ()], [0, 3])
+    events, place = events_of([*cycles, ()], [0, 3], 8)
     assert place.tolist() == [0] * 4 + [1] * 3 + [2] * 3 + [3] * 2
     assert np.flatnonzero(events["kind"] == START).tolist() == [0, 10]
     assert np.flatnonzero(events["kind"] == TASK).tolist() == [3, 6, 9, 11]
@@ -89,7 +89,7 @@ def test_events_and_their_cycles() -> None:
 
 @pytest.mark.parametrize("part", ["limiter", "packing"])
 def test_parts_of_a_call_are_counted(part: str) -> None:
-    events, _ = events_of(cycles_of(CONFIG, HISTORIES[-1]), [0])
+    events, _ = events_of(cycles_of(CONFIG, HISTORIES[-1]), [0], 8)
     calls = counter().count("task", events)
     inside = calls[part][events["kind"] == TASK]
     assert (inside > 0).all() and (inside < calls["instructions"][events["kind"] == TASK]).all()

@@ -137,11 +137,15 @@ RESTART_BITS = 128 * 11
 
 
 def _bus(what: What, config: Config, precision: Precision) -> dict[str, int]:
-    """Return the constants of the node on the bus."""
+    """Return the constants of the node on the bus; a data bit rate of zero is that of classical CAN."""
     sender = NODES[1] if what == "ecu" else NODES[0]
-    bit_rate = round(config.can.bitrate_kbit_s * 1e3)
+    can = config.can
+    bit_rate = round(can.bitrate_kbit_s * 1e3)
     return {
         "CAN_BIT_RATE": bit_rate,
+        "CAN_DATA_BIT_RATE": round((can.data_bitrate_kbit_s or 0.0) * 1e3),
+        "CAN_IS_EXTENDED": int(can.extended_ids),
+        "CAN_FRAME_BYTES": can.frame_bytes,
         "CAN_MAILBOXES": sum(each.sender == sender for each in can_view(config, precision).messages),
         "CAN_RESTART_STEPS": math.ceil(RESTART_BITS / bit_rate / config.plant.sampling_time_s),
     }

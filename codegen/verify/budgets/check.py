@@ -16,7 +16,7 @@ from codegen.configuration.budgets import KEY_OF_FUNCTION, MapShape
 from codegen.ecu_map.storage import Axis
 from codegen.errors import BuildError
 from codegen.verify.budgets.measure import CYCLE, NOT_SINGLE, ResourceUsage, measure
-from codegen.verify.check import LONG_FRAMES, Effort, Outcome, Subject, Verdict
+from codegen.verify.check import Effort, Outcome, Subject, Verdict
 
 SHOWS = (
     "With clang -O2 for a Cortex-M4F, the longest calls found, the stack, the memory of an instance and the flash are within "
@@ -38,8 +38,6 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     """Check 4. Raises MissingTool: a package of the extra is not installed."""
     if not subject.is_single:
         return Outcome(SHOWS, "not for a Cortex-M4F", Verdict.NOT_RUN, (NOT_SINGLE,))
-    if subject.has_long_frames:
-        return Outcome(SHOWS, "", Verdict.NOT_RUN, (LONG_FRAMES,))
     try:
         if subject.unbounded:  # it might not terminate
             findings = tuple(f"{each}: instructions without a bound" for each in subject.unbounded)

@@ -283,7 +283,7 @@ class _Measuring:
         faulty = disturbed(config, cycles, len(cycles) // 4)
         restarts = [*np.flatnonzero(self._steps[:, -1]), *(len(cycles) + each for each in restarts_of(len(faulty)))]
         cycles += faulty
-        events, place = workloads.events_of(cycles, restarts)
+        events, place = workloads.events_of(cycles, restarts, config.can.frame_bytes)
         calls, is_usual, found = counter.count("task", events), place < self._usual, {}
         received = {"motion": config.can.vehicle_motion.id, "conditions": config.can.vehicle_conditions.id}
         kinds = {f"on_can_frame, {name}": events["id"] == identifier for name, identifier in received.items()}

@@ -28,7 +28,6 @@ PLACE_COLUMNS = ("speed", "front_angle", "friction")
 STEP_COLUMNS = (*COLUMNS, "restart")
 DEMAND_COLUMNS = ("speed", "front_angle", "demand", "restart")
 
-EVENT = np.dtype([("kind", "<u4"), ("id", "<u4"), ("length", "<u4"), ("data", "S8")])
 START, TASK, RECEIVED = range(3)
 """Kinds of events, as in `templates/verify/budget.c.j2`."""
 
@@ -146,12 +145,15 @@ def cycles_of(config: Config, steps: Rows) -> list[Cycle]:
     return found
 
 
-def events_of(cycles: Sequence[Cycle], restarts: Sequence[int]) -> tuple[npt.NDArray[np.void], IntArray]:
-    """Return the events of cycles, of EVENT, and the index of the cycle of each. The task restarts before some cycles."""
+def events_of(
+    cycles: Sequence[Cycle], restarts: Sequence[int], frame_bytes: int
+) -> tuple[npt.NDArray[np.void], IntArray]:
+    """Return the events of cycles, as `event_t` of the C, and the index of the cycle of each. The task restarts before some."""
     before, events, places = set(restarts), [], []
     for index, frames in enumerate(cycles):
         found = [(START, 0, 0, b"")] if index in before else []
         found += [(RECEIVED, each.id, len(each.data), each.data) for each in frames]
         events += [*found, (TASK, 0, 0, b"")]
         places += [index] * (len(found) + 1)
-    return np.array(events, dtype=EVENT), np.array(places)
+    kind = np.dtype([("kind", "<u4"), ("id", "<u4"), ("length", "<u4"), ("data", f"S{frame_bytes}")])
+    return np.array(events, dtype=kind), np.array(places)

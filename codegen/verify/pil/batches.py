@@ -35,7 +35,8 @@ WHOLE = frozenset(
 )
 """Input columns that hold whole numbers, besides those of frames."""
 
-_FRAME_COLUMNS = tuple(f"{name}_{frame}" for frame in range(FRAMES) for name in ("id", "length", "low", "high"))
+FRAME_WORD_BYTES = 4
+"""Bytes of a frame in a word. Every length of CAN FD above seven bytes is a multiple."""
 _MEASURED = tuple(each.role for each in (*(each for each in MEASURED if each.is_used), *CARRIED))
 """Fields of a measurement, those that the controller uses first."""
 _INPUTS: Mapping[str, tuple[str, ...]] = {
@@ -44,7 +45,6 @@ _INPUTS: Mapping[str, tuple[str, ...]] = {
     "limiter": ("restart", "start_angle", "speed", "front_angle", "demand"),
     "model": ("restart", "x", "speed", "front_angle", "rear_angle", "friction"),
     "can": (*_MEASURED, "status", "diagnostics"),
-    "task": ("restart", "frames", *_FRAME_COLUMNS),
     "dynamics": ("wrong_call", "wrong_by", "sideslip_angle", "yaw_rate", "speed", "front_angle", "rear_angle", "friction"),
 }
 _MESSAGES = ("motion", "conditions", "command")
@@ -164,8 +164,15 @@ def _context(software: Software, batches: Mapping[str, Batch]) -> dict[str, Any]
 
 
 def _batches(software: Software, files: Mapping[str, bytes]) -> Iterator[Batch]:
+    starts = range(0, software.config.can.frame_bytes, FRAME_WORD_BYTES)
+    frame = ("id", "length", *(f"data_{start}" for start in starts))
+    inputs = {**_INPUTS, "task": ("restart", "frames", *(f"{name}_{number}" for number in range(FRAMES) for name in frame))}
+
     def batch(name: str, results: Sequence[Column], state: str = "") -> Batch:
-        return Batch(name, _INPUTS[name], (*results, *(_columns(software, f"{state}_t", "state") if state else ())))
+        return Batch(name, inputs[name], (*results, *(_columns(software, f"{state}_t", "state") if state else ())))
+
+    def data(name: str) -> list[Column]:
+        return [Column(f"{name}[{start}..{start + 3}]", f"bytes(&{name}[{start}])") for start in starts]
 
     command = _columns(software, "command_t", "command")
     yield batch("controller", command, "controller")
@@ -176,16 +183,17 @@ def _batches(software: Software, files: Mapping[str, bytes]) -> Iterator[Batch]:
     yield batch("limiter", [Column("result", "bits(result)")], "limiter")
     if f"include/{software.prefix}_reference_model.h" in files:
         yield batch("model", [], "reference_model")
-    frames = [column for name in _MESSAGES for column in _data_columns(f"{name}_data")]
+    frames = [column for name in _MESSAGES for column in data(f"{name}_data")]
     kinds = ("vehicle_motion_t", "vehicle_conditions_t", "rear_steer_command_t")
     signals = [column for name, kind in zip(_MESSAGES, kinds, strict=True) for column in _columns(software, kind, name)]
     yield batch("can", [*frames, *signals])
-    answer = [Column("complete", "(verify_word_t)complete"), Column("id", "(verify_word_t)id"), *_data_columns("data")]
+    answer = [Column("complete", "(verify_word_t)complete"), Column("id", "(verify_word_t)id"), *data("data")]
     yield batch("task", answer, "task")
 
 
-def _data_columns(name: str) -> list[Column]:
-    return [Column(f"{name}[{first}..{first + 3}]", f"bytes(&{name}[{first}])") for first in (0, 4)]
+def frame_columns(batch: Batch) -> int:
+    """Return the input columns of each frame in the batch "task": identifier, length, and words of data."""
+    return (len(batch.inputs) - 2) // FRAMES
 
 
 def _has(software: Software, kind: str) -> bool:
@@ -215,11 +223,12 @@ def rows_of_cycles(cycles: Sequence[Cycle], batch: Batch, word: Word, restarts: 
     """Convert cycles to rows of the batch "task"; the task is initialised before some of them."""
     rows = np.zeros((len(cycles), len(batch.inputs)), dtype=word)
     rows[[cycle for cycle in restarts if cycle < len(cycles)], 0] = 1
+    columns = frame_columns(batch)
     for row, frames in zip(rows, cycles, strict=True):
         row[1] = len(frames)
-        for place, frame in enumerate(frames):
-            data = int.from_bytes(frame.data.ljust(8, b"\0"), "little")
-            row[2 + 4 * place : 6 + 4 * place] = (frame.id, len(frame.data), data & 0xFFFF_FFFF, data >> 32)
+        for frame, words in zip(frames, row[2:].reshape(FRAMES, columns), strict=False):
+            padded = frame.data.ljust(FRAME_WORD_BYTES * (columns - 2), b"\0")
+            words[:] = (frame.id, len(frame.data), *np.frombuffer(padded, dtype="<u4"))
     return rows
 
 

@@ -15,7 +15,7 @@ from codegen.errors import BuildError
 from codegen.sil.software import Software, Status
 from codegen.sil.toolchain import compiler_command, compiler_identity
 from codegen.verify import traffic
-from codegen.verify.check import LONG_FRAMES, Effort, Outcome, Subject, Verdict
+from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Thresholds, recorded
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
 from codegen.verify.packages import module, require
@@ -65,8 +65,6 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     module("unicorn", "unicorn")
     module("elftools.elf.elffile", "pyelftools")
     require_compiler()
-    if subject.has_long_frames:
-        return Outcome(SHOWS, "", Verdict.NOT_RUN, (LONG_FRAMES,), limits=LIMITS, tools=_tools())
     try:
         return _compared(subject, effort)
     except MightNotReturn as error:

@@ -18,7 +18,7 @@ from codegen.configuration import Config
 from codegen.configuration.signals import CARRIED, SignalDefinition
 from codegen.units import KM_H
 from codegen.verify.drives import COLUMNS, GAPS, HELD, Samples, Thresholds, drawn, moving
-from codegen.verify.pil.batches import WHOLE, Batch, Rows, Runner, Word, real_of
+from codegen.verify.pil.batches import FRAME_WORD_BYTES, WHOLE, Batch, Rows, Runner, Word, frame_columns, real_of
 
 REPLACED_FRACTIONS = (0.0, 0.01, 0.0, 0.3, 0.0, 1.0)
 """Fraction of the numbers that are replaced by arbitrary ones, in consecutive stretches: each kind of damage, and time to
@@ -178,7 +178,7 @@ class Stream:
         """Format the inputs of a row."""
         words = self.rows[row]
         if self.batch.name == "task":
-            return _format_frames([int(word) for word in words])
+            return _format_frames([int(word) for word in words], frame_columns(self.batch))
         return ", ".join(
             f"{name} = {int(word) if name in WHOLE else format_word(word)}"
             for name, word in zip(self.batch.inputs, words, strict=True)
@@ -208,9 +208,10 @@ def format_word(word: Any) -> str:
     return f"{number:.{9 if bits == 32 else 17}g} (0x{int(word):0{bits // 4}x})"
 
 
-def _format_frames(words: list[int]) -> str:
+def _format_frames(words: list[int], columns: int) -> str:
     frames = []
-    for frame in range(words[1]):
-        identifier, length, low, high = words[2 + 4 * frame : 6 + 4 * frame]
-        frames.append(f"0x{identifier:x} [{length}] {(low | high << 32).to_bytes(8, 'little')[:length].hex()}")
+    for start in range(2, 2 + words[1] * columns, columns):
+        identifier, length, *data = words[start : start + columns]
+        content = b"".join(word.to_bytes(FRAME_WORD_BYTES, "little") for word in data)
+        frames.append(f"0x{identifier:x} [{length}] {content[:length].hex()}")
     return f"restart = {words[0]}, frames {', '.join(frames) or 'none'}"

@@ -27,15 +27,16 @@ def test_misuse_under_sanitizers(version: Version, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["pi", "tracking"])
+@pytest.mark.parametrize("kind", ["pi", "tracking", "FD, 24 bytes, profile 11C, 29 bits"])
 def test_nodes_on_a_bus_in_another_scenario(kind: str) -> None:
     test_fmu_bus.check_run(kind, "step-steer", 500e3, 0.006, True)
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("kind", ["tracking", "FD, 12 bytes, profile 5"])
 @pytest.mark.parametrize("what", ["ecu", "bus_plant"])
-def test_random_operations_from_the_bus_under_sanitizers(what: What, tmp_path: Path) -> None:
-    known, program = fmus.made(what, "3"), tmp_path / "flood"
+def test_random_operations_from_the_bus_under_sanitizers(what: What, kind: str, tmp_path: Path) -> None:
+    known, program = fmus.made(what, "3", kind), tmp_path / "flood"
     number = {each.name: str(each.valueReference) for each in known.description.modelVariables}
     flags = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1", "-std=c99", "-Wall", "-Werror", "-I.")
     sources = [*fmus.listed_sources(known), fmus.ROOT / "tests" / "export" / "flood.c"]
