@@ -97,6 +97,11 @@ def test_a_larger_map_has_a_larger_budget(shape: MapShape, lookup: int, referenc
     }
 
 
+def test_longer_frames_have_a_larger_budget_for_the_task() -> None:
+    plain, found = (Budgets().resolved("pi", PLAIN, frame_bytes) for frame_bytes in (8, 64))
+    assert {key: found[key] - plain[key] for key in plain if found[key] != plain[key]} == {"task_instructions_max": 56 * 16}
+
+
 def test_invalid_budgets_are_rejected() -> None:
     for value in (0, 95.5, True):
         with pytest.raises(ConfigError, match=r"^ars\.toml: budgets\.lookup_instructions_max: "):

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from codegen.configuration.can import FRAME_BYTES
 from codegen.configuration.controller import Kind
 from codegen.configuration.section import Meaning, Section
 from codegen.configuration.signals import CARRIED
@@ -22,6 +23,10 @@ SEARCH_ROUND, FRICTIONS, FRICTION, GRIP, GRIP_FRICTIONS = 10, 60, 10, 60, 30
 for each of these frictions, for a grip table, and for grip tables of several frictions."""
 CARS, RAW = 20, 15
 """Additional instructions for the rear angle of a capped yaw rate between two frictions, and for a table of raw numbers."""
+
+FRAME_BYTE = 16
+"""Additional instructions of a period for each byte of a frame above the eight of classical CAN: three frames, and about five
+instructions for a byte of each."""
 
 GRIP_STACK = 48
 """Bytes of stack for a grip table."""
@@ -111,8 +116,8 @@ class Budgets(Section):
     state_bytes_max: Annotated[Count | None, Meaning("memory of one controller")] = None
     flash_bytes_max: Annotated[Count | None, Meaning("code and constants of all objects together")] = None
 
-    def resolved(self, kind: Kind, shape: MapShape) -> dict[str, int]:
-        """Return every budget by its key."""
+    def resolved(self, kind: Kind, shape: MapShape, frame_bytes: int = FRAME_BYTES) -> dict[str, int]:
+        """Return every budget by its key, for frames of a length."""
         more = shape.reference_instructions if kind in WITH_REAR_ANGLE else shape.instructions
         found = {
             "lookup_instructions_max": LOOKUP + shape.instructions,
@@ -121,6 +126,6 @@ class Budgets(Section):
             **OF_KIND[kind],
         }
         found["step_instructions_max"] += more
-        found["task_instructions_max"] += more
+        found["task_instructions_max"] += more + FRAME_BYTE * (frame_bytes - FRAME_BYTES)
         found["task_stack_bytes_max"] += GRIP_STACK if shape.with_grip else 0
         return found | {key: value for key, value in self.model_dump().items() if value is not None}

@@ -69,7 +69,7 @@ def _budgets(subject: Subject) -> dict[str, int]:
     ]
     rounds = sum(len(axis.search_steps) for axis in axes if not axis.even)
     shape = MapShape(rounds, len(table["frictions"]), grip is not None, "storage" in table)
-    return config.budgets.resolved(config.controller.kind, shape)
+    return config.budgets.resolved(config.controller.kind, shape, config.can.frame_bytes)
 
 
 def _exceeded(usage: ResourceUsage, budgets: Mapping[str, int]) -> Iterator[str]:
