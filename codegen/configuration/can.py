@@ -299,6 +299,10 @@ WINDOW_SIZE_MAX = 16
 WindowCount = Annotated[int, Field(ge=0, le=WINDOW_SIZE_MAX)]
 
 
+MAX_DELTA_COUNTER = 4
+"""Default step of the counter in profiles 5 and 11: three lost frames are tolerated, as by the defaults of profile 1."""
+
+
 class E2e(Section):
     """Protection of the frames, and tolerances of their receivers, named as in AUTOSAR's E2E profiles and its state machine.
 
@@ -312,7 +316,7 @@ class E2e(Section):
     max_delta_counter: Annotated[
         Annotated[int, Field(ge=1, le=14)],
         Meaning("largest step of the counter between two frames, for the profiles 5 and 11; they ignore the next three keys"),
-    ] = Field(default=2, exclude_if=lambda step: step == 2)
+    ] = Field(default=MAX_DELTA_COUNTER, exclude_if=lambda step: step == MAX_DELTA_COUNTER)
     max_delta_counter_init: Annotated[
         int,
         Field(ge=0, le=14),

@@ -18,7 +18,7 @@ from hil_sim.e2e import protect
 from hil_sim.fault_catalogue import catalogue, judge, scenario
 from hil_sim.faults import FRAME_BITS_MAX, Fault, FaultKind, Injector
 from hil_sim.metrics import column
-from tests import builds
+from tests import builds, frame_kinds
 
 CAN = Can()
 MOTION, CONDITIONS, COMMAND = CAN.vehicle_motion, CAN.vehicle_conditions, CAN.rear_steer_command
@@ -142,6 +142,14 @@ def test_each_fault_ends_as_defined(software: Software, name: str) -> None:
     result = run_through_can(software, scenario(CASES[name]))
     assert judge(CASES[name], result, software.config).violations == ()
     assert np.isfinite(column(result.record, "rear_angle_command_rad")).all()
+
+
+@pytest.mark.parametrize("name", ["drop-3", "drop-4", "corrupt-3", "freeze-3", "freeze-50", "reorder", "burst", "delay-2", "ecu"])
+def test_faults_end_as_defined_with_a_constant_window_of_the_counter(name: str) -> None:
+    """Profile 5, in frames of 64 bytes. Its receiver does not synchronise the counter."""
+    other = frame_kinds.built("FD, 64 bytes, profile 5").software
+    cases = {case.name: case for case in catalogue(other.config.can, PERIOD)}
+    assert judge(cases[name], run_through_can(other, scenario(cases[name])), other.config).violations == ()
 
 
 def test_every_kind_is_covered_and_messages_are_those_of_the_configuration() -> None:
