@@ -36,6 +36,7 @@ import numpy.typing as npt
 
 from codegen import __version__
 from codegen.arrays import FloatArray
+from codegen.configuration.can import FRAME_BYTES, FRAME_BYTES_MAX
 from codegen.errors import CodegenError
 from codegen.files import read_text, reason_of, write_atomically
 from codegen.interrupts import deferred
@@ -201,10 +202,11 @@ class CandumpWriter:
 class Mf4Writer:
     """Bus logging of ASAM MDF 4.1: plain bus events CAN_DataFrame, CAN_RemoteFrame and CAN_ErrorFrame, a group each.
 
-    Frames are kept in memory, 24 bytes each, and sorted at the end: a master channel never goes back.
+    Frames are kept in memory, 81 bytes each, and sorted at the end: a master channel never goes back. A log with a frame of
+    CAN FD has the members of CAN FD, and room for 64 bytes.
     """
 
-    RECORD = struct.Struct("<dIBBBB8s")
+    RECORD = struct.Struct("<dIBBBBB64s")
     FIELDS = np.dtype(
         [
             ("time", "<f8"),
@@ -213,7 +215,8 @@ class Mf4Writer:
             ("length", "u1"),
             ("sent", "u1"),
             ("kind", "u1"),
-            ("data", "u1", 8),
+            ("fd", "u1"),
+            ("data", "u1", FRAME_BYTES_MAX),
         ]
     )
     KINDS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame")
@@ -224,10 +227,8 @@ class Mf4Writer:
         self._records = bytearray()
 
     def write(self, frame: Frame, received: bool) -> None:
-        if frame.fd:
-            raise CodegenError("an .mf4 log has no frames of CAN FD", where="--log", remedy="log to .blf, .asc or .log")
         kind = self.KINDS.index("CAN_ErrorFrame" if frame.error else "CAN_RemoteFrame" if frame.remote else "CAN_DataFrame")
-        head = (max(frame.time, 0.0), frame.id, frame.extended, len(frame.data), not received, kind)
+        head = (max(frame.time, 0.0), frame.id, frame.extended, len(frame.data), not received, kind, frame.fd)
         self._records += self.RECORD.pack(*head, frame.data)
 
     def close(self) -> None:
@@ -254,16 +255,21 @@ class Mf4Writer:
 
     def _signal(self, name: str, records: npt.NDArray[np.void]) -> Signal:
         from asammdf import Signal, Source
+        from can.util import len2dlc
 
+        is_fd = bool(records["fd"].any())
         members = {
             "BusChannel": np.full(len(records), CHANNEL_NUMBER, np.uint8),
             "ID": records["id"],
             "IDE": records["extended"],
-            "DLC": records["length"],
+            "DLC": np.array([len2dlc(length) for length in records["length"].tolist()], np.uint8),
             "Dir": records["sent"],
         }
         if name != "CAN_RemoteFrame":
-            members |= {"DataLength": records["length"], "DataBytes": records["data"]}
+            size = FRAME_BYTES_MAX if is_fd else FRAME_BYTES
+            members |= {"DataLength": records["length"], "DataBytes": records["data"][:, :size]}
+        if is_fd:  # with bit-rate switching, from senders that are not error passive
+            members |= {"EDL": records["fd"], "BRS": records["fd"], "ESI": np.zeros_like(records["fd"])}
         samples = np.empty(len(records), [(f"{name}.{key}", one.dtype, one.shape[1:]) for key, one in members.items()])
         for key, one in members.items():
             samples[f"{name}.{key}"] = one

@@ -107,6 +107,18 @@ def test_frames_read_back(tmp_path: Path, extension: str) -> None:
     assert read(write(path, [])) == []
 
 
+@formats
+def test_frames_of_can_fd_read_back(tmp_path: Path, extension: str) -> None:
+    """All lengths, with bit-rate switching; and a classical frame among them."""
+    lengths = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+    frames = [Frame(0x18FF0101, bytes(range(n)), n / 1e3, extended=True, fd=True) for n in lengths]
+    frames.insert(3, Frame(0x101, b"\1\2", frames[3].time - 0.0005))
+    messages = read(write(tmp_path / f"run.{extension}", [(frame, True) for frame in frames]))
+    for message, frame in zip(messages, frames, strict=True):
+        assert (message.arbitration_id, message.is_extended_id, bytes(message.data)) == (frame.id, frame.extended, frame.data)
+        assert (message.is_fd, message.bitrate_switch) == (frame.fd, frame.fd)
+
+
 def test_a_long_blf_has_every_frame_and_the_times_of_start_and_end(tmp_path: Path) -> None:
     """BLF packs frames into containers; a frame split between two must be restored."""
     frames = [(Frame(number % 0x800, number.to_bytes(8, "big"), number / 1000), True) for number in range(5000)]
