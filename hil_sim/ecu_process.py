@@ -45,7 +45,7 @@ def command(build: Path, interface: str, *, lock_step: bool = False, parent: int
         xcp: whether a master can measure and calibrate.
 
     Raises:
-        BuildError: see `compile_ecu`; a build that has no XCP, or one with 29-bit identifiers.
+        BuildError: see `compile_ecu`; a build without XCP, or with XCP on CAN FD or with 29-bit identifiers.
     """
     if xcp:
         _require_xcp(build)
@@ -60,10 +60,13 @@ def _require_xcp(build: Path) -> None:
     source = "linux/ars_xcp.c"
     if source not in read_files(build, manifest, FOLDERS):
         raise BuildError(f"the build has no {source}", where=build, remedy="build again with `codegen build`")
-    if configuration.parse(manifest["configuration"], build).xcp.extended_ids:
-        raise BuildError(
-            "the native ECU has no 29-bit identifiers", where=f"{build}: xcp", remedy="build with extended_ids = false"
-        )
+    xcp, where = configuration.parse(manifest["configuration"], build).xcp, f"{build}: xcp"
+    if xcp.extended_ids:
+        what = "XCP of the native ECU has no 29-bit identifiers"
+        raise BuildError(what, where=where, remedy="build with extended_ids = false in [xcp]")
+    if xcp.data_bitrate_kbit_s is not None:
+        what = "XCP of the native ECU has no CAN FD"
+        raise BuildError(what, where=where, remedy="build without data_bitrate_kbit_s in [xcp]")
 
 
 def section_flag(prefix: str) -> str:

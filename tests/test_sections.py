@@ -1,6 +1,7 @@
 """`[can]` of ars.toml (positions and scales of signals), `[xcp]` and `[budgets]`: values, defaults, messages."""
 
 import re
+import tomllib
 from typing import Any
 
 import pytest
@@ -153,6 +154,14 @@ def test_the_table_in_the_preset_matches_the_code() -> None:
 )
 def test_invalid_options_of_xcp_are_rejected(tables: str, message: str) -> None:
     assert message in refused(tables)
+
+
+def test_identifiers_of_11_and_29_bits_are_different() -> None:
+    both = "extended_ids = true\n"
+    assert parse(tomllib.loads(f"[xcp]\n{both}transmit_id = 0x201"), "t").xcp.transmit_id == 0x201
+    assert parse(tomllib.loads(f"[can]\n{both}[xcp]\ntransmit_id = 0x201"), "t").xcp.transmit_id == 0x201
+    message = refused(f"[can]\n{both}[xcp]\n{both}transmit_id = 0x201")
+    assert "xcp.transmit_id is the id of RearSteerCommand, 0x201" in message
 
 
 def test_identifiers_of_xcp_are_stored_with_the_bus() -> None:

@@ -161,7 +161,7 @@ class Config(Section):
         taken = {message.id: message.name for message in self.can.messages().values()}
         for key in STORED_XCP_IDS:
             identifier = getattr(self.xcp, key)
-            if identifier in taken and not self.xcp.extended_ids:
+            if identifier in taken and self.xcp.extended_ids == self.can.extended_ids:
                 raise ValueError(f"xcp.{key} is the id of {taken[identifier]}, 0x{identifier:X}; change one")
         return self
 
