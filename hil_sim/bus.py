@@ -22,6 +22,11 @@ from hil_sim.codec import Frame
 LOCAL_INTERFACES = ("virtual", "socketcan", "udp_multicast")
 """Interfaces without hardware, or whose bit rate is set elsewhere."""
 
+NETWORK = Path("/sys/class/net")
+"""Folder of the network interfaces on Linux."""
+ARPHRD_CAN, CANFD_MTU = 280, 72
+"""Kind of a CAN interface, and size of a frame of CAN FD (linux/if_arp.h, linux/can.h)."""
+
 _PACKAGES = {"udp_multicast": ("msgpack", "pip install msgpack")}
 
 
@@ -74,6 +79,8 @@ class Bus:
                 settings["data_bitrate"] = round(can_of_build.data_bitrate_kbit_s * 1e3)
         if can_of_build is not None and can_of_build.is_fd:
             settings["fd"] = True
+            if address.interface == "socketcan":
+                require_fd(address.channel)
         # Messages of the backends become part of the error.
         logging.getLogger("can").setLevel(logging.CRITICAL + 1)
         try:
@@ -141,12 +148,24 @@ def _keep_to_the_group(bus: Any) -> None:
         inner.setsockopt(level, option, 0)  # IPV6_MULTICAST_ALL, IP_MULTICAST_ALL of linux/in6.h, linux/in.h
 
 
+def require_fd(name: str) -> None:
+    """Raise CodegenError if a network interface of this name carries frames of classical CAN only."""
+    if (_property_of(name, "mtu") or CANFD_MTU) < CANFD_MTU:
+        remedy = f"set its MTU to {CANFD_MTU}, or configure the hardware with dbitrate and fd on (ip link set)"
+        raise CodegenError("the interface carries no frames of CAN FD", where=name, remedy=remedy)
+
+
 def _is_another_kind(name: str) -> bool:
-    """Return whether a network interface of this name exists and is not CAN (ARPHRD_CAN is 280)."""
+    """Return whether a network interface of this name exists and is not CAN."""
+    return _property_of(name, "type") not in (None, ARPHRD_CAN)
+
+
+def _property_of(name: str, file: str) -> int | None:
+    """Return a number that the kernel knows of a network interface; None if there is no such interface."""
     try:
-        return Path("/sys/class/net", name, "type").read_text(encoding="ascii").strip() != "280"
+        return int((NETWORK / name / file).read_text(encoding="ascii"))
     except (OSError, ValueError):
-        return False
+        return None
 
 
 def _cannot_open(address: BusAddress, error: BaseException) -> CodegenError:

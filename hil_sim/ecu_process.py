@@ -26,7 +26,7 @@ from codegen.emit.manifest import read_build
 from codegen.errors import BuildError, CodegenError
 from codegen.sil.software import Software
 from codegen.sil.toolchain import compiler_command, compiler_identity, require_success, run
-from hil_sim.bus import Bus, BusAddress
+from hil_sim.bus import Bus, BusAddress, require_fd
 from hil_sim.ecu_node import EcuNode
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-g", "-fno-pie", "-no-pie")
@@ -46,9 +46,12 @@ def command(build: Path, interface: str, *, lock_step: bool = False, parent: int
 
     Raises:
         BuildError: see `compile_ecu`; a build without XCP, or with XCP on CAN FD or with 29-bit identifiers.
+        CodegenError: frames of CAN FD on an interface of classical CAN.
     """
     if xcp:
         _require_xcp(build)
+    if configuration.parse(read_build(build)["configuration"], build).can.is_fd:
+        require_fd(interface)
     options = ["--lock-step"] if lock_step else []
     options += ["--xcp"] if xcp else []
     options += [] if parent is None else ["--parent", str(parent)]

@@ -9,7 +9,10 @@ from tests import builds, shared
 
 IDS = {"vehicle_motion": 0x18FF0101, "vehicle_conditions": 0x102, "rear_steer_command": 0x1FFFFFFF}
 """Identifiers of 29 bits; one of them would fit into 11."""
-EXTENDED: dict[str, Any] = {"extended_ids": True, **{role: {"id": number, "data_id": number & 0x7FF} for role, number in IDS.items()}}
+EXTENDED: dict[str, Any] = {
+    "extended_ids": True,
+    **{role: {"id": number, "data_id": number & 0x7FF} for role, number in IDS.items()},
+}
 
 
 FD = {"data_bitrate_kbit_s": 2000.0, "frame_bytes": 12}

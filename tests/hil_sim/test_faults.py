@@ -144,7 +144,9 @@ def test_each_fault_ends_as_defined(software: Software, name: str) -> None:
     assert np.isfinite(column(result.record, "rear_angle_command_rad")).all()
 
 
-@pytest.mark.parametrize("name", ["drop-3", "drop-4", "corrupt-3", "freeze-3", "freeze-50", "reorder", "burst", "delay-2", "ecu"])
+@pytest.mark.parametrize(
+    "name", ["drop-3", "drop-4", "corrupt-3", "freeze-3", "freeze-50", "reorder", "burst", "delay-2", "ecu"]
+)
 def test_faults_end_as_defined_with_a_constant_window_of_the_counter(name: str) -> None:
     """Profile 5, in frames of 64 bytes. Its receiver does not synchronise the counter."""
     other = frame_kinds.built("FD, 64 bytes, profile 5").software

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from codegen.configuration import Config
+from codegen.errors import CodegenError
 from codegen.sil.toolchain import compiler_command
+from hil_sim import bus, ecu_process
 from hil_sim.bench import run_through_can
 from hil_sim.bus import Bus, BusAddress
 from hil_sim.codec import Codec, Frame, VehicleMotion, frame_of, is_configured
@@ -18,8 +20,9 @@ from hil_sim.e2e import protect
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import find
 from tests import builds
-from tests.frame_kinds import EXTENDED, FD, IDS, KINDS, built, folder
+from tests.frame_kinds import FD, IDS, KINDS, built, folder
 from tests.test_config import refused
+
 
 def test_dbc_and_c_have_the_identifiers() -> None:
     database = cantools.database.load_string(built().folder.files["ars.dbc"].decode())
@@ -82,6 +85,21 @@ def test_bus_carries_frames_of_can_fd() -> None:
         found = receiver.receive(5.0)
     assert found == sent and found.fd and len(found.data) == 12
     assert not PlantNode(software.config, find("step-steer")).receive(replace(found, fd=False))
+
+
+def test_an_interface_of_classical_can_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bus, "NETWORK", tmp_path)
+    (tmp_path / "can9").mkdir()
+    (tmp_path / "can9" / "mtu").write_text("16\n")
+    for start in (
+        lambda: ecu_process.command(folder("FD, 8 bytes"), "can9"),
+        lambda: Bus(BusAddress("socketcan", "can9"), built("FD, 8 bytes").software.config.can),
+    ):
+        with pytest.raises(CodegenError, match=r"^can9: the interface carries no frames of CAN FD; set its MTU to 72"):
+            start()
+    (tmp_path / "can9" / "mtu").write_text("72\n")
+    bus.require_fd("can9")
+    bus.require_fd("can10")  # not there: reported when it is opened
 
 
 @pytest.mark.parametrize("name", KINDS)

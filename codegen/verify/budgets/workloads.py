@@ -145,9 +145,7 @@ def cycles_of(config: Config, steps: Rows) -> list[Cycle]:
     return found
 
 
-def events_of(
-    cycles: Sequence[Cycle], restarts: Sequence[int], frame_bytes: int
-) -> tuple[npt.NDArray[np.void], IntArray]:
+def events_of(cycles: Sequence[Cycle], restarts: Sequence[int], frame_bytes: int) -> tuple[npt.NDArray[np.void], IntArray]:
     """Return the events of cycles, as `event_t` of the C, and the index of the cycle of each. The task restarts before some."""
     before, events, places = set(restarts), [], []
     for index, frames in enumerate(cycles):

@@ -2,13 +2,11 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import can
 import numpy as np
 import pytest
 
-from codegen.emit.write import write_folder
 from codegen.sil.software import Software, Status, load
 from hil_sim import ecu_process, manoeuvres
 from hil_sim.bench import BenchResult, run_through_can
@@ -19,9 +17,8 @@ from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import Scenario, find
 from hil_sim.session import EcuKind, Setup, run_hil
-from tests import builds
+from tests import builds, frame_kinds
 from tests.evidence.vcan.conftest import FOLDER
-from tests.hil_sim.test_frame_kinds import built as other_build
 
 pytestmark = pytest.mark.vcan
 
@@ -75,13 +72,12 @@ def test_lock_step_gives_the_same_bits_as_one_process(
 
 
 @kinds
-@pytest.mark.parametrize("name", ["29 bits", "FD, 12 bytes, profile 5", "FD, 64 bytes, profile 5"])
-def test_other_frames_give_the_same_bits(address: BusAddress, name: str, kind: EcuKind, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["29 bits", "FD, 24 bytes, profile 11C, 29 bits", "FD, 64 bytes, profile 5"])
+def test_other_frames_give_the_same_bits(address: BusAddress, name: str, kind: EcuKind) -> None:
     """29-bit identifiers, and frames of CAN FD with bit-rate switching."""
-    folder, scenario = tmp_path / "build", replace(find("step-steer"), duration=1.0)
-    write_folder(other_build(name).folder, folder)
+    build, scenario = frame_kinds.folder(name), replace(find("step-steer"), duration=1.0)
     wanted = run_through_can(builds.paper().software, scenario).record
-    result = run_hil(Setup(other_build(name).software.config, scenario, address, lock_step=True), folder, kind).result
+    result = run_hil(Setup(frame_kinds.built(name).software.config, scenario, address, lock_step=True), build, kind).result
     assert result.received["commands"] == len(wanted)
     assert np.array_equal(result.record, wanted)
 
