@@ -56,7 +56,7 @@ Std_ReturnType Rte_Receive_{port}_{element}(uint8 *data)
     if (rte_{port}_read == rte_{port}_written) {{
         return RTE_E_NO_DATA;
     }}
-    for (k = 0u; k < 8u; k++) {{
+    for (k = 0u; k < sizeof(rte_{port}[0]); k++) {{
         data[k] = rte_{port}[rte_{port}_read % {length}u][k];
     }}
     rte_{port}_read++;
@@ -206,12 +206,13 @@ class Rte:
         name, of = port.item_name, self.implementation(element)
         if list(find(port, "REQUIRED-COM-SPECS/QUEUED-RECEIVER-COM-SPEC")):
             length = text(port, "REQUIRED-COM-SPECS/QUEUED-RECEIVER-COM-SPEC/QUEUE-LENGTH")
-            assert text(element, PROPS + "/SW-IMPL-POLICY") == "QUEUED" and self.item(of) == ("uint8", "[8]")
+            kind, size = self.item(of)
+            assert (text(element, PROPS + "/SW-IMPL-POLICY"), kind) == ("QUEUED", "uint8")
             self.declare(f"Std_ReturnType Rte_Receive_{name}_{element.item_name}(uint8 *data)")
             names = ("read", "written")
-            self.stub.append(f"extern uint8 rte_{name}[{length}][8];")
+            self.stub.append(f"extern uint8 rte_{name}[{length}]{size};")
             self.stub.append("".join(f"extern uint32 rte_{name}_{each};" for each in names))
-            self.source.append(f"uint8 rte_{name}[{length}][8]; uint32 rte_{name}_read; uint32 rte_{name}_written;")
+            self.source.append(f"uint8 rte_{name}[{length}]{size}; uint32 rte_{name}_read; uint32 rte_{name}_written;")
             self.source.append(QUEUE.format(port=name, element=element.item_name, length=length))
             return
         options = list(find(self.behavior, "PORT-API-OPTIONS/PORT-API-OPTION"))
@@ -228,7 +229,8 @@ class Rte:
         kind, sizes = self.item(of) if is_array else (of.item_name, "")
         self.declare(f"void Rte_IWrite_{runnable}_{port}_{element.item_name}(const {kind} *data)")
         self.stub.append(f"extern {kind} rte_{port}{sizes};")
-        body = f"uint32 k; for (k = 0u; k < 8u; k++) {{ rte_{port}[k] = data[k]; }}" if is_array else f"rte_{port} = *data;"
+        copy = f"uint32 k; for (k = 0u; k < sizeof(rte_{port}); k++) {{ rte_{port}[k] = data[k]; }}"
+        body = copy if is_array else f"rte_{port} = *data;"
         self.source.append(f"{kind} rte_{port}{sizes};")
         self.source.append(f"void Rte_IWrite_{runnable}_{port}_{element.item_name}(const {kind} *data) {{ {body} }}")
 

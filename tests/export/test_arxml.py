@@ -22,7 +22,8 @@ from cantools.autosar.end_to_end import check_profile2_crc, check_profile5_crc
 from elftools.elf.elffile import ELFFile
 
 from codegen import __version__
-from codegen.configuration import Config
+from codegen.configuration import Config, parse
+from codegen.configuration.can import Can
 from codegen.configuration.e2e_profiles import PROFILES, ProfileName
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.placement import Placed, Request
@@ -42,7 +43,7 @@ from codegen.verify.analysis.analysers import judged_by_misra
 from hil_sim.codec import Frame
 from hil_sim.e2e import protect
 from hil_sim.scenarios import find
-from tests import builds, shared
+from tests import builds, frame_kinds, shared
 from tests.cli.conftest import Answer, refused, run
 from tests.export import rte
 from tests.hil_sim.test_codec import OTHER
@@ -54,12 +55,15 @@ Run, Refused = Callable[..., Answer], Callable[..., str]
 GENERATED = Path(__file__).parents[2] / "generated"
 BUILDS = ("4ws2", "4ws2-paper", "other")
 """`other` has Motorola byte order, odd lengths and offsets, a stack of maps in int16, double precision, and another prefix."""
+FRAME_KINDS = ("29 bits", "FD, 24 bytes, profile 11C, 29 bits", "FD, 64 bytes, profile 5")
 PROTECTIONS: tuple[Protection, ...] = ("transformer", "task")
 
 
 @functools.cache
 def build_of(name: str) -> Path:
     """Return the folder of a build."""
+    if name in frame_kinds.KINDS:
+        return frame_kinds.folder(name)
     if name != "other":
         return GENERATED / name
     with shared.locked("autosar other build") as path:
@@ -80,6 +84,11 @@ def build_of(name: str) -> Path:
             with mock.patch("codegen.emit.build.choose", return_value=placed):
                 write_folder(build(reference_map, config, options, BuildInputs("other.npz", "0" * 64, "preset")), place)
         return place
+
+
+def can_of(name: str) -> Can:
+    """Return `[can]` of a build."""
+    return parse(read_manifest(build_of(name))["configuration"], name).can
 
 
 def prefix_of(name: str) -> str:
@@ -105,7 +114,7 @@ def arxml_of(name: str, protection: Protection = "transformer") -> Path:
 # --- readers ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "protection"), list(itertools.product(BUILDS, PROTECTIONS)))
+@pytest.mark.parametrize(("name", "protection"), list(itertools.product((*BUILDS, *FRAME_KINDS), PROTECTIONS)))
 def test_the_strict_reader_has_no_warning_and_finds_every_reference(name: str, protection: Protection) -> None:
     model, warnings = rte.load(written(name, protection))
     assert warnings == []
@@ -113,7 +122,7 @@ def test_the_strict_reader_has_no_warning_and_finds_every_reference(name: str, p
     assert all(file.version == autosar_data.AutosarVersion.AUTOSAR_00051 for file in model.files)
 
 
-@pytest.mark.parametrize("name", BUILDS)
+@pytest.mark.parametrize("name", (*BUILDS, *FRAME_KINDS))
 def test_cantools_reads_the_messages_of_the_dbc(name: str) -> None:
     """Every attribute that both formats have is equal, and so is every signal of 10,000 random frames."""
     dbc = cantools.database.load_file(build_of(name) / f"{prefix_of(name)}.dbc")
@@ -123,7 +132,7 @@ def test_cantools_reads_the_messages_of_the_dbc(name: str) -> None:
     for here, there in zip(arxml.messages, dbc.messages, strict=True):
         for attribute in ("frame_id", "length", "is_extended_frame", "is_fd", "cycle_time", "senders"):
             assert getattr(here, attribute) == getattr(there, attribute), (here.name, attribute)
-        assert here.autosar.e2e.category == "PROFILE_01"
+        assert here.autosar.e2e.category == can_of(name).e2e.definition.category
         assert here.autosar.e2e.data_ids == [there.dbc.attributes["E2eDataId"].value]
         assert here.autosar.e2e.payload_length == there.length
         assert {each.name for each in here.signals} == {each.name for each in there.signals}
@@ -131,8 +140,18 @@ def test_cantools_reads_the_messages_of_the_dbc(name: str) -> None:
             other = here.get_signal_by_name(signal.name)
             for attribute in ("start", "length", "byte_order", "is_signed", "scale", "offset", "unit", "choices", "receivers"):
                 assert getattr(other, attribute) == getattr(signal, attribute), (signal.name, attribute)
-        for data in random.integers(0, 256, (10_000, 8), dtype=np.uint8):
+        for data in random.integers(0, 256, (10_000, here.length), dtype=np.uint8):
             assert here.decode(data.tobytes()) == there.decode(data.tobytes())
+
+
+@pytest.mark.parametrize("name", FRAME_KINDS)
+def test_readers_find_the_bit_rates(name: str) -> None:
+    """That of the data phase, and that frames switch to it."""
+    can, model = can_of(name), rte.load(written(name))[0]
+    (bus,) = cantools.database.load_file(arxml_of(name)).buses
+    assert (bus.baudrate, bus.fd_baudrate) == (500_000, 2_000_000 if can.is_fd else None)
+    switches = [each.character_data for _, each in model.elements_dfs if each.element_name == "TX-BIT-RATE-SWITCH"]
+    assert switches == (["true", "true"] if can.is_fd else [])
 
 
 @pytest.mark.parametrize("profile", ["1C", "2", "5", "11A"])
@@ -299,8 +318,10 @@ def on_raw_frames(name: str, cycles: list[tuple[Frame, ...]]) -> list[tuple[int,
     return sent
 
 
-@pytest.mark.parametrize("name", BUILDS)
-@pytest.mark.parametrize("on_rte", [through_transformer, on_raw_frames])
+@pytest.mark.parametrize(
+    ("on_rte", "name"),
+    [*itertools.product((through_transformer, on_raw_frames), BUILDS), *itertools.product((on_raw_frames,), FRAME_KINDS)],
+)
 def test_a_whole_scenario_on_the_rte_has_the_bits_of_the_sil(name: str, on_rte: Any) -> None:
     cycles, sent = drive(name)
     assert len(sent) > 1000
