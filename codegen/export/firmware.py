@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from codegen import __version__
-from codegen.configuration.can import FRAME_BYTES
-from codegen.emit.can_view import task_name
+from codegen.emit.can_view import can_view, task_name
 from codegen.emit.folder import MANIFEST, Folder, owned_paths, read_files, read_manifest
 from codegen.emit.manifest import read_build
 from codegen.emit.outputs import refuse_folder
@@ -100,9 +99,6 @@ def project(build: Path) -> Project:
         what = "it computes in double precision, and the FPU of a Cortex-M4F is single"
         raise BuildError(what, where=build, remedy="build with --precision single")
     software = load(build)
-    if software.config.can.frame_bytes > FRAME_BYTES:
-        what = f"its frames have {software.config.can.frame_bytes} bytes, and those of the firmware project eight"
-        raise BuildError(what, where=build, remedy="build with frame_bytes = 8")
     files = {
         f"controller/{path}": content
         for path, content in read_files(build, manifest, ("include/", "src/")).items()
@@ -110,8 +106,10 @@ def project(build: Path) -> Project:
     }
     scenario = find(SCENARIO, software.config)
     received, answers = record(software, scenario)
-    # As candump -L and the firmware print a frame: 201#0011223344556677.
-    sent = tuple(f"{frame.id:03X}#{frame.data.hex().upper()}" for frame in answers)
+    can = can_view(software.config, software.precision)
+    digits = 8 if can.is_extended else 3
+    # As the firmware prints a frame: 201#0011223344556677.
+    sent = tuple(f"{frame.id:0{digits}X}#{frame.data.hex().upper()}" for frame in answers)
     digest = hashlib.sha256((build / MANIFEST).read_bytes()).hexdigest()
     period = software.config.controller.sampling_time_s
     view = {
@@ -124,6 +122,9 @@ def project(build: Path) -> Project:
         "kind": manifest["options"]["kind"],
         "period_text": f"{period * 1e3:g} ms",
         "reload": _systick_reload(period),
+        "frames_text": can.frames_text,
+        "frame_bytes": can.frame_bytes,
+        "identifier_digits": digits,
         "task_function": task_name(period),
         "sources": [*(f"src/{name}.c" for name in PROGRAM), *sorted(path for path in files if path.endswith(".c"))],
         "drive_text": comment_text(scenario.title),

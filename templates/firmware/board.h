@@ -7,11 +7,13 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* A classical CAN frame with an 11-bit identifier. */
+#include "firmware_config.h"
+
+/* A data frame of the kind in firmware_config.h. */
 typedef struct {
     uint32_t id;
     uint8_t length;
-    uint8_t data[8];
+    uint8_t data[CAN_FRAME_BYTES];
 } board_frame_t;
 
 /* Start the clocks, CAN, and the timer, which ticks once each period of the task from now on. */

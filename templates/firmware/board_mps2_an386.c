@@ -114,7 +114,7 @@ void board_can_transmit(const board_frame_t *frame)
     uint32_t at;
 
     report_init(&line);
-    report_hex(&line, frame->id, 3u);
+    report_hex(&line, frame->id, IDENTIFIER_DIGITS);
     report_text(&line, "#");
     for (at = 0u; at < frame->length; at++) {
         report_hex(&line, frame->data[at], 2u);

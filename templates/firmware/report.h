@@ -6,7 +6,7 @@
 
 #include <stdint.h>
 
-enum { REPORT_LENGTH_MAX = 127 };
+enum { REPORT_LENGTH_MAX = 159 /* a frame of CAN FD, or the last line */ };
 
 /* One line of text. Characters that do not fit are dropped. */
 typedef struct {

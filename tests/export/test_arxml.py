@@ -122,7 +122,7 @@ def test_the_strict_reader_has_no_warning_and_finds_every_reference(name: str, p
     assert all(file.version == autosar_data.AutosarVersion.AUTOSAR_00051 for file in model.files)
 
 
-@pytest.mark.parametrize("name", (*BUILDS, *FRAME_KINDS))
+@pytest.mark.parametrize("name", [*BUILDS, *FRAME_KINDS])
 def test_cantools_reads_the_messages_of_the_dbc(name: str) -> None:
     """Every attribute that both formats have is equal, and so is every signal of 10,000 random frames."""
     dbc = cantools.database.load_file(build_of(name) / f"{prefix_of(name)}.dbc")

@@ -14,6 +14,7 @@ from codegen.emit.write import write_folder
 from codegen.export import firmware
 from codegen.export.firmware import Project, project
 from codegen.sil.software import load
+from tests import frame_kinds
 from tests.cli.conftest import Answer, everything_in, refused, run
 
 __all__ = ["refused", "run"]  # fixtures
@@ -26,24 +27,29 @@ Run, Refused = Callable[..., Answer], Callable[..., str]
 
 @functools.cache
 def made(name: str = "4ws2-paper") -> Project:
-    return project(GENERATED / name)
+    return project(folder_of(name))
 
 
-@pytest.mark.parametrize("name", ["4ws2-paper", "4ws2"])
+def folder_of(name: str) -> Path:
+    """Return a committed build, or one with another kind of frames."""
+    return frame_kinds.folder(name) if name in frame_kinds.KINDS else GENERATED / name
+
+
+@pytest.mark.parametrize("name", ["4ws2-paper", "4ws2", "FD, 24 bytes, profile 11C, 29 bits", "FD, 64 bytes, profile 5"])
 def test_the_task_answers_the_trace_with_the_expected_frames(name: str) -> None:
     """Trace and responses are read from the files and compared with the task through cffi."""
     files = made(name).folder.files
-    rows = re.findall(r"\{ (\d+)u, (0x\w+)u, (\d)u, \{ (.*) \} \}", files["src/trace.c"].decode())
+    rows = re.findall(r"\{ (\d+)u, (0x\w+)u, (\d+)u, \{ (.*) \} \}", files["src/trace.c"].decode())
     expected = files["expected.txt"].decode().splitlines()
-    task = load(GENERATED / name).task()
-    answers = []
+    software = load(folder_of(name))
+    task, can, answers = software.task(), software.config.can, []
     for cycle in range(len(expected)):
         for _, identifier, length, data in (row for row in rows[2 * cycle : 2 * cycle + 2] if int(row[0]) == cycle):
             content = bytes(int(byte.removesuffix("u"), 16) for byte in data.split(", "))
-            assert len(content) == int(length) == 8
+            assert len(content) == int(length) == can.frame_bytes
             task.on_can_frame(int(identifier, 16), content)
         identifier, data = task.run()
-        answers.append(f"{identifier:03X}#{data.hex().upper()}")
+        answers.append(f"{identifier:0{8 if can.extended_ids else 3}X}#{data.hex().upper()}")
     assert len(rows) == 2 * len(expected) == 3000
     assert answers == expected == list(made(name).sent)
     assert task.counters()["lost_samples"] == 2, "until the messages are valid"
