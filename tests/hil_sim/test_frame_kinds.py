@@ -1,6 +1,8 @@
 """29-bit identifiers and frames of CAN FD in C, DBC and bench, as other tools see them."""
 
+import re
 import subprocess
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +11,7 @@ import cantools
 import numpy as np
 import pytest
 
-from codegen.configuration import Config
+from codegen.configuration import Config, parse
 from codegen.errors import CodegenError
 from codegen.sil.toolchain import compiler_command
 from hil_sim import bus, ecu_process
@@ -120,6 +122,17 @@ def test_native_ecu_compiles_under_strict_warnings(name: str, tmp_path: Path) ->
         command = [*compiler_command(), *flags, "-c", unit, "-o", str(tmp_path / "unit.o")]
         result = subprocess.run(command, cwd=folder(name), capture_output=True, text=True, check=False)
         assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_examples_of_the_guide_are_valid() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "own-can-ids.md").read_text(encoding="utf-8")
+    examples = [parse(tomllib.loads(text), "guide").can for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL)]
+    assert {(can.extended_ids, can.frame_bytes, can.e2e.profile) for can in examples} == {
+        (False, 8, "1A"),
+        (True, 8, "1A"),
+        (False, 8, "2"),
+        (False, 64, "5"),
+    }
 
 
 def test_identifiers_that_do_not_fit_are_rejected() -> None:

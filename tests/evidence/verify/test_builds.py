@@ -12,6 +12,7 @@ from codegen.emit.folder import Folder
 from codegen.optimum.solve import solve_case
 from codegen.verify.check import Effort, Verdict
 from codegen.verify.runner import CHECKS
+from tests import frame_kinds
 from tests.sil import e2e_profiles
 from tests.verify import builds, planted
 
@@ -62,6 +63,8 @@ BUILDS = {
     "profile 1C": lambda: e2e_profiles.built("1C").folder,
     "profile 2": lambda: e2e_profiles.built("2").folder,
     "profile 5": lambda: e2e_profiles.built("5").folder,
+    "29 bits": lambda: frame_kinds.built("29 bits").folder,
+    "FD, 64 bytes, profile 5": lambda: frame_kinds.built("FD, 64 bytes, profile 5").folder,
     "other frames": other_frames,
     "placed": placed,
 }
