@@ -101,6 +101,9 @@ def _reals(config: Config) -> Iterator[tuple[str, str, RealSignal]]:
 SEED_SAMPLES = 24
 """Samples of each recording: short enough to be mutated everywhere, long enough for every status."""
 
+INPUT_BYTES_MAX = 2048
+"""Longest input in bytes, as in `fuzz_main.c`."""
+
 SEED = 1
 """Seed of the mutations."""
 SECONDS_MAX = 600.0
@@ -130,7 +133,6 @@ def _can_seeds(config: Config, recorded: Sequence[Sequence[Frame]]) -> Iterator[
     """Yield the samples unchanged, and with a jump, a damaged frame, foreign frames and a gap."""
     ids = [config.can.vehicle_motion.id, config.can.vehicle_conditions.id]
     samples = [[*(byte for frame in frames if frame.id in ids for byte in frame.data[1:])] for frames in recorded]
-    yield [byte for sample in samples for byte in (0, *sample)]
     troubles = (
         (3, 2),
         (4, 0x13),
@@ -139,7 +141,13 @@ def _can_seeds(config: Config, recorded: Sequence[Sequence[Frame]]) -> Iterator[
         (7 | 1 << 3, 0x00, 0x03, 0, 0, *range(8)),
         (7 | 4 << 4,),
     )
-    yield [byte for k, sample in enumerate(samples) for byte in (0, *sample, *(troubles[k // 4] if k % 4 == 3 else ()))]
+    # Frames of CAN FD are long: fewer of them fit into an input.
+    room = INPUT_BYTES_MAX - sum(map(len, troubles))
+    samples = samples[: room // (1 + max(map(len, samples)))]
+    gap = len(samples) // len(troubles)
+    yield [byte for sample in samples for byte in (0, *sample)]
+    after = {gap * (number + 1) - 1: trouble for number, trouble in enumerate(troubles)}
+    yield [byte for k, sample in enumerate(samples) for byte in (0, *sample, *after.get(k, ()))]
 
 
 def _step_seeds(drive: Samples, real: type[np.float32] | type[np.float64]) -> Iterator[bytes]:
