@@ -64,7 +64,8 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
     sent: dict[int, list[float]] = {message.id: [] for message in messages}
     received: dict[int, list[float]] = {message.id: [] for message in messages}
     for frame in frames(path):
-        if frame.arbitration_id in sent and frame.is_extended_id == can.extended_ids and not frame.is_error_frame:
+        is_configured = (frame.is_extended_id, frame.is_fd) == (can.extended_ids, can.is_fd)
+        if frame.arbitration_id in sent and is_configured and not frame.is_error_frame:
             (received if frame.is_rx else sent)[frame.arbitration_id].append(frame.timestamp)
     # On some buses, such as udp_multicast, a node also receives its own frames; the time of sending counts.
     times = {key: sent[key] or received[key] for key in sent}
