@@ -203,9 +203,10 @@ def test_names_and_values_of_cases() -> None:
         assert check_name(name) == name
     config = parse({"cases": {"mine": {"sideslip_weight_per_s2": 10.0}}}, "car.toml")
     assert config.case("mine") == Case(rear_steering=True, sideslip_weight_per_s2=10.0)
+    known = "known cases: fws, 4ws-1, 4ws-2, zero-sideslip, variable-wheelbase, envelope"
     for name, where, words in (
-        ("4ws2", "[cases]", "there is no case '4ws2'; known cases: fws, 4ws-1, 4ws-2; did you mean '4ws-"),
-        ("sport\n\x1b[31m", "--case", "known cases: fws, 4ws-1, 4ws-2"),
+        ("4ws2", "[cases]", f"there is no case '4ws2'; {known}; did you mean '4ws-"),
+        ("sport\n\x1b[31m", "--case", known),
     ):
         with pytest.raises(ConfigError) as caught:
             preset().case(name, where=where)

@@ -54,7 +54,12 @@ def init(folder: Path, preset: str) -> None:
 )
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the paper's preset.")
 @click.option(
-    "--case", "case", required=True, metavar="NAME", shell_complete=case_names, help="fws, 4ws-1, 4ws-2 or a case of your own."
+    "--case",
+    "case",
+    required=True,
+    metavar="NAME",
+    shell_complete=case_names,
+    help="fws, 4ws-1, 4ws-2, a case of your own, or for comparison zero-sideslip, variable-wheelbase, envelope.",
 )
 @click.option("-o", "--output", required=True, type=map_to_write, metavar="MAP.npz", help="The map to write.")
 @click.option(

@@ -31,6 +31,8 @@ PATH = "path"
 MANIFEST = "manifest.json"
 OF_EVERY_CASE = ("fws", "4ws-1", "4ws-2")
 """Cases of all presets. They are repeated here, as the scenarios are, because reading the presets would delay completion."""
+FOR_COMPARISON = ("zero-sideslip", "variable-wheelbase", "envelope")
+"""Cases that every configuration has, `configuration.REFERENCE_CASES`, repeated for the same reason."""
 SCENARIOS = (
     "step-steer",
     "ramp-steer",
@@ -91,9 +93,10 @@ def scenario_names(context: click.Context, parameter: click.Parameter, incomplet
 
 
 def case_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
-    """Return the cases of the ars.toml on the command line, or else those of the presets."""
+    """Return the cases of the ars.toml on the command line, or else those of the presets, and the cases for comparison."""
     del parameter
-    return [_item(name) for name in _cases(context.params.get("config_path")) if name.startswith(incomplete)]
+    names = dict.fromkeys((*_cases(context.params.get("config_path")), *FOR_COMPARISON))
+    return [_item(name) for name in names if name.startswith(incomplete)]
 
 
 def bus_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:

@@ -23,6 +23,7 @@ from pydantic import (
 from codegen.configuration.budgets import Budgets
 from codegen.configuration.can import Can, RealSignal
 from codegen.configuration.car import (
+    REFERENCE_CASES,
     Case,
     Grid,
     Limits,
@@ -44,6 +45,7 @@ from codegen.files import read_text
 from codegen.units import KM_H
 
 __all__ = [
+    "REFERENCE_CASES",
     "Budgets",
     "Can",
     "Case",
@@ -233,14 +235,27 @@ class Config(Section):
         yield "vehicle_conditions.friction", can.vehicle_conditions.real("friction"), 0.0, inputs.friction_max
 
     def case(self, name: str, where: object = "") -> Case:
-        """Return the case called `name`. Raises ConfigError, with the nearest name."""
+        """Return the case called `name`. Raises ConfigError, with the nearest name.
+
+        A case of REFERENCE_CASES that the configuration does not have itself has the tyre model that all others share, else the
+        linear one.
+        """
         if name in self.cases:
             return self.cases[name]
+        if name in REFERENCE_CASES:
+            models = {case.tyre_model for case in self.cases.values()}
+            return REFERENCE_CASES[name].model_copy(update={"tyre_model": models.pop() if len(models) == 1 else "linear"})
+        known = list(dict.fromkeys((*self.cases, *REFERENCE_CASES)))
         raise ConfigError(
             f"there is no case {name!r}",
             where=where or "[cases]",
-            remedy=f"known cases: {', '.join(self.cases)}{suggestion(name, self.cases)}",
+            remedy=f"known cases: {', '.join(known)}{suggestion(name, known)}",
         )
+
+    def with_case(self, name: str) -> Config:
+        """Return the configuration with the case called `name` as one of its own. Raises ConfigError: see `case`."""
+        case = self.case(name)
+        return self if name in self.cases else self.model_copy(update={"cases": {**self.cases, name: case}})
 
     def with_tyre_model(self, tyre_model: str | None) -> Config:
         """Return the configuration with this tyre model, "linear" or "magic-formula", in all cases; None changes nothing."""

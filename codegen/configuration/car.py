@@ -93,6 +93,10 @@ class Limits(Section):
         Range(0.5, 50.0, "%"),
         Meaning("largest departure of the tyre curve from its tangent at zero; bounds the slip angles"),
     ] = 10.0
+    envelope_rear_slip_deg: Annotated[
+        Annotated[float, Range(0.2, 30.0, "deg")] | None,
+        Meaning("for a case with `envelope`: bound on the slip that the rear axle would have with its wheels straight"),
+    ] = Field(default=None, exclude_if=lambda slip: slip is None)
 
     @property
     def sideslip_max(self) -> float:
@@ -110,6 +114,11 @@ class Case(Section):
 
     `passive_safe` excludes turns that the car cannot drive without rear steering. `tyre_model` selects the model of the steady
     turn: the linear single-track car, as in the paper, or the plant's four loaded wheels with the whole Magic Formula.
+
+    `reference` replaces the optimisation by a published law for the rear angle, within the same bounds. "zero-sideslip" keeps
+    the sideslip of the steady turn at zero. "variable-wheelbase" lets the car turn like one with `wheelbase_factor` times its
+    wheelbase, linear over speed between the points of `wheelbase_speed_km_h`. `envelope` adds the bounds of the stable handling
+    envelope, by default with the slip of the rear tyre's peak force.
     """
 
     rear_steering: Annotated[bool, Meaning("whether the rear wheels steer")] = True
@@ -120,6 +129,48 @@ class Case(Section):
         Literal["linear", "magic-formula"],
         Meaning("model of the steady turn: linear single-track car, or four loaded wheels with the whole Magic Formula"),
     ] = Field(default="linear", exclude_if=lambda model: model == "linear")
+    reference: Annotated[
+        Literal["optimum", "zero-sideslip", "variable-wheelbase"], Meaning("the optimisation, or a law for the rear angle")
+    ] = Field(default="optimum", exclude_if=lambda reference: reference == "optimum")
+    wheelbase_speed_km_h: Annotated[
+        list[float] | None, Breakpoints(1.0, 400.0, "km/h"), Meaning("speeds of `wheelbase_factor`")
+    ] = Field(default=None, exclude_if=lambda speeds: speeds is None)
+    wheelbase_factor: Annotated[
+        list[Annotated[float, Range(0.3, 5.0)]] | None,
+        Meaning("virtual over real wheelbase: below 1 the rear wheels steer against the front wheels, above 1 with them"),
+    ] = Field(default=None, exclude_if=lambda factors: factors is None)
+    envelope: Annotated[
+        bool, Meaning("bound the yaw rate, and the slip that the rear axle would have with its wheels straight")
+    ] = Field(default=False, exclude_if=lambda envelope: not envelope)
+
+    @model_validator(mode="after")
+    def _whole_law(self) -> Self:
+        if self.reference != "optimum" and not self.rear_steering:
+            raise ValueError(f'reference = "{self.reference}" needs rear_steering = true')
+        keys = self.wheelbase_speed_km_h, self.wheelbase_factor
+        if self.reference != "variable-wheelbase":
+            if keys != (None, None):
+                raise ValueError('wheelbase_speed_km_h and wheelbase_factor need reference = "variable-wheelbase"')
+        elif self.wheelbase_speed_km_h is None or self.wheelbase_factor is None:
+            raise ValueError('reference = "variable-wheelbase" needs wheelbase_speed_km_h and wheelbase_factor; add both')
+        elif len(self.wheelbase_speed_km_h) != len(self.wheelbase_factor):
+            raise ValueError("wheelbase_speed_km_h and wheelbase_factor differ in length; give a factor for each speed")
+        return self
+
+
+REFERENCE_CASES: dict[str, Case] = {
+    "zero-sideslip": Case(reference="zero-sideslip"),
+    "variable-wheelbase": Case(
+        reference="variable-wheelbase", wheelbase_speed_km_h=[20.0, 60.0, 120.0], wheelbase_factor=[0.75, 1.0, 4.0 / 3.0]
+    ),
+    "envelope": Case(envelope=True),
+}
+"""Cases that every configuration has, for comparison with the optimisation; one of its own with such a name replaces it.
+
+The source of the variable wheelbase leaves the wheelbase to the designer. These factors suit the preset's car. Three quarters
+at 20 km/h steer a third of the front angle, 3.3 of the rear axle's 3.5 deg at the largest front angle of the grid. At 60 km/h
+it is the car's own wheelbase, near the 64 km/h at which the sideslip vanishes by itself. At 120 km/h it is the reciprocal.
+"""
 
 
 class Grid(Section):

@@ -17,6 +17,8 @@ class Binding(enum.IntFlag):
     SLIP_FRONT = 4
     SLIP_REAR = 8
     REAR_ANGLE = 16
+    ENVELOPE_YAW_RATE = 32
+    ENVELOPE_SIDESLIP = 64
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class Bound:
         is_grip: the value of the linear car is proportional to the lateral acceleration.
         is_yaw_rate: the value is proportional to the yaw rate at each speed.
         is_variable: the value is a variable of IPOPT, which bounds it directly.
+        of_case: key of a case that switches the bound on; "" for a bound of every case.
     """
 
     flag: Binding
@@ -63,6 +66,7 @@ class Bound:
     is_grip: bool = False
     is_yaw_rate: bool = False
     is_variable: bool = False
+    of_case: str = ""
 
 
 BOUNDS = (
@@ -80,6 +84,29 @@ BOUNDS = (
     Bound(Binding.SLIP_FRONT, "front slip", "rad", "#CC79A7", "front_slip_max", lambda turn: turn.slip_front, is_grip=True),
     Bound(Binding.SLIP_REAR, "rear slip", "rad", "#56B4E9", "rear_slip_max", lambda turn: turn.slip_rear, is_grip=True),
     Bound(Binding.REAR_ANGLE, "rear angle", "rad", "#0072B2", "rear_angle_max", lambda turn: turn.rear_angle, is_variable=True),
+    # The stable handling envelope (C. E. Beal, J. C. Gerdes, Model Predictive Control for Vehicle Stabilization at the Limits
+    # of Handling, IEEE Trans. Control Systems Technology 21(4), 2013): |r| is at most what the rear axle can hold in a steady
+    # turn, and |beta - lr r/vx| at most the slip at which the rear tyre saturates: it would not with its wheels straight.
+    Bound(
+        Binding.ENVELOPE_YAW_RATE,
+        "yaw-rate envelope",
+        "m/s^2",
+        "#117733",
+        "envelope_lateral_acceleration_max",
+        lambda turn: turn.lateral_acceleration,
+        is_grip=True,
+        is_yaw_rate=True,
+        of_case="envelope",
+    ),
+    Bound(
+        Binding.ENVELOPE_SIDESLIP,
+        "sideslip envelope",
+        "rad",
+        "#882255",
+        "envelope_rear_slip_max",
+        lambda turn: turn.slip_rear + turn.rear_angle,
+        of_case="envelope",
+    ),
 )
 """All bounds, by rising flag."""
 

@@ -28,7 +28,7 @@ from codegen.configuration import Config, Controller, check_name, parse
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.files import write_atomically
 from codegen.map_file import archive, tables
-from codegen.map_file.bounds import Binding
+from codegen.map_file.bounds import BOUNDS, Binding
 from codegen.map_file.tables import KEYS, UNITS, BindingArray
 from codegen.units import GRAVITY
 from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
@@ -138,13 +138,15 @@ class ReferenceMap:
 
 def make_meta(config: Config, case: str, method: str) -> dict[str, Any]:
     """Return the `meta` of a solved map. The same input and versions give the same text."""
+    of_case = config.case(case)
+    bounds = [bound for bound in BOUNDS if not bound.of_case or getattr(of_case, bound.of_case)]
     return {
         "schema_version": SCHEMA_VERSION,
         "case": case,
         "method": method,
         "configuration": config.model_dump(mode="json"),
         "units": dict(UNITS),
-        "active_bits": {str(binding.name).lower(): int(binding) for binding in Binding},
+        "active_bits": {str(bound.flag.name).lower(): int(bound.flag) for bound in bounds},
         "tools": {"codegen": __version__, "numpy": np.__version__},
     }
 

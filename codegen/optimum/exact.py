@@ -2,7 +2,7 @@
 
 With linear tyres r and beta are affine in delta_r (see `vehicle.single_track`). Every constraint is then an interval of
 delta_r and the objective a parabola: the optimum is its vertex, clipped to the feasible interval, or the end with the larger
-yaw rate where the parabola opens downwards (small weight).
+yaw rate where the parabola opens downwards (small weight). A law (`rear_law`) gives delta_r, which must lie in the interval.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from codegen.arrays import BoolArray, FloatArray
 from codegen.map_file.bounds import BOUNDS, Binding, TurnQuantities
 from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem
+from codegen.optimum.rear_law import RearLaw
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,8 @@ class Solution:
         yaw_rate: rad/s. sideslip, rear_angle: rad.
         feasible: whether the constraints leave a solution.
         active: `Binding` flags, which constraints bind within BINDING_TOLERANCE.
-        margin: rad of rear angle, how wide the feasible interval is (negative: by how much it is missed). Without rear
-            steering: how far delta_r = 0 lies inside what the other constraints allow.
+        margin: rad of rear angle, how wide the feasible interval is (negative: by how much it is missed). With a law, such as
+            straight rear wheels: how far its turn lies inside what the other constraints allow, in rad of its quantity.
     """
 
     yaw_rate: FloatArray
@@ -90,20 +91,22 @@ def _turn(problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray
 
 def solve(problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray) -> Solution:
     """Solve for speeds (n,) in m/s above zero and front angles (m,) in rad; speeds below the critical speed."""
-    steers = problem.rear_angle_max > 0.0
+    law = problem.given
 
     def column(values: FloatArray) -> FloatArray:
         return values[:, np.newaxis]
 
     intervals = _intervals(problem, speed)
-    kept = intervals if steers else intervals[:-1]
+    kept = intervals if law is None else intervals[:-1]
     low = reduce(np.maximum, (column(each.slope) * front_angle - column(each.reach) for each in kept))
     high = reduce(np.minimum, (column(each.slope) * front_angle + column(each.reach) for each in kept))
-    if steers:
+    if law is None:
         margin = high - low
     else:
-        margin = np.minimum(-low, high)
-        low, high = np.zeros_like(low), np.zeros_like(high)
+        limit = problem.rear_angle_max
+        given = np.clip(column(_law_slope(problem, law, speed)) * front_angle, -limit, limit)
+        margin = np.minimum(given - low, high - given)
+        low = high = given
     feasible = margin >= 0.0
 
     gain = column(problem.car.yaw_gain(speed))
@@ -129,6 +132,14 @@ def solve(problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray
     )
 
 
+def _law_slope(problem: SteadyTurnProblem, law: RearLaw, speed: FloatArray) -> FloatArray:
+    """Return the rear angle of a law for each rad of front angle, before the bound on it holds it; (n,) for speeds (n,)."""
+    one, zero = np.ones_like(speed), np.zeros_like(speed)
+    by_front, by_rear = _turn(problem, speed, one, zero), _turn(problem, speed, zero, one)
+    result: FloatArray = (law.share(speed) - law.bound.value(by_front)) / law.bound.value(by_rear)
+    return result
+
+
 def binding(problem: SteadyTurnProblem, turn: TurnQuantities) -> npt.NDArray[np.uint8]:
     """Return the `Binding` flags of given turns, arrays that broadcast to the shape of the yaw rate; NaN binds nothing."""
     active = np.zeros(turn.yaw_rate.shape, dtype=np.uint8)
@@ -146,6 +157,8 @@ def edge(problem: SteadyTurnProblem, speed: FloatArray) -> Edge:
     A lower and an upper bound on delta_r meet there: the smallest such meeting point over all pairs is the edge. It is found
     on the continuous problem, so that it moves smoothly with speed and does not jump from cell to cell.
     """
+    if problem.given is not None:
+        return _edge_of_law(problem, problem.given, speed)
     intervals = _intervals(problem, speed)
     grip = intervals[0]
     front_angle = np.full_like(speed, np.inf)
@@ -164,6 +177,31 @@ def edge(problem: SteadyTurnProblem, speed: FloatArray) -> Edge:
     gain = problem.car.yaw_gain(speed)
     yaw_rate = gain * (front_angle - rear_angle)
     rear_angle = front_angle - yaw_rate / gain
+    return Edge(
+        front_angle, np.where(grip_limited, problem.lateral_acceleration_cap / speed, yaw_rate), rear_angle, grip_limited
+    )
+
+
+def _edge_of_law(problem: SteadyTurnProblem, law: RearLaw, speed: FloatArray) -> Edge:
+    """Find the front angle at which the turn of a law first violates a bound on anything but the rear angle.
+
+    The rear angle rises with its slope up to its own bound, and stays there.
+    """
+    slope, limit = _law_slope(problem, law, speed), problem.rear_angle_max
+    held = np.copysign(limit, slope)
+    front_angle = np.full_like(speed, np.inf)
+    grip_limited = np.zeros(speed.shape, dtype=bool)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        holds_from = np.where(slope != 0.0, held / slope, np.inf if limit > 0.0 else 0.0)
+        for number, each in enumerate(_intervals(problem, speed)[:-1]):
+            meeting = each.reach / np.abs(each.slope - slope)
+            at_limit = (each.reach + np.sign(each.slope) * held) / np.abs(each.slope)
+            meeting = np.where(meeting <= holds_from, meeting, at_limit)
+            first = meeting < front_angle  # false for NaN: a bound that does not depend on the front angle
+            front_angle = np.where(first, meeting, front_angle)
+            grip_limited = np.where(first, number == 0, grip_limited)
+    rear_angle = np.clip(slope * front_angle, -limit, limit)
+    yaw_rate = problem.car.yaw_gain(speed) * (front_angle - rear_angle)
     return Edge(
         front_angle, np.where(grip_limited, problem.lateral_acceleration_cap / speed, yaw_rate), rear_angle, grip_limited
     )

@@ -3,6 +3,9 @@
 The solver shares no equations with `exact` or `nonlinear`. The variables are (beta, r, delta_r); steady state is an equality
 constraint made from the CasADi models (see `turns`). The solver is built once and warm-started along the grid. Where the
 objective is concave over the steady turns, it starts from both ends and keeps the better result.
+
+For a law (`rear_law`) the objective is the squared distance from it. The turn of the law is feasible if the smallest distance
+is zero, or if the rear angle is at its end.
 """
 
 from __future__ import annotations
@@ -38,20 +41,22 @@ class TurnExpressions:
         residual: (2,) zero in a steady turn, of order one.
         used: shares of bounds, each between -1 and 1 where they are kept; |z[0]| and |z[2]| are also bounded by one.
         slips: (2,) rad, of the front and the rear axle.
-        objective: as in `problem`.
+        objective: as in `problem`, or for a law the square of `distance`.
+        distance: of a law's quantity from its value, over a slip bound; zero for an optimisation.
     """
 
     residual: Any
     used: Any
     slips: Any
     objective: Any
+    distance: Any
     scale: FloatArray
 
 
 def turn_expressions(
-    config: Config, problem: SteadyTurnProblem, tyre_model: TyreModel, z: Any, speed: Any, front: Any
+    config: Config, problem: SteadyTurnProblem, tyre_model: TyreModel, z: Any, speed: Any, front: Any, wanted: Any
 ) -> TurnExpressions:
-    """Return the expressions of one case over the symbols z, speed (m/s) and front angle (rad)."""
+    """Return the expressions of one case over the symbols z, speed (m/s), front angle (rad) and the value of a law (rad)."""
     scale = np.array([problem.sideslip_max, 1.0, problem.rear_angle_max or math.radians(1.0)])
     beta, yaw_rate, rear = (z[i] * scale[i] for i in range(3))
     equations = _single_track if tyre_model == "linear" else _two_track
@@ -65,8 +70,11 @@ def turn_expressions(
     turn = TurnQuantities(speed, front, yaw_rate, beta, *slips, rear)
     limits = [(bound, problem.limit_of(bound)) for bound in BOUNDS if not bound.is_variable]
     used = ca.vertcat(*(bound.value(turn) / limit for bound, limit in limits if math.isfinite(limit)), *further)
-    objective = -(yaw_rate**2) + problem.sideslip_weight * beta**2
-    return TurnExpressions(residual, used, ca.vertcat(*slips), objective, scale)
+    objective, distance = -(yaw_rate**2) + problem.sideslip_weight * beta**2, 0.0 * beta
+    if problem.law is not None:
+        distance = (problem.law.bound.value(turn) - wanted) / problem.front_slip_max
+        objective = distance**2
+    return TurnExpressions(residual, used, ca.vertcat(*slips), objective, distance, scale)
 
 
 Turn = tuple[Any, Any, Any]
@@ -145,6 +153,8 @@ _NO_STEP_LEFT = "Search_Direction_Becomes_Too_Small"
 _ELASTIC_OPTIONS = {**_OPTIONS, "ipopt.tol": 1e-10, "ipopt.compl_inf_tol": 1e-10, "ipopt.constr_viol_tol": 1e-10}
 _CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _FEASIBILITY_TOLERANCE = 1e-9
+_LAW_TOLERANCE = 1e-6
+"""Largest distance from a law, over a slip bound, and of the rear angle from its end; a touched bound leaves sqrt(1e-16)."""
 _TIE = 1e-9
 """Objectives closer than this count as equal, relative to the larger of one and their size."""
 
@@ -158,6 +168,7 @@ class _Solvers:
     elastic: Any
     tangent: Any
     slips: Any
+    distance: Any
     scale: FloatArray
     bounds: FloatArray
     shares: int
@@ -166,9 +177,9 @@ class _Solvers:
 
 def _build(config: Config, problem: SteadyTurnProblem, tyre_model: TyreModel) -> _Solvers:
     z, slack = ca.SX.sym("z", 3), ca.SX.sym("s")
-    speed, front = ca.SX.sym("vx"), ca.SX.sym("delta_f")
-    turn = turn_expressions(config, problem, tyre_model, z, speed, front)
-    parameters = ca.vertcat(speed, front)
+    speed, front, wanted = ca.SX.sym("vx"), ca.SX.sym("delta_f"), ca.SX.sym("wanted")
+    turn = turn_expressions(config, problem, tyre_model, z, speed, front, wanted)
+    parameters = ca.vertcat(speed, front, wanted)
     steady_turn = {"x": z, "p": parameters, "f": turn.objective, "g": ca.vertcat(turn.residual, turn.used)}
     optimum, easier = (ca.nlpsol("optimum", "ipopt", steady_turn, options) for options in (_OPTIONS, _EASIER_OPTIONS))
     # |z_beta| and |z_rear| become constraints here, so that all of them can be relaxed by the same slack.
@@ -182,9 +193,10 @@ def _build(config: Config, problem: SteadyTurnProblem, tyre_model: TyreModel) ->
     curvature = steady_tangent.T @ ca.hessian(turn.objective, z)[0] @ steady_tangent
     tangent = ca.Function("curvature", [parameters, z], [ca.simplify(curvature)])
     slips = ca.Function("slips", [z, parameters], [turn.slips])
+    distance = ca.Function("distance", [z, parameters], [turn.distance])
     rear_bound = 1.0 if problem.rear_angle_max > 0.0 else 0.0
     bounds = np.array([1.0, np.inf, rear_bound])
-    return _Solvers(optimum, easier, elastic, tangent, slips, turn.scale, bounds, int(turn.used.numel()))
+    return _Solvers(optimum, easier, elastic, tangent, slips, distance, turn.scale, bounds, int(turn.used.numel()))
 
 
 def solve(
@@ -214,12 +226,15 @@ def solve(
         for i, vx in enumerate(speed):
             warm, feasible_expected = np.zeros(3), True
             for j, delta_f in enumerate(front_angle):
-                point = _solve_point(solvers, np.array([vx, delta_f]), warm, feasible_expected=feasible_expected)
+                wanted = 0.0 if problem.law is None else float(problem.law.value(vx, delta_f))
+                parameters = np.array([vx, delta_f, wanted])
+                point = _solve_point(solvers, parameters, warm, feasible_expected=feasible_expected)
                 stop_if_asked()
                 feasible_expected = point is not None
-                if point is not None:
+                if point is not None and _is_of_law(solvers, parameters, point):
                     result[i, j] = point * solvers.scale
-                    slips[i, j] = np.asarray(solvers.slips(point, [vx, delta_f])).ravel()
+                    slips[i, j] = np.asarray(solvers.slips(point, parameters)).ravel()
+                if point is not None:
                     warm = point
             if progress is not None:
                 progress((i + 1) * front_angle.size, speed.size * front_angle.size)
@@ -257,6 +272,16 @@ def _solve_point(solvers: _Solvers, parameters: FloatArray, warm: FloatArray, *,
     return best
 
 
+def _is_of_law(solvers: _Solvers, parameters: FloatArray, point: FloatArray) -> bool:
+    """Whether a turn is that of the law, and not only the nearest inside the bounds. Every optimum is.
+
+    A rear angle at an end counts if the law wants it beyond: sideslip and rear angle both rise with the rear angle.
+    """
+    distance = float(solvers.distance(point, parameters))
+    at_end = abs(point[2]) >= 1.0 - _LAW_TOLERANCE and distance * point[2] <= 0.0
+    return at_end or abs(distance) <= _LAW_TOLERANCE
+
+
 def _starts(solvers: _Solvers, parameters: FloatArray, warm: FloatArray) -> list[FloatArray]:
     """The neighbour's solution; both ends of the rear angle where the objective is concave over the steady turns."""
     steers = solvers.bounds[2] > 0.0
@@ -277,7 +302,7 @@ def _best(solvers: _Solvers, parameters: FloatArray, starts: list[FloatArray]) -
 
 
 def _not_converged(parameters: FloatArray, what: str) -> MapError:
-    speed, front_angle = (float(value) for value in parameters)
+    speed, front_angle = (float(value) for value in parameters[:2])
     return MapError(
         f"IPOPT does not converge to {what}",
         where=f"{speed / KM_H:.6g} km/h, {math.degrees(front_angle):.6g} deg",

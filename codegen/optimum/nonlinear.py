@@ -2,7 +2,8 @@
 
 The problem is that of `problem`, the steady turn that of `vehicle.dynamics.two_track`, whose slip outputs are bounded. One
 degree of freedom is left at each operating point: the yaw rate, inside the interval of `nonlinear_range`. The objective's
-stationary points inside it and its ends are the candidates; the best of them is the optimum.
+stationary points inside it and its ends are the candidates; the best of them is the optimum. A law (`rear_law`) gives one yaw
+rate, which must lie in the interval.
 
 Two additions that the linear car does not need: a turn must be stable, by the margin that the grid keeps from the critical
 speed (`problem.STABILITY_MARGIN`), and a slip bound ends short of the tyre's peak
@@ -29,6 +30,7 @@ from codegen.optimum.exact import Edge, Solution, binding
 from codegen.optimum.nonlinear_arrays import Turns, concatenate_turns, replace_turns, select_turns, shrink, unknown_turns
 from codegen.optimum.nonlinear_car import SteadyCar
 from codegen.optimum.nonlinear_range import (
+    CURVE_BOUNDS,
     END,
     GRIP,
     REAR_BOUND,
@@ -37,12 +39,14 @@ from codegen.optimum.nonlinear_range import (
     Curves,
     Points,
     Ranges,
+    bounded,
     check,
     curves,
     meetings,
     ranges,
 )
 from codegen.optimum.problem import SteadyTurnProblem
+from codegen.optimum.rear_law import RearLaw
 
 BLOCK = 1200
 """Operating points at a time: their samples stay in the processor's cache."""
@@ -93,7 +97,7 @@ class NonlinearTurns:
 
     def without_rear_steering(self) -> Self:
         """The same car with its rear wheels straight."""
-        return replace(self, problem=replace(self.problem, rear_angle_max=0.0))
+        return replace(self, problem=self.problem.without_rear_steering())
 
     def solve(self, speed: FloatArray, front_angle: FloatArray) -> Solution:
         """See `SteadyTurns`."""
@@ -176,15 +180,26 @@ class NonlinearTurns:
         """(p,) rad; see `exact.Solution`."""
         found = curves(self.problem, self.car, points)
         between = ranges(self.problem, self.car, found)
-        return self._margin_of(between, self._at(found, between.low), self._at(found, between.high))
+        return self._margin_of(points, between, self._at(found, between.low), self._at(found, between.high))
 
-    def _margin_of(self, between: Ranges, low: Turns, high: Turns) -> FloatArray:
-        """Return the width of the range in rad of rear angle; without rear steering, the distance of zero from its ends."""
-        if self.problem.rear_angle_max > 0.0:
+    def _margin_of(self, points: Points, between: Ranges, low: Turns, high: Turns) -> FloatArray:
+        """Return the width of the range in rad of rear angle; with a law, the distance of its turn from the ends."""
+        law = self.problem.given
+        if law is None:
             width = low.rear_angle - high.rear_angle
         else:
-            width = np.minimum(low.rear_angle, -high.rear_angle)
+            width = np.minimum(self._beyond_law(law, points, low), -self._beyond_law(law, points, high))
         return np.where(between.missed > 0.0, np.minimum(width, -between.missed), width)
+
+    def _beyond_law(self, law: RearLaw, points: Points, turns: Turns) -> FloatArray:
+        """Return the distance of turns (..., p) from the law's in rad, positive at smaller yaw rates.
+
+        All three parts fall with the yaw rate: the law's own value, and the rear angle over both ends of its range.
+        """
+        wanted, limit = law.value(points.speed, points.front_angle), self.problem.rear_angle_max
+        own = bounded(points, turns)[CURVE_BOUNDS.index(law.bound)] - wanted
+        result: FloatArray = np.maximum(turns.rear_angle - limit, np.minimum(own, turns.rear_angle + limit))
+        return result
 
     def _at(self, found: Curves, yaw_rate: FloatArray, cells: IndexArray | None = None) -> Turns:
         """Return the turns at yaw rates (k,) of some operating points, by default of all."""
@@ -209,25 +224,38 @@ class NonlinearTurns:
         found = curves(self.problem, self.car, points)
         between = ranges(self.problem, self.car, found)
         low, high = self._at(found, between.low), self._at(found, between.high)
-        margin = self._margin_of(between, low, high)
+        margin = self._margin_of(points, between, low, high)
         feasible = margin >= 0.0
         grip = np.isin(between.high_by, (*GRIP, END))
         grip_yaw_rate = np.where(grip, between.high, np.nan)
-        if self.problem.rear_angle_max > 0.0:
+        law = self.problem.given
+        if law is None:
             best = self._best(found, np.flatnonzero(feasible), low, high)
         else:
-            best = self._straight(found, np.flatnonzero(feasible))
-            grip &= -high.rear_angle <= low.rear_angle
+            best = self._given(law, found, np.flatnonzero(feasible))
+            grip &= -self._beyond_law(law, points, high) <= self._beyond_law(law, points, low)
         return _Found(
             replace_turns(unknown_turns(points.size), np.flatnonzero(feasible), best), feasible, margin, grip, grip_yaw_rate
         )
 
-    def _straight(self, found: Curves, cells: IndexArray) -> Turns:
-        """Return the turn with straight rear wheels at some operating points. It is unique: the rear angle falls with r."""
-        rear_angle = found.turns.rear_angle[:, cells]
-        left = np.clip((rear_angle > 0.0).sum(axis=0) - 1, 0, SAMPLES - 2)
-        rows = np.full(cells.shape, REAR_BOUND)
-        return self._at(found, meetings(self.car, found, cells, rows, np.zeros(cells.shape), left), cells)
+    def _given(self, law: RearLaw, found: Curves, cells: IndexArray) -> Turns:
+        """Return the turn of a law at some operating points. It is unique: sideslip and rear angle fall with the yaw rate."""
+        points, limit = found.points[cells], self.problem.rear_angle_max
+        yaw_rate = self._meeting(found, cells, CURVE_BOUNDS.index(law.bound), law.value(points.speed, points.front_angle))
+        if limit > 0.0:
+            lowest, highest = (self._meeting(found, cells, REAR_BOUND, np.full(cells.shape, end)) for end in (limit, -limit))
+            yaw_rate = np.maximum(lowest, np.minimum(yaw_rate, highest))
+        return self._at(found, yaw_rate, cells)
+
+    def _meeting(self, found: Curves, cells: IndexArray, row: int, wanted: FloatArray) -> FloatArray:
+        """Return the yaw rates (k,) at which a row of CURVE_BOUNDS takes values (k,); 0 or inf beyond an end of the curve."""
+        above = bounded(found.points, found.turns)[row][:, cells] > wanted
+        count = above.sum(axis=0)
+        inside = np.flatnonzero((count > 0) & (count < SAMPLES))
+        yaw_rate = np.where(count > 0, np.inf, 0.0)
+        rows = np.full(inside.shape, row)
+        yaw_rate[inside] = meetings(self.car, found, cells[inside], rows, wanted[inside], count[inside] - 1)
+        return yaw_rate
 
     def _best(self, found: Curves, cells: IndexArray, low: Turns, high: Turns) -> Turns:
         """Return the best turns of some operating points: at an end of their range or where the slope vanishes."""

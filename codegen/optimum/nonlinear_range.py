@@ -124,9 +124,9 @@ class Ranges:
 
 
 def limits(problem: SteadyTurnProblem) -> FloatArray:
-    """Return the limits (k,) of CURVE_BOUNDS; inf for the rear angle of a car that does not steer it."""
+    """Return the limits (k,) of CURVE_BOUNDS; inf for the rear angle that a law gives, which holds it there itself."""
     found = np.array([problem.limit_of(bound) for bound in CURVE_BOUNDS])
-    if problem.rear_angle_max <= 0.0:
+    if problem.given is not None:
         found[REAR_BOUND] = math.inf
     return found
 

@@ -4,13 +4,14 @@
     subject to              steady state, |beta| <= beta_max, |vx r| <= ay_max,
                             |alpha_f| <= alpha_f_max, |alpha_r| <= alpha_r_max, |delta_r| <= delta_r_max
 
-The solvers (`exact`, `nonlinear`, `ipopt`) all solve this problem.
+A case may add the bounds of the stable handling envelope (`map_file.bounds`), or follow a law instead (`rear_law`). The solvers
+(`exact`, `nonlinear`, `ipopt`) all solve this problem.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,10 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.errors import ConfigError
 from codegen.map_file.bounds import BOUNDS, Bound, TurnQuantities
+from codegen.optimum.rear_law import STRAIGHT, RearLaw, law_of
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
-from codegen.vehicle.tyre import AxleTyres
+from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
 BINDING_TOLERANCE = 1e-6
 """A constraint binds where it is used to within this share of its bound (the front and rear slip bounds of the paper's car
@@ -42,7 +44,10 @@ PEAK_SHARE = 0.9
 
 @dataclass(frozen=True)
 class SteadyTurnProblem:
-    """Car, bounds (SI, rad) and weight (1/s^2) of one case. `rear_angle_max` is 0 where the rear wheels do not steer."""
+    """Car, bounds (SI, rad) and weight (1/s^2) of one case. `rear_angle_max` is 0 where the rear wheels do not steer.
+
+    `law` gives the turn instead of the optimisation; None for an optimisation.
+    """
 
     car: SingleTrack
     sideslip_max: float
@@ -51,20 +56,37 @@ class SteadyTurnProblem:
     rear_slip_max: float
     rear_angle_max: float
     sideslip_weight: float
+    envelope_lateral_acceleration_max: float = math.inf
+    envelope_rear_slip_max: float = math.inf
+    law: RearLaw | None = None
 
     @classmethod
     def from_config(cls, config: Config, case: Case) -> SteadyTurnProblem:
         """The problem of one case. Raises ConfigError where the tyre has no end to its linear range."""
         tyres = AxleTyres.from_config(config)
+        car = SingleTrack.from_config(config, tyres)
+        capacity, rear_slip = _envelope(config, tyres.rear) if case.envelope else (math.inf, math.inf)
         return cls(
-            car=SingleTrack.from_config(config, tyres),
+            car=car,
             sideslip_max=config.limits.sideslip_max,
             lateral_acceleration_max=config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2,
             front_slip_max=tyres.front_slip_bound,
             rear_slip_max=tyres.rear_slip_bound,
             rear_angle_max=config.limits.rear_angle_max if case.rear_steering else 0.0,
             sideslip_weight=case.sideslip_weight_per_s2,
+            envelope_lateral_acceleration_max=capacity,
+            envelope_rear_slip_max=rear_slip,
+            law=law_of(case, car, config.grid.last_speed_km_h * KM_H),
         )
+
+    @property
+    def given(self) -> RearLaw | None:
+        """Law that leaves nothing to optimise: that of the case, or straight rear wheels; None for an optimisation."""
+        return self.law if self.rear_angle_max > 0.0 else STRAIGHT
+
+    def without_rear_steering(self) -> SteadyTurnProblem:
+        """Return the problem of the same car with its rear wheels straight."""
+        return replace(self, rear_angle_max=0.0, law=None)
 
     @property
     def lateral_acceleration_cap(self) -> float:
@@ -82,6 +104,18 @@ class SteadyTurnProblem:
         slip_front = -lateral_acceleration * self.car.front_slip_per_lateral_acceleration
         slip_rear = -lateral_acceleration * self.car.rear_slip_per_lateral_acceleration
         return TurnQuantities(speed, front_angle, yaw_rate, sideslip, slip_front, slip_rear, rear_angle)
+
+
+def _envelope(config: Config, rear: MagicFormulaTyre) -> tuple[float, float]:
+    """Return the limits of the stable handling envelope: lateral acceleration in m/s^2, and slip of the rear axle in rad.
+
+    In a steady turn the rear axle holds m ay lf/L, at most 2 D of its tyres. Without a key of its own, the slip is that of the
+    largest force; infinite where the force rises throughout.
+    """
+    vehicle, slip = config.vehicle, config.limits.envelope_rear_slip_deg
+    force = 2.0 * rear.peak(rear.static_load, rear.nominal_friction)
+    capacity = force * vehicle.wheelbase / (vehicle.mass_kg * vehicle.cg_to_front_axle_m)
+    return capacity, rear.peak_slip if slip is None else math.radians(slip)
 
 
 def breakpoints(config: Config) -> tuple[FloatArray, FloatArray]:

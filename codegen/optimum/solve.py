@@ -28,7 +28,7 @@ Method = Literal["exact", "ipopt"]
 def solve_case(
     config: Config, case: str, method: Method = "exact", progress: Callable[[int, int], None] | None = None
 ) -> ReferenceMap:
-    """The optimal map of a case.
+    """The map of a case: optimal, or of its law. Its configuration holds the case, also one of REFERENCE_CASES.
 
     A `passive_safe` case keeps of its operating points those that the car could drive without its rear steering as well.
 
@@ -42,6 +42,7 @@ def solve_case(
         MapError: no operating point of the grid is feasible, or none is left of a passive_safe case; or a steady turn is not
             found.
     """
+    config = config.with_case(case)
     chosen = config.case(case)
     turns = turns_of(config, chosen)
     speed, front_angle = breakpoints(config)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -23,7 +23,8 @@ __all__ = ["Edge", "LinearTurns", "Solution", "SteadyTurns", "passively_feasible
 
 
 class SteadyTurns(Protocol):
-    """The optima of one case on the continuous problem. Speeds in m/s above zero, front angles in rad from zero up.
+    """The optima of one case, or the turns of its law, on the continuous problem. Speeds in m/s above zero, front angles in rad
+    from zero up.
 
     All but `problem` may raise MapError where a steady turn is not found, with its operating point.
     """
@@ -68,7 +69,7 @@ class LinearTurns:
 
     def without_rear_steering(self) -> LinearTurns:
         """See `SteadyTurns`."""
-        return LinearTurns(replace(self.problem, rear_angle_max=0.0))
+        return LinearTurns(self.problem.without_rear_steering())
 
     def solve(self, speed: FloatArray, front_angle: FloatArray) -> Solution:
         """See `SteadyTurns`."""

@@ -78,7 +78,7 @@ def test_a_constraint_is_one_entry_of_the_list(tree: Copy) -> None:
     tree.after(limits, 'from its tangent at zero; bounds the slip angles"),\n    ] = 10.0\n', KEY)
     tree.after(limits, "        return math.radians(self.rear_angle_max_deg)\n", PROPERTY)
     bounds = "codegen/map_file/bounds.py"
-    tree.after(bounds, "    REAR_ANGLE = 16\n", "    FRONT_SIDESLIP = 32\n")
+    tree.after(bounds, "    ENVELOPE_SIDESLIP = 64\n", "    FRONT_SIDESLIP = 128\n")
     tree.replace(bounds, ')\n"""All bounds, by rising flag."""', BOUND + ')\n"""All bounds, by rising flag."""')
     problem = "codegen/optimum/problem.py"
     tree.after(problem, "    sideslip_weight: float\n", "    front_sideslip_max: float = math.inf\n")

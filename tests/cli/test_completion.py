@@ -48,7 +48,7 @@ def offered(shell: str, line: str, monkeypatch: pytest.MonkeyPatch, word: str | 
     ("line", "expected"),
     [
         ("codegen solve --case 4", ["4ws-1", "4ws-2"]),
-        ("codegen solve --config car.toml --case ", ["mine", "4ws-2"]),
+        ("codegen solve --config car.toml --case ", ["mine", "4ws-2", "zero-sideslip", "variable-wheelbase", "envelope"]),
         ("codegen solve --config broken.toml --case f", ["fws"]),
         ("codegen solve --config ", ["broken.toml", "car.toml", "made/", "other/"]),
         ("codegen show ", ["4ws2.npz", "a,b.npz", "made/", "my map.npz", "other/"]),
@@ -78,6 +78,7 @@ def test_names_copied_for_speed_match_the_project() -> None:
     assert list(options.SCENARIOS) == list(scenarios.BUILT_IN)
     for preset in get_args(Preset):
         assert list(configuration.preset(preset).cases) == list(options.OF_EVERY_CASE)
+    assert list(configuration.REFERENCE_CASES) == list(options.FOR_COMPARISON)
     assert set(options.run_to_write.endings or ()) == set(runs.FORMATS)
     assert set(options.log_to_write.endings or ()) == set(logs.FORMATS)
 

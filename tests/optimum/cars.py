@@ -5,6 +5,7 @@ The equations of `SteadyModel` come from the CasADi model through its Jacobian, 
 
 import functools
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
@@ -161,6 +162,10 @@ class SteadyModel:
         }
         if problem.rear_angle_max > 0.0:
             used[Binding.REAR_ANGLE] = np.abs(rear_angle) / problem.rear_angle_max
+        if math.isfinite(problem.envelope_rear_slip_max):
+            straight = sideslip - problem.car.rear_arm * yaw_rate / speed
+            used[Binding.ENVELOPE_SIDESLIP] = np.abs(straight) / problem.envelope_rear_slip_max
+            used[Binding.ENVELOPE_YAW_RATE] = np.abs(yaw_rate) * speed / problem.envelope_lateral_acceleration_max
         return Turns(sideslip, yaw_rate, used)
 
     def scan(self, speed: float, front_angle: float, points: int = 4_001) -> tuple[float, float] | None:

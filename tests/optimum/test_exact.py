@@ -30,9 +30,15 @@ def test_binding_sets_follow_their_definitions() -> None:
     """Slips and angles of the independent model decide, except within a tenth of the tolerance around it."""
     rng = np.random.default_rng(20_240_611)
     seen = 0
-    for _ in range(60):
+    for number in range(60):
         config = random_config(rng)
         model = SteadyModel.of(config, config.case(CASE))
+        if number % 2:  # with an envelope about as wide as the other bounds
+            envelope = {
+                "envelope_rear_slip_max": rng.uniform(0.01, 0.1),
+                "envelope_lateral_acceleration_max": rng.uniform(2.0, 9.0),
+            }
+            model = replace(model, problem=replace(model.problem, **envelope))
         speeds, angles = breakpoints(config)
         found = exact.solve(model.problem, speeds, angles)
         for i, j in np.argwhere(found.feasible)[::4]:
