@@ -10,7 +10,9 @@ Rules, with G(vx) the steady yaw gain of the passive car and ay_cap the largest 
 - a speed without a feasible cell takes its neighbours'.
 
 The rear angle follows the same rules: the optimum inside, and the value at the edge beyond it, which the linear car needs for
-the straight line of the third rule. A bare table has no rear angles: they are delta_f - r/G then.
+the straight line of the third rule. A bare table has no rear angles: they are delta_f - r/G then. A law (`optimum.rear_law`)
+meets the limit of grip with rear angle to spare. Beyond, the rear wheels steer in phase as the lookup does below its cap, so
+that the car can hold the yaw rate.
 
 Holding the last feasible yaw rate instead would demand less than the passive car reaches at 20 km/h and larger angles. The
 rear wheels would then steer in phase just where the driver wants to turn.
@@ -25,6 +27,7 @@ import numpy.typing as npt
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
+from codegen.ecu_map.lookup import SteeringConstants, capped_rear_angle
 from codegen.ecu_map.total import RULE_TEXT, CapSteering, Rule, TotalMap
 from codegen.errors import MapError
 from codegen.map_file.map import ReferenceMap
@@ -66,7 +69,8 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
     inside = _inside(reference_map, gain)
     turns = turns_behind(reference_map)
     edges = _edges(reference_map, inside, turns)
-    filled = _beyond_the_edges(inside, edges, speed, angles, gain)
+    follows_law = turns is not None and turns.problem.law is not None
+    filled = _beyond_the_edges(inside, edges, speed, angles, gain, steering if follows_law else None)
     zeros = _Zeros(speed, angles)
     return TotalMap(
         speed=zeros.speed,
@@ -100,8 +104,15 @@ def _inside(reference_map: ReferenceMap, gain: FloatArray) -> _Filled:
     return _Filled(yaw_rate, rear_angle, rule)
 
 
-def _beyond_the_edges(inside: _Filled, edges: _Edges, speed: FloatArray, angles: FloatArray, gain: FloatArray) -> _Filled:
-    """Return the map on `angles` (k,), which begin with its own."""
+def _beyond_the_edges(
+    inside: _Filled,
+    edges: _Edges,
+    speed: FloatArray,
+    angles: FloatArray,
+    gain: FloatArray,
+    steering: CapSteering | None,
+) -> _Filled:
+    """Return the map on `angles` (k,), which begin with its own. With `steering`, the rear wheels turn in phase beyond grip."""
     points = inside.yaw_rate.shape[1]
     yaw_rate, rear_angle = (np.full((speed.size, angles.size), np.nan) for _ in range(2))
     yaw_rate[:, :points], rear_angle[:, :points] = inside.yaw_rate, inside.rear_angle
@@ -112,7 +123,12 @@ def _beyond_the_edges(inside: _Filled, edges: _Edges, speed: FloatArray, angles:
     beyond = np.isnan(yaw_rate) & np.isfinite(edges.front_angle)[:, np.newaxis]
     grip = edges.grip_limited[:, np.newaxis]
     yaw_rate = np.where(beyond, np.where(grip, at_edge, slope_line), yaw_rate)
-    rear_angle = np.where(beyond, edges.rear_angle[:, np.newaxis], rear_angle)
+    rear_beyond = np.broadcast_to(edges.rear_angle[:, np.newaxis], rear_angle.shape)
+    if steering is not None:
+        car = SteeringConstants.of(steering, np.float64)
+        in_phase = capped_rear_angle(car, slope_line, rear_beyond, at_edge, speed[:, np.newaxis])
+        rear_beyond = np.where(grip, in_phase, rear_beyond)
+    rear_angle = np.where(beyond, rear_beyond, rear_angle)
     rule = np.where(beyond & grip, Rule.HOLD.value, rule)
     empty: BoolArray = np.any(np.isnan(yaw_rate), axis=1)
     rule = np.where(empty[:, np.newaxis], Rule.NEIGHBOUR.value, rule)
