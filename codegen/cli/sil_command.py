@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,18 +31,18 @@ from codegen.files import make_folder, resolved
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
+    from matplotlib.figure import Figure
 
     from codegen.sil.software import Software
     from hil_sim.bench import BenchResult
     from hil_sim.scenarios import Scenario
     from hil_sim.suite.cars import CarsResult
     from hil_sim.suite.requirements import Limits
-    from hil_sim.suite.tracking import SuiteResult
 
     Record = npt.NDArray[np.float64]
 
 
-SUITES = ("tracking", "cars")
+SUITES = ("tracking", "cars", "references")
 TOLD = 3
 """Number of missed figures in the error message; the tables contain all of them."""
 
@@ -68,20 +68,17 @@ class SuiteOutputs:
         place = self.folder if self.folder.is_dir() else resolved(self.folder).parent
         check_output(place / "overview.png", ".png")
 
-    def draw(self, result: SuiteResult) -> list[Path]:
-        """Write the pictures and return their paths."""
-        from codegen.report import suite_plots
+    def draw(self, overview: Callable[[], Figure], figures: Callable[[], Mapping[str, Figure]]) -> list[Path]:
+        """Write the overview, or all pictures by name, and return their paths."""
         from codegen.report.style import save
 
-        if self.plot is None and self.folder is None:
-            return []
         written = []
         if self.plot is not None:
-            save(suite_plots.overview_figure(result), self.plot)
+            save(overview(), self.plot)
             written.append(self.plot)
         if self.folder is not None:
             make_folder(self.folder)
-            for name, figure in suite_plots.figures(result).items():
+            for name, figure in figures().items():
                 save(figure, self.folder / f"{name}.png")
                 written.append(self.folder / f"{name}.png")
         return written
@@ -133,6 +130,7 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
         CheckFailed: a requirement is missed; everything is printed and written before.
         CodegenError: solving, tuning, building, compiling or writing fails.
     """
+    from codegen.report import suite_plots
     from codegen.report.suite_tables import failures, sections
     from hil_sim.suite.full_suite import run_full_suite
     from hil_sim.suite.subjects import of_folder, recommended
@@ -141,7 +139,8 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
     limits = _limits(limits_path)
     candidate = recommended() if build_path is None else of_folder(build_path)
     whole = run_full_suite(candidate, instructions_of_step, console.progress, limits)
-    result, written = whole.result, outputs.draw(whole.result)
+    result = whole.result
+    written = outputs.draw(lambda: suite_plots.overview_figure(result), lambda: suite_plots.figures(result))
     missed = failures(result.requirements)
     if outputs.as_json:
         facts = {"build": None if build_path is None else str(build_path), "candidate": candidate.title}
@@ -156,6 +155,32 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
         told = "1 figure misses its requirement" if len(missed) == 1 else f"{len(missed)} figures miss their requirements"
         what = f"{told}: {'; '.join(missed[:TOLD])}{more}"
         raise CheckFailed(what, where=build_path or "", remedy="see the first table")
+
+
+def run_references_command(build_path: Path | None, outputs: SuiteOutputs) -> None:
+    """Run the suite "references", print and draw the results. Nothing is judged.
+
+    Raises:
+        CodegenError: solving, tuning, building, compiling or writing fails.
+    """
+    from codegen.report import reference_plots, suite_plots
+    from codegen.report.reference_tables import reference_sections
+    from hil_sim.suite.references import run_references
+    from hil_sim.suite.subjects import of_folder, recommended
+
+    outputs.check()
+    candidate = recommended() if build_path is None else of_folder(build_path)
+    result = run_references(candidate, console.progress)
+
+    def pictures() -> dict[str, Figure]:
+        return {**suite_plots.figures(result.suite), "overview": reference_plots.references_figure(result)}
+
+    written = outputs.draw(lambda: reference_plots.references_figure(result), pictures)
+    if outputs.as_json:
+        facts = {"build": None if build_path is None else str(build_path), "configuration": candidate.title}
+        console.print_json({**facts, **result.to_dict(), "pictures": [str(path) for path in written]})
+        return
+    _say(f"suite references: {candidate.title.split(',')[0]}", reference_sections(result), written)
 
 
 def instructions_of_step(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> int:
@@ -224,7 +249,8 @@ class Choices(Outputs):
 @cli.command(
     short_help="Run the generated C in closed loop.",
     epilog=example(
-        "codegen sil --build generated/4ws2 --plot run.png\n  codegen sil --suite tracking\n  codegen sil --suite cars"
+        "codegen sil --build generated/4ws2 --plot run.png\n  codegen sil --suite tracking\n  codegen sil --suite cars\n"
+        "  codegen sil --suite references --plot references.png"
     ),
 )
 @click.option("--build", "build_path", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
@@ -253,8 +279,8 @@ class Choices(Outputs):
 @click.option(
     "--suite",
     metavar="NAME",
-    shell_complete=lambda *_: ["tracking", "cars"],
-    help="Run a test suite instead of a scenario: tracking (without --build: for the recommended preset), or cars.",
+    shell_complete=lambda *_: list(SUITES),
+    help="Run a test suite instead of a scenario: tracking or references (by default of the recommended preset), or cars.",
 )
 @click.option("--cars", type=click.IntRange(1, 1000), metavar="N", help="Number of random cars of --suite cars; by default 8.")
 @click.option(
@@ -276,6 +302,9 @@ def sil(context: click.Context, /, suite: str | None, cars: int | None, limits_p
     With --suite cars, draw plausible cars from a seed, solve, tune and build a controller for each, simulate all, and exit 1
     if a car misses a limit. Seed 1, the default of this suite, is for development. Seed 4 is for testing; nothing is tuned
     on it.
+
+    With --suite references, drive the controller in the same cells on other maps: the cases of the configuration and the
+    published references zero-sideslip, variable-wheelbase and envelope. Nothing is judged.
     """
     if cars is not None and suite != "cars":
         raise CodegenError("random cars belong to their suite", where="--cars", remedy="add --suite cars")
@@ -291,7 +320,11 @@ def sil(context: click.Context, /, suite: str | None, cars: int | None, limits_p
             raise CodegenError("a second folder for the pictures", where=given["files"][1], remedy="name one")
         folder = next(iter(given["files"]), None)
         outputs = SuiteOutputs(given["plot"], folder, given["as_json"])
-        if suite == "cars":
+        if suite == "references":
+            if limits_path is not None:
+                raise CodegenError("this suite has no limits", where="--limits", remedy="leave it out")
+            run_references_command(given["build_path"], outputs)
+        elif suite == "cars":
             run_cars_command(cars or CARS, given["seed"] if seeded else None, given["build_path"], outputs, limits_path)
         else:
             run_suite_command(given["build_path"], outputs, limits_path)

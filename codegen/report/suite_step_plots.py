@@ -12,12 +12,16 @@ from codegen.report.run_plots import SPIN_MARKER, SPIN_NAME, column, until_spin
 from codegen.report.style import (
     AFTER_STEP,
     BLACK,
+    BLUE,
     CONTROLLER_COLOURS,
+    GREEN,
     GREY,
     ORANGE,
+    PURPLE,
     REAR_ANGLE,
     SKY,
     SPEED_LABEL,
+    VERMILION,
     WHITE,
     line_handle,
     new_figure,
@@ -33,7 +37,7 @@ if TYPE_CHECKING:
     from hil_sim.suite.tracking import CellRuns, SuiteResult
 
 
-MORE_COLOURS = (ORANGE, GREY)
+MORE_COLOURS = (ORANGE, BLUE, GREEN, PURPLE, VERMILION, GREY)
 MARKERS = ("o", "s", "^", "D", "v", "P", "*")
 LIMIT: dict[str, Any] = {"color": BLACK, "linewidth": 1.0, "linestyle": (0, (5, 2)), "zorder": 1.5, "label": "_"}
 WARNING: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}
@@ -42,7 +46,8 @@ REFERENCE: dict[str, Any] = {"color": GREY, "linewidth": 1.2, "linestyle": (0, (
 
 def lines_of(result: SuiteResult) -> dict[str, dict[str, Any]]:
     """Return colour and line style of each subject; the one under test has the widest line."""
-    spare = iter(MORE_COLOURS * len(result.subjects))
+    taken = {CONTROLLER_COLOURS.get(name) for name in result.subjects}
+    spare = iter([colour for colour in MORE_COLOURS if colour not in taken] * len(result.subjects))
     looks: dict[str, dict[str, Any]] = {}
     for name in result.subjects:
         looks[name] = {"color": CONTROLLER_COLOURS.get(name) or next(spare), "linewidth": 2.2 if name == result.tested else 1.3}

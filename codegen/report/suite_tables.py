@@ -45,7 +45,7 @@ def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
     yield "Sine at the steering wheel, 10 % of the largest front angle: gain over the map's / phase (deg)", sine_table(result)
     if BASELINE in result.subjects and result.tested != BASELINE:
         worse = (_slower(result), _lags_more(result), _overshoots_more(result))
-        yield f"Where {result.tested} is worse", "\n".join(map(_wrapped, worse))
+        yield f"Where {result.tested} is worse", "\n".join(map(wrapped, worse))
     if result.timing:
         yield "Yaw moment of 2,000 N m at 90 km/h: rms yaw-rate error (deg/s), settled / from its onset", timing_table(result)
     if result.path_errors:
@@ -60,7 +60,8 @@ def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
 # --- laying out --------------------------------------------------------------------------------------------------------
 
 
-def _wrapped(text: str) -> str:
+def wrapped(text: str) -> str:
+    """Fill a text into lines of WIDTH."""
     return textwrap.fill(text, WIDTH, subsequent_indent="  ")
 
 
@@ -103,8 +104,8 @@ def explanation(rows: Sequence[Requirement], limits: Limits) -> str:
     keys = dict.fromkeys(row.key for row in rows if row.passed is False and row.key)
     if not keys:
         return ""
-    told = "\n".join(_wrapped(f"{key} = {getattr(limits, key):g}: {limits.why(key)}") for key in keys)
-    return f"{told}\n{_wrapped('To change a limit, write such a line into a TOML file and pass the file with --limits.')}"
+    told = "\n".join(wrapped(f"{key} = {getattr(limits, key):g}: {limits.why(key)}") for key in keys)
+    return f"{told}\n{wrapped('To change a limit, write such a line into a TOML file and pass the file with --limits.')}"
 
 
 def failures(rows: Sequence[Requirement]) -> list[str]:
@@ -139,7 +140,7 @@ def car_sections(result: CarsResult) -> Iterator[tuple[str, str]]:
         yield "Largest of all cells, and where", text_table(_CAR_HEADER, [_car_row(car) for car in driven])
     told = f"Cells: step steers at {speeds} km/h with {shares} % of the largest feasible front angle, one sample of delay."
     limits = "; ".join(f"{row.figure} {row.asked}" for row in driven[0].requirements) if driven else ""
-    yield "Limits of every car", _wrapped(f"{limits}. {told}")
+    yield "Limits of every car", wrapped(f"{limits}. {told}")
     if why := explanation([row for car in driven for row in car.requirements], result.limits):
         yield "Missed limits, and what they are for", why
     yield "Result", f"{result.passed} of {len(result.cars)} cars meet all limits"
@@ -203,7 +204,7 @@ def condition_tables(result: SuiteResult) -> Iterator[tuple[str, str]]:
         yield title, text_table(("", *result.subjects), rows)
     more = [f"{condition.title}: {condition.what}." for condition in result.conditions if condition.what]
     told = f"Cells: {_cells_text(result)}. A cell in which the car spins counts in the last table alone."
-    yield "How to read these five tables", _wrapped(" ".join([told, *more]))
+    yield "How to read these five tables", wrapped(" ".join([told, *more]))
 
 
 def _overshoot(summary: Summary) -> str:
@@ -410,4 +411,4 @@ def sets_text(result: SuiteResult) -> str:
         f"Structure: {STRUCTURE_SET}.",
         f"Test: {_cells_text(result)}. No gain was chosen on them, nor anything on the third party's car.",
     ]
-    return "\n".join(map(_wrapped, lines))
+    return "\n".join(map(wrapped, lines))
