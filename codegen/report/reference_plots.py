@@ -25,7 +25,7 @@ CUT_FRONT_ANGLE = math.radians(2.0)
 
 STEP_PANELS: tuple[tuple[str, Callable[[CellResult], float | None]], ...] = (
     ("Largest overshoot (%)", lambda each: each.overshoot_percent),
-    ("Largest rise time to 90 % (s)", lambda each: each.rise_time_s),
+    ("Largest rise time (s)", lambda each: each.rise_time_s),
     (r"Largest $|\beta|$ (deg)", lambda each: each.sideslip_max_deg),
 )
 
@@ -45,11 +45,11 @@ def references_figure(result: ReferencesResult) -> Figure:
                     axes.plot(one.speed / KM_H, at_front_angle(one, table, cut), label="_", **looks[name])
             axes.set(xlabel=SPEED_LABEL, ylabel=quantity.label)
             axes.grid(True)
-        above[1].set_title(f"The maps at {FRONT_ANGLE} = {math.degrees(cut):.3g} deg")
+        above[0].set_title(f"The maps at {FRONT_ANGLE} = {math.degrees(cut):.3g} deg")
         for axes, (label, figure_of) in zip(below, STEP_PANELS, strict=True):
             _draw_steps(axes, result, figure_of, looks)
             axes.set(xlabel=SPEED_LABEL, ylabel=label)
-        below[1].set_title("Step steers as configured, largest of all angles without a spin")
+        below[0].set_title("Step steers without a spin")
         figure.suptitle("References under the same controller")
         handles = name_handles(result.suite, looks)
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))

@@ -9,13 +9,15 @@ import pytest
 
 from codegen import configuration
 from codegen.errors import CodegenError
-from hil_sim.suite import cars, full_suite
+from codegen.report import suite_plots
+from hil_sim.suite import cars, full_suite, references
 from hil_sim.suite.cars import CarResult, CarsResult
 from hil_sim.suite.full_suite import FullSuite
 from hil_sim.suite.requirements import Limits, car_requirements, load
 from hil_sim.suite.runs import summarise
 from hil_sim.suite.subjects import Candidate
 from hil_sim.suite.tracking import ExternalFigures, SuiteResult
+from tests.report import test_references as made_references
 from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, margins, with_table
 
 from .conftest import Refused, Run, everything_in
@@ -128,3 +130,23 @@ def test_suite_of_random_cars(run: Run, monkeypatch: pytest.MonkeyPatch, here: P
     assert answer.code == 1 and "car 2: 2,000 kg" in answer.out
     expected = "error: 1 of 3 cars meet all limits: car 2: overshoot 5.50 % (at most 5 %); car 3: no gains; see the tables"
     assert answer.err.splitlines()[-1] == expected
+
+
+def test_suite_of_references(run: Run, refused: Refused, monkeypatch: pytest.MonkeyPatch, here: Path) -> None:
+    seen: list[Candidate] = []
+    result = made_references.made()
+    monkeypatch.setattr(references, "run_references", lambda candidate, _: (seen.append(candidate), result)[1])
+    monkeypatch.setattr(suite_plots, "figures", lambda shown: {"price": suite_plots.price_figure(shown)})
+    answer = run("sil", "--suite", "references", "--plot", "overview.png", "-o", "pictures")
+    assert answer.code == 0, answer
+    assert answer.out.startswith("suite references: the recommended preset\n\nReferences under the same controller")
+    assert "plot: overview.png" in answer.out and "plot: pictures/price.png" in answer.out
+    assert Path("overview.png").read_bytes() == Path("pictures/overview.png").read_bytes()
+    data = json.loads(run("sil", "--suite", "references", "--json").out)
+    assert (data["same_as"], data["feasible_percent"]["pi"], data["pictures"]) == ({"envelope": "pi"}, 20.0, [])
+    assert "requirements" not in data and data["configuration"].startswith("the recommended preset")
+    assert [candidate.config for candidate in seen] == [configuration.preset("recommended")] * 2
+    Path("limits.toml").write_text("", encoding="utf-8")
+    assert "--limits: this suite has no limits; leave it out" in refused(
+        "sil", "--suite", "references", "--limits", "limits.toml"
+    )
