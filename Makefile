@@ -62,6 +62,7 @@ generated: $(READY) ## the committed reference output in generated/, and README'
 	@$(BIN)/codegen paper -o build >/dev/null
 	@mkdir -p docs/images && cp build/overview.png docs/images/overview.png
 	@$(BIN)/codegen sil --suite tracking --plot docs/images/tracking.png >/dev/null
+	@$(BIN)/codegen sil --suite references --plot docs/images/references.png >/dev/null
 	@$(BIN)/codegen sil --build generated/4ws2-paper --can --scenario ecu-loss --plot docs/images/ecu-loss.png >/dev/null
 
 wheel: $(READY) ## sdist, and the wheel built from it, in dist/

@@ -102,7 +102,7 @@ BOUNDS = (
         Binding.ENVELOPE_SIDESLIP,
         "sideslip envelope",
         "rad",
-        "#882255",
+        "#7F3C8D",
         "envelope_rear_slip_max",
         lambda turn: turn.slip_rear + turn.rear_angle,
         of_case="envelope",
