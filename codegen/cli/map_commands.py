@@ -75,34 +75,57 @@ def init(folder: Path, preset: str) -> None:
     metavar="LIST",
     help="Solve a stack, such as 0.3,0.5,0.7,0.9: one map for each friction; the largest is road.friction.",
 )
+@click.option(
+    "--longitudinal-acceleration",
+    "acceleration_list",
+    metavar="LIST",
+    help="Solve a stack over longitudinal acceleration in m/s^2, such as -4,0,3; 0 is the map itself. It cannot be built yet.",
+)
 @json_option
-def solve(config_path: Path | None, case: str, output: Path, method: str, friction_list: str | None, as_json: bool) -> None:
+def solve(
+    config_path: Path | None,
+    case: str,
+    output: Path,
+    method: str,
+    friction_list: str | None,
+    acceleration_list: str | None,
+    as_json: bool,
+) -> None:
     """Solve the optimisation of one case on the configured grid and write the map."""
     from codegen.emit.outputs import check_output
     from codegen.map_file import map as npz
     from codegen.map_file.map import choose_config
-    from codegen.optimum.solve import Method, solve_case, solve_stack
+    from codegen.optimum.like_friction import friction_errors
+    from codegen.optimum.solve import ACCELERATION_OPTION, Method, solve_acceleration_stack, solve_case, solve_stack
     from codegen.plausibility.car import Handling, car_warnings
     from codegen.plausibility.map import MapFacts, map_warnings
     from codegen.report.summary import map_summary
 
     check_output(output, ".npz", (config_path,))
+    if friction_list is not None and acceleration_list is not None:
+        raise CodegenError("a map has one stack", where=ACCELERATION_OPTION, remedy="leave it or --friction out")
     friction = None if friction_list is None else _numbers(friction_list, "--friction")
+    acceleration = None if acceleration_list is None else _numbers(acceleration_list, ACCELERATION_OPTION)
     chosen = choose_config(None, config_path)
     solver: Method = "ipopt" if method == "ipopt" else "exact"
     title = f"solving {case}" + ("" if friction is None else f" for {len(friction)} frictions")
+    title += "" if acceleration is None else f" for {len(acceleration)} accelerations"
     with within(config_path or "the paper's preset"), console.progress(title) as progress:
-        if friction is None:
-            reference_map = solve_case(chosen.config, case, solver, progress)
-        else:
+        if friction is not None:
             reference_map = solve_stack(chosen.config, case, friction, solver, progress)
+        elif acceleration is not None:
+            reference_map = solve_acceleration_stack(chosen.config, case, acceleration, solver, progress)
+        else:
+            reference_map = solve_case(chosen.config, case, solver, progress)
+        alike = friction_errors(reference_map)
     npz.save(reference_map, output)
     summary = map_summary(reference_map)
     handling, facts = Handling.from_config(chosen.config), MapFacts.of_map(reference_map, chosen.config)
     warnings = [*car_warnings(chosen.config), *map_warnings(reference_map, chosen.config)]
     if as_json:
         origin = {"map": str(output), "configuration": chosen.source, "warnings": warnings}
-        console.print_json({**origin, "handling": handling.to_dict(), **facts.to_dict(), **summary.to_dict()})
+        like = {"like_friction": [one.to_dict() for one in alike]} if alike else {}
+        console.print_json({**origin, "handling": handling.to_dict(), **facts.to_dict(), **summary.to_dict(), **like})
         return
     console.note(*chosen.notes)
     if config_path is None:
@@ -111,6 +134,7 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
     console.say(f"{output}: {summary.headline}")
     console.say(f"car: {handling}")
     console.say(*(f"map: {line}" for line in facts.lines()))
+    console.say(*(f"map: {one.line}" for one in alike))
 
 
 @cli.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))

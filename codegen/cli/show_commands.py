@@ -99,6 +99,9 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
         console.say(
             text_table(("friction", "feasible cells", "share", "lateral acceleration, largest [m/s^2]"), summary.stack_rows)
         )
+    if summary.acceleration_rows:
+        header = ("longitudinal acceleration [m/s^2]", "feasible cells", "share", "lateral, largest [m/s^2]", "like friction")
+        console.say("", text_table(header, summary.acceleration_rows))
     if plot is not None:
         console.say(f"\nplot: {plot}")
 

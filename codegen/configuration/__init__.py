@@ -27,6 +27,7 @@ from codegen.configuration.car import (
     Case,
     Grid,
     Limits,
+    Longitudinal,
     Plant,
     RearActuator,
     Road,
@@ -57,6 +58,7 @@ __all__ = [
     "Kind",
     "Limiter",
     "Limits",
+    "Longitudinal",
     "Plant",
     "RearActuator",
     "Road",
@@ -119,6 +121,8 @@ class Config(Section):
             "4ws-2": Case(sideslip_weight_per_s2=3000.0, tyre_model="magic-formula"),
         }
     )
+    # Omitted where unset, so that maps and builds without a stack over acceleration do not change.
+    longitudinal: Longitudinal = Field(default=Longitudinal(), exclude_if=lambda own: own == Longitudinal())
     steering: Steering = Steering()
     rear_actuator: RearActuator = RearActuator()
     controller: Controller = Controller()

@@ -207,6 +207,17 @@ class Grid(Section):
         return self
 
 
+class Longitudinal(Section):
+    """Distribution of brake and drive forces, for `codegen solve --longitudinal-acceleration`.
+
+    By default the front axle brakes with 65 %. That of the preset's car then meets its grip before the rear axle for all
+    decelerations up to 0.8 g, as UN Regulation 13-H (annex 5) requires. Both axles drive alike.
+    """
+
+    brake_front_share: Annotated[float, Range(0.0, 1.0), Meaning("share of the brake force on the front axle")] = 0.65
+    drive_front_share: Annotated[float, Range(0.0, 1.0), Meaning("share of the drive force on the front axle")] = 0.5
+
+
 class Steering(Section):
     """Front steering: from the driver's hands to the road wheels."""
 

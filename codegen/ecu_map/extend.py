@@ -57,9 +57,11 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
         front_angle_stop: rad, the mechanical stop to reach; by default the configuration's.
 
     Raises:
-        MapError: no cell is feasible, or the car of the configuration is unstable at a speed of the map.
+        MapError: no cell is feasible, the car of the configuration is unstable at a speed of the map, or the map has a stack
+            that cannot be built.
     """
     config = reference_map.config or config
+    reference_map.require_buildable()
     if not reference_map.feasible.any():
         raise MapError("no cell is feasible", where="feasible", remedy="relax the limits or check the vehicle data")
     speed, front_angle = reference_map.speed, reference_map.front_angle

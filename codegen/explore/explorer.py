@@ -373,6 +373,8 @@ def opened(map_path: Path, config_path: Path | None = None) -> Explorer:
     notes = []
     if reference_map.layers:
         notes.append("the maps for lower frictions are not used: settings are solved for their own friction")
+    if reference_map.acceleration_layers:
+        notes.append("the maps for longitudinal accelerations are not used")
     if config_path is not None and reference_map.config is not None:
         notes.append(f"the map is solved again with {config_path.name}; the one in the file is not used")
     with within(config_path or map_path):

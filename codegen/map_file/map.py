@@ -8,6 +8,9 @@ That map is for the friction of its configuration, `road.friction`. A stack adds
 same axes: `friction` (k,) rising by 0.01 or more, all as far below that of the map, and `friction_yaw_rate` (k, n, m) with
 `friction_feasible` and, exactly where the map has the table itself, `friction_beta`, `friction_delta_r`, `friction_active`.
 Each layer meets the same contract as the map. Older readers still find the first map under the original keys.
+
+A stack over the longitudinal acceleration instead has `longitudinal_acceleration` (k,) in m/s^2, rising by 0.5 or more and
+without zero, for which the map itself is, and tables with that prefix. A map has one of the two at most.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +32,7 @@ from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.files import write_atomically
 from codegen.map_file import archive, tables
 from codegen.map_file.bounds import BOUNDS, Binding
+from codegen.map_file.longitudinal import under_acceleration
 from codegen.map_file.tables import KEYS, UNITS, BindingArray
 from codegen.units import GRAVITY
 from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
@@ -59,7 +63,18 @@ def on_road(config: Config, friction: float) -> Config:
     return parse(changed.model_dump(mode="json"), f"on a road of friction {friction:g}")
 
 
-__all__ = ["Binding", "FrictionLayer", "ReferenceMap", "from_arrays", "from_bytes", "load", "make_meta", "save", "to_bytes"]
+__all__ = [
+    "AccelerationLayer",
+    "Binding",
+    "FrictionLayer",
+    "ReferenceMap",
+    "from_arrays",
+    "from_bytes",
+    "load",
+    "make_meta",
+    "save",
+    "to_bytes",
+]
 
 SCHEMA_VERSION = 1
 
@@ -81,6 +96,14 @@ class FrictionLayer:
     map: ReferenceMap
 
 
+@dataclass(frozen=True)
+class AccelerationLayer:
+    """One longitudinal acceleration of a stack (m/s^2, negative while the car brakes) and its map, on the same axes."""
+
+    acceleration: float
+    map: ReferenceMap
+
+
 @dataclass(frozen=True, eq=False)
 class ReferenceMap:
     """Yaw rates for n speeds and m front angles, in left turns: right turns mirror them. SI units, ISO 8855 signs.
@@ -98,9 +121,10 @@ class ReferenceMap:
         meta: the parsed JSON of the file; {} where it has none.
         layers: the stack, lowest friction first; () where the file has none. A layer's map always has the configuration
             (`on_road`), case and meta of this one: replacing those here replaces them there.
+        acceleration_layers: the same over longitudinal acceleration (`under_acceleration`), the strongest braking first.
 
     Raises:
-        ConfigError: the configuration is invalid for a friction of the stack.
+        ConfigError: the configuration is invalid for a layer of the stack.
     """
 
     speed: FloatArray
@@ -114,16 +138,42 @@ class ReferenceMap:
     case: str | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
     layers: tuple[FrictionLayer, ...] = ()
+    acceleration_layers: tuple[AccelerationLayer, ...] = ()
 
     def __post_init__(self) -> None:
         if self.layers:
-            own = tuple(FrictionLayer(layer.friction, self._of_this_car(layer)) for layer in self.layers)
-            object.__setattr__(self, "layers", own)
+            roads = tuple(FrictionLayer(one.friction, self._of_this_car(one.map, on_road, one.friction)) for one in self.layers)
+            object.__setattr__(self, "layers", roads)
+        if self.acceleration_layers:
+            moving = tuple(
+                AccelerationLayer(one.acceleration, self._of_this_car(one.map, under_acceleration, one.acceleration))
+                for one in self.acceleration_layers
+            )
+            object.__setattr__(self, "acceleration_layers", moving)
 
-    def _of_this_car(self, layer: FrictionLayer) -> ReferenceMap:
-        config = None if self.config is None else on_road(self.config, layer.friction)
+    def _of_this_car(self, of_layer: ReferenceMap, change: Callable[[Config, float], Config], value: float) -> ReferenceMap:
+        config = None if self.config is None else change(self.config, value)
         changes = {} if config is None else {"configuration": config.model_dump(mode="json")}
-        return replace(layer.map, config=config, case=self.case, meta={**self.meta, **changes}, layers=())
+        meta = {**self.meta, **changes}
+        return replace(of_layer, config=config, case=self.case, meta=meta, layers=(), acceleration_layers=())
+
+    @property
+    def stack(self) -> tuple[tables.Stack, tuple[tuple[float, ReferenceMap], ...]] | None:
+        """What the stack is over, with the value and the map of each layer; None without a stack."""
+        if self.layers:
+            return tables.FRICTION, tuple((layer.friction, layer.map) for layer in self.layers)
+        if self.acceleration_layers:
+            return tables.ACCELERATION, tuple((layer.acceleration, layer.map) for layer in self.acceleration_layers)
+        return None
+
+    def require_buildable(self) -> None:
+        """Raise MapError for a stack over longitudinal acceleration, which the generated C does not have."""
+        if self.acceleration_layers:
+            raise MapError(
+                "the generated C has no stack over longitudinal acceleration",
+                where=tables.ACCELERATION.key,
+                remedy="solve the case without --longitudinal-acceleration, or with --friction, whose stack can be built",
+            )
 
     @property
     def solved(self) -> bool:
@@ -180,23 +230,30 @@ def from_arrays(arrays: Mapping[str, AnyArray], where: object) -> ReferenceMap:
     base = ReferenceMap(
         speed, front_angle, own.yaw_rate, own.feasible, own.sideslip, own.rear_angle, own.active, config, case, meta
     )
-    friction = tables.read_frictions(arrays, where)
-    if not friction.size:
-        return base
-    if config is not None:
-        tables.check_below_design(friction, config.road.friction, where)
-    stack = tables.read_tables(arrays, (friction.size, *shape), where)
-    tables.check_lateral_acceleration(speed, stack.yaw_rate, gravity, where)
-    return _with_stack(base, friction, stack, where)
+    for stack in tables.STACKS:
+        values = tables.read_stack_values(arrays, stack, where)
+        if not values.size:
+            continue
+        if stack is tables.ACCELERATION:
+            tables.check_not_zero(values, where)
+        elif config is not None:
+            tables.check_below_design(values, config.road.friction, where)
+        layers = tables.read_tables(arrays, (values.size, *shape), where, stack)
+        tables.check_lateral_acceleration(speed, layers.yaw_rate, gravity, where, stack)
+        return _with_stack(base, stack, values, layers, where)
+    return base
 
 
-def _with_stack(base: ReferenceMap, friction: FloatArray, stack: tables.Tables, where: object) -> ReferenceMap:
-    layers = [
-        FrictionLayer(float(value), replace(base, **{name: getattr(layer, name) for name in ATTRIBUTES.values()}))
-        for value, layer in zip(friction, (stack.layer(index) for index in range(friction.size)), strict=True)
-    ]
+def _with_stack(
+    base: ReferenceMap, stack: tables.Stack, values: FloatArray, layers: tables.Tables, where: object
+) -> ReferenceMap:
+    of_layers = (layers.layer(index) for index in range(values.size))
+    maps = [replace(base, **{name: getattr(layer, name) for name in ATTRIBUTES.values()}) for layer in of_layers]
+    pairs = list(zip(values.tolist(), maps, strict=True))
     try:
-        return replace(base, layers=tuple(layers))
+        if stack is tables.ACCELERATION:
+            return replace(base, acceleration_layers=tuple(AccelerationLayer(*pair) for pair in pairs))
+        return replace(base, layers=tuple(FrictionLayer(*pair) for pair in pairs))
     except ConfigError as error:
         raise MapError(error.what, where=f"{where}: {error.where}", remedy=error.remedy) from error
 
@@ -239,33 +296,35 @@ def save(reference_map: ReferenceMap, path: Path) -> None:
 def _arrays(reference_map: ReferenceMap, where: object) -> dict[str, AnyArray]:
     arrays: dict[str, AnyArray | None] = {"vx": reference_map.speed, "delta_f": reference_map.front_angle}
     arrays |= {key: getattr(reference_map, name) for key, name in ATTRIBUTES.items()}
-    if reference_map.layers:
-        arrays |= _stacked(reference_map, where)
+    if reference_map.stack is not None:
+        arrays |= _stacked(reference_map, *reference_map.stack, where)
     if reference_map.meta:
         text = json.dumps(dict(reference_map.meta), sort_keys=True, separators=(",", ":"), allow_nan=False)
         arrays["meta"] = np.array(text)
     return {key: array for key, array in arrays.items() if array is not None}
 
 
-def _stacked(reference_map: ReferenceMap, where: object) -> dict[str, AnyArray]:
+def _stacked(
+    reference_map: ReferenceMap, stack: tables.Stack, layers: Sequence[tuple[float, ReferenceMap]], where: object
+) -> dict[str, AnyArray]:
     """Return the arrays of the stack by key. Raises MapError if a layer does not match the map that it belongs to."""
     shape = (reference_map.speed.size, reference_map.front_angle.size)
     attributes = {key: name for key, name in ATTRIBUTES.items() if getattr(reference_map, name) is not None}
-    for index, layer in enumerate(reference_map.layers):
-        of_layer = {key: getattr(layer.map, name) for key, name in ATTRIBUTES.items()}
+    for index, (_, own) in enumerate(layers):
+        of_layer = {key: getattr(own, name) for key, name in ATTRIBUTES.items()}
         if not (
-            np.array_equal(layer.map.speed, reference_map.speed)
-            and np.array_equal(layer.map.front_angle, reference_map.front_angle)
+            np.array_equal(own.speed, reference_map.speed)
+            and np.array_equal(own.front_angle, reference_map.front_angle)
             and {key: table.shape for key, table in of_layer.items() if table is not None} == dict.fromkeys(attributes, shape)
         ):
             raise MapError(
                 "this layer does not have the axes and the tables of the map",
-                where=f"{where}: friction[{index}]",
-                remedy="make it with optimum.solve.solve_stack",
+                where=f"{where}: {stack.key}[{index}]",
+                remedy="make it with `codegen solve`",
             )
-    arrays = {"friction": np.array([layer.friction for layer in reference_map.layers], dtype=np.float64)}
+    arrays = {stack.key: np.array([value for value, _ in layers], dtype=np.float64)}
     for key, name in attributes.items():
-        arrays[tables.STACK_PREFIX + key] = np.stack([getattr(layer.map, name) for layer in reference_map.layers])
+        arrays[stack.prefix + key] = np.stack([getattr(own, name) for _, own in layers])
     return arrays
 
 

@@ -1,6 +1,7 @@
 """The arrays under the keys of the `.npz` file, checked one by one; messages name key and index.
 
-The tables of the map are (n, m), those of its stack of lower frictions (k, n, m): the same checks, with one index more.
+The tables of the map are (n, m), those of its stack over friction or longitudinal acceleration (k, n, m): the same checks, with
+one index more.
 """
 
 from __future__ import annotations
@@ -25,16 +26,36 @@ UNITS = {"vx": "m/s", "delta_f": "rad", "yaw_rate": "rad/s", "beta": "rad", "del
 TABLES = ("yaw_rate", "beta", "delta_r", "feasible", "active")
 OPTIONAL_TABLES = ("beta", "delta_r", "active")
 """Tables without a default. Each is present in both the map and its stack, or in neither."""
-STACK_PREFIX = "friction_"
-KEYS = (*UNITS, "friction", *(STACK_PREFIX + key for key in TABLES), "meta")
+
+
+class Stack(NamedTuple):
+    """What a stack is over: the key of its values (k,), the least step between them, words for messages, and an example."""
+
+    key: str
+    step: float
+    one: str
+    many: str
+
+    @property
+    def prefix(self) -> str:
+        """Prefix of the keys of its tables."""
+        return f"{self.key}_"
+
+
+FRICTION = Stack("friction", 0.01, "friction", "frictions")
+"""Step: the resolution of an estimate, and large enough to interpolate in single precision."""
+ACCELERATION = Stack("longitudinal_acceleration", 0.5, "acceleration", "accelerations")
+"""m/s^2; negative while the car brakes. Step: a small part of what a driver notices."""
+STACKS = (FRICTION, ACCELERATION)
+STACK_PREFIX = FRICTION.prefix
+KEYS = (*UNITS, *(key for stack in STACKS for key in (stack.key, *(stack.prefix + table for table in TABLES))), "meta")
 KINDS = {"b": "boolean", "c": "complex", "U": "text", "S": "text", "V": "record", "M": "date", "m": "duration", "O": "object"}
 
 MAX_LAYERS = 32
 """Limit on the layers of a file, far above what fits into an ECU."""
-FRICTION_STEP_MIN = 0.01
-"""Least step between frictions: the resolution of an estimate, and large enough to interpolate in single precision."""
-FRICTION_STEP_SLACK = 1e-9
-"""Rounding of decimal frictions: 0.29 - 0.28 is a little less than 0.01."""
+FRICTION_STEP_MIN = FRICTION.step
+STEP_SLACK = 1e-9
+"""Rounding of decimal values: 0.29 - 0.28 is a little less than 0.01."""
 
 
 ALL_BINDING = sum(Binding)
@@ -49,6 +70,7 @@ class _Plausible(NamedTuple):
 
 
 _IN_DEGREES = "if it is in degrees, multiply by pi/180"
+_IN_G = "no car with tyres alone brakes or accelerates so much"
 _PEAK_FRICTION = "give the peak friction of the road, such as 0.3"
 PLAUSIBLE = {
     "vx": _Plausible(0.0, 150.0, "m/s", "leave reverse out: the map is for forward speeds", "if it is in km/h, divide by 3.6"),
@@ -59,6 +81,7 @@ PLAUSIBLE = {
     "beta": _Plausible(-0.5, 0.5, "rad", _IN_DEGREES, _IN_DEGREES),
     "delta_r": _Plausible(-0.5, 0.5, "rad", _IN_DEGREES, _IN_DEGREES),
     "friction": _Plausible(0.05, 1.5, "", _PEAK_FRICTION, _PEAK_FRICTION),
+    "longitudinal_acceleration": _Plausible(-15.0, 15.0, "m/s^2", _IN_G, _IN_G),
 }
 """Plausible range of each quantity (SI), and the likely mistakes below and above it."""
 
@@ -74,7 +97,7 @@ class Tables:
     active: BindingArray | None
 
     def layer(self, index: int) -> Tables:
-        """The (n, m) tables of one friction of a stack."""
+        """The (n, m) tables of one layer of a stack."""
         sideslip, rear_angle, active = (
             None if table is None else table[index] for table in (self.sideslip, self.rear_angle, self.active)
         )
@@ -91,16 +114,24 @@ def check_keys(keys: Iterable[str], where: object) -> None:
                 where=f"{where}: {key}",
                 remedy=f"add it, in {UNITS[key]}; the file holds {', '.join(present) or 'nothing'}",
             )
-    stacked = [key for key in KEYS if key.startswith(STACK_PREFIX) and key in present]
-    if "friction" not in present:
+    for stack in STACKS:
+        _check_stack_keys(present, stack, where)
+    if all(stack.key in present for stack in STACKS):
+        remedy = f"leave out the keys of one, such as {ACCELERATION.key}"
+        raise MapError("a map has one stack at most", where=f"{where}: {ACCELERATION.key}", remedy=remedy)
+
+
+def _check_stack_keys(present: list[str], stack: Stack, where: object) -> None:
+    stacked = [key for key in KEYS if key.startswith(stack.prefix) and key in present]
+    if stack.key not in present:
         if stacked:
-            remedy = f"add it, the friction of each layer of {stacked[0]}, or leave out {', '.join(stacked)}"
-            raise MapError("this key is missing", where=f"{where}: friction", remedy=remedy)
+            remedy = f"add it, the {stack.one} of each layer of {stacked[0]}, or leave out {', '.join(stacked)}"
+            raise MapError("this key is missing", where=f"{where}: {stack.key}", remedy=remedy)
         return
     for key in ("yaw_rate", *OPTIONAL_TABLES):
-        of_stack = STACK_PREFIX + key
+        of_stack = stack.prefix + key
         if key in present and of_stack not in present:
-            remedy = f"add it, {key} for each friction, or leave out friction" + (
+            remedy = f"add it, {key} for each {stack.one}, or leave out {stack.key}" + (
                 f" and {', '.join(stacked)}" if stacked else ""
             )
             raise MapError("this key is missing", where=f"{where}: {of_stack}", remedy=remedy)
@@ -128,31 +159,42 @@ def read_axis(arrays: Mapping[str, AnyArray], key: str, where: object) -> FloatA
     return values
 
 
-def read_frictions(arrays: Mapping[str, AnyArray], where: object) -> FloatArray:
-    """Return the frictions (k,) of the stack, rising by FRICTION_STEP_MIN or more; (0,) without a stack. Raises MapError."""
-    if "friction" not in arrays:
+def read_stack_values(arrays: Mapping[str, AnyArray], stack: Stack, where: object) -> FloatArray:
+    """Return the values (k,) of a stack, rising by its step or more; (0,) without that stack. Raises MapError."""
+    if stack.key not in arrays:
         return np.empty(0)
-    values = _numbers(arrays, "friction", None, where)
+    values = _numbers(arrays, stack.key, None, where)
     if not 1 <= values.size <= MAX_LAYERS:
         remedy = f"give 1 to {MAX_LAYERS}, or leave out all keys of the stack"
-        raise MapError(f"{values.size} frictions", where=f"{where}: friction", remedy=remedy)
+        raise MapError(f"{values.size} {stack.many}", where=f"{where}: {stack.key}", remedy=remedy)
     for index in np.argwhere(~np.isfinite(values))[:1]:
-        raise MapError(f"{values[index[0]]} on an axis", where=_at(where, "friction", index), remedy="give a finite friction")
-    _check_plausible(values, "friction", "friction", where)
-    for index in np.argwhere(np.diff(values) < FRICTION_STEP_MIN - FRICTION_STEP_SLACK)[:1] + 1:
+        remedy = f"give a finite {stack.one}"
+        raise MapError(f"{values[index[0]]} on an axis", where=_at(where, stack.key, index), remedy=remedy)
+    _check_plausible(values, stack.key, stack.key, where)
+    for index in np.argwhere(np.diff(values) < stack.step - STEP_SLACK)[:1] + 1:
         left, right = values[index[0] - 1], values[index[0]]
         raise MapError(
-            f"{right:.9g} is not at least {FRICTION_STEP_MIN:g} above the friction before it ({left:.9g})",
-            where=_at(where, "friction", index),
-            remedy="sort the frictions, with the layers of the tables, and remove doubles",
+            f"{right:.9g} is not at least {stack.step:g} above the {stack.one} before it ({left:.9g})",
+            where=_at(where, stack.key, index),
+            remedy=f"sort the {stack.many}, with the layers of the tables, and remove doubles",
         )
     values.setflags(write=False)
     return values
 
 
+def check_not_zero(acceleration: FloatArray, where: object) -> None:
+    """Reject accelerations (k,) of a stack at that of the map itself, zero. Raises MapError."""
+    for index in np.argwhere(np.abs(acceleration) < ACCELERATION.step - STEP_SLACK)[:1]:
+        raise MapError(
+            f"{acceleration[index[0]]:.9g} is not at least {ACCELERATION.step:g} from zero, for which the map itself is",
+            where=_at(where, ACCELERATION.key, index),
+            remedy="leave that layer out",
+        )
+
+
 def check_below_design(friction: FloatArray, design: float, where: object) -> None:
     """Reject frictions (k,) of a stack unless all are below the design friction. Raises MapError."""
-    for index in np.argwhere(friction > design - FRICTION_STEP_MIN + FRICTION_STEP_SLACK)[:1]:
+    for index in np.argwhere(friction > design - FRICTION_STEP_MIN + STEP_SLACK)[:1]:
         raise MapError(
             f"{friction[index[0]]:.9g} is not at least {FRICTION_STEP_MIN:g} below the friction of the map itself "
             f"(road.friction = {design:.9g})",
@@ -161,24 +203,26 @@ def check_below_design(friction: FloatArray, design: float, where: object) -> No
         )
 
 
-def read_tables(arrays: Mapping[str, AnyArray], shape: tuple[int, ...], where: object) -> Tables:
-    """Return the tables of the map if `shape` is (n, m), or those of its stack if it is (k, n, m).
+def read_tables(arrays: Mapping[str, AnyArray], shape: tuple[int, ...], where: object, stack: Stack | None = None) -> Tables:
+    """Return the tables of the map, `shape` (n, m), or those of a stack, `shape` (k, n, m).
 
     Raises:
         MapError: the first fault, with its key and index.
     """
-    prefix = STACK_PREFIX if len(shape) == 3 else ""
-    feasible = _feasible(arrays, f"{prefix}feasible", shape, where)
+    prefix = stack.prefix if stack is not None else ""
+    feasible = _feasible(arrays, f"{prefix}feasible", shape, where, stack)
     cells = {
-        key: _cells(arrays, prefix + key, key, feasible, where)
+        key: _cells(arrays, prefix + key, key, feasible, where, stack)
         for key in ("yaw_rate", "beta", "delta_r")
         if prefix + key in arrays
     }
-    active = _active(arrays, f"{prefix}active", shape, where)
+    active = _active(arrays, f"{prefix}active", shape, where, stack)
     return Tables(cells["yaw_rate"], feasible, cells.get("beta"), cells.get("delta_r"), active)
 
 
-def check_lateral_acceleration(speed: FloatArray, yaw_rate: FloatArray, gravity: float, where: object) -> None:
+def check_lateral_acceleration(
+    speed: FloatArray, yaw_rate: FloatArray, gravity: float, where: object, stack: Stack | None = None
+) -> None:
     """Reject yaw rates, (n, m) or (k, n, m), that no tyre allows at their speed. Raises MapError."""
     in_g = speed[:, np.newaxis] * yaw_rate / gravity
     # A map on the bound itself may lie above it by rounding.
@@ -187,7 +231,7 @@ def check_lateral_acceleration(speed: FloatArray, yaw_rate: FloatArray, gravity:
         raise MapError(
             f"{yaw_rate[cell]:.4g} rad/s at vx[{i}] = {speed[i]:.4g} m/s is {in_g[cell]:.3g} g of lateral acceleration, "
             f"above {LATERAL_ACCELERATION_MAX_G:g} g",
-            where=_at(where, "yaw_rate" if yaw_rate.ndim == 2 else f"{STACK_PREFIX}yaw_rate", index),
+            where=_at(where, "yaw_rate" if stack is None else f"{stack.prefix}yaw_rate", index),
             remedy="check whether vx is in km/h or yaw_rate in deg/s",
         )
 
@@ -201,7 +245,9 @@ def _at(where: object, key: str, index: Iterable[np.intp]) -> str:
     return f"{where}: {key}[{', '.join(str(i) for i in index)}]"
 
 
-def _numbers(arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...] | None, where: object) -> FloatArray:
+def _numbers(
+    arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...] | None, where: object, stack: Stack | None = None
+) -> FloatArray:
     """Return a float64 copy of real numbers (any integer or floating type) of a shape (None: one axis of any length)."""
     array = np.asarray(arrays[key])
     place = f"{where}: {key}"
@@ -212,8 +258,8 @@ def _numbers(arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...] | 
         raise MapError(f"shape {array.shape}, where one dimension is needed", where=place, remedy="save it with .ravel()")
     if shape is not None and array.shape != shape:
         axes, remedy = "vx by delta_f", "give a row for each vx and a column for each delta_f"
-        if len(shape) == 3:
-            axes, remedy = f"friction by {axes}", f"for each friction {remedy}"
+        if stack is not None:
+            axes, remedy = f"{stack.key} by {axes}", f"for each {stack.one} {remedy}"
         remedy = "transpose it" if array.shape == shape[::-1] else remedy
         raise MapError(f"shape {array.shape}, where {shape} is needed ({axes})", where=place, remedy=remedy)
     with np.errstate(all="ignore"):  # an overflow is found as inf
@@ -231,12 +277,14 @@ def _check_plausible(values: FloatArray, key: str, quantity: str, where: object)
         )
 
 
-def _feasible(arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...], where: object) -> BoolArray:
+def _feasible(
+    arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...], where: object, stack: Stack | None
+) -> BoolArray:
     if key not in arrays:
         feasible = np.ones(shape, dtype=np.bool_)
     else:
         array = np.asarray(arrays[key])
-        numbers = _numbers({key: array.view(np.uint8) if array.dtype == np.bool_ else array}, key, shape, where)
+        numbers = _numbers({key: array.view(np.uint8) if array.dtype == np.bool_ else array}, key, shape, where, stack)
         for index in np.argwhere((numbers != 0.0) & (numbers != 1.0))[:1]:
             raise MapError(
                 f"{numbers[tuple(index)]:g} is neither true nor false",
@@ -244,25 +292,31 @@ def _feasible(arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...], 
                 remedy="give booleans, or 0 and 1",
             )
         feasible = numbers == 1.0
-    _check_some_feasible(arrays, feasible, key, where)
+    _check_some_feasible(arrays, feasible, key, where, stack)
     feasible.setflags(write=False)
     return feasible
 
 
-def _check_some_feasible(arrays: Mapping[str, AnyArray], feasible: BoolArray, key: str, where: object) -> None:
+def _check_some_feasible(
+    arrays: Mapping[str, AnyArray], feasible: BoolArray, key: str, where: object, stack: Stack | None
+) -> None:
     some = feasible.any(axis=(-2, -1))
-    if feasible.ndim == 2 and not some:
-        raise MapError("infeasible everywhere", where=f"{where}: {key}", remedy="loosen the limits or move the grid")
+    if stack is None:
+        if not some:
+            raise MapError("infeasible everywhere", where=f"{where}: {key}", remedy="loosen the limits or move the grid")
+        return
     for index in np.argwhere(~some)[:1]:
         raise MapError(
-            f"infeasible everywhere at friction {np.asarray(arrays['friction'])[index[0]]:g}",
+            f"infeasible everywhere at {stack.one} {np.asarray(arrays[stack.key])[index[0]]:g}",
             where=_at(where, key, index),
             remedy="leave that layer out, loosen the limits or move the grid",
         )
 
 
-def _cells(arrays: Mapping[str, AnyArray], key: str, quantity: str, feasible: BoolArray, where: object) -> FloatArray:
-    values = _numbers(arrays, key, feasible.shape, where)
+def _cells(
+    arrays: Mapping[str, AnyArray], key: str, quantity: str, feasible: BoolArray, where: object, stack: Stack | None
+) -> FloatArray:
+    values = _numbers(arrays, key, feasible.shape, where, stack)
     for index in np.argwhere(feasible & ~np.isfinite(values))[:1]:
         raise MapError(
             f"{values[tuple(index)]} in a feasible cell",
@@ -275,10 +329,12 @@ def _cells(arrays: Mapping[str, AnyArray], key: str, quantity: str, feasible: Bo
     return values
 
 
-def _active(arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...], where: object) -> BindingArray | None:
+def _active(
+    arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...], where: object, stack: Stack | None
+) -> BindingArray | None:
     if key not in arrays:
         return None
-    numbers = _numbers(arrays, key, shape, where)
+    numbers = _numbers(arrays, key, shape, where, stack)
     for index in np.argwhere(~np.isin(numbers, np.arange(ALL_BINDING + 1)))[:1]:
         raise MapError(
             f"{numbers[tuple(index)]:g} is no set of binding constraints",

@@ -1,7 +1,8 @@
-"""Solve one case of a configuration on its grid, for the friction of the road or a stack of maps for several frictions.
+"""Solve one case of a configuration on its grid: one map, or a stack of maps over friction or longitudinal acceleration.
 
-The map itself is the one for `road.friction`; the layers of a stack are for lower frictions (see `map_file.map`), each solved
-as if the road were like that (see `map_file.map.on_road`).
+The map itself is the one for `road.friction` at constant speed. The layers of a stack are for lower frictions (see
+`map_file.map`), each solved as if the road were like that (`map_file.map.on_road`), or for longitudinal accelerations, each
+solved as if the car braked or accelerated (`map_file.longitudinal.under_acceleration`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ import numpy.typing as npt
 from codegen.configuration import Config
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.map_file import archive, tables
-from codegen.map_file.map import FrictionLayer, ReferenceMap, make_meta, on_road
+from codegen.map_file.longitudinal import under_acceleration
+from codegen.map_file.map import AccelerationLayer, FrictionLayer, ReferenceMap, make_meta, on_road
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import Solution, passively_feasible, turns_of
 
@@ -89,7 +91,7 @@ def _keep(solution: Solution, kept: npt.NDArray[np.bool_]) -> Solution:
     return replace(solution, yaw_rate=yaw_rate, sideslip=sideslip, rear_angle=rear_angle, feasible=kept, active=active)
 
 
-__all__ = ["layer_configs", "lower_frictions", "on_road", "solve_stack"]
+__all__ = ["layer_configs", "lower_frictions", "on_road", "solve_acceleration_stack", "solve_stack"]
 
 CELL_BYTES = 3 * 8 + 2
 """Size of a solved cell in a file: three tables of float64 and two of one byte."""
@@ -97,6 +99,7 @@ CELL_BYTES = 3 * 8 + 2
 DESIGN_TOLERANCE = 1e-9
 
 OPTION = "--friction"
+ACCELERATION_OPTION = "--longitudinal-acceleration"
 
 
 def solve_stack(
@@ -118,29 +121,59 @@ def solve_stack(
         MapError: no operating point of the grid is feasible at one of the frictions, or the file would be too large.
     """
     lower = lower_frictions(config, friction)
+    base, *layers = _solve_layers(config, case, tables.FRICTION, OPTION, lower, on_road, method, progress)
+    return replace(base, layers=tuple(FrictionLayer(*pair) for pair in zip(lower, layers, strict=True)))
+
+
+def solve_acceleration_stack(
+    config: Config,
+    case: str,
+    acceleration: Sequence[float],
+    method: Method = "exact",
+    progress: Callable[[int, int], None] | None = None,
+) -> ReferenceMap:
+    """The optimal maps of a case for several longitudinal accelerations: that at constant speed with the others as its layers.
+
+    Args:
+        acceleration: m/s^2, negative while the car brakes; in any order, two or more, zero among them.
+        method, progress: as for `solve_stack`.
+
+    Raises:
+        ConfigError: bad accelerations; an axle has not enough grip for one (see `under_acceleration`); and as `solve_stack`.
+        MapError: as `solve_stack`.
+    """
+    moving = moving_accelerations(acceleration)
+    stack = tables.ACCELERATION
+    base, *layers = _solve_layers(config, case, stack, ACCELERATION_OPTION, moving, under_acceleration, method, progress)
+    return replace(base, acceleration_layers=tuple(AccelerationLayer(*pair) for pair in zip(moving, layers, strict=True)))
+
+
+def _solve_layers(
+    config: Config,
+    case: str,
+    stack: tables.Stack,
+    option: str,
+    values: Sequence[float],
+    change: Callable[[Config, float], Config],
+    method: Method,
+    progress: Callable[[int, int], None] | None,
+) -> list[ReferenceMap]:
+    """Return the map itself and one for each value of a stack."""
     speed, front_angle = breakpoints(config)
-    maps = len(lower) + 1
-    archive.check_size(maps * speed.size * front_angle.size * CELL_BYTES, archive.UNPACKED_BYTES_MAX, OPTION)
+    maps = len(values) + 1
+    archive.check_size(maps * speed.size * front_angle.size * CELL_BYTES, archive.UNPACKED_BYTES_MAX, option)
 
     def part(index: int) -> Callable[[int, int], None] | None:
         return None if progress is None else lambda done, total: progress(index * total + done, maps * total)
 
-    base = solve_case(config, case, method, part(0))
-    layers = tuple(
-        FrictionLayer(value, _solve_layer(config, case, value, method, part(index)))
-        for index, value in enumerate(lower, start=1)
-    )
-    return replace(base, layers=layers)
-
-
-def _solve_layer(
-    config: Config, case: str, friction: float, method: Method, progress: Callable[[int, int], None] | None
-) -> ReferenceMap:
-    try:
-        return solve_case(on_road(config, friction), case, method, progress)
-    except CodegenError as error:
-        remedy = f"{error.remedy}, or leave this friction out"
-        raise type(error)(error.what, where=f"friction {friction:g}: {error.where}", remedy=remedy) from error
+    solved = [solve_case(config, case, method, part(0))]
+    for index, value in enumerate(values, start=1):
+        try:
+            solved.append(solve_case(change(config, value), case, method, part(index)))
+        except CodegenError as error:
+            remedy = f"{error.remedy}, or leave this {stack.one} out"
+            raise type(error)(error.what, where=f"{stack.one} {value:g}: {error.where}", remedy=remedy) from error
+    return solved
 
 
 def lower_frictions(config: Config, friction: Sequence[float]) -> tuple[float, ...]:
@@ -161,7 +194,7 @@ def lower_frictions(config: Config, friction: Sequence[float]) -> tuple[float, .
         if not limits.low <= value <= limits.high:
             raise ConfigError(f"{value:g} is outside {limits.low:g} to {limits.high:g}", where=OPTION, remedy=limits.if_low)
     for left, right in pairwise(rising):
-        if right - left < tables.FRICTION_STEP_MIN - tables.FRICTION_STEP_SLACK:
+        if right - left < tables.FRICTION_STEP_MIN - tables.STEP_SLACK:
             what = f"{right:.9g} is there twice" if left == right else f"{left:.9g} and {right:.9g} are too close together"
             raise ConfigError(what, where=OPTION, remedy=f"leave {tables.FRICTION_STEP_MIN:g} or more between two frictions")
     if abs(rising[-1] - design) > DESIGN_TOLERANCE:
@@ -171,6 +204,31 @@ def lower_frictions(config: Config, friction: Sequence[float]) -> tuple[float, .
             remedy=f"set road.friction to {rising[-1]:.9g}, or let the list end with {design:.9g}",
         )
     return tuple(rising[:-1])
+
+
+def moving_accelerations(acceleration: Sequence[float]) -> tuple[float, ...]:
+    """Return the accelerations of the layers in m/s^2, rising: all but zero, which is that of the map itself.
+
+    Raises:
+        ConfigError: too few or too many, none is zero, one is outside the plausible range, or two are too close together.
+    """
+    rising = sorted(acceleration, key=lambda value: (math.isnan(value), value))
+    stack, limits = tables.ACCELERATION, tables.PLAUSIBLE[tables.ACCELERATION.key]
+    if not 2 <= len(rising) <= tables.MAX_LAYERS + 1:
+        remedy = f"list 2 to {tables.MAX_LAYERS + 1} with zero among them, such as -4,0,3"
+        raise ConfigError(f"{len(rising)} {stack.many}", where=ACCELERATION_OPTION, remedy=remedy)
+    for value in rising:
+        if not limits.low <= value <= limits.high:
+            what = f"{value:g} is outside {limits.low:g} to {limits.high:g} {limits.unit}"
+            raise ConfigError(what, where=ACCELERATION_OPTION, remedy="check the value and its unit, m/s^2")
+    for left, right in pairwise(rising):
+        if right - left < stack.step - tables.STEP_SLACK:
+            remedy = f"leave {stack.step:g} m/s^2 or more between two"
+            raise ConfigError(f"{left:.9g} and {right:.9g} are too close together", where=ACCELERATION_OPTION, remedy=remedy)
+    if 0.0 not in rising:
+        what = "no zero, the acceleration for which the map itself is"
+        raise ConfigError(what, where=ACCELERATION_OPTION, remedy="add 0 to the list")
+    return tuple(value for value in rising if value != 0.0)
 
 
 def roads(config: Config, frictions: Sequence[float]) -> list[Config]:

@@ -232,6 +232,8 @@ def caveats(one: ReferenceMap, other: ReferenceMap) -> list[str]:
     told = []
     if one.layers or other.layers:
         told.append("of a stack, the map for its highest friction is compared")
+    if one.acceleration_layers or other.acceleration_layers:
+        told.append("of a stack, the map at constant speed is compared")
     if not (np.array_equal(one.speed, other.speed) and np.array_equal(one.front_angle, other.front_angle)):
         told.append("the maps have different breakpoints: compared on those of the first")
     return told

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from codegen.map_file.bounds import binding_text
+from codegen.map_file.longitudinal import like_friction
 from codegen.map_file.map import ReferenceMap
 from codegen.units import KM_H
 
@@ -31,6 +32,19 @@ class LayerSummary:
     friction: float
     feasible_cells: int
     lateral_acceleration_max_m_s2: float
+
+
+@dataclass(frozen=True)
+class AccelerationSummary:
+    """One longitudinal acceleration of a stack.
+
+    `like_friction` is the friction that leaves the weaker axle as much lateral grip; None without a configuration.
+    """
+
+    acceleration_m_s2: float
+    feasible_cells: int
+    lateral_acceleration_max_m_s2: float
+    like_friction: float | None
 
 
 @dataclass(frozen=True)
@@ -56,17 +70,23 @@ class MapSummary:
     binding_cells: dict[str, int] | None
     friction: float | None
     stack: tuple[LayerSummary, ...]
+    acceleration_stack: tuple[AccelerationSummary, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return name -> value, for JSON."""
-        return asdict(self)
+        facts = asdict(self)
+        if not self.acceleration_stack:
+            del facts["acceleration_stack"]
+        return facts
 
     @property
     def headline(self) -> str:
         """Origin, size and feasibility in one line."""
         origin = f"case {self.case}" if self.case else "a bare map"
         lower = ", ".join(f"{layer.friction:g}" for layer in self.stack)
+        moving = ", ".join(f"{layer.acceleration_m_s2:g}" for layer in self.acceleration_stack)
         stack = f"; a stack with friction {lower}" if lower else ""
+        stack += f"; a stack with longitudinal acceleration {moving} m/s^2" if moving else ""
         return (
             f"{origin}, {self.speed_points} speeds x {self.front_angle_points} front angles, "
             f"{self.feasible_cells} of {self.cells} cells feasible ({100.0 * self.feasible_cells / self.cells:.1f} %){stack}"
@@ -118,6 +138,23 @@ class MapSummary:
             row(own, self.feasible_cells, self.lateral_acceleration_max_m_s2),
         ]
 
+    @property
+    def acceleration_rows(self) -> list[tuple[str, ...]]:
+        """Rows for the longitudinal accelerations, rising: m/s^2, cells, share, m/s^2, friction; [] without such a stack."""
+        if not self.acceleration_stack:
+            return []
+        own = AccelerationSummary(0.0, self.feasible_cells, self.lateral_acceleration_max_m_s2, self.friction)
+        return [
+            (
+                f"{at.acceleration_m_s2:g}" if at is not own else "0 (the map itself)",
+                str(at.feasible_cells),
+                f"{100.0 * at.feasible_cells / self.cells:.1f} %",
+                f"{at.lateral_acceleration_max_m_s2:.4g}",
+                "-" if at.like_friction is None else f"{at.like_friction:.2f}",
+            )
+            for at in sorted((*self.acceleration_stack, own), key=lambda at: at.acceleration_m_s2)
+        ]
+
 
 def _span(values: tuple[float, float]) -> tuple[str, str]:
     return f"{values[0]:.4g}", f"{values[1]:.4g}"
@@ -153,6 +190,15 @@ def map_summary(reference_map: ReferenceMap) -> MapSummary:
         stack=tuple(
             LayerSummary(layer.friction, int(layer.map.feasible.sum()), _lateral_acceleration_max(layer.map))
             for layer in reference_map.layers
+        ),
+        acceleration_stack=tuple(
+            AccelerationSummary(
+                layer.acceleration,
+                int(layer.map.feasible.sum()),
+                _lateral_acceleration_max(layer.map),
+                None if reference_map.config is None else like_friction(reference_map.config, layer.acceleration),
+            )
+            for layer in reference_map.acceleration_layers
         ),
     )
 

@@ -275,8 +275,9 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
     Raises:
         ConfigError: no gains meet the demands, see `design`.
         BuildError: no C compiler.
-        MapError: see `model_excess`.
+        MapError: see `model_excess`, and `ReferenceMap.require_buildable`.
     """
+    reference_map.require_buildable()
     made = design(config, progress)
     config = with_tracking(config, {"schedule": made.schedule.model_dump(mode="json")}, where)
     config, excess = _with_trim(reference_map, config, where)

@@ -47,7 +47,7 @@ def changed(config: Config, **tables: Mapping[str, Any]) -> Config:
     """Return a configuration with some keys of some tables replaced; nested tables are replaced completely."""
     data = config.model_dump(mode="json")
     for name, changes in tables.items():
-        data[name] |= changes
+        data[name] = {**data.get(name, {}), **changes}
     return parse(data, "test")
 
 

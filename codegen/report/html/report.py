@@ -267,6 +267,9 @@ def _axes(material: Material) -> Iterator[Block]:
     yield Table("Values, where feasible", ("", "from", "to", "unit"), summary.value_rows, words=(0, 3))
     if summary.binding_rows:
         yield Table("What binds", ("constraints", "cells", "share"), summary.binding_rows)
+    if summary.acceleration_rows:
+        of_moving = ("longitudinal acceleration (m/s²)", "feasible cells", "share", "largest lateral (m/s²)", "like friction")
+        yield Table("Maps for longitudinal accelerations", of_moving, summary.acceleration_rows)
     if summary.stack_rows:
         header = ("friction", "feasible cells", "share", "lateral acceleration, largest (m/s²)")
         yield Table("Maps for lower frictions", header, summary.stack_rows)
