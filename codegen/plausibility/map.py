@@ -50,6 +50,7 @@ class MapFacts:
     reachable_percent: float | None
     turns_less_percent: float | None
     turns_less_by: dict[str, float]
+    follows_law: bool = False
 
     @classmethod
     def of_map(cls, reference_map: ReferenceMap, config: Config) -> MapFacts:
@@ -71,7 +72,7 @@ class MapFacts:
             binding_text(int(flags)): 100.0 * float((less & (active == flags)).sum()) / cells
             for flags in np.unique(active[less])
         }
-        return cls(reachable, 100.0 * float(less.sum()) / cells, by)
+        return cls(reachable, 100.0 * float(less.sum()) / cells, by, turns.problem.law is not None)
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON values."""
@@ -88,10 +89,11 @@ class MapFacts:
             return
         shares = {name: share for name, share in self.turns_less_by.items() if share >= 0.5}
         weight = shares.pop("none", 0.0)
+        decides = "law" if self.follows_law else "sideslip weight"
         by = ", ".join(f"{name} {share:.0f} %" for name, share in sorted(shares.items(), key=lambda item: -item[1]))
         yield (
             f"the car turns less than with its rear wheels straight in {self.turns_less_percent:.0f} % of the feasible cells"
-            f"{f'; no constraint is active in {weight:.0f} %, where the sideslip weight decides' if weight else ''}"
+            f"{f'; no constraint is active in {weight:.0f} %, where the {decides} decides' if weight else ''}"
             f"{f'; active constraints: {by}' if by else ''}"
         )
 

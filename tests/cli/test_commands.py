@@ -12,7 +12,7 @@ from codegen import configuration
 from codegen.cli import cli
 from codegen.sil.software import RECORD_COLUMNS
 
-from .conftest import BUILD, MAP, TRACKING, Run, edit, python
+from .conftest import BUILD, MAP, TRACKING, Refused, Run, edit, python
 
 
 def test_from_init_to_run(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,3 +108,18 @@ def test_help_and_completion_import_nothing_heavy(words: str) -> None:
     options, environment = ([words], {}) if words.startswith("-") else ([], asked)
     result = python(f"from codegen.cli import main\n{QUICK}", *options, **environment)
     assert result.returncode == 0, result.stderr
+
+
+def test_a_stack_over_acceleration_is_solved_and_shown_but_not_built(run: Run, refused: Refused, here: Path) -> None:
+    options = ("solve", "--case", "4ws-2", "-o", "moving.npz", "--longitudinal-acceleration", "-4,0,3")
+    told = run(*options)
+    assert told.code == 0 and "; a stack with longitudinal acceleration -4, 3 m/s^2" in told.out
+    assert "map: at -4 m/s^2 like friction 0.75: yaw rate within " in told.out
+    facts = json.loads(run(*options, "--json").out)
+    assert [one["acceleration_m_s2"] for one in facts["like_friction"]] == [-4.0, 3.0]
+    assert "0 (the map itself)" in run("show", "moving.npz").out
+    for command in (("build", "--map", "moving.npz"), ("tune", "--map", "moving.npz", "-o", "tuned.npz")):
+        assert "moving.npz: longitudinal_acceleration: the generated C has no stack" in refused(*command)
+    both = refused(*options, "--friction", "0.5,0.9")
+    assert "--longitudinal-acceleration: a map has one stack; leave it or --friction out" in both
+    assert "'x' is not a number" in refused(*options[:-1], "-4,x")

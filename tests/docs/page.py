@@ -65,6 +65,7 @@ SETUPS: Mapping[str, Callable[[Path], None]] = {
     "docs/flash.md": own_configuration,
     "docs/import.md": import_examples,
     "docs/inca-canape.md": own_configuration,
+    "docs/longitudinal.md": own_configuration,
     "docs/references.md": own_configuration,
     "docs/theory-map.md": own_configuration,
 }
