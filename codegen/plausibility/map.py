@@ -45,6 +45,7 @@ class MapFacts:
         turns_less_percent: cells in which the controlled car turns less than the same car with straight rear wheels. Both
             have the same tyres and bounds. None for a map that was not solved.
         turns_less_by: the same cells, grouped by their active constraint; "none" where no constraint is active.
+        follows_law: whether the map follows a law for the rear angle, and not the optimisation.
     """
 
     reachable_percent: float | None

@@ -1,7 +1,8 @@
 """`codegen sil --suite references`: the same controller on the maps of several references, in the cells of the test set.
 
-Every map has its own gains from `codegen tune`. The cells are those of the first map, so that all cars get the same steering.
-The passive car is driven too. A reference whose map is that of another one is not driven again.
+`codegen tune` determines the controller for the map under test, and all maps get the same one: tuned for a map of its own, it
+would differ, because tuning drives only turns that the map has. The cells are those of the map under test too, so that all cars
+get the same steering. The passive car is driven as well. A reference whose map is that of another one is not driven again.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ def compared_cases(config: Config, tested: str) -> tuple[str, ...]:
 
 
 def run_references(candidate: Candidate, stage: Stage = unseen, chosen: Sequence[Condition] | None = None) -> ReferencesResult:
-    """Solve, tune and build all cases of a candidate's configuration, and drive them.
+    """Solve and build all cases of a candidate's configuration, tune the controller for the first one, and drive them.
 
     Args:
         stage: progress display, such as `codegen.console.progress`.
@@ -70,21 +71,20 @@ def run_references(candidate: Candidate, stage: Stage = unseen, chosen: Sequence
     Raises:
         CodegenError: solving, tuning, building or compiling fails.
     """
-    config, names = candidate.config, compared_cases(candidate.config, candidate.case)
+    config = candidate.config
     maps: dict[str, ReferenceMap] = {}
     same_as: dict[str, str] = {}
-    subjects = []
-    with stage("tuning") as steps:
-        for done, name in enumerate(names):
-            solved = solve_case(config, name)
-            twin = next((other for other, known in maps.items() if _is_same(solved, known)), None)
-            if twin is None:
-                maps[name] = solved
-                own = tuned(solved, config) if LAWS[config.controller.kind].scheduled else config
-                subjects.append(of_config(name, solved, own, candidate.precision))
-            else:
-                same_as[name] = twin
-            steps(done + 1, len(names))
+    for name in compared_cases(config, candidate.case):
+        solved = solve_case(config, name)
+        twin = next((other for other, known in maps.items() if _is_same(solved, known)), None)
+        if twin is None:
+            maps[name] = solved
+        else:
+            same_as[name] = twin
+    if LAWS[config.controller.kind].scheduled:
+        with stage("tuning") as steps:
+            config = tuned(maps[candidate.case], config, steps)
+    subjects = [of_config(name, solved, config, candidate.precision) for name, solved in maps.items()]
     with stage("driving") as steps:
         suite = run_suite(
             subjects[0],

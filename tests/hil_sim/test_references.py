@@ -51,6 +51,24 @@ def test_the_subjects_are_the_cases_with_rear_steering(monkeypatch: pytest.Monke
     assert found.to_dict()["same_as"] == {"envelope": "4ws-2"}
 
 
+def test_all_maps_get_the_controller_of_the_map_under_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Subject] = []
+    tuned_for: list[str | None] = []
+    config = changed(
+        builds.FEEDFORWARD_CONFIG.with_tyre_model("linear"), grid=CONFIG.grid.model_dump(), controller={"kind": "tracking"}
+    )
+    made = changed(config, controller={"tracking": {"trim_max_percent": 3.0}})
+
+    def run_suite(tested: Subject, others: Sequence[Subject], case: object, **_: Any) -> Any:
+        seen.extend((tested, *others))
+        return made_suite.made(cells=cells(config, config.case("4ws-2")))
+
+    monkeypatch.setattr(references, "run_suite", run_suite)
+    monkeypatch.setattr(references, "tuned", lambda solved, *_: (tuned_for.append(solved.case), made)[1])
+    run_references(Candidate("test", config, "4ws-2", (0.9,)))
+    assert tuned_for == ["4ws-2"] and len(seen) == 4 and all(subject.config == made for subject in seen)
+
+
 def test_a_reference_in_c() -> None:
     """Inside the map it is the law, and beyond grip the car holds the largest lateral acceleration instead of leaving it."""
     config = builds.FEEDFORWARD_CONFIG.with_tyre_model("linear")
