@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from codegen.arrays import FloatArray
-from codegen.configuration import Case, Config
+from codegen.configuration import REFERENCE_CASES, Case, Config
 from codegen.map_file.map import Binding
 from codegen.optimum import exact, ipopt
 from codegen.optimum.exact import Solution
@@ -22,7 +22,7 @@ from tests.optimum.cars import CASE, PAPER, SteadyModel, changed, check_against_
 YAW_RATE_TOLERANCE = 1e-6  # rad/s
 MARGIN_MIN = 1e-6  # rad
 CONCAVE = "lambda 10"
-CASES = ("fws", "4ws-1", "4ws-2", CONCAVE)
+CASES = ("fws", "4ws-1", "4ws-2", CONCAVE, *REFERENCE_CASES)
 PART_COUNT = 10
 """Parts of the default grid. Each takes about two seconds; the quick form compares one of each case."""
 VEHICLE_COUNT = 40
@@ -65,7 +65,7 @@ def both_methods(config: Config, case: Case, speed: FloatArray, front_angle: Flo
 
 
 def case_of(config: Config, name: str) -> Case:
-    """Return one of the paper's cases, or the one whose small weight makes the objective concave."""
+    """Return a case of the paper, one for comparison, or the one whose small weight makes the objective concave."""
     return Case(sideslip_weight_per_s2=10.0) if name == CONCAVE else config.case(name)
 
 
