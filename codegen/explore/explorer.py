@@ -375,6 +375,8 @@ def opened(map_path: Path, config_path: Path | None = None) -> Explorer:
         notes.append("the maps for lower frictions are not used: settings are solved for their own friction")
     if reference_map.acceleration_layers:
         notes.append("the maps for longitudinal accelerations are not used")
+    if config.case(case).reference != "optimum":
+        notes.append("the case follows a law for the rear angle, on which the sideslip weight has no effect")
     if config_path is not None and reference_map.config is not None:
         notes.append(f"the map is solved again with {config_path.name}; the one in the file is not used")
     with within(config_path or map_path):

@@ -2,6 +2,7 @@
 
 import json
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,13 +10,15 @@ import pytest
 from codegen.design.margins import family_margins, nominal_margins
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.laws import law_of
-from codegen.explore.explorer import Explorer
+from codegen.explore.explorer import Explorer, opened
+from codegen.map_file import map as npz
 from codegen.map_file.map import Binding, on_road
-from codegen.optimum.solve import solve_case
+from codegen.optimum.solve import solve_acceleration_stack, solve_case
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import compile_build
 from codegen.units import KM_H
 from hil_sim.scenarios import SCENARIOS
+from tests.optimum.cars import PAPER, changed
 from tests.report.figures import unpacked
 
 TIGHT = {"limits.sideslip_max_deg": 0.5, "limits.lateral_acceleration_max_g": 0.3}
@@ -172,3 +175,11 @@ def test_each_setting_changes_only_its_key(pi: Explorer, tracking: Explorer) -> 
     assert after.proportional_gain_s == pytest.approx([0.5 * gain for gain in before.proportional_gain_s], rel=1e-5)
     assert after.integral_gain == before.integral_gain
     assert (before.gain_margin_db is None, after.gain_margin_db) == (False, None)  # the margins of other gains
+
+
+def test_what_a_page_leaves_out_is_noted(tmp_path: Path) -> None:
+    law = solve_acceleration_stack(changed(PAPER, grid={"speed_points": 6}), "zero-sideslip", (-4.0, 0.0))
+    npz.save(law, tmp_path / "law.npz")
+    moving, follows = opened(tmp_path / "law.npz").notes
+    assert moving == "the maps for longitudinal accelerations are not used"
+    assert follows == "the case follows a law for the rear angle, on which the sideslip weight has no effect"
