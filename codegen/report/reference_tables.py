@@ -111,9 +111,9 @@ def _sine_lag(result: ReferencesResult, name: str) -> float | None:
 INFINITE = float("inf")
 ROWS = (
     Row("feasible part of the grid (%)", lambda result, name: result.feasible_percent[name], 1, better=1),
-    Row("cells in which the reference has a turn", lambda result, name: float(result.inside[name].sum()), 0, better=1),
+    Row("cells with a turn of the reference", lambda result, name: float(result.inside[name].sum()), 0, better=1),
     Row(
-        f"steady yaw rate over the passive car's, up to {SLOW_KM_H:g} km/h, mean (%)",
+        f"yaw rate over the passive car's, to {SLOW_KM_H:g} km/h (%)",
         lambda result, name: _over_passive(result, name, 0.0, SLOW_KM_H),
         1,
         better=1,
@@ -129,12 +129,12 @@ ROWS = (
     Row("steady slip of its bound, largest (%)", lambda r, name: _largest([e.slip_percent for e in _nominal(r, name)]), 1),
     Row("overshoot, mean (%)", lambda r, name: _mean([e.overshoot_percent for e in _nominal(r, name)]), 1),
     Row("overshoot, largest (%)", lambda r, name: _largest([e.overshoot_percent for e in _nominal(r, name)]), 1),
-    Row("overshoot, largest where the reference has a turn (%)", _inside_overshoot, 1),
+    Row("overshoot, largest of the cells with a turn (%)", _inside_overshoot, 1),
     Row(f"overshoot, largest, {LAGS[-1].title} (%)", _overshoot_under(LAGS[-1].name), 1),
     Row(f"overshoot, largest, {COMBINED.title} (%)", _overshoot_under(COMBINED.name), 1),
     Row("settling to 2 %, slowest (s)", lambda r, name: _largest([e.settling_time_s for e in _nominal(r, name)]), 2),
     Row("cells that never settle", _unsettled, 0),
-    Row(f"rise to 90 %, up to {SLOW_KM_H:g} km/h, mean (s)", lambda r, name: _rise(r, name, 0.0, SLOW_KM_H), 2),
+    Row(f"rise to 90 %, to {SLOW_KM_H:g} km/h, mean (s)", lambda r, name: _rise(r, name, 0.0, SLOW_KM_H), 2),
     Row(f"rise to 90 %, from {FAST_KM_H:g} km/h, mean (s)", lambda r, name: _rise(r, name, FAST_KM_H, INFINITE), 2),
     Row(f"lag of a sine at {SINE_SPEED_KM_H:g} km/h and {SINE_FREQUENCY_HZ:g} Hz (deg)", _sine_lag, 0),
     *(Row(f"path error in the {name}, rms (m)", _path_error(name), 3) for name in PATH_SCENARIOS),
@@ -143,9 +143,14 @@ ROWS = (
 
 
 def summary_table(result: ReferencesResult) -> str:
-    """Return the table: a row for each figure, a column for each reference and the passive car."""
-    names = result.suite.subjects
-    return text_table(("", *names), [(row.title, *(row.text(result, name) for name in names)) for row in ROWS])
+    """Return the table: a row for each figure, a column for each reference and the passive car.
+
+    A reference that was not driven has the figures of the one with its map.
+    """
+    *driven, passive = result.suite.subjects
+    names = (*driven, *result.same_as, passive)
+    shown = [result.same_as.get(name, name) for name in names]
+    return text_table(("", *names), [(row.title, *(row.text(result, name) for name in shown)) for row in ROWS])
 
 
 def beaten(result: ReferencesResult) -> list[str]:
@@ -175,7 +180,7 @@ def reference_sections(result: ReferencesResult) -> Iterator[tuple[str, str]]:
     if result.same_as:
         yield (
             "Not driven again",
-            "\n".join(f"{name}: its map is that of {other}" for name, other in result.same_as.items()),
+            "\n".join(f"{name}: its map, and so its figures, are those of {other}" for name, other in result.same_as.items()),
         )
     yield f"Where {tested} is not the best", "\n".join(wrapped(line) for line in beaten(result)) or "nowhere"
     yield from condition_tables(suite)

@@ -32,11 +32,11 @@ def test_the_figures_of_the_table() -> None:
     assert value(result, "overshoot, largest (%)", "tracking") == 2.0
     assert value(result, "overshoot, mean", "tracking") == 1.25
     # Only its first cell, of 25 %, is inside the map.
-    assert value(result, "overshoot, largest where the reference has a turn", "pi") == 20.0
+    assert value(result, "overshoot, largest of the cells with a turn", "pi") == 20.0
     assert value(result, "overshoot, largest (%)", "pi") == 80.0
-    assert value(result, "steady yaw rate over", "pi") == 0.0 and value(result, "steady yaw rate over", "passive") is None
+    assert value(result, "yaw rate over", "pi") == 0.0 and value(result, "yaw rate over", "passive") is None
     assert value(result, "spins under all conditions", "passive") == 3.0 * len(result.suite.conditions)
-    assert value(result, "cells in which the reference has a turn", "pi") == 1.0
+    assert value(result, "cells with a turn of the reference", "pi") == 1.0
     assert value(result, "lag of a sine", "tracking") == 30.0 and value(result, "lag of a sine", "passive") is None
 
 
@@ -44,7 +44,7 @@ def test_where_others_are_better() -> None:
     """The first subject rises later than two others, and its feasible part is made the smallest."""
     lines = beaten(made())
     assert "feasible part of the grid (%): pi 20.0, feedforward 30.0, proportional 40.0, passive 50.0; tracking 10.0" in lines
-    assert "rise to 90 %, up to 60 km/h, mean (s): pi 0.25, feedforward 0.28; tracking 0.30" in lines
+    assert "rise to 90 %, to 60 km/h, mean (s): pi 0.25, feedforward 0.28; tracking 0.30" in lines
     assert not any(line.startswith(("overshoot", "spins", "the same from")) for line in lines)
 
 
@@ -54,10 +54,12 @@ def test_sections_and_picture() -> None:
     titles = list(sections)
     assert titles[0] == "References under the same controller, as configured: 24 step steers"
     assert titles[1:3] == ["Not driven again", "Where tracking is not the best"]
-    assert sections["Not driven again"] == "envelope: its map is that of pi"
+    assert sections["Not driven again"] == "envelope: its map, and so its figures, are those of pi"
     assert max(len(line) for line in sections[titles[2]].splitlines()) <= 120
     head, _, *rows = sections[titles[0]].splitlines()
-    assert head.split() == list(result.suite.subjects) and len(rows) == len(ROWS)
+    assert head.split() == [*result.suite.subjects[:-1], "envelope", "passive"] and len(rows) == len(ROWS)
+    (feasible,) = [row.split() for row in rows if row.startswith("feasible")]
+    assert feasible[-6:] == ["10.0", "20.0", "30.0", "40.0", "20.0", "50.0"]
     figure = references_figure(result)
     above, below = figure.axes[:3], figure.axes[3:]
     assert [len(axes.get_lines()) for axes in above] == [2, 2, 2]
