@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from codegen.errors import ConfigError
 from codegen.map_file.longitudinal import like_friction
 from codegen.map_file.map import ReferenceMap, on_road
+from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
 
 
@@ -50,8 +52,9 @@ class FrictionError:
 def friction_errors(reference_map: ReferenceMap) -> tuple[FrictionError, ...]:
     """Compare the layers of a solved stack over longitudinal acceleration with maps for their `like_friction`.
 
+    Layers without such a map are left out: the friction is too low for one, or no cell is feasible in both.
+
     Raises:
-        ConfigError: the car has no configuration at such a friction.
         MapError: a steady turn is not found.
     """
     config, case = reference_map.config, reference_map.case
@@ -60,13 +63,19 @@ def friction_errors(reference_map: ReferenceMap) -> tuple[FrictionError, ...]:
     errors = []
     for layer in reference_map.acceleration_layers:
         friction = like_friction(config, layer.acceleration)
-        turns = turns_of(on_road(config, friction), config.case(case))
-        other = turns.solve(reference_map.speed, reference_map.front_angle)
+        try:
+            road = on_road(config, friction)
+            breakpoints(road)  # an oversteering car becomes unstable at a lower speed
+        except ConfigError:
+            continue
+        other = turns_of(road, config.case(case)).solve(reference_map.speed, reference_map.front_angle)
         assert layer.map.rear_angle is not None  # it was solved
         both = layer.map.feasible & other.feasible
+        if not both.any():
+            continue
         yaw_rate = (layer.map.yaw_rate - other.yaw_rate)[both]
         rear_angle = (layer.map.rear_angle - other.rear_angle)[both]
-        rms = float(np.sqrt(np.mean(yaw_rate**2))) if both.any() else math.nan
-        largest = (float(np.abs(values).max(initial=0.0)) for values in (yaw_rate, rear_angle))
+        rms = float(np.sqrt(np.mean(yaw_rate**2)))
+        largest = (float(np.abs(values).max()) for values in (yaw_rate, rear_angle))
         errors.append(FrictionError(layer.acceleration, friction, rms, *largest))
     return tuple(errors)

@@ -142,6 +142,9 @@ def test_a_lower_friction_stands_in_for_it() -> None:
     difference = (other.yaw_rate - STACKED.acceleration_layers[1].map.yaw_rate)[both]
     assert driving.yaw_rate_max == pytest.approx(np.abs(difference).max(), rel=1e-12)
     assert friction_errors(solve_case(CONFIG, "4ws-2")) == ()
+    # An icy road: what is left while braking is a friction that no configuration may have.
+    assert like_friction(on_road(CONFIG, 0.12), -0.9) < 0.05
+    assert friction_errors(solve_acceleration_stack(on_road(CONFIG, 0.12), "4ws-2", (-0.9, 0.0))) == ()
 
 
 @pytest.mark.parametrize(
