@@ -29,7 +29,7 @@ OPTIONAL_TABLES = ("beta", "delta_r", "active")
 
 
 class Stack(NamedTuple):
-    """What a stack is over: the key of its values (k,), the least step between them, words for messages, and an example."""
+    """Quantity of a stack: the key of its values (k,), the least step between them, and its words for messages."""
 
     key: str
     step: float
@@ -45,7 +45,7 @@ class Stack(NamedTuple):
 FRICTION = Stack("friction", 0.01, "friction", "frictions")
 """Step: the resolution of an estimate, and large enough to interpolate in single precision."""
 ACCELERATION = Stack("longitudinal_acceleration", 0.5, "acceleration", "accelerations")
-"""m/s^2; negative while the car brakes. Step: a small part of what a driver notices."""
+"""m/s^2; negative while the car brakes. Step: the grip of the preset's car changes by 1.5 %."""
 STACKS = (FRICTION, ACCELERATION)
 STACK_PREFIX = FRICTION.prefix
 KEYS = (*UNITS, *(key for stack in STACKS for key in (stack.key, *(stack.prefix + table for table in TABLES))), "meta")
