@@ -22,7 +22,7 @@ _COVERED = {
 
 @dataclass(frozen=True)
 class E2eView:
-    """What the templates print of a profile.
+    """A profile in the words and expressions of the templates.
 
     Attributes:
         profile: entry in the table of profiles.

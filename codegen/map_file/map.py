@@ -159,7 +159,7 @@ class ReferenceMap:
 
     @property
     def stack(self) -> tuple[tables.Stack, tuple[tuple[float, ReferenceMap], ...]] | None:
-        """What the stack is over, with the value and the map of each layer; None without a stack."""
+        """Quantity of the stack, with the value and the map of each layer; None without a stack."""
         if self.layers:
             return tables.FRICTION, tuple((layer.friction, layer.map) for layer in self.layers)
         if self.acceleration_layers:

@@ -47,13 +47,11 @@ FRICTION = Stack("friction", 0.01, "friction", "frictions")
 ACCELERATION = Stack("longitudinal_acceleration", 0.5, "acceleration", "accelerations")
 """m/s^2; negative while the car brakes. Step: the grip of the preset's car changes by 1.5 %."""
 STACKS = (FRICTION, ACCELERATION)
-STACK_PREFIX = FRICTION.prefix
 KEYS = (*UNITS, *(key for stack in STACKS for key in (stack.key, *(stack.prefix + table for table in TABLES))), "meta")
 KINDS = {"b": "boolean", "c": "complex", "U": "text", "S": "text", "V": "record", "M": "date", "m": "duration", "O": "object"}
 
 MAX_LAYERS = 32
 """Limit on the layers of a file, far above what fits into an ECU."""
-FRICTION_STEP_MIN = FRICTION.step
 STEP_SLACK = 1e-9
 """Rounding of decimal values: 0.29 - 0.28 is a little less than 0.01."""
 
@@ -194,9 +192,9 @@ def check_not_zero(acceleration: FloatArray, where: object) -> None:
 
 def check_below_design(friction: FloatArray, design: float, where: object) -> None:
     """Reject frictions (k,) of a stack unless all are below the design friction. Raises MapError."""
-    for index in np.argwhere(friction > design - FRICTION_STEP_MIN + STEP_SLACK)[:1]:
+    for index in np.argwhere(friction > design - FRICTION.step + STEP_SLACK)[:1]:
         raise MapError(
-            f"{friction[index[0]]:.9g} is not at least {FRICTION_STEP_MIN:g} below the friction of the map itself "
+            f"{friction[index[0]]:.9g} is not at least {FRICTION.step:g} below the friction of the map itself "
             f"(road.friction = {design:.9g})",
             where=_at(where, "friction", index),
             remedy="leave that layer out: the stack is for lower frictions",

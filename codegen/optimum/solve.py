@@ -194,9 +194,9 @@ def lower_frictions(config: Config, friction: Sequence[float]) -> tuple[float, .
         if not limits.low <= value <= limits.high:
             raise ConfigError(f"{value:g} is outside {limits.low:g} to {limits.high:g}", where=OPTION, remedy=limits.if_low)
     for left, right in pairwise(rising):
-        if right - left < tables.FRICTION_STEP_MIN - tables.STEP_SLACK:
+        if right - left < tables.FRICTION.step - tables.STEP_SLACK:
             what = f"{right:.9g} is there twice" if left == right else f"{left:.9g} and {right:.9g} are too close together"
-            raise ConfigError(what, where=OPTION, remedy=f"leave {tables.FRICTION_STEP_MIN:g} or more between two frictions")
+            raise ConfigError(what, where=OPTION, remedy=f"leave {tables.FRICTION.step:g} or more between two frictions")
     if abs(rising[-1] - design) > DESIGN_TOLERANCE:
         raise ConfigError(
             f"the largest friction, {rising[-1]:.9g}, is not the one that the map itself is for, road.friction = {design:.9g}",

@@ -87,5 +87,5 @@ def test_a_reference_in_c() -> None:
     assert math.radians(beyond.front_angle_deg) > 1.2 * edge
     (driven,) = run_table(subject, (NOMINAL,), (beyond,))["nominal"]
     assert not driven.spun and driven.settled
-    # The linear map asks for more slip than the bound of the plant, by up to 17 %; without steering in phase it is twice that.
+    # The linear map requires more slip than the bound of the plant, by up to 17 %; without steering in phase it is twice that.
     assert driven.slip_percent is not None and driven.slip_percent < 125.0

@@ -26,7 +26,7 @@ from codegen.files import read_text
 from codegen.importing.toml_edit import replace_values, whole
 from codegen.map_file import map as npz
 from codegen.map_file.map import SCHEMA_VERSION, ReferenceMap
-from codegen.map_file.tables import STACK_PREFIX
+from codegen.map_file.tables import FRICTION
 
 AUTHOR = "codegen calibrate"
 REMARK = f"{AUTHOR} wrote into this table."
@@ -210,7 +210,7 @@ def map_of(values: Values, build: BuildCalibration, name: object) -> WrittenMap:
     for key, tables in zip(("yaw_rate", "delta_r")[: 1 + with_rear], zip(*layers, strict=True), strict=False):
         *lower, arrays[key] = tables  # the last one is that of the map itself
         if lower:
-            arrays[f"{STACK_PREFIX}{key}"] = np.stack(lower)
+            arrays[f"{FRICTION.prefix}{key}"] = np.stack(lower)
             arrays["friction"] = np.array(facts["frictions"][:-1], dtype=np.float64)
     if with_rear:
         for key in [key for key in arrays if key.endswith("delta_r")]:
