@@ -1,0 +1,296 @@
+"""The whole identification: actuator, steering, car; what is determined; the values that are kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from codegen.arrays import BoolArray, FloatArray
+from codegen.configuration import Config
+from codegen.errors import CodegenError
+from codegen.identify.drive import Drive
+from codegen.identify.estimate import Fit, fit
+from codegen.identify.identifiability import Direction, Identifiability, analyse
+from codegen.identify.model import OUTPUTS
+from codegen.identify.parameters import BY_NAME, PARAMETERS, Parameter, configured
+from codegen.identify.shooting import Problem, Samples, actuator_problem, front_signal, held, vehicle_problem
+from codegen.identify.start import actuator_start, starting_values
+
+RELAXATION_START_M = 0.2
+ROUNDS_MAX = 3
+"""Fits of the car with shifts and integration steps that follow from the last one."""
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One quantity after the identification, SI units.
+
+    Attributes:
+        parameter: entry of the table.
+        value: identified, or the configured value if it is not determined.
+        standard_deviation: of the identified value; NaN if it is not determined.
+        configured: configured value.
+        is_identified: whether the drives determine it.
+        note: reason why not, with the manoeuvre that is missing; or a limit of the value.
+    """
+
+    parameter: Parameter
+    value: float
+    standard_deviation: float
+    configured: float
+    is_identified: bool
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Result.
+
+    Attributes:
+        config: given configuration.
+        quantities: name -> quantity, all of `parameters.PARAMETERS`.
+        names: names of the quantities in `correlation`.
+        correlation: (k, k) of the determined quantities.
+        directions: combinations that the drives do not determine.
+        vehicle: fit of the car whose values are kept. actuator: fit of the actuator, None without its signals.
+        notes: messages for the user.
+    """
+
+    config: Config
+    quantities: dict[str, Quantity]
+    names: tuple[str, ...]
+    correlation: FloatArray
+    directions: tuple[Direction, ...]
+    vehicle: Fit
+    actuator: Fit | None
+    notes: tuple[str, ...]
+
+    def values(self) -> dict[str, float]:
+        """Return all values in SI."""
+        return {name: quantity.value for name, quantity in self.quantities.items()}
+
+
+def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) -> Identification:
+    """Identify a car from its drives.
+
+    Args:
+        config: known values, and what is assumed about the others.
+        tell: called with the name of each step.
+
+    Raises:
+        CodegenError: the drives cannot be used, or there is no C compiler.
+    """
+    tell = tell or (lambda _: None)
+    samples = Samples.of(drives)
+    centre = configured(config)
+    for name in ("vx", "yaw_rate"):
+        if not samples.has(name):
+            raise CodegenError(f"no drive has {name}", where="identify", remedy="name it in the signals")
+    found: dict[str, Quantity] = {}
+    notes: list[str] = []
+    directions: list[Direction] = []
+
+    tell("actuator")
+    actuator = _fit_actuator(samples, config, centre, found, directions)
+    values = {**centre, **{name: quantity.value for name, quantity in found.items()}}
+    rear = _rear_angle(samples, config, values, notes)
+    _fit_ratio(samples, centre, found)
+
+    tell("car")
+    full, kept, judged = _fit_vehicle(samples, config, centre, rear, notes)
+    directions += judged.directions
+    deviations = full.standard_deviations
+    for index, parameter in enumerate(full.problem.prior.parameters):
+        if parameter.name in found:
+            continue
+        note = "" if judged.is_identified[index] else f"not determined by these drives; drive: {parameter.manoeuvre}"
+        if not full.free[index]:
+            note = _missing(parameter, samples)
+        found[parameter.name] = _quantity(parameter, kept.values[index], deviations[index], centre, judged.is_identified[index], note)
+    for parameter in PARAMETERS:
+        if parameter.name not in found:
+            found[parameter.name] = _quantity(parameter, 0.0, math.nan, centre, False, _missing(parameter, samples))
+    names, correlation = _correlation(full, judged)
+    ordered = {parameter.name: found[parameter.name] for parameter in PARAMETERS}
+    return Identification(config, ordered, names, correlation, tuple(directions), kept, actuator, tuple(notes))
+
+
+def _quantity(
+    parameter: Parameter, value: float, deviation: float, centre: dict[str, float], is_identified: bool, note: str
+) -> Quantity:
+    before = centre[parameter.name]
+    if not is_identified:
+        return Quantity(parameter, before, math.nan, before, False, note)
+    return Quantity(parameter, float(value), float(deviation), before, True, note)
+
+
+def _missing(parameter: Parameter, samples: Samples) -> str:
+    for output in OUTPUTS:
+        if parameter.name.startswith(output) and not samples.has(output):
+            return f"{output} was not measured"
+    if parameter.group == "actuator":
+        return "rear angle and its command were not measured together"
+    if parameter.name == "steering_ratio":
+        return "the angle of the steering wheel was not measured"
+    return f"not determined by these drives; drive: {parameter.manoeuvre}"
+
+
+def _fit_actuator(
+    samples: Samples, config: Config, centre: dict[str, float], found: dict[str, Quantity], directions: list[Direction]
+) -> Fit | None:
+    problem = actuator_problem(samples, config, centre)
+    if problem is None:
+        return None
+    start = actuator_start(problem, centre)
+    names = problem.prior.names
+    free = np.ones(len(names), dtype=bool)
+    result = fit(problem, np.array([start[name] for name in names]), free)
+    judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
+    if not judged.is_identified.all():
+        fixed = np.where(judged.is_identified, result.values, problem.prior.centre)
+        kept = fit(problem, fixed, judged.is_identified, result.starts, result.noise)
+    else:
+        kept = result
+    deviations = result.standard_deviations
+    for index, parameter in enumerate(problem.prior.parameters):
+        is_identified = bool(judged.is_identified[index])
+        note = "" if is_identified else f"not determined by these drives; drive: {parameter.manoeuvre}"
+        found[parameter.name] = _quantity(parameter, kept.values[index], deviations[index], centre, is_identified, note)
+    directions += judged.directions
+    return kept
+
+
+def _rear_angle(samples: Samples, config: Config, values: dict[str, float], notes: list[str]) -> FloatArray:
+    """Return the rear angle (n,) in rad that drives the car: measured, or simulated from its command."""
+    if samples.has("delta_r"):
+        return samples.signal("delta_r") - values["rear_offset"]
+    if not samples.has("delta_r_command"):
+        raise CodegenError(
+            "no drive has delta_r or delta_r_command",
+            where="identify",
+            remedy="name one in the signals; without rear steering, add delta_r with the value 0",
+        )
+    notes.append("the rear angle was not measured; it follows from the command and the configured actuator")
+    command = samples.signal("delta_r_command")
+    mean = held(samples, command, values["actuator_delay"], 1)[::3, 0]
+    lag, limit = values["actuator_lag"], config.rear_actuator.angle_max
+    step = values["actuator_rate"] * samples.step
+    share = -math.expm1(-samples.step / lag)
+    result = np.empty(len(samples))
+    for low, high in zip(samples.begin[:-1], samples.begin[1:], strict=True):
+        angle = mean[low]
+        for k in range(low, high):
+            result[k] = angle
+            angle += min(max(share * (min(max(mean[k], -limit), limit) - angle), -step), step)
+    return np.where(np.isfinite(command), result, math.nan)
+
+
+def _fit_ratio(samples: Samples, centre: dict[str, float], found: dict[str, Quantity]) -> None:
+    """Fit the steering ratio where the angles of steering wheel and front wheels were measured together."""
+    wheel, front = samples.signal("steering_wheel_angle"), samples.signal("delta_f")
+    both = np.isfinite(wheel) & np.isfinite(front)
+    parameter = BY_NAME["steering_ratio"]
+    if not samples.has("delta_f"):
+        return  # a parameter of the car's fit
+    if not both.any():
+        found["steering_ratio"] = _quantity(parameter, 0.0, math.nan, centre, False, _missing(parameter, samples))
+        return
+    columns = np.stack([front[both], np.ones(int(both.sum()))], axis=1)
+    solution, *_ = np.linalg.lstsq(columns, wheel[both], rcond=None)
+    residual = wheel[both] - columns @ solution
+    # Residuals are coloured by the lag of the steering: sums over blocks of a second are independent.
+    block = max(round(1.0 / samples.step), 1)
+    scores = columns * residual[:, None]
+    sums = np.add.reduceat(scores, np.arange(0, len(scores), block), axis=0)
+    inverse = np.linalg.pinv(columns.T @ columns)
+    deviation = math.sqrt(max((inverse @ (sums.T @ sums) @ inverse)[0, 0], 0.0))
+    is_identified = 0.0 < solution[0] and deviation <= 0.1 * parameter.spread * solution[0]
+    note = "" if is_identified else f"not determined by these drives; drive: {parameter.manoeuvre}"
+    found["steering_ratio"] = _quantity(parameter, solution[0], deviation, centre, is_identified, note)
+
+
+def _fit_vehicle(
+    samples: Samples, config: Config, centre: dict[str, float], rear: FloatArray, notes: list[str]
+) -> tuple[Fit, Fit, Identifiability]:
+    """Return the fit with all parameters free, the one that is kept, and what is determined."""
+    front, is_wheel = front_signal(samples, config)
+    # The angle of the front wheels needs no ratio; that of the steering wheel does.
+    centre = centre if is_wheel else {**centre, "steering_ratio": 1.0}
+    values = {**centre, "relaxation_length": centre["relaxation_length"] or RELAXATION_START_M}
+    problem = vehicle_problem(samples, config, centre, {**values, "relaxation_length": 0.0}, rear)
+    values = starting_values(problem, config, values, front / centre["steering_ratio"], rear)
+    free = _free(problem, samples, is_wheel)
+
+    result = _converge(samples, config, centre, values, rear, free)
+    bound = BY_NAME["relaxation_length"].low
+    index = problem.prior.names.index("relaxation_length")
+    judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
+    if judged.is_identified[index] and result.values[index] <= bound * (1.0 + 1e-6):
+        notes.append(f"relaxation length: below {bound:g} m, which counts as none")
+        free[index] = False
+        values = {**result.named(), "relaxation_length": 0.0}
+        result = _converge(samples, config, {**centre, "relaxation_length": 0.0}, values, rear, free)
+        judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
+    if bool(judged.is_identified[free].all()):
+        return result, result, judged
+    fixed = {
+        name: value if judged.is_identified[k] else centre[name]
+        for k, (name, value) in enumerate(result.named().items())
+    }
+    kept = _converge(samples, config, centre, fixed, rear, judged.is_identified, result)
+    return result, kept, judged
+
+
+def _free(problem: Problem, samples: Samples, is_wheel: bool) -> BoolArray:
+    free = np.ones(len(problem.prior.names), dtype=bool)
+    for index, name in enumerate(problem.prior.names):
+        for output in OUTPUTS:
+            if name in (f"{output}_offset", f"{output}_delay"):
+                free[index] = samples.has(output)
+    free[problem.prior.names.index("steering_ratio")] = is_wheel
+    return free
+
+
+def _converge(
+    samples: Samples,
+    config: Config,
+    centre: dict[str, float],
+    values: dict[str, float],
+    rear: FloatArray,
+    free: BoolArray,
+    before: Fit | None = None,
+) -> Fit:
+    """Fit until whole-sample shifts and integration steps no longer change.
+
+    Args:
+        before: a fit of nearly the same problem, from whose noise and initial states the first one starts.
+    """
+    result = None
+    for _ in range(ROUNDS_MAX):
+        problem = vehicle_problem(samples, config, centre, values, rear)
+        if result is not None and _same(problem, result.problem):
+            break
+        start, before = before, None
+        start = start or result
+        given = (None, None) if start is None else (start.starts, start.noise)
+        result = fit(problem, np.array([values[name] for name in problem.prior.names]), free, *given)
+        values = result.named()
+    assert result is not None
+    return result
+
+
+def _same(first: Problem, second: Problem) -> bool:
+    return first.substeps <= second.substeps and bool((first.constants == second.constants).all())
+
+
+def _correlation(full: Fit, judged: Identifiability) -> tuple[tuple[str, ...], FloatArray]:
+    chosen = np.flatnonzero(judged.is_identified)
+    names = tuple(full.problem.prior.names[k] for k in chosen)
+    covariance = full.covariance[np.ix_(chosen, chosen)]
+    deviation = np.sqrt(np.diag(covariance))
+    return names, covariance / np.outer(deviation, deviation)
