@@ -4,7 +4,9 @@ The cost is sum rho((y - measured) / noise) + |z|^2 / 2 with Huber's rho and z t
 free initial states of each segment are eliminated from the normal equations (Schur complement). The noise of each output is
 estimated from the residuals. The covariance is the sandwich H^-1 (M + I) H^-1: M is the long-run covariance of the gradient over
 samples (W. K. Newey, K. D. West, A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
-matrix, 1987), because residuals are coloured and larger where the car moves fast.
+matrix, 1987), because residuals are coloured and larger where the car moves fast. The gradient of a segment is that of the
+estimate from all others, because a segment that dominates a parameter hides its own error (J. G. MacKinnon, H. White, Some
+heteroskedasticity-consistent covariance matrix estimators with improved finite sample properties, 1985).
 """
 
 from __future__ import annotations
@@ -70,7 +72,7 @@ class _Point:
     """Cost and normal equations at z (f,) and starts, the initial states eliminated.
 
     Attributes:
-        hessian, gradient: (f, f) and (f,), without the prior.
+        hessian, gradient: (f, f) and (f,), without the prior. parts: (m, f, f), the share of each segment in the former.
         gains, offsets: (m, starts, f) and (m, starts): change of the initial states is offsets + gains @ change of z.
     """
 
@@ -78,6 +80,7 @@ class _Point:
     starts: FloatArray
     cost: float
     hessian: FloatArray
+    parts: FloatArray
     gradient: FloatArray
     gains: FloatArray
     offsets: FloatArray
@@ -117,15 +120,15 @@ class _Solver:
         chosen = np.flatnonzero(self.free)
         if not (math.isfinite(cost) and np.isfinite(found.hessian).all()):
             empty = np.zeros(0)
-            return _Point(z, starts, math.inf, empty, empty, empty, empty)
+            return _Point(z, starts, math.inf, empty, empty, empty, empty, empty)
         inner = found.hessian[:, count:, count:] + np.diag(1.0 / problem.start_spread**2)
         cross = found.hessian[:, count:, chosen]
         pull = found.gradient[:, count:] + moved / problem.start_spread
         gains = -np.linalg.solve(inner, cross)
         offsets = -np.linalg.solve(inner, pull[:, :, None])[:, :, 0]
-        hessian = found.hessian.sum(axis=0)[np.ix_(chosen, chosen)] + np.einsum("msf,msg->fg", cross, gains)
+        parts = found.hessian[:, chosen[:, None], chosen] + np.swapaxes(cross, 1, 2) @ gains
         gradient = found.gradient.sum(axis=0)[chosen] + np.einsum("msf,ms->f", gains, pull)
-        return _Point(z, starts, cost, hessian, gradient, gains, offsets)
+        return _Point(z, starts, cost, parts.sum(axis=0), parts, gradient, gains, offsets)
 
     def scores(self, here: _Point, noise: FloatArray) -> FloatArray:
         """Return the gradient of each sample (rows, f), the initial states eliminated."""
@@ -217,8 +220,11 @@ def fit(
     here = solver.point(z, starts, noise)
     identity = np.eye(len(z))
     window = max(round(WINDOW_S / problem.samples.step), 1)
-    meat = _long_run(solver.scores(here, noise), problem.segments.offsets, window) + identity
     inverse = np.linalg.inv(here.hessian + identity)
+    scores = solver.scores(here, noise)
+    for part, (low, high) in zip(here.parts, pairwise(problem.segments.offsets), strict=True):
+        scores[low:high] = np.linalg.solve(identity - part @ inverse, scores[low:high].T).T
+    meat = _long_run(scores, problem.segments.offsets, window) + identity
     covariance, information = np.zeros((len(free), len(free))), np.zeros((len(free), len(free)))
     chosen = np.ix_(free, free)
     covariance[chosen], information[chosen] = inverse @ meat @ inverse, here.hessian

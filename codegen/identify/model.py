@@ -171,25 +171,26 @@ def vehicle_model(is_relaxed: bool) -> ShootingModel:
 def actuator_model() -> ShootingModel:
     """Return the rear actuator of the two-track model: output angle (rad) with the sensor's offset.
 
-    Inputs: command (rad) as it acts after a delay, and its derivative by that delay. Constants: the largest angle (rad) and
-    that delay (s), from which the parameter departs only in derivatives.
+    A step of the command lies between two samples, where its delay puts it. Time is stretched before and after it, so that
+    the step falls between two integration steps. Inputs: command (rad), stretch, and the derivative of the stretch by the delay.
+    Constants: the largest angle (rad) and the delay (s) of these inputs, from which the parameter departs only in derivatives.
     """
     plant = two_track_of_parameters(configuration.Config())
-    x, s, u = ca.SX.sym("x"), ca.SX.sym("s"), ca.SX.sym("u", 2)
+    x, s, u = ca.SX.sym("x"), ca.SX.sym("s"), ca.SX.sym("u", 3)
     p, c = ca.SX.sym("p", len(ACTUATOR_PARAMETERS)), ca.SX.sym("c", 2)
     lag, rate, offset, delay = ca.vertsplit(p)
     car = {"rear_lag": lag, "rear_rate_max": rate, "rear_angle_max": c[0]}
-    command = u[0] + (delay - c[1]) * u[1]
-    rates = plant.derivative(
+    stretch = u[1] + (delay - c[1]) * u[2]
+    rates = stretch * plant.derivative(
         ca.vertcat(*(x if name == "rear_angle" else 0.0 for name in PLANT_STATES)),
-        ca.vertcat(*(command if name == "rear_angle_command" else 1.0 for name in PLANT_INPUTS)),
+        ca.vertcat(*(u[0] if name == "rear_angle_command" else 1.0 for name in PLANT_INPUTS)),
         ca.vertcat(*(car.get(name, 1.0) for name in PLANT_PARAMETERS)),
     )[PLANT_STATES.index("rear_angle")]
     names = (
         "identify_actuator",
         ("rear_angle",),
         ("rear_angle",),
-        ("delta_r_command", "delta_r_command_by_delay"),
+        ("delta_r_command", "stretch", "stretch_by_delay"),
         ("delta_r",),
         ACTUATOR_PARAMETERS,
         ("rear_angle_max", "delay"),

@@ -16,7 +16,7 @@ from codegen.identify.estimate import Fit, fit
 from codegen.identify.identifiability import Direction, Identifiability, analyse
 from codegen.identify.model import OUTPUTS
 from codegen.identify.parameters import BY_NAME, PARAMETERS, Parameter, configured
-from codegen.identify.shooting import Problem, Samples, actuator_problem, front_signal, held, vehicle_problem
+from codegen.identify.shooting import Problem, Samples, actuator_problem, filled, front_signal, vehicle_problem
 from codegen.identify.start import actuator_start, starting_values
 
 RELAXATION_START_M = 0.2
@@ -104,7 +104,7 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
     tell("car")
     full, kept, judged = _fit_vehicle(samples, config, centre, rear, notes)
     directions += judged.directions
-    deviations = full.standard_deviations
+    deviations = _deviations(full, kept)
     for index, parameter in enumerate(full.problem.prior.parameters):
         if parameter.name in found:
             continue
@@ -118,6 +118,14 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
     names, correlation = _correlation(full, judged)
     ordered = {parameter.name: found[parameter.name] for parameter in PARAMETERS}
     return Identification(config, ordered, names, correlation, tuple(directions), kept, actuator, tuple(notes))
+
+
+def _deviations(full: Fit, kept: Fit) -> FloatArray:
+    """Return the standard deviations (k,) in SI: of the fit with all parameters free, and the change from it to the kept values.
+
+    That change is what configured values of parameters that are not determined do to the others.
+    """
+    return np.hypot(full.standard_deviations, kept.values - full.values)
 
 
 def _quantity(
@@ -156,7 +164,7 @@ def _fit_actuator(
         kept = fit(problem, fixed, judged.is_identified, result.starts, result.noise)
     else:
         kept = result
-    deviations = result.standard_deviations
+    deviations = _deviations(result, kept)
     for index, parameter in enumerate(problem.prior.parameters):
         is_identified = bool(judged.is_identified[index])
         note = "" if is_identified else f"not determined by these drives; drive: {parameter.manoeuvre}"
@@ -177,16 +185,17 @@ def _rear_angle(samples: Samples, config: Config, values: dict[str, float], note
         )
     notes.append("the rear angle was not measured; it follows from the command and the configured actuator")
     command = samples.signal("delta_r_command")
-    mean = held(samples, command, values["actuator_delay"], 1)[::3, 0]
+    acting = samples.shifted("delta_r_command", -round(values["actuator_delay"] / samples.step))
     lag, limit = values["actuator_lag"], config.rear_actuator.angle_max
     step = values["actuator_rate"] * samples.step
     share = -math.expm1(-samples.step / lag)
     result = np.empty(len(samples))
     for low, high in zip(samples.begin[:-1], samples.begin[1:], strict=True):
-        angle = mean[low]
-        for k in range(low, high):
-            result[k] = angle
-            angle += min(max(share * (min(max(mean[k], -limit), limit) - angle), -step), step)
+        part = filled(acting[low:high])
+        angle = part[0]
+        for k, demand in enumerate(part.tolist()):
+            result[low + k] = angle
+            angle += min(max(share * (min(max(demand, -limit), limit) - angle), -step), step)
     return np.where(np.isfinite(command), result, math.nan)
 
 

@@ -35,8 +35,8 @@ taken as steady."""
 STEP_STABLE = 1.0
 """Largest product of an integration step and a rate of the model. Runge-Kutta is stable up to 2.8; at 1 its error is below 1 %
 of a transient of that rate."""
-ACTUATOR_SUBSTEPS_S = 0.001
-"""Longest integration step of the actuator in s: half of the shortest lag."""
+ACTUATOR_STEP_S = 0.002
+"""Longest integration step of the actuator in s: the shortest lag."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,22 +169,24 @@ def between(samples: Samples, signals: Sequence[FloatArray], substeps: int) -> F
 
 
 def held(samples: Samples, signal: FloatArray, delay: float, substeps: int) -> FloatArray:
-    """Return a command that is held between samples and acts `delay` s late: its mean over each substep, and the derivative of
-    that by the delay, (n * substeps * 3, 2)."""
-    result = np.empty((len(samples), substeps, 2))
+    """Return the inputs (n * substeps * 3, 3) of `model.actuator_model` for a command that is held between samples.
+
+    Args:
+        delay: s, from a sample of the command to its effect.
+        substeps: even; half of them lie before the step of the command in a sample, half after it.
+    """
+    whole = math.floor(delay / samples.step)
+    share = delay / samples.step - whole
+    half = substeps // 2
+    result = np.empty((len(samples), substeps, 3))
     for low, high in zip(samples.begin[:-1], samples.begin[1:], strict=True):
         values = filled(signal[low:high])
-        grid = samples.step * np.arange(values.size + 1)
-        integral = np.concatenate([[0.0], np.cumsum(values)]) * samples.step
-        at = samples.step / substeps * np.arange(values.size * substeps + 1) - delay
-        moved = np.interp(at, grid, integral)
-        # Before and after the drive, the first and the last value act.
-        moved += np.minimum(at, 0.0) * values[0] + np.maximum(at - grid[-1], 0.0) * values[-1]
-        acting = values[np.clip(np.floor(at / samples.step).astype(int), 0, values.size - 1)]
-        per_second = substeps / samples.step
-        result[low:high, :, 0] = (np.diff(moved) * per_second).reshape(-1, substeps)
-        result[low:high, :, 1] = (-np.diff(acting) * per_second).reshape(-1, substeps)
-    return np.repeat(result.reshape(-1, 2), 3, axis=0)
+        at = np.arange(values.size) - whole
+        result[low:high, :half, 0] = values[np.clip(at - 1, 0, values.size - 1)][:, None]
+        result[low:high, half:, 0] = values[np.clip(at, 0, values.size - 1)][:, None]
+    result[:, :half, 1:] = 2.0 * share, 2.0 / samples.step
+    result[:, half:, 1:] = 2.0 * (1.0 - share), -2.0 / samples.step
+    return np.repeat(result.reshape(-1, 3), 3, axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,7 +359,7 @@ def actuator_problem(samples: Samples, config: Config, centre: dict[str, float])
     segments = samples.segments(np.isfinite(command) & np.isfinite(angle))
     if not segments.first.size:
         return None
-    substeps = math.ceil(samples.step / ACTUATOR_SUBSTEPS_S)
+    substeps = 2 * math.ceil(samples.step / ACTUATOR_STEP_S)
     constants = np.array([config.rear_actuator.angle_max])
     return Problem(
         actuator_model(),
