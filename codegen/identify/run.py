@@ -98,7 +98,9 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
     tell("actuator")
     actuator = _fit_actuator(samples, config, centre, found, directions)
     values = {**centre, **{name: quantity.value for name, quantity in found.items()}}
-    rear = _rear_angle(samples, config, values, notes)
+    rear = rear_angle(samples, config, values)
+    if not samples.has("delta_r"):
+        notes.append("the rear angle was not measured; it follows from the command and the configured actuator")
     _fit_ratio(samples, centre, found)
 
     tell("car")
@@ -115,9 +117,9 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
     for parameter in PARAMETERS:
         if parameter.name not in found:
             found[parameter.name] = _quantity(parameter, 0.0, math.nan, centre, False, _missing(parameter, samples))
-    names, correlation = _correlation(full, judged)
+    names, correlation = _correlation(found, (full, *(() if actuator is None else (actuator[0],))))
     ordered = {parameter.name: found[parameter.name] for parameter in PARAMETERS}
-    return Identification(config, ordered, names, correlation, tuple(directions), kept, actuator, tuple(notes))
+    return Identification(config, ordered, names, correlation, tuple(directions), kept, actuator and actuator[1], tuple(notes))
 
 
 def _deviations(full: Fit, kept: Fit) -> FloatArray:
@@ -150,7 +152,8 @@ def _missing(parameter: Parameter, samples: Samples) -> str:
 
 def _fit_actuator(
     samples: Samples, config: Config, centre: dict[str, float], found: dict[str, Quantity], directions: list[Direction]
-) -> Fit | None:
+) -> tuple[Fit, Fit] | None:
+    """Return the fit of the actuator with all parameters free and the one that is kept; None without its signals."""
     problem = actuator_problem(samples, config, centre)
     if problem is None:
         return None
@@ -170,11 +173,15 @@ def _fit_actuator(
         note = "" if is_identified else f"not determined by these drives; drive: {parameter.manoeuvre}"
         found[parameter.name] = _quantity(parameter, kept.values[index], deviations[index], centre, is_identified, note)
     directions += judged.directions
-    return kept
+    return result, kept
 
 
-def _rear_angle(samples: Samples, config: Config, values: dict[str, float], notes: list[str]) -> FloatArray:
-    """Return the rear angle (n,) in rad that drives the car: measured, or simulated from its command."""
+def rear_angle(samples: Samples, config: Config, values: dict[str, float]) -> FloatArray:
+    """Return the rear angle (n,) in rad that drives the car: measured, or simulated from its command.
+
+    Raises:
+        CodegenError: neither was measured.
+    """
     if samples.has("delta_r"):
         return samples.signal("delta_r") - values["rear_offset"]
     if not samples.has("delta_r_command"):
@@ -183,7 +190,6 @@ def _rear_angle(samples: Samples, config: Config, values: dict[str, float], note
             where="identify",
             remedy="name one in the signals; without rear steering, add delta_r with the value 0",
         )
-    notes.append("the rear angle was not measured; it follows from the command and the configured actuator")
     command = samples.signal("delta_r_command")
     acting = samples.shifted("delta_r_command", -round(values["actuator_delay"] / samples.step))
     lag, limit = values["actuator_lag"], config.rear_actuator.angle_max
@@ -297,9 +303,16 @@ def _same(first: Problem, second: Problem) -> bool:
     return first.substeps <= second.substeps and bool((first.constants == second.constants).all())
 
 
-def _correlation(full: Fit, judged: Identifiability) -> tuple[tuple[str, ...], FloatArray]:
-    chosen = np.flatnonzero(judged.is_identified)
-    names = tuple(full.problem.prior.names[k] for k in chosen)
-    covariance = full.covariance[np.ix_(chosen, chosen)]
-    deviation = np.sqrt(np.diag(covariance))
-    return names, covariance / np.outer(deviation, deviation)
+def _correlation(found: dict[str, Quantity], fits: Sequence[Fit]) -> tuple[tuple[str, ...], FloatArray]:
+    """Return names and correlation of the determined quantities; zero between quantities of different fits."""
+    names = tuple(parameter.name for parameter in PARAMETERS if found[parameter.name].is_identified)
+    result = np.eye(len(names))
+    for one in fits:
+        deviation = np.sqrt(np.diag(one.covariance))
+        at = {name: k for k, name in enumerate(one.problem.prior.names) if one.free[k]}
+        for i, first in enumerate(names):
+            for j, second in enumerate(names):
+                if i != j and first in at and second in at:
+                    a, b = at[first], at[second]
+                    result[i, j] = one.covariance[a, b] / (deviation[a] * deviation[b])
+    return names, result

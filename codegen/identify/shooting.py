@@ -102,7 +102,7 @@ class Samples:
 
     def segments(self, usable: BoolArray, length: float = SEGMENT_S, shortest: float = SEGMENT_MIN_S) -> Segments:
         """Cut the usable samples (n,) into segments of `length` s; rests below `shortest` s are left out."""
-        count, least = max(round(length / self.step), 2), max(round(shortest / self.step), 2)
+        count, least = max(round(min(length / self.step, len(self))), 2), max(round(shortest / self.step), 2)
         first: list[int] = []
         lengths: list[int] = []
         edges = set(self.begin.tolist()) | set((np.flatnonzero(np.diff(usable.astype(int))) + 1).tolist())
@@ -245,11 +245,6 @@ class Problem:
         segments = Segments(self.segments.first[chosen], self.segments.length[chosen])
         return replace(self, segments=segments, measured=self.measured[rows], starts=self.starts[chosen])
 
-    def with_segments(self, segments: Segments, starts: FloatArray) -> Problem:
-        """Return the problem over other segments, nothing compared."""
-        measured = np.full((int(segments.length.sum()), len(self.model.outputs)), math.nan)
-        return replace(self, segments=segments, starts=starts, measured=measured)
-
 
 def front_signal(samples: Samples, config: Config) -> tuple[FloatArray, bool]:
     """Return the measured front angle (n,) in rad, and whether it is the angle of the steering wheel.
@@ -282,7 +277,12 @@ def front_signal(samples: Samples, config: Config) -> tuple[FloatArray, bool]:
 
 
 def vehicle_problem(
-    samples: Samples, config: Config, centre: dict[str, float], values: dict[str, float], rear_angle: FloatArray
+    samples: Samples,
+    config: Config,
+    centre: dict[str, float],
+    values: dict[str, float],
+    rear_angle: FloatArray,
+    segment_s: float = SEGMENT_S,
 ) -> Problem:
     """Return the problem of the car.
 
@@ -290,6 +290,7 @@ def vehicle_problem(
         centre: centre of the prior. values: current values, from which integration step, shifts of the outputs by whole samples
             and initial states follow; a relaxation length of zero leaves it out.
         rear_angle: (n,) rad, without the offset of its sensor.
+        segment_s: length of the segments; infinite for each uninterrupted part.
 
     Raises:
         CodegenError: no drive is usable.
@@ -299,7 +300,7 @@ def vehicle_problem(
     front, _ = front_signal(samples, config)
     speed, yaw_rate = samples.signal("vx"), samples.signal("yaw_rate")
     usable = np.isfinite(speed) & (speed > SPEED_MIN) & np.isfinite(front) & np.isfinite(rear_angle) & np.isfinite(yaw_rate)
-    segments = samples.segments(usable)
+    segments = samples.segments(usable, segment_s)
     if not segments.first.size:
         raise CodegenError(
             f"no drive has {SEGMENT_MIN_S:g} s with speed above {SPEED_MIN:g} m/s, front angle, rear angle and yaw rate",
