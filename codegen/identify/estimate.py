@@ -4,8 +4,8 @@ The cost is sum rho((y - measured) / noise) + |z|^2 / 2 with Huber's rho and z t
 free initial states of each segment are eliminated from the normal equations (Schur complement). The noise of each output is
 estimated from the residuals. The covariance is the sandwich H^-1 (M + I) H^-1: M is the long-run covariance of the gradient over
 samples (W. K. Newey, K. D. West, A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
-matrix, 1987), because residuals are coloured and larger where the car moves fast. The gradient of a segment is that of the
-estimate from all others, because a segment that dominates a parameter hides its own error (J. G. MacKinnon, H. White, Some
+matrix, 1987), because residuals are coloured and larger where the car moves fast. The gradient of each second is that of the
+estimate from all others, because a manoeuvre that dominates a parameter hides its own error (J. G. MacKinnon, H. White, Some
 heteroskedasticity-consistent covariance matrix estimators with improved finite sample properties, 1985).
 """
 
@@ -17,20 +17,23 @@ from itertools import pairwise
 
 import numpy as np
 
-from codegen.arrays import BoolArray, FloatArray
+from codegen.arrays import BoolArray, FloatArray, IntArray
 from codegen.identify.shooting import Problem
 
 HUBER = 2.5
 """Residuals beyond this multiple of the noise count linearly. Close to least squares for normal noise; outliers are bounded."""
-ITERATIONS_MAX = 30
+ITERATIONS_MAX = 20
+DAMPING, DAMPING_MAX = 1e-3, 1e9
+"""First and largest damping."""
 DECREMENT_MIN = 1e-3
 """Stop when a step would lower the cost by less: it moves no parameter by more than a twentieth of its standard deviation."""
 WINDOW_S = 1.0
 """Lags of the residuals' correlation that the covariance takes in, s: above all time constants of a car."""
-NOISE_ROUNDS_MAX, NOISE_CHANGE = 6, 0.03
-"""Rounds of estimating the noise, and the relative change at which they end."""
-DECREMENT_FIRST, NOISE_CHANGE_FIRST = 0.1, 0.2
-"""The same for the first estimate."""
+DECREMENT_ROUND = 0.1
+"""The same while the noise is not known."""
+NOISE_ROUNDS_MAX = 5
+NOISE_CHANGE, NOISE_CHANGE_FIRST = 0.03, 0.2
+"""Relative change of the noise at which these rounds end; and for a first estimate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,21 +72,60 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """Cost and normal equations at z (f,) and starts, the initial states eliminated.
+    """Cost and normal equations, prior included, at z (f,) and starts (m, s).
 
     Attributes:
-        hessian, gradient: (f, f) and (f,), without the prior. parts: (m, f, f), the share of each segment in the former.
-        gains, offsets: (m, starts, f) and (m, starts): change of the initial states is offsets + gains @ change of z.
+        outer: (m, f, f), of z without the prior, the share of each segment. cross: (m, s, f). inner: (m, s, s).
+        gradient: (f,). pull: (m, s), gradient by the initial states.
     """
 
     z: FloatArray
     starts: FloatArray
     cost: float
-    hessian: FloatArray
-    parts: FloatArray
+    outer: FloatArray
+    cross: FloatArray
+    inner: FloatArray
     gradient: FloatArray
-    gains: FloatArray
-    offsets: FloatArray
+    pull: FloatArray
+
+    def gains(self, damping: float = 0.0) -> FloatArray:
+        """Return the change of the initial states (m, s, f) for each change of z."""
+        return -np.linalg.solve(_damped(self.inner, damping), self.cross)
+
+    def parts(self) -> FloatArray:
+        """Return the share (m, f, f) of each segment in the Hessian of z, the initial states eliminated."""
+        result: FloatArray = self.outer + np.swapaxes(self.cross, 1, 2) @ self.gains()
+        return result
+
+    def step(self, damping: float, movable: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Return the damped Gauss-Newton step of z, zero where not movable, and of the initial states for a given one."""
+        gains = self.gains(damping)
+        hessian = _damped(self.outer.sum(axis=0) + np.eye(len(self.z)), damping) + np.einsum("msf,msg->fg", self.cross, gains)
+        gradient = self.gradient + np.einsum("msf,ms->f", gains, self.pull)
+        move = np.zeros(len(self.z))
+        chosen = np.flatnonzero(movable)
+        move[chosen] = -np.linalg.solve(hessian[np.ix_(chosen, chosen)], gradient[chosen])
+        return move, gains
+
+    def starts_step(self, damping: float, gains: FloatArray, move: FloatArray) -> FloatArray:
+        """Return the step of the initial states (m, s) that goes with a step of z."""
+        alone = np.linalg.solve(_damped(self.inner, damping), self.pull[:, :, None])[:, :, 0]
+        result: FloatArray = gains @ move - alone
+        return result
+
+    def expected(self, move: FloatArray, by_starts: FloatArray) -> float:
+        """Return the decrease of the cost that the normal equations predict for a step."""
+        slope = float(self.gradient @ move) + float((self.pull * by_starts).sum())
+        bend = float(move @ (self.outer.sum(axis=0) + np.eye(len(move))) @ move)
+        bend += 2.0 * float(np.einsum("ms,msf,f->", by_starts, self.cross, move))
+        bend += float(np.einsum("ms,mst,mt->", by_starts, self.inner, by_starts))
+        return -slope - 0.5 * bend
+
+
+def _damped(matrix: FloatArray, damping: float) -> FloatArray:
+    """Return square matrices (..., k, k) with their diagonals enlarged (D. W. Marquardt, 1963)."""
+    result: FloatArray = matrix * (1.0 + damping * np.eye(matrix.shape[-1]))
+    return result
 
 
 class _Solver:
@@ -121,53 +163,61 @@ class _Solver:
         if not (math.isfinite(cost) and np.isfinite(found.hessian).all()):
             empty = np.zeros(0)
             return _Point(z, starts, math.inf, empty, empty, empty, empty, empty)
-        inner = found.hessian[:, count:, count:] + np.diag(1.0 / problem.start_spread**2)
-        cross = found.hessian[:, count:, chosen]
-        pull = found.gradient[:, count:] + moved / problem.start_spread
-        gains = -np.linalg.solve(inner, cross)
-        offsets = -np.linalg.solve(inner, pull[:, :, None])[:, :, 0]
-        parts = found.hessian[:, chosen[:, None], chosen] + np.swapaxes(cross, 1, 2) @ gains
-        gradient = found.gradient.sum(axis=0)[chosen] + np.einsum("msf,ms->f", gains, pull)
-        return _Point(z, starts, cost, parts.sum(axis=0), parts, gradient, gains, offsets)
+        return _Point(
+            z,
+            starts,
+            cost,
+            found.hessian[:, chosen[:, None], chosen],
+            found.hessian[:, count:, chosen],
+            found.hessian[:, count:, count:] + np.diag(1.0 / problem.start_spread**2),
+            found.gradient.sum(axis=0)[chosen] + z,
+            found.gradient[:, count:] + moved / problem.start_spread,
+        )
 
-    def scores(self, here: _Point, noise: FloatArray) -> FloatArray:
-        """Return the gradient of each sample (rows, f), the initial states eliminated."""
+    def rows(self, here: _Point, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return weighted errors (rows, outputs) and their derivatives (rows, outputs, f), the initial states eliminated.
+
+        Their sum of squares is the cost to first order; their product is the gradient of each sample.
+        """
         problem, values, count = self.problem, self.values(here.z), len(self.free)
         output, slope = problem.simulation(values, here.starts).slopes()
         scaled = np.where(self.known, (output - problem.measured) / noise, 0.0)
-        pull = np.clip(scaled, -HUBER, HUBER) / noise
-        result: FloatArray = np.einsum("ro,rof->rf", pull, slope[:, :, np.flatnonzero(self.free)])
-        result *= problem.prior.slope(values)[self.free]
-        by_start = np.einsum("ro,ros->rs", pull, slope[:, :, count:])
-        for k, (low, high) in enumerate(pairwise(problem.segments.offsets)):
-            result[low:high] += by_start[low:high] @ here.gains[k]
-        return result
+        robust = np.sqrt(HUBER / np.maximum(np.abs(scaled), HUBER))
+        by_z: FloatArray = slope[:, :, np.flatnonzero(self.free)] * problem.prior.slope(values)[self.free]
+        for gain, (low, high) in zip(here.gains(), pairwise(problem.segments.offsets), strict=True):
+            by_z[low:high] += slope[low:high, :, count:] @ gain
+        by_z *= np.where(self.known, robust / noise, 0.0)[:, :, None]
+        return scaled * robust, by_z
 
     def minimise(self, z: FloatArray, starts: FloatArray, noise: FloatArray, decrement: float) -> _Point:
         """Return the minimum for a given noise (Levenberg-Marquardt with bounds)."""
         here = self.point(z, starts, noise)
-        damping = 1e-4
+        damping = DAMPING
         for _ in range(ITERATIONS_MAX):
-            hessian = here.hessian + np.eye(len(here.z))
-            gradient = here.gradient + here.z
+            # A parameter stays at its bound where the cost falls beyond it.
+            movable = ~(((here.z <= self.low) & (here.gradient > 0.0)) | ((here.z >= self.high) & (here.gradient < 0.0)))
+            free_move, gains = here.step(0.0, movable)
+            if here.expected(free_move, here.starts_step(0.0, gains, free_move)) < decrement:
+                return here
             while True:
-                damped = hessian + damping * np.diag(np.diag(hessian))
-                move = -np.linalg.solve(damped, gradient)
-                target = np.clip(here.z + move, self.low, self.high)
-                move = target - here.z
-                expected = -float(gradient @ move) - 0.5 * float(move @ hessian @ move)
-                starts = here.starts + here.offsets + here.gains @ move
-                there = self.point(target, starts, noise)
+                move, by_starts = self._moved(here, damping, movable)
+                expected = here.expected(move, by_starts)
+                there = self.point(here.z + move, here.starts + by_starts, noise)
                 if there.cost < here.cost:
                     break
-                if expected < decrement or damping > 1e8:
+                if damping > DAMPING_MAX or expected < 0.1 * decrement:
                     return here
                 damping *= 10.0
-            damping = max(damping * 0.1, 1e-9)
+            # Less damping only where the prediction holds (J. Nocedal, S. Wright, Numerical Optimization, algorithm 4.1).
             fell, here = here.cost - there.cost, there
-            if fell < decrement:
-                break
+            damping = damping * (0.1 if fell > 0.75 * expected else 4.0 if fell < 0.25 * expected else 1.0)
         return here
+
+    def _moved(self, here: _Point, damping: float, movable: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Return the step of z, within its bounds, and of the initial states."""
+        move, gains = here.step(damping, movable)
+        move = np.clip(here.z + move, self.low, self.high) - here.z
+        return move, here.starts_step(damping, gains, move)
 
 
 def noise_of(error: FloatArray) -> FloatArray:
@@ -211,23 +261,18 @@ def fit(
         starts = part_starts if part is solver else starts
     known = solver.known.any(axis=0)
     noise = np.where(known, noise, 1.0)
-    for _ in range(NOISE_ROUNDS_MAX):
-        here = solver.minimise(z, starts, noise, DECREMENT_MIN)
-        z, starts = here.z, here.starts
-        before, noise = noise, noise_of(solver.errors(z, starts))
-        if bool((np.abs(np.log(noise / before)) < NOISE_CHANGE).all()):
-            break
-    here = solver.point(z, starts, noise)
+    z, starts, noise = _settled(solver, z, starts, noise, NOISE_CHANGE)
+    here = solver.minimise(z, starts, noise, DECREMENT_MIN)
+    z, starts = here.z, here.starts
     identity = np.eye(len(z))
     window = max(round(WINDOW_S / problem.samples.step), 1)
-    inverse = np.linalg.inv(here.hessian + identity)
-    scores = solver.scores(here, noise)
-    for part, (low, high) in zip(here.parts, pairwise(problem.segments.offsets), strict=True):
-        scores[low:high] = np.linalg.solve(identity - part @ inverse, scores[low:high].T).T
+    hessian = here.parts().sum(axis=0)
+    inverse = np.linalg.inv(hessian + identity)
+    scores = _scores(*solver.rows(here, noise), problem.segments.offsets, window, inverse)
     meat = _long_run(scores, problem.segments.offsets, window) + identity
     covariance, information = np.zeros((len(free), len(free))), np.zeros((len(free), len(free)))
     chosen = np.ix_(free, free)
-    covariance[chosen], information[chosen] = inverse @ meat @ inverse, here.hessian
+    covariance[chosen], information[chosen] = inverse @ meat @ inverse, hessian
     return Fit(
         problem,
         solver.values(z),
@@ -250,16 +295,39 @@ def _first(solver: _Solver, z: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     noise = np.ones(error.shape[1])
     for k in np.flatnonzero(solver.known.any(axis=0)):
         noise[k] = max(float(np.sqrt(np.nanmean(error[:, k] ** 2))), 1e-12)
+    return _settled(solver, z, starts, noise, NOISE_CHANGE_FIRST)
+
+
+def _settled(
+    solver: _Solver, z: FloatArray, starts: FloatArray, noise: FloatArray, change: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return z, initial states and noise after rounds of minimising and estimating the noise."""
     for _ in range(NOISE_ROUNDS_MAX):
-        here = solver.minimise(z, starts, noise, DECREMENT_FIRST)
+        here = solver.minimise(z, starts, noise, DECREMENT_ROUND)
         z, starts = here.z, here.starts
         before, noise = noise, noise_of(solver.errors(z, starts))
-        if bool((np.abs(np.log(noise / before)) < NOISE_CHANGE_FIRST).all()):
+        if bool((np.abs(np.log(noise / before)) < change).all()):
             break
     return z, starts, noise
 
 
-def _long_run(scores: FloatArray, offsets: FloatArray, window: int) -> FloatArray:
+def _scores(error: FloatArray, by_z: FloatArray, offsets: IntArray, window: int, inverse: FloatArray) -> FloatArray:
+    """Return the gradient (rows, f) of each sample, with the error that remains without the samples within `window` of it.
+
+    Args:
+        error, by_z: see `_Solver.rows`. inverse: (f, f) inverse Hessian.
+    """
+    result: FloatArray = np.einsum("ro,rof->rf", error, by_z)
+    identity = np.eye(len(inverse))
+    for low, high in pairwise(offsets):
+        for begin in range(low, high, window):
+            block = slice(begin, min(begin + window, high))
+            slopes = by_z[block].reshape(-1, len(inverse))
+            result[block] = np.linalg.solve(identity - slopes.T @ slopes @ inverse, result[block].T).T
+    return result
+
+
+def _long_run(scores: FloatArray, offsets: IntArray, window: int) -> FloatArray:
     """Return the long-run covariance of the sum of scores (rows, f), lags within a segment, Bartlett weights.
 
     The sum over all windows of `window` samples, moved sample by sample over the segment and beyond its ends, of the outer
@@ -267,7 +335,7 @@ def _long_run(scores: FloatArray, offsets: FloatArray, window: int) -> FloatArra
     """
     keep = scores.shape[1]
     total = np.zeros((keep, keep))
-    for low, high in zip(offsets[:-1], offsets[1:], strict=True):
+    for low, high in pairwise(offsets):
         summed = np.concatenate([np.zeros((1, keep)), np.cumsum(scores[low:high], axis=0)])
         at = np.arange(1 - window, int(high - low))
         block = summed[np.clip(at + window, 0, int(high - low))] - summed[np.clip(at, 0, int(high - low))]

@@ -6,6 +6,8 @@ import math
 import tomllib
 from typing import Any
 
+import tomlkit
+
 from codegen.configuration import Config, parse
 from codegen.errors import ConfigError
 from codegen.identify.run import Identification
@@ -70,12 +72,22 @@ def identified_toml(found: Identification, text: str, where: object) -> str:
         "correlations": matrix,
     }
     try:
-        for table, values in tables.items():
+        for table, values in {**tables, "identified": _rows(tables["identified"])}.items():
             text = replace_values(text, table, values, _RENAMED if table.startswith("tyre.") else {}, REMARK)
     except ImportFault:
         text = whole(_changed(found.config, tables, where), "codegen identify")
     _parsed(tomllib.loads(text), where)
     return text
+
+
+def _rows(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the lists with an entry, or a row of the matrix, on each line."""
+    result = {}
+    for key, entries in values.items():
+        result[key] = tomlkit.array()
+        result[key].extend(entries)
+        result[key].multiline(True)
+    return result
 
 
 def _changed(config: Config, tables: dict[str, dict[str, Any]], where: object) -> Config:
