@@ -1,0 +1,4 @@
+"""Identification of a car's parameters from measured drives.
+
+Layers: see `tests/test_layers.py`.
+"""

@@ -1,0 +1,186 @@
+"""Samples of one signal in SI, in order of time, with NaN in place of values that are none.
+
+Saturation is found by known limits: those of names.toml, else those of the database. A limit of zero is none, since cars stand
+still. Where no limit is known, a response of the car that stays at its largest value is clipped if it got there at speed: the
+top of a smooth curve is reached slowly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from codegen.arrays import BoolArray, FloatArray
+from codegen.errors import CodegenError
+from codegen.identify.channels import Channel, Samples
+from codegen.identify.findings import CLOCK, GAP, IMPOSSIBLE, REMARK, RESERVED, SATURATED, Finding
+from codegen.identify.names import SignalChoice
+from codegen.identify.quantities import Quantity
+from codegen.identify.stamps import blocks, increasing
+
+GAP_PERIODS = 2.5
+"""A pause of more sampling times is a gap: at least two samples are lost. A single lost sample is bridged by interpolation."""
+WRONG_UNIT_FRACTION = 0.02
+"""Fraction of impossible values from which the unit is wrong, and not the sensor now and then."""
+WRONG_LIMITS_FRACTION = 0.5
+"""Fraction of values beyond the limits of the database from which the database is wrong."""
+PLATEAU_SAMPLES = 5
+APPROACH_SAMPLES = 3
+APPROACH_STEPS = 3.0
+"""A clipped curve reaches its plateau of at least PLATEAU_SAMPLES by more than APPROACH_STEPS of its resolution within
+APPROACH_SAMPLES. A sine with steps of the resolution, whose top has 5 samples, rises by 2.4 steps in the 3 samples before."""
+CLIPPED = ("yaw_rate", "lateral_acceleration", "sideslip")
+"""Responses of the car. A driver may hold an angle of the steering wheel as long as he likes."""
+
+
+@dataclass(frozen=True)
+class Conditioned:
+    """Samples of a quantity.
+
+    Attributes:
+        time: (n,) s, increasing, n >= 2.
+        values: (n,) SI, NaN where there is no value.
+        period: sampling time, s.
+    """
+
+    time: FloatArray
+    values: FloatArray
+    period: float
+
+    @property
+    def pause_max(self) -> float:
+        """Longest time in s between two samples that are not a gap."""
+        return GAP_PERIODS * self.period
+
+
+def condition(
+    channel: Channel, quantity: Quantity, unit: str, choice: SignalChoice | None, drive: str, where: object
+) -> tuple[Conditioned, list[Finding]]:
+    """Read and check the samples of a channel.
+
+    Args:
+        unit: a unit of the quantity.
+        choice: settings of names.toml, if there are any.
+        drive: name for findings.
+        where: the log, for errors.
+
+    Raises:
+        CodegenError: the samples cannot be read, are fewer than two, or have values that no car reaches.
+    """
+    found: list[Finding] = []
+
+    def report(kind: str, text: str, lost: int = 0) -> None:
+        if text:
+            found.append(Finding(drive, quantity.key, kind, text, lost))
+
+    samples = channel.load()
+    report(REMARK, samples.remark)
+    place = f"{where}: {channel.path}"
+    time, raw, text = _in_order(samples)
+    report(CLOCK, text, samples.time.size - time.size)
+    if time.size < 2:
+        raise CodegenError(f"{time.size} samples for {quantity.key}", where=place, remedy="name another signal, or log longer")
+    settings = choice or SignalChoice(signal=channel.path)
+    period = settings.sampling_time_s or float(np.median(np.diff(time)))
+    reserved = int(np.count_nonzero(~np.isfinite(raw)))
+    report(RESERVED, f"{reserved} of {raw.size} samples are marked as not available" if reserved else "", reserved)
+    raw = np.where(np.isfinite(raw), raw, np.nan)
+    at_limit, text = _at_limit(channel, settings, quantity, raw, unit)
+    report(SATURATED, text, int(np.count_nonzero(at_limit)))
+    raw[at_limit] = np.nan
+    values = settings.sign * (raw - settings.offset) * quantity.units[unit]
+    impossible = np.abs(values) > quantity.largest
+    _check_unit(values, impossible, quantity, unit, place)
+    if impossible.any():
+        worst = float(np.nanmax(np.abs(values))) / quantity.units[unit]
+        count = int(np.count_nonzero(impossible))
+        report(IMPOSSIBLE, f"{count} samples beyond what a car does, up to {worst:.4g} {unit}", count)
+        values[impossible] = np.nan
+    result = Conditioned(time, values, period)
+    report(GAP, _gaps(result))
+    return result, found
+
+
+def _in_order(samples: Samples) -> tuple[FloatArray, FloatArray, str]:
+    """Return time and values in increasing order of time, from the longest part of the log, and what was left out."""
+    parts = blocks(samples.time)
+    if not parts:
+        return samples.time[:0], samples.values[:0], "no sample has a time" if samples.time.size else ""
+    used = max(parts, key=len)
+    used = used[increasing(samples.time[used])]
+    lost = samples.time.size - used.size
+    text = ""
+    if len(parts) > 1:
+        text = f"the clock restarts {len(parts) - 1} times; only the longest part is used"
+    elif lost:
+        text = "times that repeat, go back or are impossible"
+    return samples.time[used], samples.values[used], text
+
+
+def _at_limit(
+    channel: Channel, settings: SignalChoice, quantity: Quantity, raw: FloatArray, unit: str
+) -> tuple[BoolArray, str]:
+    """Return which samples are at a limit of the sensor or beyond it, and a text about them."""
+    nothing = np.zeros(raw.size, dtype=bool)
+    low, high = channel.low, channel.high
+    own = settings.low is not None or settings.high is not None
+    if own:
+        low = -np.inf if settings.low is None else settings.low
+        high = np.inf if settings.high is None else settings.high
+    reaches = ((raw <= low) & (low != 0.0)) | ((raw >= high) & (high != 0.0)) | (raw < low) | (raw > high)
+    count = int(np.count_nonzero(reaches))
+    limits = f"{low:g} to {high:g} {unit}"
+    if not own and count > WRONG_LIMITS_FRACTION * raw.size:
+        return nothing, f"{count} of {raw.size} samples are beyond the limits of the database ({limits}), which are ignored"
+    if count:
+        return reaches, f"{count} samples at the limits of the sensor or beyond ({limits})"
+    clipped = _clipped(raw) if quantity.key in CLIPPED and not own else nothing
+    count = int(np.count_nonzero(clipped))
+    if not count:
+        return nothing, ""
+    shown = " and ".join(f"{value:g}" for value in np.unique(raw[clipped]))
+    return clipped, f"{count} samples are clipped at {shown} {unit}; low and high in names.toml set other limits"
+
+
+def _clipped(raw: FloatArray) -> BoolArray:
+    """Return which samples (n,) lie on a plateau at the largest or smallest value that was reached at speed."""
+    clipped = np.zeros(raw.size, dtype=bool)
+    steps = np.abs(np.diff(raw))
+    steps = steps[steps > 0.0]
+    if not steps.size:
+        return clipped
+    resolution = float(np.min(steps))
+    for extreme in (np.nanmax(raw), np.nanmin(raw)):
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], raw == extreme, [0]))))
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            before, after = start - APPROACH_SAMPLES, stop + APPROACH_SAMPLES - 1
+            if stop - start < PLATEAU_SAMPLES or before < 0 or after >= raw.size:
+                continue
+            if min(abs(raw[before] - extreme), abs(raw[after] - extreme)) > APPROACH_STEPS * resolution:
+                clipped[start:stop] = True
+    return clipped
+
+
+def _check_unit(values: FloatArray, impossible: BoolArray, quantity: Quantity, unit: str, place: str) -> None:
+    """Raise CodegenError if so many values are impossible that the unit must be wrong."""
+    if np.count_nonzero(impossible) <= WRONG_UNIT_FRACTION * values.size:
+        return
+    size = quantity.units[unit]
+    largest = float(np.nanmax(np.abs(values)))
+    fitting = [other for other, of_other in quantity.units.items() if largest / size * of_other <= quantity.largest]
+    fit = f'unit = "{fitting[0]}" in names.toml would fit' if fitting else "check which signal it is"
+    what = f"{quantity.key} goes to {largest / size:.4g} {unit}, which no car does (above {quantity.largest / size:.4g} {unit})"
+    raise CodegenError(what, where=place, remedy=fit)
+
+
+def _gaps(signal: Conditioned) -> str:
+    pauses = np.diff(signal.time)
+    gaps = pauses > signal.pause_max
+    if not gaps.any():
+        return ""
+    longest = int(np.argmax(pauses))
+    count = int(np.count_nonzero(gaps))
+    start = signal.time[longest] - signal.time[0]
+    length = f"{pauses[longest]:.3g} s at {start:.3f} s, where {signal.period:.3g} s are normal"
+    return f"a gap of {length}" if count == 1 else f"{count} gaps, the longest {length}"
