@@ -273,7 +273,7 @@ def _mf4_channel(path: Path, mdf: Any, group: str, place: tuple[int, int], chann
 
 
 def _as_numbers(samples: Any) -> FloatArray:
-    """Return samples as numbers; NaN for texts, which a conversion has for reserved values. Raises ValueError for no numbers."""
+    """Return samples as numbers; NaN for texts, which mark reserved values. Raises ValueError if there is no number."""
     if samples.dtype.kind in "biuf" and samples.ndim == 1:
         return np.array(samples, dtype=np.float64)
     if samples.dtype.kind not in "SUO" or samples.ndim != 1:

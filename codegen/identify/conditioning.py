@@ -23,8 +23,11 @@ GAP_PERIODS = 2.5
 """A pause of more sampling times is a gap: at least two samples are lost. A single lost sample is bridged by interpolation."""
 WRONG_UNIT_FRACTION = 0.02
 """Fraction of impossible values from which the unit is wrong, and not the sensor now and then."""
-WRONG_LIMITS_FRACTION = 0.5
-"""Fraction of values beyond the limits of the database from which the database is wrong."""
+CODES_MAX = 2
+"""Largest number of different values beyond the limits of the database that are codes, such as "not available". A measured
+quantity takes more; then the limits are wrong, as they often are."""
+PERIOD_MIN_S, PERIOD_MAX_S = 1e-5, 5.0
+"""Range of sampling times. Outside of it, the unit of the time is wrong: 10 ms are not 10 s."""
 PLATEAU_SAMPLES = 5
 APPROACH_SAMPLES = 3
 APPROACH_STEPS = 3.0
@@ -83,11 +86,15 @@ def condition(
         raise CodegenError(f"{time.size} samples for {quantity.key}", where=place, remedy="name another signal, or log longer")
     settings = choice or SignalChoice(signal=channel.path)
     period = settings.sampling_time_s or float(np.median(np.diff(time)))
+    if not PERIOD_MIN_S <= period <= PERIOD_MAX_S:
+        raise CodegenError(
+            f"its samples are {period:.3g} s apart", where=place, remedy="check the unit of its time (time_unit)"
+        )
     reserved = int(np.count_nonzero(~np.isfinite(raw)))
     report(RESERVED, f"{reserved} of {raw.size} samples are marked as not available" if reserved else "", reserved)
     raw = np.where(np.isfinite(raw), raw, np.nan)
     at_limit, text = _at_limit(channel, settings, quantity, raw, unit)
-    report(SATURATED, text, int(np.count_nonzero(at_limit)))
+    report(SATURATED if at_limit.any() else REMARK, text, int(np.count_nonzero(at_limit)))
     raw[at_limit] = np.nan
     values = settings.sign * (raw - settings.offset) * quantity.units[unit]
     impossible = np.abs(values) > quantity.largest
@@ -123,19 +130,22 @@ def _at_limit(
 ) -> tuple[BoolArray, str]:
     """Return which samples are at a limit of the sensor or beyond it, and a text about them."""
     nothing = np.zeros(raw.size, dtype=bool)
-    low, high = channel.low, channel.high
-    own = settings.low is not None or settings.high is not None
-    if own:
+    limits = f"{{:g}} to {{:g}} {unit}"
+    if settings.low is not None or settings.high is not None:
         low = -np.inf if settings.low is None else settings.low
         high = np.inf if settings.high is None else settings.high
-    reaches = ((raw <= low) & (low != 0.0)) | ((raw >= high) & (high != 0.0)) | (raw < low) | (raw > high)
+        reaches = (raw <= low) | (raw >= high)
+        count = int(np.count_nonzero(reaches))
+        return reaches, f"{count} samples at the limits of names.toml or beyond ({limits.format(low, high)})" if count else ""
+    low, high = channel.low, channel.high
+    beyond = (raw < low) | (raw > high)
+    if np.unique(raw[beyond]).size > CODES_MAX:
+        return nothing, f"it exceeds the limits of the database ({limits.format(low, high)}), which are ignored"
+    reaches = beyond | ((raw == low) & (low != 0.0)) | ((raw == high) & (high != 0.0))
     count = int(np.count_nonzero(reaches))
-    limits = f"{low:g} to {high:g} {unit}"
-    if not own and count > WRONG_LIMITS_FRACTION * raw.size:
-        return nothing, f"{count} of {raw.size} samples are beyond the limits of the database ({limits}), which are ignored"
     if count:
-        return reaches, f"{count} samples at the limits of the sensor or beyond ({limits})"
-    clipped = _clipped(raw) if quantity.key in CLIPPED and not own else nothing
+        return reaches, f"{count} samples at the limits of the sensor or beyond ({limits.format(low, high)})"
+    clipped = _clipped(raw) if quantity.key in CLIPPED else nothing
     count = int(np.count_nonzero(clipped))
     if not count:
         return nothing, ""

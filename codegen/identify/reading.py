@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +18,11 @@ from codegen.identify.drive import Drive
 from codegen.identify.findings import UNUSED, Finding
 from codegen.identify.names import Names, SignalChoice, line_of
 from codegen.identify.quantities import QUANTITIES, REQUIRED, Quantity
-from codegen.identify.resampling import resample
+from codegen.identify.resampling import TIME_RESOLUTION_S, resample
 from codegen.importing.quantities import unit_of
 
-STEPS_MAX = 20_000_000
-"""Largest number of steps of a drive: two days at 10 ms."""
+STEPS_MAX = 4_000_000
+"""Largest number of steps of a drive: eleven hours at 10 ms."""
 CANDIDATES_SHOWN = 5
 
 
@@ -99,9 +99,11 @@ def _read(path: Path, name: str, databases: Sequence[Path], names: Names) -> tup
         for key, (channel, unit) in chosen.items():
             read[key], found = condition(channel, QUANTITIES[key], unit, names.choices.get(key), name, path)
             findings += found
+    start = min(one.time[0] for one in read.values())
+    read = {key: replace(one, time=one.time - start) for key, one in read.items()}
     grid = _grid(read, names.sampling_time_s, path)
     signals = {key: resample(one, grid, is_held=QUANTITIES[key].is_held) for key, one in read.items()}
-    drive, frozen = without_frozen(Drive(name, grid - grid[0], signals))
+    drive, frozen = without_frozen(Drive(name, grid, signals))
     settings = {key: names.choices.get(key, SignalChoice(signal=channel.path)) for key, (channel, _) in chosen.items()}
     readings = {key: (unit, settings[key].sign, settings[key].offset) for key, (_, unit) in chosen.items()}
     findings += [*frozen, *cross_check(drive, readings)]
@@ -125,18 +127,15 @@ def _read(path: Path, name: str, databases: Sequence[Path], names: Names) -> tup
 
 
 def _grid(read: Mapping[str, Conditioned], step: float, path: Path) -> FloatArray:
-    """Return the times (n,) at which any signal has samples. Raises CodegenError for a drive that is too short or too long."""
-    start, end = min(one.time[0] for one in read.values()), max(one.time[-1] for one in read.values())
-    count = int((end - start) / step + 1e-6) + 1
+    """Return times (n,) from 0 to the last sample. Raises CodegenError for a drive that is too short or too long."""
+    end = max(float(one.time[-1]) for one in read.values())
+    count = int((end + TIME_RESOLUTION_S) / step) + 1
     if count < 2:
-        raise CodegenError(
-            f"it lasts {end - start:.3g} s", where=path, remedy="log longer, or choose a shorter sampling_time_s"
-        )
+        raise CodegenError(f"it lasts {end:.3g} s", where=path, remedy="log longer, or choose a shorter sampling_time_s")
     if count > STEPS_MAX:
-        what = f"it lasts {end - start:.4g} s, which are {count} steps of {step:g} s (at most {STEPS_MAX})"
+        what = f"it lasts {end:.4g} s, which are {count} steps of {step:g} s (at most {STEPS_MAX})"
         raise CodegenError(what, where=path, remedy="check the unit of its time, or cut it")
-    grid: FloatArray = start + step * np.arange(count)
-    return grid
+    return step * np.arange(count, dtype=np.float64)
 
 
 # --- which channel is which quantity -------------------------------------------------------------------------------------
@@ -197,6 +196,7 @@ def _not_clear(group: Sequence[str], unclear: Mapping[str, Sequence[Channel]], l
     candidates = list(unclear.get(key, ())) or [
         channel for channel in log.channels if quantity.is_candidate(channel.name, channel.known_unit)
     ]
+    candidates.sort(key=lambda channel: channel.known_unit not in quantity.units)  # those with a fitting unit first
     several = key in unclear
     what = f"several signals may be {key}" if several else f"no signal is called {' or '.join(group)} or the like"
     shown = candidates or list(log.channels)

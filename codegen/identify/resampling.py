@@ -24,6 +24,10 @@ KAISER_BETA = 5.0
 """Window of the filter: at least 53 dB above half of the grid's rate (J. F. Kaiser, 1974). The transition is 0.31 of the rate
 wide with this length, so that the cutoff is 0.34 of it."""
 CUTOFF = 0.343
+TIME_RESOLUTION_S = 2e-6
+"""Times of a log that differ by less are equal: ASC and candump have 1 us, a float64 of Unix time 0.24 us."""
+FACTOR_MAX = 50
+"""Largest number of filtered samples in a step: of an even faster signal every so many samples suffice."""
 FASTER = 1.25
 """Ratio of the rates up to which a signal is not filtered."""
 
@@ -37,7 +41,7 @@ def resample(signal: Conditioned, grid: FloatArray, *, is_held: bool) -> FloatAr
         is_held: hold each sample until the next one; else interpolate.
     """
     step = float(grid[1] - grid[0])
-    factor = math.ceil(step / signal.period - (FASTER - 1.0))
+    factor = min(math.ceil(step / signal.period - (FASTER - 1.0)), FACTOR_MAX)
     if factor < 2:
         return _at(signal, grid, is_held)
     fine = grid[0] + step / factor * np.arange(factor * (grid.size - 1) + 1)
@@ -53,15 +57,13 @@ def resample(signal: Conditioned, grid: FloatArray, *, is_held: bool) -> FloatAr
 def _at(signal: Conditioned, times: FloatArray, is_held: bool) -> FloatArray:
     """Return the values at times (n,), interpolated or held within a pause that is no gap; NaN elsewhere."""
     time, values = signal.time, signal.values
-    left = np.searchsorted(time, times, side="right") - 1
-    inside = (left >= 0) & (times <= time[-1])
+    left = np.searchsorted(time, times + TIME_RESOLUTION_S, side="right") - 1
+    inside = (left >= 0) & (times <= time[-1] + TIME_RESOLUTION_S)
     left = np.clip(left, 0, time.size - 2)
     before, after = time[left], time[left + 1]
-    share = (times - before) / (after - before)
-    is_sample = (share == 0.0) | (share == 1.0)
-    if is_held:
-        found = np.where(share < 1.0, values[left], values[left + 1])
-    else:
-        found = values[left] + share * (values[left + 1] - values[left])
-        found = np.where(share == 0.0, values[left], np.where(share == 1.0, values[left + 1], found))
-    return np.where(inside & (is_sample | (after - before <= signal.pause_max)), found, np.nan)
+    share = np.clip((times - before) / (after - before), 0.0, 1.0)
+    share[share * (after - before) <= TIME_RESOLUTION_S] = 0.0
+    between = values[left] if is_held else values[left] + share * (values[left + 1] - values[left])
+    found = np.where(share == 0.0, values[left], np.where(share == 1.0, values[left + 1], between))
+    has_value = (share == 0.0) | (share == 1.0) | (after - before <= signal.pause_max)
+    return np.where(inside & has_value, found, np.nan)
