@@ -62,7 +62,8 @@ def _at(signal: Conditioned, times: FloatArray, is_held: bool) -> FloatArray:
     left = np.clip(left, 0, time.size - 2)
     before, after = time[left], time[left + 1]
     share = np.clip((times - before) / (after - before), 0.0, 1.0)
-    share[share * (after - before) <= TIME_RESOLUTION_S] = 0.0
+    share[times - before <= TIME_RESOLUTION_S] = 0.0
+    share[after - times <= TIME_RESOLUTION_S] = 1.0  # at the last sample
     between = values[left] if is_held else values[left] + share * (values[left + 1] - values[left])
     found = np.where(share == 0.0, values[left], np.where(share == 1.0, values[left + 1], between))
     has_value = (share == 0.0) | (share == 1.0) | (after - before <= signal.pause_max)
