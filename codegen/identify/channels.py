@@ -16,25 +16,27 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.arrays import BoolArray, FloatArray
+from codegen.arrays import BoolArray, FloatArray, IndexArray
 from codegen.errors import CodegenError, one_line
 from codegen.files import require_regular
 from codegen.identify.findings import CLOCK
 from codegen.identify.names import Names
 from codegen.identify.stamps import blocks
-from codegen.importing import mf4, table
+from codegen.importing import child, table
 from codegen.importing.bus_log import BYTES_MAX, LOGS, TOOLS, frames
 from codegen.importing.quantities import Name, take_apart, unit_of
 from codegen.importing.source import TABLE_BYTES_MAX, read, text_of
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
+
+    from codegen.importing.mf4 import ChannelName
 
 TABLES = (".csv", ".tsv", ".txt", ".dat")
 ENDINGS = (*LOGS, *TABLES, ".parquet")
@@ -77,14 +79,14 @@ class Channel:
         path: whole name: message or group, a dot, and the name; the name alone without either.
         name: parts of the name alone.
         unit: unit as in the log or its database; "" if it has none.
-        load: reads the samples. Raises CodegenError.
+        place: where its samples are, for the log's reader.
         low, high: smallest and largest value that the channel can have, in its unit; infinite if not known.
     """
 
     path: str
     name: Name
     unit: str
-    load: Callable[[], Samples]
+    place: Any
     low: float = -np.inf
     high: float = np.inf
 
@@ -96,15 +98,21 @@ class Channel:
 
 @dataclass(frozen=True)
 class Log:
-    """Channels of a log; kind, text and number of lost frames of what is wrong with the log as a whole."""
+    """A log.
+
+    Attributes:
+        channels: all channels.
+        read: returns the samples of channels at these places. Raises CodegenError.
+        remarks: kind, text and number of lost frames of what is wrong with the log as a whole.
+    """
 
     channels: Sequence[Channel]
+    read: Callable[[Sequence[Any]], list[Samples]]
     remarks: Sequence[tuple[str, str, int]] = ()
 
 
-@contextlib.contextmanager
-def open_log(path: Path, databases: Sequence[Path], names: Names) -> Iterator[Log]:
-    """Open a log. The samples of its channels can be read until the context ends.
+def open_log(path: Path, databases: Sequence[Path], names: Names) -> Log:
+    """Return the channels of a log.
 
     Args:
         databases: DBC or ARXML files, for the log of a bus.
@@ -118,22 +126,25 @@ def open_log(path: Path, databases: Sequence[Path], names: Names) -> Iterator[Lo
         raise CodegenError("not the log of a drive", where=path, remedy=KINDS)
     require_regular(path, TABLE_BYTES_MAX if kind in TABLES else BYTES_MAX, KINDS)
     if kind in TABLES:
-        yield Log(_table_channels(path, names))
-    elif kind == ".parquet":
-        yield Log(_parquet_channels(path, names))
-    elif kind == ".mf4":
-        with _opened_mf4(path) as mdf:
-            is_of_bus = "CAN_DataFrame" in mdf.channels_db
-            yield _bus_log(path, databases) if is_of_bus else Log(_mf4_channels(path, mdf))
-    else:
-        yield _bus_log(path, databases)
+        return _text_table(path, names)
+    if kind == ".parquet":
+        return _parquet(path, names)
+    measurement = _measurement(path) if kind == ".mf4" else None
+    return measurement or _bus_log(path, databases)
 
 
 # --- tables --------------------------------------------------------------------------------------------------------------
 
 
 def _time_column(columns: Sequence[str], names: Names, path: Path) -> tuple[int, float]:
-    """Return the number of the column of times and the size of its unit in s. Raises CodegenError if there is none."""
+    """Return the number of the column of times and the size of its unit in s.
+
+    Raises:
+        CodegenError: there is no such column, or a name is there twice.
+    """
+    twice = next((name for name, count in Counter(columns).items() if count > 1), None)
+    if twice is not None:
+        raise CodegenError(f"the column {twice!r} is there twice", where=path, remedy="give each column a name of its own")
     if names.time is not None:
         if names.time not in columns:
             raise CodegenError(f"no column {names.time!r}", where=path, remedy=f"`time` is one of {', '.join(columns)}")
@@ -149,7 +160,7 @@ def _time_column(columns: Sequence[str], names: Names, path: Path) -> tuple[int,
     return index, TIME_UNITS[names.time_unit or ((match and match[2]) or "s").lower()]
 
 
-def _table_channels(path: Path, names: Names) -> list[Channel]:
+def _text_table(path: Path, names: Names) -> Log:
     source = read(path, TABLE_BYTES_MAX)
     cells = table.split(text_of(source), path)
     if cells.head is None:
@@ -159,19 +170,16 @@ def _table_channels(path: Path, names: Names) -> list[Channel]:
     columns = list(cells.head.cells)
     of_time, size = _time_column(columns, names, path)
 
-    @cache
-    def values(index: int) -> FloatArray:
-        return np.array([cells.value(line, index, path) for line in cells.body])
+    def read_columns(indices: Sequence[int]) -> list[Samples]:
+        time, *values = (np.array([cells.value(line, index, path) for line in cells.body]) for index in (of_time, *indices))
+        return [_present(time * size, one) for one in values]
 
-    def load(index: int) -> Samples:
-        return _present(values(of_time) * size, values(index))
-
-    return _columns(columns, of_time, load, {})
+    return Log(_columns(columns, of_time, {}), read_columns)
 
 
-def _columns(columns: Sequence[str], of_time: int, load: Callable[[int], Samples], units: dict[str, str]) -> list[Channel]:
+def _columns(columns: Sequence[str], of_time: int, units: Mapping[str, str]) -> list[Channel]:
     return [
-        Channel(column, take_apart(column), units.get(column, ""), partial(load, index))
+        Channel(column, take_apart(column), units.get(column, ""), index)
         for index, column in enumerate(columns)
         if index != of_time
     ]
@@ -183,8 +191,9 @@ def _present(time: FloatArray, values: FloatArray) -> Samples:
     return Samples(time[has_value], values[has_value])
 
 
-def _parquet_channels(path: Path, names: Names) -> list[Channel]:
+def _parquet(path: Path, names: Names) -> Log:
     try:
+        import pyarrow as pa
         from pyarrow import parquet
     except ImportError:
         raise CodegenError("pyarrow, which reads .parquet, is missing", where=path, remedy=TOOLS) from None
@@ -193,22 +202,19 @@ def _parquet_channels(path: Path, names: Names) -> list[Channel]:
         columns, metadata = list(schema.names), schema.metadata or {}
         units = _column_units(metadata.get(b"columns", b"{}"))
     of_time, size = _time_column(columns, names, path)
+    is_date = pa.types.is_timestamp(schema.field(of_time).type)
 
-    @cache
-    def values(index: int) -> FloatArray:
-        import pyarrow as pa
+    def read_columns(indices: Sequence[int]) -> list[Samples]:
+        with _damage(path, "Parquet file"):
+            needed = dict.fromkeys(columns[index] for index in (of_time, *indices))
+            found = parquet.read_table(path, columns=list(needed))
+            time, *values = (found.column(columns[index]) for index in (of_time, *indices))
+            if is_date:
+                time = time.cast(pa.timestamp("ns")).cast(pa.int64())
+            time, *values = (np.asarray(column.to_numpy(), dtype=np.float64) for column in (time, *values))
+        return [_present(time * (1e-9 if is_date else size), one) for one in values]
 
-        with _damage(path, f"Parquet file: {columns[index]}"):
-            column = parquet.read_table(path, columns=[columns[index]]).column(0)
-            if pa.types.is_timestamp(column.type):
-                column = column.cast(pa.timestamp("ns")).cast(pa.int64())
-            return np.asarray(column.to_numpy(), dtype=np.float64)
-
-    def load(index: int) -> Samples:
-        is_stamp = str(schema.field(of_time).type).startswith("timestamp")
-        return _present(values(of_time) * (1e-9 if is_stamp else size), values(index))
-
-    return _columns(columns, of_time, load, units)
+    return Log(_columns(columns, of_time, units), read_columns)
 
 
 def _column_units(metadata: bytes) -> dict[str, str]:
@@ -235,56 +241,28 @@ def _damage(path: Path, what: str) -> Iterator[None]:
 # --- measurements in MF4 -------------------------------------------------------------------------------------------------
 
 
-@contextlib.contextmanager
-def _opened_mf4(path: Path) -> Iterator[Any]:
-    with contextlib.ExitStack() as stack:
-        with _damage(path, "MF4 file"):
-            mdf = stack.enter_context(mf4.opened(path))
-        yield mdf
+def _measurement(path: Path) -> Log | None:
+    """Return the measurement in an MF4 file; None for the log of a bus."""
+    found: list[ChannelName] | None = _in_child(path, "channels")
+    if found is None:
+        return None
+    channels = [
+        # INCA appends its device to a name.
+        Channel(
+            f"{one.group}.{one.name}" if one.group else one.name, take_apart(one.name.partition("\\")[0]), one.unit, one.place
+        )
+        for one in found
+    ]
+    return Log(channels, lambda places: [Samples(*one) for one in _in_child(path, "samples", list(places))])
 
 
-def _mf4_channels(path: Path, mdf: Any) -> list[Channel]:
-    found = []
+def _in_child(path: Path, function: str, *arguments: Any) -> Any:
+    """Call a function of `codegen.importing.mf4`. Raises CodegenError."""
     with _damage(path, "MF4 file"):
-        for number, group in enumerate(mdf.groups):
-            masters = mdf.masters_db.get(number)
-            group_name = str(getattr(group.channel_group, "acq_name", "") or "")
-            for index, channel in enumerate(group.channels):
-                if index != masters:
-                    found.append(_mf4_channel(path, mdf, group_name, (number, index), channel))
-    return found
-
-
-def _mf4_channel(path: Path, mdf: Any, group: str, place: tuple[int, int], channel: Any) -> Channel:
-    name = str(channel.name)
-    conversion = channel.conversion
-    unit = str(channel.unit or "") or str(getattr(conversion, "unit", "") or "")
-
-    def load() -> Samples:
-        with _damage(path, f"MF4 file: {name}"):
-            signal = mdf.get(group=place[0], index=place[1])
-            values = _as_numbers(signal.samples)
-            if signal.invalidation_bits is not None:
-                values[np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
-            return Samples(np.array(signal.timestamps, dtype=np.float64), values)
-
-    plain = name.partition("\\")[0]  # INCA appends its device
-    return Channel(f"{group}.{name}" if group else name, take_apart(plain), unit, load)
-
-
-def _as_numbers(samples: Any) -> FloatArray:
-    """Return samples as numbers; NaN for texts, which mark reserved values. Raises ValueError if there is no number."""
-    if samples.dtype.kind in "biuf" and samples.ndim == 1:
-        return np.array(samples, dtype=np.float64)
-    if samples.dtype.kind not in "SUO" or samples.ndim != 1:
-        raise ValueError("its values are no numbers")
-    values = np.full(samples.size, np.nan)
-    for index, sample in enumerate(samples.tolist()):
-        with contextlib.suppress(TypeError, ValueError):
-            values[index] = float(sample)
-    if samples.size and np.isnan(values).all():
-        raise ValueError("its values are texts")
-    return values
+        try:
+            return child.call("codegen.importing.mf4", function, path, *arguments, **child.LOG)
+        except ImportError:
+            raise CodegenError("asammdf, which reads .mf4, is missing", where=path, remedy=TOOLS) from None
 
 
 # --- logs of a bus -------------------------------------------------------------------------------------------------------
@@ -337,10 +315,13 @@ def _bus_log(path: Path, databases: Sequence[Path]) -> Log:
         )
     elif lost:
         remark = f"{lost} of {time.size} frames have an impossible time"
-    channels = [
-        channel for key, one in received.items() for channel in _message_channels(path, messages[key], one, time, usable)
-    ]
-    return Log(channels, ((CLOCK, remark, lost),) if remark else ())
+    parts_of = {key: _Message(path, messages[key], one, time, usable) for key, one in received.items()}
+    channels = [channel for key, one in parts_of.items() for channel in one.channels(key)]
+
+    def read_signals(places: Sequence[tuple[BusKey, str]]) -> list[Samples]:
+        return [parts_of[key].samples(name) for key, name in places]
+
+    return Log(channels, read_signals, ((CLOCK, remark, lost),) if remark else ())
 
 
 def _messages(databases: Sequence[Path]) -> Iterator[tuple[BusKey, Message]]:
@@ -375,30 +356,40 @@ def load_database(path: Path) -> Database:
     return found
 
 
-def _message_channels(
-    path: Path, message: Message, received: _Received, time: FloatArray, usable: BoolArray
-) -> Iterator[Channel]:
-    numbers = np.array(received.numbers)
-    chosen, remark = _one_copy(received)
-    chosen &= usable[numbers]
+@dataclass(frozen=True)
+class _Message:
+    """A message of the database with its frames; time and usability of all frames of the log."""
 
-    @cache
-    def decoded() -> list[Any]:
-        with _damage(path, f"log with this database: {message.name}"):
-            return [_decoded(message, received.data[index]) for index in np.flatnonzero(chosen)]
+    path: Path
+    message: Message
+    received: _Received
+    time: FloatArray
+    usable: BoolArray
 
-    def load(signal: Signal) -> Samples:
-        reserved = _reserved(signal)
-        has_value = np.array([signal.name in sample for sample in decoded()], dtype=bool)  # else another multiplexed one
-        raw = [sample[signal.name] for sample in decoded() if signal.name in sample]
+    def channels(self, key: BusKey) -> Iterator[Channel]:
+        """Yield the channels of all signals."""
+        for signal in self.message.signals:
+            name = f"{self.message.name}.{signal.name}"
+            yield Channel(name, take_apart(signal.name), signal.unit or "", (key, signal.name), *_limits(signal))
+
+    def samples(self, name: str) -> Samples:
+        """Return the samples of a signal."""
+        chosen, decoded, remark = self._decoded
+        reserved = _reserved(self.message.get_signal_by_name(name))
+        has_value = np.array([name in sample for sample in decoded], dtype=bool)  # else the frame has another multiplexed one
+        raw = [sample[name] for sample in decoded if name in sample]
         values = np.array([np.nan if value in reserved else value for value in raw], dtype=np.float64)
-        return Samples(time[numbers[chosen][has_value]], values, remark)
+        return Samples(self.time[chosen[has_value]], values, remark)
 
-    for signal in message.signals:
-        low, high = _limits(signal)
-        unit = signal.unit or ""
-        whole = f"{message.name}.{signal.name}"
-        yield Channel(whole, take_apart(signal.name), unit, partial(load, signal), low, high)
+    @cached_property
+    def _decoded(self) -> tuple[IndexArray, list[Any], str]:
+        """Number in the log and signals of each frame that is used, and a remark about the others."""
+        numbers = np.array(self.received.numbers)
+        chosen, remark = _one_copy(self.received)
+        chosen &= self.usable[numbers]
+        with _damage(self.path, f"log with this database: {self.message.name}"):
+            decoded = [_decode(self.message, self.received.data[index]) for index in np.flatnonzero(chosen)]
+        return numbers[chosen], decoded, remark
 
 
 def _one_copy(received: _Received) -> tuple[BoolArray, str]:
@@ -417,7 +408,7 @@ def _one_copy(received: _Received) -> tuple[BoolArray, str]:
     ), f"on {len(counts)} buses; {count} frames of {most} are used"
 
 
-def _decoded(message: Message, data: bytes) -> Any:
+def _decode(message: Message, data: bytes) -> Any:
     """Return signal -> value of a frame; {} for one whose multiplexer has no such value."""
     from cantools.database import DecodeError
 

@@ -58,9 +58,9 @@ class Conditioned:
 
 
 def condition(
-    channel: Channel, quantity: Quantity, unit: str, choice: SignalChoice | None, drive: str, where: object
+    channel: Channel, samples: Samples, quantity: Quantity, unit: str, choice: SignalChoice | None, drive: str, where: object
 ) -> tuple[Conditioned, list[Finding]]:
-    """Read and check the samples of a channel.
+    """Check the samples of a channel.
 
     Args:
         unit: a unit of the quantity.
@@ -69,7 +69,7 @@ def condition(
         where: the log, for errors.
 
     Raises:
-        CodegenError: the samples cannot be read, are fewer than two, or have values that no car reaches.
+        CodegenError: there are fewer than two samples, or their times or values are impossible.
     """
     found: list[Finding] = []
 
@@ -77,7 +77,6 @@ def condition(
         if text:
             found.append(Finding(drive, quantity.key, kind, text, lost))
 
-    samples = channel.load()
     report(REMARK, samples.remark)
     place = f"{where}: {channel.path}"
     time, raw, text = _in_order(samples)

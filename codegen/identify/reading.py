@@ -92,13 +92,14 @@ def _drive_names(logs: Sequence[Path]) -> list[str]:
 
 
 def _read(path: Path, name: str, databases: Sequence[Path], names: Names) -> tuple[Drive, dict[str, Source], list[Finding]]:
-    with open_log(path, databases, names) as log:
-        findings = [Finding(name, "", *remark) for remark in log.remarks]
-        chosen = _choose(log, names, name, path, findings)
-        read: dict[str, Conditioned] = {}
-        for key, (channel, unit) in chosen.items():
-            read[key], found = condition(channel, QUANTITIES[key], unit, names.choices.get(key), name, path)
-            findings += found
+    log = open_log(path, databases, names)
+    findings = [Finding(name, "", *remark) for remark in log.remarks]
+    chosen = _choose(log, names, name, path, findings)
+    read: dict[str, Conditioned] = {}
+    samples = log.read([channel.place for channel, _ in chosen.values()])
+    for (key, (channel, unit)), one in zip(chosen.items(), samples, strict=True):
+        read[key], found = condition(channel, one, QUANTITIES[key], unit, names.choices.get(key), name, path)
+        findings += found
     start = min(one.time[0] for one in read.values())
     read = {key: replace(one, time=one.time - start) for key, one in read.items()}
     grid = _grid(read, names.sampling_time_s, path)
