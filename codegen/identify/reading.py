@@ -144,10 +144,8 @@ def _grid(read: Mapping[str, Conditioned], step: float, path: Path) -> FloatArra
 
 def _choose(log: Log, names: Names, drive: str, path: Path, findings: list[Finding]) -> dict[str, tuple[Channel, str]]:
     """Return quantity -> channel and unit. Raises CodegenError if a required one is missing or not clear."""
-    chosen: dict[str, Channel] = {}
-    for key, choice in names.choices.items():
-        if (named := _by_name(log, choice, key, path)) is not None:
-            chosen[key] = named
+    chosen = {key: _by_name(log, choice, key, path) for key, choice in names.choices.items()}
+    units = {key: _unit_of(channel, QUANTITIES[key], names, path) for key, channel in chosen.items()}
     taken = {channel.path for channel in chosen.values()}
     unclear: dict[str, list[Channel]] = {}
     for key, quantity in QUANTITIES.items():
@@ -164,7 +162,8 @@ def _choose(log: Log, names: Names, drive: str, path: Path, findings: list[Findi
     for key, fitting in unclear.items():
         shown = ", ".join(channel.path for channel in fitting[:CANDIDATES_SHOWN])
         findings.append(Finding(drive, key, UNUSED, f"several signals may be it ({shown}); name one in names.toml"))
-    return {key: (chosen[key], _unit_of(chosen[key], QUANTITIES[key], names, path)) for key in QUANTITIES if key in chosen}
+    units |= {key: _unit_of(channel, QUANTITIES[key], names, path) for key, channel in chosen.items() if key not in units}
+    return {key: (chosen[key], units[key]) for key in QUANTITIES if key in chosen}
 
 
 def _is_obvious(channel: Channel, quantity: Quantity) -> bool:
@@ -172,7 +171,7 @@ def _is_obvious(channel: Channel, quantity: Quantity) -> bool:
     return quantity.is_named(channel.name) and (unit is None or unit in quantity.units)
 
 
-def _by_name(log: Log, choice: SignalChoice, key: str, path: Path) -> Channel | None:
+def _by_name(log: Log, choice: SignalChoice, key: str, path: Path) -> Channel:
     """Return the channel that names.toml names. Raises CodegenError if there is none or more than one."""
     for text in choice.signals:
         exact = [channel for channel in log.channels if channel.path == text]

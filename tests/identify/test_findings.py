@@ -34,7 +34,9 @@ UNITS = {
 }
 
 
-def read(folder: Path, table: Mapping[str, np.ndarray], time: np.ndarray = TIME, names: Mapping[str, object] | None = None) -> Reading:
+def read(
+    folder: Path, table: Mapping[str, np.ndarray], time: np.ndarray = TIME, names: Mapping[str, object] | None = None
+) -> Reading:
     pd.DataFrame({"time_s": time, **table}).to_csv(folder / "drive.csv", index=False)
     return read_drives([folder / "drive.csv"], names=None if names is None else Names.model_validate(names))
 
