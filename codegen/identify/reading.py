@@ -67,19 +67,30 @@ def read_drives(logs: Sequence[Path], databases: Sequence[Path] = (), names: Nam
     Args:
         logs: files of the formats of `codegen.identify.channels`, at least one.
         databases: DBC or ARXML files for logs of a bus.
-        names: signals of the quantities; by default, and for quantities not named there, common names are used.
+        names: signals of the quantities; by default, and for quantities not named there, common names are used. A signal that
+            no drive needs may be missing in some of the logs.
 
     Raises:
         CodegenError: a file cannot be read, a required quantity is not found or not clear, its unit is not known or impossible.
     """
     settings = names or Names()
     drives, sources, findings = [], [], []
+    missing: list[_MissingSignalError] = []
     for path, name in zip(logs, _drive_names(logs), strict=True):
-        drive, of_drive, found = _read(path, name, databases, settings)
+        drive, of_drive, found = _read(path, name, databases, settings, missing)
         drives.append(drive)
         sources.append(of_drive)
         findings += found
+    for error in missing:
+        if not any(error.key in of_drive for of_drive in sources):
+            raise error
     return Reading(tuple(drives), tuple(sources), tuple(findings))
+
+
+class _MissingSignalError(CodegenError):
+    """A log does not have the signal that names.toml names for the quantity `key`."""
+
+    key: str
 
 
 def _drive_names(logs: Sequence[Path]) -> list[str]:
@@ -91,10 +102,12 @@ def _drive_names(logs: Sequence[Path]) -> list[str]:
     return next(names for names in choices if len(set(names)) == len(names))
 
 
-def _read(path: Path, name: str, databases: Sequence[Path], names: Names) -> tuple[Drive, dict[str, Source], list[Finding]]:
+def _read(
+    path: Path, name: str, databases: Sequence[Path], names: Names, missing: list[_MissingSignalError]
+) -> tuple[Drive, dict[str, Source], list[Finding]]:
     log = open_log(path, databases, names)
     findings = [Finding(name, "", *remark) for remark in log.remarks]
-    chosen = _choose(log, names, name, path, findings)
+    chosen = _choose(log, names, name, path, findings, missing)
     read: dict[str, Conditioned] = {}
     samples = log.read([channel.place for channel, _ in chosen.values()])
     for (key, (channel, unit)), one in zip(chosen.items(), samples, strict=True):
@@ -142,14 +155,27 @@ def _grid(read: Mapping[str, Conditioned], step: float, path: Path) -> FloatArra
 # --- which channel is which quantity -------------------------------------------------------------------------------------
 
 
-def _choose(log: Log, names: Names, drive: str, path: Path, findings: list[Finding]) -> dict[str, tuple[Channel, str]]:
-    """Return quantity -> channel and unit. Raises CodegenError if a required one is missing or not clear."""
-    chosen = {key: _by_name(log, choice, key, path) for key, choice in names.choices.items()}
+def _choose(
+    log: Log, names: Names, drive: str, path: Path, findings: list[Finding], missing: list[_MissingSignalError]
+) -> dict[str, tuple[Channel, str]]:
+    """Return quantity -> channel and unit, and extend the findings and the missing signals.
+
+    Raises:
+        CodegenError: a required quantity is missing or not clear, or a unit is not known.
+    """
+    chosen: dict[str, Channel] = {}
+    absent: dict[str, _MissingSignalError] = {}
+    for key, choice in names.choices.items():
+        try:
+            chosen[key] = _by_name(log, choice, key, path)
+        except _MissingSignalError as error:
+            error.key = key
+            absent[key] = error
     units = {key: _unit_of(channel, QUANTITIES[key], names, path) for key, channel in chosen.items()}
     taken = {channel.path for channel in chosen.values()}
     unclear: dict[str, list[Channel]] = {}
     for key, quantity in QUANTITIES.items():
-        if key in chosen or key in names.without:
+        if key in names.choices or key in names.without:
             continue
         fitting = [channel for channel in log.channels if channel.path not in taken and _is_obvious(channel, quantity)]
         if len(fitting) == 1:
@@ -158,7 +184,9 @@ def _choose(log: Log, names: Names, drive: str, path: Path, findings: list[Findi
             unclear[key] = fitting
     for group in REQUIRED:
         if not any(key in chosen for key in group):
-            raise _not_clear(group, unclear, log, path)
+            raise next((absent[key] for key in group if key in absent), None) or _not_clear(group, unclear, log, path)
+    missing += absent.values()
+    findings += [Finding(drive, key, UNUSED, error.what) for key, error in absent.items()]
     for key, fitting in unclear.items():
         shown = ", ".join(channel.path for channel in fitting[:CANDIDATES_SHOWN])
         findings.append(Finding(drive, key, UNUSED, f"several signals may be it ({shown}); name one in names.toml"))
@@ -186,7 +214,7 @@ def _by_name(log: Log, choice: SignalChoice, key: str, path: Path) -> Channel:
     known = [name for channel in log.channels for name in (channel.path, channel.name.text)]
     text = choice.signals[0]
     remedy = f"correct the name in names.toml{suggestion(text, known)}"
-    raise CodegenError(f"the log has no signal {text!r}", where=f"{path}: {key}", remedy=remedy)
+    raise _MissingSignalError(f"the log has no signal {text!r}", where=f"{path}: {key}", remedy=remedy)
 
 
 def _not_clear(group: Sequence[str], unclear: Mapping[str, Sequence[Channel]], log: Log, path: Path) -> CodegenError:

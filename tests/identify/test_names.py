@@ -174,3 +174,14 @@ def test_names_that_do_not_fit_the_log(toml: str, message: str, tmp_path: Path) 
     with pytest.raises(CodegenError) as error:
         read(tmp_path, {**GOOD, "a": TIME, "b": TIME}, toml)
     assert message in str(error.value)
+
+
+def test_a_signal_that_some_drives_lack(tmp_path: Path) -> None:
+    names = Names.model_validate({"delta_r": {"signal": "rear"} | {"unit": "deg"}})
+    for name, table in (("one", {**GOOD, "rear": TIME}), ("two", GOOD)):
+        pd.DataFrame({"time": TIME, **table}).to_csv(tmp_path / f"{name}.csv", index=False)
+    reading = read_drives([tmp_path / "one.csv", tmp_path / "two.csv"], names=names)
+    assert ["delta_r" in drive.signals for drive in reading.drives] == [True, False]
+    assert [str(finding) for finding in reading.findings] == ["two: delta_r: the log has no signal 'rear'"]
+    with pytest.raises(CodegenError, match="delta_r: the log has no signal 'rear'"):
+        read_drives([tmp_path / "two.csv"], names=names)
