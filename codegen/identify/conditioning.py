@@ -58,13 +58,13 @@ class Conditioned:
 
 
 def condition(
-    channel: Channel, samples: Samples, quantity: Quantity, unit: str, choice: SignalChoice | None, drive: str, where: object
+    channel: Channel, samples: Samples, quantity: Quantity, unit: str, settings: SignalChoice, drive: str, where: object
 ) -> tuple[Conditioned, list[Finding]]:
     """Check the samples of a channel.
 
     Args:
         unit: a unit of the quantity.
-        choice: settings of names.toml, if there are any.
+        settings: settings of names.toml.
         drive: name for findings.
         where: the log, for errors.
 
@@ -83,12 +83,12 @@ def condition(
     report(CLOCK, text, samples.time.size - time.size)
     if time.size < 2:
         raise CodegenError(f"{time.size} samples for {quantity.key}", where=place, remedy="name another signal, or log longer")
-    settings = choice or SignalChoice(signal=channel.path)
-    period = settings.sampling_time_s or float(np.median(np.diff(time)))
+    period = float(np.median(np.diff(time)))
     if not PERIOD_MIN_S <= period <= PERIOD_MAX_S:
         raise CodegenError(
             f"its samples are {period:.3g} s apart", where=place, remedy="check the unit of its time (time_unit)"
         )
+    period = settings.sampling_time_s or period
     reserved = int(np.count_nonzero(~np.isfinite(raw)))
     report(RESERVED, f"{reserved} of {raw.size} samples are marked as not available" if reserved else "", reserved)
     raw = np.where(np.isfinite(raw), raw, np.nan)

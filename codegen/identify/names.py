@@ -34,7 +34,6 @@ VALUE_MAX = 1e9
 
 _Value = Annotated[float, Range(-VALUE_MAX, VALUE_MAX, "in the unit of the signal")]
 _Text = Annotated[str, Field(min_length=1, max_length=1000)]
-_SamplingTime = Annotated[float, Range(0.0001, 1.0, "s")]
 
 
 class SignalChoice(Section):
@@ -50,7 +49,7 @@ class SignalChoice(Section):
     low: Annotated[_Value | None, Meaning("lower limit of the sensor, in the unit of the signal; values there are lost")] = None
     high: Annotated[_Value | None, Meaning("upper limit of the sensor")] = None
     sampling_time_s: Annotated[
-        _SamplingTime | None,
+        Annotated[float, Range(0.0001, 60.0, "s")] | None,
         Meaning("time from one sample to the next; by default the median of the log. Longer pauses are gaps"),
     ] = None
 
@@ -66,10 +65,16 @@ class SignalChoice(Section):
         return self
 
 
+NO_SETTINGS = SignalChoice(signal="any")
+"""Settings of a signal that names.toml does not name."""
+
+
 class Names(Section):
     """Quantities and their signals, and the step of the drives."""
 
-    sampling_time_s: Annotated[_SamplingTime, Meaning("step of the drives; faster signals are filtered, without delay")] = 0.01
+    sampling_time_s: Annotated[
+        float, Range(0.0001, 1.0, "s"), Meaning("step of the drives; faster signals are filtered, without delay")
+    ] = 0.01
     time: Annotated[_Text | None, Meaning("column of the time in a table; by default `time`, `t` or `timestamp`")] = None
     time_unit: Annotated[
         Literal["s", "ms", "us", "ns"] | None, Meaning("unit of that column, if its name does not contain it; by default s")

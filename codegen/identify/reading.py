@@ -16,7 +16,7 @@ from codegen.identify.conditioning import Conditioned, condition
 from codegen.identify.cross_checks import cross_check, without_frozen
 from codegen.identify.drive import Drive
 from codegen.identify.findings import UNUSED, Finding
-from codegen.identify.names import Names, SignalChoice, line_of
+from codegen.identify.names import NO_SETTINGS, Names, SignalChoice, line_of
 from codegen.identify.quantities import QUANTITIES, REQUIRED, Quantity
 from codegen.identify.resampling import TIME_RESOLUTION_S, resample
 from codegen.importing.quantities import unit_of
@@ -111,14 +111,14 @@ def _read(
     read: dict[str, Conditioned] = {}
     samples = log.read([channel.place for channel, _ in chosen.values()])
     for (key, (channel, unit)), one in zip(chosen.items(), samples, strict=True):
-        read[key], found = condition(channel, one, QUANTITIES[key], unit, names.choices.get(key), name, path)
+        read[key], found = condition(channel, one, QUANTITIES[key], unit, names.choices.get(key, NO_SETTINGS), name, path)
         findings += found
     start = min(one.time[0] for one in read.values())
     read = {key: replace(one, time=one.time - start) for key, one in read.items()}
     grid = _grid(read, names.sampling_time_s, path)
     signals = {key: resample(one, grid, is_held=QUANTITIES[key].is_held) for key, one in read.items()}
     drive, frozen = without_frozen(Drive(name, grid, signals))
-    settings = {key: names.choices.get(key, SignalChoice(signal=channel.path)) for key, (channel, _) in chosen.items()}
+    settings = {key: names.choices.get(key, NO_SETTINGS) for key in chosen}
     readings = {key: (unit, settings[key].sign, settings[key].offset) for key, (_, unit) in chosen.items()}
     findings += [*frozen, *cross_check(drive, readings)]
     sources = {

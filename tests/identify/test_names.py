@@ -140,7 +140,7 @@ unit = "deg"
         ("[vx]\nsignal = 'v'\nsign = 2", "vx.sign"),
         ("[vx]\nsignal = 'v'\nlow = 3.0\nhigh = 3.0", "low = 3 is not below high = 3"),
         ("[vx]\nsignal = 'v'\noffset = nan", "vx.offset: nan is outside"),
-        ("[vx]\nsignal = 'v'\nsampling_time_s = 0", "vx.sampling_time_s: 0 is outside 0.0001 to 1 s"),
+        ("[vx]\nsignal = 'v'\nsampling_time_s = 0", "vx.sampling_time_s: 0 is outside 0.0001 to 60 s"),
         ("sampling_time_s = 20", "sampling_time_s: 20 is outside"),
         ("without = ['speed']", "`without` has 'speed', which is no quantity"),
         ("without = ['vx']\n[vx]\nsignal = 'v'", "vx is named, and left out by `without`"),
