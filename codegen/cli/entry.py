@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import select
 import signal
@@ -30,6 +31,8 @@ def main() -> NoReturn:
     # --debug is removed here, so that it may stand anywhere and also applies to errors in the other arguments.
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
     debug = len(arguments) < len(sys.argv) - 1
+    if not debug:
+        logging.disable()  # libraries log an error, even with a traceback, that becomes one line here
     code = 0
     try:
         try:

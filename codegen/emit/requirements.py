@@ -26,7 +26,7 @@ ENGINES = {
     "compiles": "compilers",
     "static-analysis": "cppcheck and GCC's analyser",
 }
-"""Engine of each check of `codegen verify`."""
+"""Check of `codegen verify` -> its engine."""
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ less than 0.01; transposed, by 0.09 to 0.3."""
 GAIN_RATIO = (0.25, 4.0)
 """Plausible range of a map's yaw rates over those of the passive linear car, median of all cells. Solved maps have 0.9 to 1.1;
 over a steering-wheel angle they have less than 0.1."""
+TRANSPOSE = "transpose yaw_rate: its rows are speeds, its columns front angles"
 TURNS_LESS_FACTOR = 0.99
 """Fraction of the front-steered car's yaw rate below which the controlled car counts as turning less."""
 
@@ -111,7 +112,7 @@ def axis_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:
     if rates.shape[0] == rates.shape[1] and (falls := _fall_with_angle(rates)) > YAW_RATE_FALL >= _fall_with_angle(rates.T):
         yield (
             f"the yaw rate falls with the front angle, at the median speed by {100.0 * falls:.0f} % up to the largest angle; "
-            "transpose yaw_rate: its rows are speeds, its columns front angles"
+            f"{TRANSPOSE}"
         )
         return
     moving, steered = reference_map.speed > 0.0, reference_map.front_angle > 0.0
@@ -202,7 +203,7 @@ def beyond_grip(reference_map: ReferenceMap) -> str:
     required = distinct(largest, GRIP_MAX_G)
     what = f"the map requires {required} g of lateral acceleration, beyond the {GRIP_MAX_G:g} g that road tyres reach"
     if rates.shape[0] == rates.shape[1] and _lateral_acceleration_g(speed, rates.T) <= GRIP_MAX_G:
-        return f"{what}; transpose yaw_rate: its rows are speeds, its columns front angles"
+        return f"{what}; {TRANSPOSE}"
     if largest * KM_H <= GRIP_MAX_G:
         return f"{what}; is vx in km/h? It must be in m/s, and yaw_rate in rad/s"
     return f"{what}; vx must be in m/s, yaw_rate in rad/s"

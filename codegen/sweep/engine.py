@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 import os
 import re
 import uuid
@@ -32,8 +31,6 @@ DEATHS_MAX = 10
 A chunk that exceeds it is considered the cause of the deaths."""
 CLOSINGS_MAX = 10
 """Attempts to close a client, each of which waits for up to 0.1 s."""
-TALKATIVE = ("distributed", "tornado", "asyncio")
-"""Loggers that report a lost connection with tracebacks. They and their children are silenced; one line states the remedy."""
 
 Call = Callable[[int], Any]
 
@@ -100,20 +97,17 @@ class Dask:
         library: Any = distributed  # it has types, but not for all
         self.address = address
         self._as_completed, self._killed = library.as_completed, library.scheduler.KilledWorker
-        with contextlib.ExitStack() as silence:
-            silence.enter_context(_silent(TALKATIVE))
-            try:
-                _knock(address)
-                self._client = library.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
-            # MemoryError: the first bytes of a response are read as its length, even if another protocol sent them.
-            except (OSError, TimeoutError, ValueError, OverflowError, MemoryError) as error:
-                cause = error if isinstance(error, OSError) and str(error) else "another program responds"
-                raise CodegenError(
-                    f"no Dask scheduler answers ({cause})",
-                    where=address,
-                    remedy="start one with `dask scheduler`, check the address",
-                ) from None
-            self._silence = silence.pop_all()
+        try:
+            _knock(address)
+            self._client = library.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+        # MemoryError: the first bytes of a response are read as its length, even if another protocol sent them.
+        except (OSError, TimeoutError, ValueError, OverflowError, MemoryError) as error:
+            cause = error if isinstance(error, OSError) and str(error) else "another program responds"
+            raise CodegenError(
+                f"no Dask scheduler answers ({cause})",
+                where=address,
+                remedy="start one with `dask scheduler`, check the address",
+            ) from None
 
     def run(self, work: Call, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
         """See `Engine`. If a worker dies, its chunks go to other workers.
@@ -192,31 +186,12 @@ class Dask:
 
     def close(self) -> None:
         """Disconnect from the cluster, which keeps running."""
-        with self._silence:
-            for _ in range(CLOSINGS_MAX):
-                # A client whose scheduler is gone also closes itself. If both close a connection at the same time, asyncio
-                # rejects the second attempt ("Cannot change state of expiring Timeout"), hence the retry.
-                with contextlib.suppress(RuntimeError):
-                    self._client.close()
-                    break
-
-
-@contextlib.contextmanager
-def _silent(names: tuple[str, ...]) -> Iterator[None]:
-    """Silence the loggers of these names and their children."""
-    known = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in names]
-    loggers = [logging.getLogger(name) for name in {*names, *known}]
-    for logger in loggers:
-        logger.addFilter(_nothing)
-    try:
-        yield
-    finally:
-        for logger in loggers:
-            logger.removeFilter(_nothing)
-
-
-def _nothing(_record: logging.LogRecord) -> bool:
-    return False
+        for _ in range(CLOSINGS_MAX):
+            # A client whose scheduler is gone also closes itself. If both close a connection at the same time, asyncio
+            # rejects the second attempt ("Cannot change state of expiring Timeout"), hence the retry.
+            with contextlib.suppress(RuntimeError):
+                self._client.close()
+                break
 
 
 def _knock(address: str) -> None:

@@ -124,7 +124,7 @@ class Subject:
 
     @cached_property
     def unbounded(self) -> tuple[str, ...]:
-        """What could keep a call of the C from returning; see `complaints`. Checked once, as copies of the subject keep it."""
+        """Reasons why a call of the C might not return; see `complaints`. Checked once, as copies of the subject keep it."""
         from codegen.verify.budgets.bounded_loops import complaints
 
         return complaints(self.files, self.manifest)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
+from codegen.emit.requirements import ENGINES as CHECKS
 from tests.evidence.parts import PARTS
 from tests.evidence.record import Record
 
@@ -72,17 +73,10 @@ def details() -> str:
     return "\n".join(_section(record, form) for record in records if (form := record.best))
 
 
-ENGINES = {
-    "contracts": "CBMC",
-    "memory": "EVA",
-    "law": "law",
-    "sanitizers": "sani\u00adtizers",
-    "processor-in-the-loop": "PIL",
-    "static-analysis": "static",
-    "budgets": "bud\u00adgets",
-    "compiles": "com\u00adpilers",
-}
-"""Heads of the columns of planted faults, by the name of the check."""
+HEADS = dict(
+    zip(CHECKS, ("CBMC", "EVA", "law", "sani\u00adtizers", "PIL", "bud\u00adgets", "com\u00adpilers", "static"), strict=True)
+)
+"""Check -> head of its column in the table of planted faults, short and with soft hyphens."""
 
 
 def planted_faults() -> str:
@@ -96,10 +90,10 @@ def planted_faults() -> str:
     for name, fault in run["figures"].items():
         if fault["kind"] != kind:
             kind = fault["kind"]
-            rows.append([f"**{kind}**"] + [""] * len(ENGINES))
-        rows.append([name, *("●" if check in fault["found by"] else "" for check in ENGINES)])
+            rows.append([f"**{kind}**"] + [""] * len(HEADS))
+        rows.append([name, *("●" if check in fault["found by"] else "" for check in HEADS)])
     found = [fault["found by"] for fault in run["figures"].values()]
-    rows.append(["**found**", *(str(sum(check in names for names in found)) for check in ENGINES)])
+    rows.append(["**found**", *(str(sum(check in names for names in found)) for check in HEADS)])
     both = sum(bool({"contracts", "memory"} & set(names)) for names in found)
     head = f"The last {form} run{state}: {run['figure']}. CBMC and EVA together find {both}."
-    return "\n".join([head, "", _table(["fault", *ENGINES.values()], rows)]) + "\n"
+    return "\n".join([head, "", _table(["fault", *HEADS.values()], rows)]) + "\n"

@@ -1,6 +1,11 @@
 """`codegen report`: the page and the notes."""
 
+import subprocess
+import sys
 from pathlib import Path
+
+from hil_sim.codec import Frame
+from hil_sim.logs import BusLog
 
 from .conftest import BUILD, MAP, Refused, Run
 
@@ -19,3 +24,15 @@ def test_a_report_of_a_map_with_and_without_a_run(run: Run, refused: Refused, he
     Path("short.csv").write_text("\n".join(rows[:701]) + "\n", encoding="ascii")
     line = refused("report", "--map", MAP, "--run", "short.csv", "--scenario", "step-steer", "-o", "r.html")
     assert "short.csv: it ends at 6.99 s" in line
+
+
+def test_a_damaged_log_gives_one_line(here: Path) -> None:
+    """In a process of its own: asammdf logs to the standard error that it found when it was imported."""
+    path = here / "bus.mf4"
+    with BusLog(path) as log:
+        log.write(Frame(0x101, bytes(8), 0.0), received=True)
+    path.write_bytes(path.read_bytes().replace(b"##CG", b"##XX"))
+    command = [sys.executable, "-m", "codegen", "report", "--map", str(MAP), "--run", str(path), "-o", "r.html"]
+    answer = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (answer.returncode, answer.stderr.count("\n")) == (2, 1), answer.stderr
+    assert answer.stderr.startswith(f"error: {path}: not a readable run")

@@ -1,8 +1,5 @@
 """The contracts in ACSL: EVA, as an interpreter of a drive without unknown values, confirms what they state about it."""
 
-import os
-import shutil
-
 import pytest
 
 from codegen.emit.contracts import files as contract_files
@@ -51,7 +48,7 @@ BROKEN = {
     "the other case": ("!lies_within(input->speed, ", "lies_within(input->speed, "),
 }
 
-pytestmark = pytest.mark.skipif("CI" not in os.environ and shutil.which("frama-c") is None, reason="Frama-C is not installed")
+pytestmark = builds.needs_frama_c
 
 
 def driven(old: str = "", new: str = "") -> Outcome:

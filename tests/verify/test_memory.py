@@ -1,8 +1,5 @@
 """Check `memory`: Frama-C's EVA reports faults of memory in the C that compilers and CBMC accept."""
 
-import os
-import shutil
-
 import pytest
 
 from codegen.verify import memory
@@ -11,9 +8,6 @@ from codegen.verify.packages import MissingTool
 from tests.verify import builds
 
 PI = builds.made("pi", "uneven")
-needs_frama_c = pytest.mark.skipif(
-    "CI" not in os.environ and shutil.which("frama-c") is None, reason="Frama-C is not installed"
-)
 
 PLANTED = {
     "an index beyond an array inside a struct": (
@@ -48,7 +42,7 @@ def test_without_frama_c_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
         checked()
 
 
-@needs_frama_c
+@builds.needs_frama_c
 def test_faults_of_memory_are_located() -> None:
     files = dict(PI.files)
     for name, (path, old, new, _) in PLANTED.items():
@@ -61,7 +55,7 @@ def test_faults_of_memory_are_located() -> None:
         assert any(each.startswith(f"{path}:") and alarm in each for each in outcome.findings), (name, outcome.findings)
 
 
-@needs_frama_c
+@builds.needs_frama_c
 def test_c_that_does_not_parse_fails_with_the_location() -> None:
     outcome = checked(**{"src/ars_can.c": PI.files["src/ars_can.c"] + b"int x = ;\n"})
     assert (outcome.verdict, len(outcome.findings)) == (Verdict.FAILED, 1)

@@ -1,4 +1,4 @@
-"""What a calibration tool reads from an A2L before it connects, read by pya2l: slave, bus, lists, pages, objects."""
+"""Content of an A2L that a calibration tool needs before it connects, read by pya2l: slave, bus, lists, pages, objects."""
 
 import json
 import os

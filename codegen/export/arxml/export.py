@@ -34,7 +34,7 @@ from codegen.sil.software import require_can_side
 from codegen.units import KM_H
 
 Protection = Literal["transformer", "task"]
-"""What protects and checks the frames: the E2E transformer of the RTE, or the task of the build on raw frames."""
+"""Protection of the frames: the E2E transformer of the RTE, or the task of the build on raw frames."""
 
 WHAT = "autosar"
 """Manifest entry that distinguishes the export from a build."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -15,21 +13,13 @@ from pydantic import TypeAdapter, ValidationError
 from codegen.arrays import FloatArray
 from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
-from codegen.files import read_file, reason_of, require_regular
+from codegen.files import read_file, require_regular
+from codegen.importing import child
+from codegen.importing.bus_log import LOGS, TOOLS, frames
 from codegen.report.bus_tables import FaultEntry, FaultFile
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.logs import load_csv
 
-TOOLS = 'pip install "ars-codegen[tools]"'
-TEXT_LOGS = (".asc", ".log")
-LOG_BYTES_MAX = 2**30
-LINE_BYTES_MAX = 2**20
-TIME_MAX_S = 1e11
-"""Largest time stamp of a frame; Unix time stays below for 3,000 years."""
-ASC_FRAME = re.compile(r"\s*(\S+)\s+(?:\d+\s+[0-9a-f]+x?|CANFD\s+\d+)\s+(?:Rx|Tx)\s", re.IGNORECASE)
-"""Beginning of a frame in an ASC: time, channel, identifier and direction; of CAN FD, the channel and the direction."""
-LOG_REMEDY = "give a log that `codegen hil --log` or another tool wrote"
-LOGS = (".blf", ".asc", ".log")
 FAULTS_BYTES_MAX = 2**24
 RUN_BYTES_MAX = 2**31
 VALUE_MAX = 1e9
@@ -60,7 +50,7 @@ class BusTimes:
 
 
 def read_log(path: Path, can: Can, name: str) -> BusTimes:
-    """Read a log with python-can.
+    """Read the times of the frames of a log.
 
     Args:
         path: `.blf`, `.asc`, `.log` or `.mf4`.
@@ -68,36 +58,19 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
         name: name in the report.
 
     Raises:
-        CodegenError: it cannot be read, or contains no frame of the build.
+        CodegenError: see `frames`; or it contains no frame of the build.
     """
     messages = (can.vehicle_motion, can.vehicle_conditions, can.rear_steer_command)
     sent: dict[int, list[float]] = {message.id: [] for message in messages}
     received: dict[int, list[float]] = {message.id: [] for message in messages}
-    require_regular(path, LOG_BYTES_MAX, "give a shorter log")
-    if path.suffix.lower() in TEXT_LOGS:
-        _check_text(path)
-    try:
-        from can import LogReader
-
-        with LogReader(path) as reader:
-            whole = getattr(reader, "file_size", 0)  # from the header of a BLF
-            for frame in reader:
-                if frame.arbitration_id in sent and not frame.is_extended_id and not frame.is_error_frame:
-                    (received if frame.is_rx else sent)[frame.arbitration_id].append(frame.timestamp)
-    except ImportError as error:
-        raise CodegenError(f"the package that reads it is missing ({one_line(error)})", where=path, remedy=TOOLS) from None
-    except Exception as error:  # readers may raise anything for a damaged file
-        raise CodegenError(f"not a readable log of a CAN bus ({one_line(error)})", where=path, remedy=LOG_REMEDY) from None
-    if path.stat().st_size < whole:
-        what = f"it ends early: {path.stat().st_size} of {whole} bytes"
-        raise CodegenError(what, where=path, remedy="copy it again, or let the tool that writes it close it")
+    for frame in frames(path):
+        if frame.arbitration_id in sent and not frame.is_extended_id and not frame.is_error_frame:
+            (received if frame.is_rx else sent)[frame.arbitration_id].append(frame.timestamp)
     # On some buses, such as udp_multicast, a node also receives its own frames; the time of sending counts.
     times = {key: sent[key] or received[key] for key in sent}
     if not any(times.values()):
         known = ", ".join(f"0x{message.id:x}" for message in messages)
         raise CodegenError(f"no frame with an id of the build ({known})", where=path, remedy="name its build with --build")
-    if not all(abs(stamp) <= TIME_MAX_S for of_message in times.values() for stamp in of_message):  # NaN neither
-        raise CodegenError("a frame has an invalid time", where=path, remedy=LOG_REMEDY)
     stamps = {message.name: np.sort(np.array(times[message.id])) for message in messages}
     motion, command = stamps[can.vehicle_motion.name], stamps[can.rear_steer_command.name]
     cycle = float(can.vehicle_motion.cycle_time_ms or 10.0)
@@ -110,36 +83,6 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
     own = command[following[answered]] < ends[answered]
     periods = {key: 1e3 * np.diff(values) for key, values in stamps.items() if values.size > 1}
     return BusTimes(name, periods, 1e3 * delay[own], cycle)
-
-
-def _check_text(path: Path) -> None:
-    """Check the lines of a text log: their lengths, as the reader holds each in memory, and the times of an ASC.
-
-    python-can skips a frame with an invalid time. Raises CodegenError.
-    """
-    is_asc = path.suffix.lower() == ".asc"
-    try:
-        with path.open("rb") as file:
-            for number, line in enumerate(iter(lambda: file.readline(LINE_BYTES_MAX + 1), b""), start=1):
-                if len(line) > LINE_BYTES_MAX:
-                    raise CodegenError("not a log of a CAN bus: a line is over 1 MiB", where=path, remedy="give another log")
-                frame = ASC_FRAME.match(line.decode("utf-8", "replace")) if is_asc else None
-                if frame is not None and _is_invalid_time(frame[1]):
-                    what = f"a frame has an invalid time, {one_line(frame[1], 40)}"
-                    raise CodegenError(what, where=f"{path}, line {number}", remedy=LOG_REMEDY)
-    except OSError as error:
-        raise CodegenError(f"cannot be read ({reason_of(error)})", where=path, remedy="check its permissions") from None
-
-
-def _is_invalid_time(word: str) -> bool:
-    """Return whether the word is a number, but not one that an ASC has as time; other words begin comments."""
-    if re.fullmatch(r"-?\d+\.\d+", word):
-        return False
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 @dataclass(frozen=True)
@@ -188,14 +131,10 @@ def read_files(arguments: Sequence[str], can: Can) -> Files:
         kind = path.suffix.lower()
         if kind == ".json":
             faults = read_faults(path)
+        elif kind in RECORDINGS and (record := RECORDINGS[kind](path)) is not None:
+            runs[name], paths[name] = record, path
         elif kind in LOGS:
             logs.append(read_log(path, can, name))
-        elif kind in RECORDINGS:
-            record = RECORDINGS[kind](path)
-            if record is None:
-                logs.append(read_log(path, can, name))
-            else:
-                runs[name], paths[name] = record, path
         else:
             raise CodegenError("not an input of a report", where=path, remedy=f"give {KINDS}")
     return Files(runs, paths, logs, faults)
@@ -227,28 +166,15 @@ def _read_parquet(path: Path) -> FloatArray:
     return _checked(np.column_stack(columns), path)
 
 
-def _close_quietly(file: Any) -> None:
-    """Close a file of asammdf. Its own destructor fails for a file that could not be opened, and Python prints a traceback."""
-    with contextlib.suppress(Exception):
-        file.close()
-
-
 def _read_mf4(path: Path) -> FloatArray | None:
     """Return the recording in an MF4 file; None for a log of the bus."""
     try:
-        from asammdf import MDF
-        from asammdf.blocks.mdf_v4 import MDF4
+        columns = child.call("codegen.importing.mf4", "columns", path, RECORD_COLUMNS, **child.LOG)
     except ImportError:
         raise _missing("asammdf", path) from None
-    MDF4.__del__ = _close_quietly  # type: ignore[method-assign]
-    try:
-        with MDF(path) as mdf:
-            if RECORD_COLUMNS[1] not in mdf.channels_db:
-                return None
-            columns = [mdf.get(name, raw=True).samples.astype(np.float64) for name in RECORD_COLUMNS]
     except Exception as error:  # asammdf may raise anything for a damaged file
         raise _no_run(path, error) from None
-    return _checked(np.column_stack(columns), path)
+    return None if columns is None else _checked(np.column_stack(columns), path)
 
 
 def _read_csv(path: Path) -> FloatArray:

@@ -1,10 +1,10 @@
 """Part `loaders`: 100,000 randomly damaged files for all loaders."""
 
 import functools
-import multiprocessing
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +32,8 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
         count = max(1, round(share * loader.weight))
         blocks += [(name, seed, min(BLOCK_SIZE, count - seed * BLOCK_SIZE)) for seed in range(-(-count // BLOCK_SIZE))]
     waiting = [block for block in blocks if progress.get(_key(block)) is None]
-    with multiprocessing.Pool(os.cpu_count()) as pool:
-        for block, faults in zip(waiting, pool.imap(_block, waiting), strict=True):
+    with ProcessPoolExecutor(os.cpu_count()) as pool:  # unlike a Pool, it reports a worker that crashes
+        for block, faults in zip(waiting, pool.map(_block, waiting), strict=True):
             progress.keep(_key(block), faults)
     findings = [fault for block in blocks for fault in progress.get(_key(block))]
     cases = sum(count for _, _, count in blocks)
