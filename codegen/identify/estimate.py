@@ -2,10 +2,12 @@
 
 The cost is sum rho((y - measured) / noise) + |z|^2 / 2 with Huber's rho and z the scaled parameters (`parameters.Prior`). The
 free initial states of each segment are eliminated from the normal equations (Schur complement). The noise of each output is
-estimated from the residuals. The covariance is the sandwich H^-1 (M + I) H^-1: M is the long-run covariance of the gradient over
-samples (W. K. Newey, K. D. West, A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
-matrix, 1987), because residuals are coloured and larger where the car moves fast. The gradient of each second is that of the
-estimate from all others, because a manoeuvre that dominates a parameter hides its own error (J. G. MacKinnon, H. White, Some
+estimated from the residuals.
+
+The covariance is the sandwich H^-1 (M + I) H^-1. M is the long-run covariance of the gradient over samples (W. K. Newey, K. D.
+West, A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix, 1987), because
+residuals are coloured and larger where the car moves fast. The gradient of each second is divided by the root of one minus its
+leverage, because a manoeuvre that dominates a parameter hides its own error (HC2 of J. G. MacKinnon, H. White, Some
 heteroskedasticity-consistent covariance matrix estimators with improved finite sample properties, 1985).
 """
 
@@ -27,6 +29,8 @@ DAMPING, DAMPING_MAX = 1e-3, 1e9
 """First and largest damping."""
 DECREMENT_MIN = 1e-3
 """Stop when a step would lower the cost by less: it moves no parameter by more than a twentieth of its standard deviation."""
+LEVERAGE_MAX = 0.99
+"""Largest share of a window in the information on a parameter with which its error is enlarged, tenfold."""
 WINDOW_S = 1.0
 """Lags of the residuals' correlation that the covariance takes in, s: above all time constants of a car."""
 DECREMENT_ROUND = 0.1
@@ -90,7 +94,8 @@ class _Point:
 
     def gains(self, damping: float = 0.0) -> FloatArray:
         """Return the change of the initial states (m, s, f) for each change of z."""
-        return -np.linalg.solve(_damped(self.inner, damping), self.cross)
+        result: FloatArray = -np.linalg.solve(_damped(self.inner, damping), self.cross)
+        return result
 
     def parts(self) -> FloatArray:
         """Return the share (m, f, f) of each segment in the Hessian of z, the initial states eliminated."""
@@ -124,8 +129,7 @@ class _Point:
 
 def _damped(matrix: FloatArray, damping: float) -> FloatArray:
     """Return square matrices (..., k, k) with their diagonals enlarged (D. W. Marquardt, 1963)."""
-    result: FloatArray = matrix * (1.0 + damping * np.eye(matrix.shape[-1]))
-    return result
+    return np.asarray(matrix * (1.0 + damping * np.eye(matrix.shape[-1])), dtype=np.float64)
 
 
 class _Solver:
@@ -312,18 +316,21 @@ def _settled(
 
 
 def _scores(error: FloatArray, by_z: FloatArray, offsets: IntArray, window: int, inverse: FloatArray) -> FloatArray:
-    """Return the gradient (rows, f) of each sample, with the error that remains without the samples within `window` of it.
+    """Return the gradient (rows, f) of each sample, enlarged by what the fit to its own window takes from its error.
 
     Args:
         error, by_z: see `_Solver.rows`. inverse: (f, f) inverse Hessian.
     """
     result: FloatArray = np.einsum("ro,rof->rf", error, by_z)
-    identity = np.eye(len(inverse))
+    root = np.linalg.cholesky(inverse)
     for low, high in pairwise(offsets):
         for begin in range(low, high, window):
             block = slice(begin, min(begin + window, high))
-            slopes = by_z[block].reshape(-1, len(inverse))
-            result[block] = np.linalg.solve(identity - slopes.T @ slopes @ inverse, result[block].T).T
+            slopes = by_z[block].reshape(-1, len(inverse)) @ root
+            leverage, vectors = np.linalg.eigh(slopes.T @ slopes)
+            factors = (1.0 - np.minimum(leverage, LEVERAGE_MAX)) ** -0.5
+            in_root = result[block] @ root @ vectors
+            result[block] += np.linalg.solve(root.T, ((in_root * (factors - 1.0)) @ vectors.T).T).T
     return result
 
 

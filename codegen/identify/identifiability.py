@@ -1,7 +1,7 @@
 """Which quantities the drives determine, and which combinations they do not.
 
-In the scaled parameters z the prior is a unit sphere. A direction in which the estimate is hardly narrower than the prior is one
-about which the drives say nothing: it is named by the quantities that it moves.
+In the scaled parameters z the prior is a unit sphere. The drives say nothing about a direction in which the estimate is hardly
+narrower than the prior. It is named by the quantities that it moves.
 """
 
 from __future__ import annotations
@@ -57,7 +57,9 @@ class Identifiability:
     directions: tuple[Direction, ...]
 
 
-def analyse(parameters: tuple[Parameter, ...], free: BoolArray, covariance: FloatArray, information: FloatArray) -> Identifiability:
+def analyse(
+    parameters: tuple[Parameter, ...], free: BoolArray, covariance: FloatArray, information: FloatArray
+) -> Identifiability:
     """Return what the drives determine.
 
     Args:

@@ -79,7 +79,13 @@ def _made(
         return ca.Function(name, free, [value, *slopes], labels, results)
 
     return ShootingModel(
-        *(names[0], *(tuple(part) for part in names[1:])),  # type: ignore[arg-type]
+        name=names[0],
+        states=tuple(names[1]),
+        starts=tuple(names[2]),
+        inputs=tuple(names[3]),
+        outputs=tuple(names[4]),
+        parameters=tuple(names[5]),
+        constants=tuple(names[6]),
         initial=with_slopes("initial", initial, s, [s, u, p, c], ["s", "u", "p", "c"], ["x", "dx_ds", "dx_dp"]),
         derivative=ca.Function("derivative", given, [rates], arguments, ["f"]),
         slopes=with_slopes("slopes", rates, x, given, arguments, ["f", "df_dx", "df_dp"]),
@@ -172,7 +178,7 @@ def actuator_model() -> ShootingModel:
     """Return the rear actuator of the two-track model: output angle (rad) with the sensor's offset.
 
     A step of the command lies between two samples, where its delay puts it. Time is stretched before and after it, so that
-    the step falls between two integration steps. Inputs: command (rad), stretch, and the derivative of the stretch by the delay.
+    the step falls between two integration steps. Inputs: command (rad), stretch, and derivative of the stretch by the delay.
     Constants: the largest angle (rad) and the delay (s) of these inputs, from which the parameter departs only in derivatives.
     """
     plant = two_track_of_parameters(configuration.Config())
@@ -181,11 +187,14 @@ def actuator_model() -> ShootingModel:
     lag, rate, offset, delay = ca.vertsplit(p)
     car = {"rear_lag": lag, "rear_rate_max": rate, "rear_angle_max": c[0]}
     stretch = u[1] + (delay - c[1]) * u[2]
-    rates = stretch * plant.derivative(
-        ca.vertcat(*(x if name == "rear_angle" else 0.0 for name in PLANT_STATES)),
-        ca.vertcat(*(u[0] if name == "rear_angle_command" else 1.0 for name in PLANT_INPUTS)),
-        ca.vertcat(*(car.get(name, 1.0) for name in PLANT_PARAMETERS)),
-    )[PLANT_STATES.index("rear_angle")]
+    rates = (
+        stretch
+        * plant.derivative(
+            ca.vertcat(*(x if name == "rear_angle" else 0.0 for name in PLANT_STATES)),
+            ca.vertcat(*(u[0] if name == "rear_angle_command" else 1.0 for name in PLANT_INPUTS)),
+            ca.vertcat(*(car.get(name, 1.0) for name in PLANT_PARAMETERS)),
+        )[PLANT_STATES.index("rear_angle")]
+    )
     names = (
         "identify_actuator",
         ("rear_angle",),

@@ -68,12 +68,8 @@ def _tyre(axle: str) -> tuple[Parameter, ...]:
             2e6,
             f"{_TURN}; with rear steering or measured sideslip" if axle == "rear" else _TURN,
         ),
-        Parameter(
-            f"{axle}_peak", f"{axle} D", "vehicle", f"{table}.peak_factor_p1", "", 1.0, 0.15, True, 0.2, 3.0, push
-        ),
-        Parameter(
-            f"{axle}_shape", f"{axle} C", "vehicle", f"{table}.shape_factor_c", "", 1.0, 0.2, False, 0.5, 2.5, push
-        ),
+        Parameter(f"{axle}_peak", f"{axle} D", "vehicle", f"{table}.peak_factor_p1", "", 1.0, 0.15, True, 0.2, 3.0, push),
+        Parameter(f"{axle}_shape", f"{axle} C", "vehicle", f"{table}.shape_factor_c", "", 1.0, 0.2, False, 0.5, 2.5, push),
         Parameter(
             f"{axle}_curvature", f"{axle} E", "vehicle", f"{table}.curvature_factor_e", "", 1.0, 0.7, False, -20.0, 1.0, push
         ),
@@ -108,7 +104,17 @@ PARAMETERS = (
         "yaw_inertia", "yaw inertia", "vehicle", "vehicle.yaw_inertia_kg_m2", "kg m^2", 1.0, 0.4, True, 50.0, 5e5, _SWEEP
     ),
     Parameter(
-        "relaxation_length", "relaxation length", "vehicle", "plant.relaxation_length_m", "m", 1.0, 0.3, False, 0.05, 2.0, _SWEEP
+        "relaxation_length",
+        "relaxation length",
+        "vehicle",
+        "plant.relaxation_length_m",
+        "m",
+        1.0,
+        0.3,
+        False,
+        0.05,
+        2.0,
+        _SWEEP,
     ),
     Parameter(
         "steering_ratio",
@@ -124,9 +130,7 @@ PARAMETERS = (
         "slow turns below 20 km/h, or measure the angle of the front wheels",
     ),
     _sensor("front_offset", "front angle offset", "deg", DEGREE, 0.5 * DEGREE, 5.0 * DEGREE, _STRAIGHT),
-    Parameter(
-        "speed_factor", "speed factor", "vehicle", "", "", 1.0, 0.02, True, 0.8, 1.2, "steady turns at 3 m/s^2 or more"
-    ),
+    Parameter("speed_factor", "speed factor", "vehicle", "", "", 1.0, 0.02, True, 0.8, 1.2, "steady turns at 3 m/s^2 or more"),
     _sensor("speed_offset", "speed offset", "m/s", 1.0, 0.1, 2.0, "steady turns at low and at high speed"),
     _sensor("yaw_rate_offset", "yaw rate offset", "deg/s", DEGREE, 1.0 * DEGREE, 10.0 * DEGREE, _STRAIGHT),
     _sensor("lateral_acceleration_offset", "lateral acceleration offset", "m/s^2", 1.0, 0.5, 3.0, _STRAIGHT),
@@ -174,7 +178,17 @@ PARAMETERS = (
         "sine sweep or small steps of the rear angle command",
     ),
     Parameter(
-        "rear_offset", "rear angle offset", "actuator", "", "deg", DEGREE, 0.5 * DEGREE, False, -0.1, 0.1, "a rear angle command"
+        "rear_offset",
+        "rear angle offset",
+        "actuator",
+        "",
+        "deg",
+        DEGREE,
+        0.5 * DEGREE,
+        False,
+        -0.1,
+        0.1,
+        "a rear angle command",
     ),
 )
 """All quantities. Actuator rates and angles are in rad/s and rad inside."""

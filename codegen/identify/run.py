@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -100,7 +101,11 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
     values = {**centre, **{name: quantity.value for name, quantity in found.items()}}
     rear = rear_angle(samples, config, values)
     if not samples.has("delta_r"):
-        notes.append("the rear angle was not measured; it follows from the command and the configured actuator")
+        is_commanded = samples.has("delta_r_command")
+        source = (
+            "it follows from the command and the configured actuator" if is_commanded else "the rear wheels count as straight"
+        )
+        notes.append(f"no drive has delta_r: {source}")
     _fit_ratio(samples, centre, found)
 
     tell("car")
@@ -113,19 +118,25 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
         note = "" if judged.is_identified[index] else f"not determined by these drives; drive: {parameter.manoeuvre}"
         if not full.free[index]:
             note = _missing(parameter, samples)
-        found[parameter.name] = _quantity(parameter, kept.values[index], deviations[index], centre, judged.is_identified[index], note)
+        found[parameter.name] = _quantity(
+            parameter, kept.values[index], deviations[index], centre, judged.is_identified[index], note
+        )
     for parameter in PARAMETERS:
         if parameter.name not in found:
             found[parameter.name] = _quantity(parameter, 0.0, math.nan, centre, False, _missing(parameter, samples))
+    used = kept.problem.segments.first
+    for name, low, high in zip(samples.names, samples.begin[:-1], samples.begin[1:], strict=True):
+        if not ((used >= low) & (used < high)).any():
+            notes.append(f"{name} is not used for the car: it has no second with speed, yaw rate, front and rear angle")
     names, correlation = _correlation(found, (full, *(() if actuator is None else (actuator[0],))))
     ordered = {parameter.name: found[parameter.name] for parameter in PARAMETERS}
     return Identification(config, ordered, names, correlation, tuple(directions), kept, actuator and actuator[1], tuple(notes))
 
 
 def _deviations(full: Fit, kept: Fit) -> FloatArray:
-    """Return the standard deviations (k,) in SI: of the fit with all parameters free, and the change from it to the kept values.
+    """Return the standard deviations (k,) in SI: of the fit with all parameters free, and its difference from the kept one.
 
-    That change is what configured values of parameters that are not determined do to the others.
+    That difference is what configured values of parameters that are not determined do to the others.
     """
     return np.hypot(full.standard_deviations, kept.values - full.values)
 
@@ -177,26 +188,18 @@ def _fit_actuator(
 
 
 def rear_angle(samples: Samples, config: Config, values: dict[str, float]) -> FloatArray:
-    """Return the rear angle (n,) in rad that drives the car: measured, or simulated from its command.
-
-    Raises:
-        CodegenError: neither was measured.
-    """
+    """Return the rear angle (n,) in rad that drives the car: measured, or simulated from its command, or zero without both."""
     if samples.has("delta_r"):
         return samples.signal("delta_r") - values["rear_offset"]
     if not samples.has("delta_r_command"):
-        raise CodegenError(
-            "no drive has delta_r or delta_r_command",
-            where="identify",
-            remedy="name one in the signals; without rear steering, add delta_r with the value 0",
-        )
+        return np.zeros(len(samples))
     command = samples.signal("delta_r_command")
     acting = samples.shifted("delta_r_command", -round(values["actuator_delay"] / samples.step))
     lag, limit = values["actuator_lag"], config.rear_actuator.angle_max
     step = values["actuator_rate"] * samples.step
     share = -math.expm1(-samples.step / lag)
     result = np.empty(len(samples))
-    for low, high in zip(samples.begin[:-1], samples.begin[1:], strict=True):
+    for low, high in pairwise(samples.begin):
         part = filled(acting[low:high])
         angle = part[0]
         for k, demand in enumerate(part.tolist()):
@@ -224,7 +227,7 @@ def _fit_ratio(samples: Samples, centre: dict[str, float], found: dict[str, Quan
     sums = np.add.reduceat(scores, np.arange(0, len(scores), block), axis=0)
     inverse = np.linalg.pinv(columns.T @ columns)
     deviation = math.sqrt(max((inverse @ (sums.T @ sums) @ inverse)[0, 0], 0.0))
-    is_identified = 0.0 < solution[0] and deviation <= 0.1 * parameter.spread * solution[0]
+    is_identified = solution[0] > 0.0 and deviation <= 0.1 * parameter.spread * solution[0]
     note = "" if is_identified else f"not determined by these drives; drive: {parameter.manoeuvre}"
     found["steering_ratio"] = _quantity(parameter, solution[0], deviation, centre, is_identified, note)
 
@@ -253,10 +256,7 @@ def _fit_vehicle(
         judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
     if bool(judged.is_identified[free].all()):
         return result, result, judged
-    fixed = {
-        name: value if judged.is_identified[k] else centre[name]
-        for k, (name, value) in enumerate(result.named().items())
-    }
+    fixed = {name: value if judged.is_identified[k] else centre[name] for k, (name, value) in enumerate(result.named().items())}
     kept = _converge(samples, config, centre, fixed, rear, judged.is_identified, result)
     return result, kept, judged
 

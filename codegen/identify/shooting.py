@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -94,7 +95,7 @@ class Samples:
     def shifted(self, name: str, count: int) -> FloatArray:
         """Return a signal moved forward by whole samples; NaN beyond the end of each drive."""
         signal, result = self.signal(name), np.full(len(self), math.nan)
-        for low, high in zip(self.begin[:-1], self.begin[1:], strict=True):
+        for low, high in pairwise(self.begin):
             part = signal[low:high]
             moved = part[count:] if count >= 0 else part[:count]
             result[low + max(-count, 0) : low + max(-count, 0) + moved.size] = moved
@@ -107,7 +108,7 @@ class Samples:
         lengths: list[int] = []
         edges = set(self.begin.tolist()) | set((np.flatnonzero(np.diff(usable.astype(int))) + 1).tolist())
         runs = sorted(edges | {0, len(self)})
-        for low, high in zip(runs[:-1], runs[1:], strict=True):
+        for low, high in pairwise(runs):
             if not usable[low]:
                 continue
             for begin in range(low, high, count):
@@ -154,7 +155,7 @@ def between(samples: Samples, signals: Sequence[FloatArray], substeps: int) -> F
     """
     share = (np.arange(substeps)[:, None] + np.array([0.0, 0.5, 1.0])).ravel() / substeps
     result = np.empty((len(samples), share.size, len(signals)))
-    for low, high in zip(samples.begin[:-1], samples.begin[1:], strict=True):
+    for low, high in pairwise(samples.begin):
         at = np.arange(high - low)
         for column, signal in enumerate(signals):
             values = filled(signal[low:high])
@@ -162,8 +163,7 @@ def between(samples: Samples, signals: Sequence[FloatArray], substeps: int) -> F
             result[low:high, :, column] = here + 0.5 * share * (
                 next_
                 - before
-                + share
-                * (2.0 * before - 5.0 * here + 4.0 * next_ - after + share * (3.0 * (here - next_) + after - before))
+                + share * (2.0 * before - 5.0 * here + 4.0 * next_ - after + share * (3.0 * (here - next_) + after - before))
             )
     return result.reshape(-1, len(signals))
 
@@ -179,7 +179,7 @@ def held(samples: Samples, signal: FloatArray, delay: float, substeps: int) -> F
     share = delay / samples.step - whole
     half = substeps // 2
     result = np.empty((len(samples), substeps, 3))
-    for low, high in zip(samples.begin[:-1], samples.begin[1:], strict=True):
+    for low, high in pairwise(samples.begin):
         values = filled(signal[low:high])
         at = np.arange(values.size) - whole
         result[low:high, :half, 0] = values[np.clip(at - 1, 0, values.size - 1)][:, None]
@@ -265,7 +265,7 @@ def front_signal(samples: Samples, config: Config) -> tuple[FloatArray, bool]:
     # Exact for an input that is linear between samples.
     mean = (1.0 - fall) * config.steering.lag_s / samples.step
     result = np.full(len(samples), math.nan)
-    for low, high in zip(samples.begin[:-1], samples.begin[1:], strict=True):
+    for low, high in pairwise(samples.begin):
         values, lagged = filled(wheel[low:high]), np.empty(high - low)
         state = values[0]
         for k, value in enumerate(values.tolist()):

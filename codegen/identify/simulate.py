@@ -7,6 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -43,9 +44,7 @@ def sources(model: ShootingModel) -> dict[str, bytes]:
 @lru_cache(maxsize=8)
 def library_of(model: ShootingModel) -> Library:
     """Return the compiled model. Raises BuildError if there is no compiler."""
-    return compile_library(
-        model.name, sources(model), ["shooting.h"], include_folders=(".",), unit_flags={"shooting.c": FLAGS}
-    )
+    return compile_library(model.name, sources(model), ["shooting.h"], include_folders=(".",), unit_flags={"shooting.c": FLAGS})
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +140,7 @@ class Simulation:
 
         workers = min(os.cpu_count() or 1, len(first))
         cuts = np.searchsorted(offsets, np.linspace(0, offsets[-1], workers + 1))
-        parts = [(int(low), int(high)) for low, high in zip(cuts[:-1], cuts[1:], strict=True) if high > low]
+        parts = [(int(low), int(high)) for low, high in pairwise(cuts) if high > low]
         if len(parts) == 1:
             run(parts[0])
             return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,7 +26,7 @@ def smoothed(samples: Samples, signal: FloatArray, length: float) -> FloatArray:
     """Return the moving mean of a signal over `length` s, within each drive; NaN near gaps."""
     count = max(round(length / samples.step), 1) | 1
     result = np.full(signal.size, math.nan)
-    for low, high in zip(samples.begin[:-1], samples.begin[1:], strict=True):
+    for low, high in pairwise(samples.begin):
         if high - low > count:
             result[low:high] = np.convolve(signal[low:high], np.full(count, 1.0 / count), mode="same")
             result[low : low + count // 2] = result[high - count // 2 : high] = math.nan
@@ -35,7 +36,8 @@ def smoothed(samples: Samples, signal: FloatArray, length: float) -> FloatArray:
 def understeer_coefficient(samples: Samples, config: Config, front: FloatArray, rear: FloatArray) -> float | None:
     """Return K in rad s^2/m from delta_f - delta_r = L r/vx + K vx r + constant in steady turns; None without any."""
     speed, yaw_rate, difference = (
-        smoothed(samples, filled(signal), SMOOTHING_S) for signal in (samples.signal("vx"), samples.signal("yaw_rate"), front - rear)
+        smoothed(samples, filled(signal), SMOOTHING_S)
+        for signal in (samples.signal("vx"), samples.signal("yaw_rate"), front - rear)
     )
     change = smoothed(samples, np.gradient(yaw_rate, samples.step), SMOOTHING_S)
     acceleration = speed * yaw_rate
@@ -54,14 +56,16 @@ def understeer_coefficient(samples: Samples, config: Config, front: FloatArray, 
     return float(found[0])
 
 
-def starting_values(problem: Problem, config: Config, values: dict[str, float], front: FloatArray, rear: FloatArray) -> dict[str, float]:
+def starting_values(
+    problem: Problem, config: Config, values: dict[str, float], front: FloatArray, rear: FloatArray
+) -> dict[str, float]:
     """Return values with stiffnesses and yaw inertia from which the fit converges.
 
     Args:
         values: other quantities. front, rear: (n,) rad at the road wheels.
     """
     vehicle = config.vehicle
-    gravity, mass, wheelbase = config.road.gravity_m_s2, vehicle.mass_kg, vehicle.wheelbase
+    gravity, mass = config.road.gravity_m_s2, vehicle.mass_kg
     inertia = mass * vehicle.cg_to_front_axle_m * vehicle.cg_to_rear_axle_m
     found = understeer_coefficient(problem.samples, config, front, rear)
     loads = static_wheel_loads(config)
@@ -87,7 +91,9 @@ def starting_values(problem: Problem, config: Config, values: dict[str, float], 
         error = np.where(known, output - problem.measured, 0.0)
         if not np.isfinite(error).all():
             continue
-        cost = sum(math.log(1e-12 + float(np.mean(np.abs(error[known[:, k], k])))) for k in range(error.shape[1]) if known[:, k].any())
+        cost = sum(
+            math.log(1e-12 + float(np.mean(np.abs(error[known[:, k], k])))) for k in range(error.shape[1]) if known[:, k].any()
+        )
         if best is None or cost < best[0]:
             best = cost, tried
     return values if best is None else best[1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -89,9 +90,7 @@ def validate(found: Identification, drive: Drive) -> Validation:
     identified = free_run(samples, found.config, found.values())
     before = free_run(samples, found.config, configured(found.config))
     errors = identified.measured - identified.simulated
-    white = {
-        name: whiteness(errors[:, k], samples.step) for k, name in enumerate(OUTPUTS) if np.isfinite(errors[:, k]).any()
-    }
+    white = {name: whiteness(errors[:, k], samples.step) for k, name in enumerate(OUTPUTS) if np.isfinite(errors[:, k]).any()}
     return Validation(drive.name, identified, before, white)
 
 
@@ -104,7 +103,7 @@ def free_run(samples: Samples, config: Config, values: dict[str, float]) -> Free
     output = problem.simulation(np.array([values[name] for name in problem.prior.names]), problem.starts).output()
     measured, count = problem.measured.copy(), round(BEGIN_S / samples.step)
     one_step = np.full(len(output), math.nan)
-    for low, high in zip(problem.segments.offsets[:-1], problem.segments.offsets[1:], strict=True):
+    for low, high in pairwise(problem.segments.offsets):
         measured[low : low + count] = math.nan
         one_step[low + 1 : high] = np.diff((measured - output)[low:high, 0])
     error = measured - output
@@ -116,7 +115,7 @@ def free_run(samples: Samples, config: Config, values: dict[str, float]) -> Free
         return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
 
     return FreeRun(
-        samples.step * problem.segments.rows,
+        np.asarray(samples.step * problem.segments.rows, dtype=np.float64),
         measured,
         output,
         rms(error[:, 0]),
@@ -179,7 +178,7 @@ def reached(fitted: Fit, config: Config) -> Reached:
         np.arctan((lateral - arms[1] * output[:, 0]) / speed) - inputs[:, 2],
     )
     yaw_acceleration = np.concatenate(
-        [np.gradient(output[low:high, 0], samples.step) for low, high in zip(problem.segments.offsets[:-1], problem.segments.offsets[1:], strict=True)]
+        [np.gradient(output[low:high, 0], samples.step) for low, high in pairwise(problem.segments.offsets)]
     )
     turning = values["yaw_inertia"] * yaw_acceleration
     forces = (

@@ -112,8 +112,8 @@ class Errors:
     """Sensor errors beside those of the configuration; see `hil_sim.third_plant`.
 
     Attributes:
-        bias: quantity -> rad, rad/s, m/s^2. speed_factor: measured over true. jitter_steps: largest age of a sample in plant steps.
-        command_delay: s.
+        bias: quantity -> rad, rad/s, m/s^2. speed_factor: measured over true.
+        jitter_steps: largest age of a sample in plant steps. command_delay: s.
     """
 
     bias: Mapping[str, float] = field(
