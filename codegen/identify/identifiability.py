@@ -15,6 +15,8 @@ from codegen.identify.parameters import Parameter
 
 SHARE_MAX = 0.3
 """Largest standard deviation of a determined quantity or direction, as a fraction of its spread before the drives."""
+NOTHING = 0.95
+"""From this fraction on, the drives say nothing about a quantity. Such quantities are named one by one."""
 COMPONENT_MIN = 0.35
 """Smallest component, of a unit vector, of a quantity that is named in a direction."""
 
@@ -49,7 +51,7 @@ class Identifiability:
     Attributes:
         shares: (k,) standard deviation over spread; 1 for a parameter that was not free.
         is_identified: (k,).
-        directions: singular directions, the weakest first.
+        directions: singular directions: quantities without any information, then combinations, the weakest first.
     """
 
     shares: FloatArray
@@ -67,14 +69,18 @@ def analyse(
         covariance: (k, k) of z. information: (k, k) of the data, in z.
     """
     shares = np.where(free, np.sqrt(np.diag(covariance)), 1.0)
-    chosen = np.flatnonzero(free)
+    scaled = 0.5 * (information + information.T)
+    directions = [
+        Direction(float(shares[k]), float(np.sqrt(max(scaled[k, k], 0.0))), {parameters[k].title: 1.0})
+        for k in np.flatnonzero(free & (shares > NOTHING))
+    ]
+    chosen = np.flatnonzero(free & (shares <= NOTHING))
     size, vectors = np.linalg.eigh(covariance[np.ix_(chosen, chosen)])
-    directions = []
     for value, vector in sorted(zip(size, vectors.T, strict=True), key=lambda pair: -pair[0]):
         if value <= SHARE_MAX**2:
             break
         order = [k for k in np.argsort(-np.abs(vector)) if abs(vector[k]) >= COMPONENT_MIN]
         components = {parameters[chosen[k]].title: float(vector[k]) for k in order}
-        strength = float(vector @ information[np.ix_(chosen, chosen)] @ vector)
+        strength = float(vector @ scaled[np.ix_(chosen, chosen)] @ vector)
         directions.append(Direction(float(np.sqrt(value)), float(np.sqrt(max(strength, 0.0))), components))
     return Identifiability(shares, free & (shares <= SHARE_MAX), tuple(directions))

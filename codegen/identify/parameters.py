@@ -193,6 +193,11 @@ PARAMETERS = (
 )
 """All quantities. Actuator rates and angles are in rad/s and rad inside."""
 
+CURVES = tuple(
+    tuple(f"{axle}_{name}" for name in ("peak", "shape", "curvature", "load_sensitivity")) for axle in ("front", "rear")
+)
+"""Quantities that describe one curve together: where one is determined, the others are taken with it."""
+
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 
 

@@ -16,7 +16,7 @@ from codegen.identify.drive import Drive
 from codegen.identify.estimate import Fit, fit
 from codegen.identify.identifiability import Direction, Identifiability, analyse
 from codegen.identify.model import OUTPUTS
-from codegen.identify.parameters import BY_NAME, PARAMETERS, Parameter, configured
+from codegen.identify.parameters import BY_NAME, CURVES, PARAMETERS, Parameter, configured
 from codegen.identify.shooting import Problem, Samples, actuator_problem, filled, front_signal, vehicle_problem
 from codegen.identify.start import actuator_start, starting_values
 
@@ -58,7 +58,7 @@ class Identification:
         names: names of the quantities in `correlation`.
         correlation: (k, k) of the determined quantities.
         directions: combinations that the drives do not determine.
-        vehicle: fit of the car whose values are kept. actuator: fit of the actuator, None without its signals.
+        vehicle: fit of the car. actuator: fit of the actuator, None without its signals.
         notes: messages for the user.
     """
 
@@ -109,36 +109,37 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
     _fit_ratio(samples, centre, found)
 
     tell("car")
-    full, kept, judged = _fit_vehicle(samples, config, centre, rear, notes)
+    vehicle, judged = _fit_vehicle(samples, config, centre, rear, notes)
     directions += judged.directions
-    deviations = _deviations(full, kept)
-    for index, parameter in enumerate(full.problem.prior.parameters):
-        if parameter.name in found:
-            continue
-        note = "" if judged.is_identified[index] else f"not determined by these drives; drive: {parameter.manoeuvre}"
-        if not full.free[index]:
-            note = _missing(parameter, samples)
-        found[parameter.name] = _quantity(
-            parameter, kept.values[index], deviations[index], centre, judged.is_identified[index], note
-        )
+    _judge(vehicle, judged, centre, samples, found)
     for parameter in PARAMETERS:
         if parameter.name not in found:
             found[parameter.name] = _quantity(parameter, 0.0, math.nan, centre, False, _missing(parameter, samples))
-    used = kept.problem.segments.first
+    used = vehicle.problem.segments.first
     for name, low, high in zip(samples.names, samples.begin[:-1], samples.begin[1:], strict=True):
         if not ((used >= low) & (used < high)).any():
             notes.append(f"{name} is not used for the car: it has no second with speed, yaw rate, front and rear angle")
-    names, correlation = _correlation(found, (full, *(() if actuator is None else (actuator[0],))))
+    names, correlation = _correlation(found, (vehicle, *(() if actuator is None else (actuator,))))
     ordered = {parameter.name: found[parameter.name] for parameter in PARAMETERS}
-    return Identification(config, ordered, names, correlation, tuple(directions), kept, actuator and actuator[1], tuple(notes))
+    return Identification(config, ordered, names, correlation, tuple(directions), vehicle, actuator, tuple(notes))
 
 
-def _deviations(full: Fit, kept: Fit) -> FloatArray:
-    """Return the standard deviations (k,) in SI: of the fit with all parameters free, and its difference from the kept one.
-
-    That difference is what configured values of parameters that are not determined do to the others.
-    """
-    return np.hypot(full.standard_deviations, kept.values - full.values)
+def _judge(
+    fitted: Fit, judged: Identifiability, centre: dict[str, float], samples: Samples, found: dict[str, Quantity]
+) -> None:
+    """Add the quantities of a fit that are not found yet."""
+    names, deviations = fitted.problem.prior.names, fitted.standard_deviations
+    determined = {name for name, is_identified in zip(names, judged.is_identified, strict=True) if is_identified}
+    together = {name for curve in CURVES if determined & set(curve) for name in curve if name in names}
+    for index, parameter in enumerate(fitted.problem.prior.parameters):
+        name = parameter.name
+        if name in found:
+            continue
+        note = "" if name in determined else _missing(parameter, samples)
+        if name in together - determined:
+            note = f"not determined alone, but as a part of its curve; alone: {parameter.manoeuvre}"
+        is_kept = name in determined | together and bool(fitted.free[index])
+        found[name] = _quantity(parameter, fitted.values[index], deviations[index], centre, is_kept, note)
 
 
 def _quantity(
@@ -163,8 +164,8 @@ def _missing(parameter: Parameter, samples: Samples) -> str:
 
 def _fit_actuator(
     samples: Samples, config: Config, centre: dict[str, float], found: dict[str, Quantity], directions: list[Direction]
-) -> tuple[Fit, Fit] | None:
-    """Return the fit of the actuator with all parameters free and the one that is kept; None without its signals."""
+) -> Fit | None:
+    """Return the fit of the actuator; None without its signals."""
     problem = actuator_problem(samples, config, centre)
     if problem is None:
         return None
@@ -173,18 +174,9 @@ def _fit_actuator(
     free = np.ones(len(names), dtype=bool)
     result = fit(problem, np.array([start[name] for name in names]), free)
     judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
-    if not judged.is_identified.all():
-        fixed = np.where(judged.is_identified, result.values, problem.prior.centre)
-        kept = fit(problem, fixed, judged.is_identified, result.starts, result.noise)
-    else:
-        kept = result
-    deviations = _deviations(result, kept)
-    for index, parameter in enumerate(problem.prior.parameters):
-        is_identified = bool(judged.is_identified[index])
-        note = "" if is_identified else f"not determined by these drives; drive: {parameter.manoeuvre}"
-        found[parameter.name] = _quantity(parameter, kept.values[index], deviations[index], centre, is_identified, note)
+    _judge(result, judged, centre, samples, found)
     directions += judged.directions
-    return result, kept
+    return result
 
 
 def rear_angle(samples: Samples, config: Config, values: dict[str, float]) -> FloatArray:
@@ -234,8 +226,8 @@ def _fit_ratio(samples: Samples, centre: dict[str, float], found: dict[str, Quan
 
 def _fit_vehicle(
     samples: Samples, config: Config, centre: dict[str, float], rear: FloatArray, notes: list[str]
-) -> tuple[Fit, Fit, Identifiability]:
-    """Return the fit with all parameters free, the one that is kept, and what is determined."""
+) -> tuple[Fit, Identifiability]:
+    """Return the fit, and what is determined."""
     front, is_wheel = front_signal(samples, config)
     # The angle of the front wheels needs no ratio; that of the steering wheel does.
     centre = centre if is_wheel else {**centre, "steering_ratio": 1.0}
@@ -254,11 +246,7 @@ def _fit_vehicle(
         values = {**result.named(), "relaxation_length": 0.0}
         result = _converge(samples, config, {**centre, "relaxation_length": 0.0}, values, rear, free)
         judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
-    if bool(judged.is_identified[free].all()):
-        return result, result, judged
-    fixed = {name: value if judged.is_identified[k] else centre[name] for k, (name, value) in enumerate(result.named().items())}
-    kept = _converge(samples, config, centre, fixed, rear, judged.is_identified, result)
-    return result, kept, judged
+    return result, judged
 
 
 def _free(problem: Problem, samples: Samples, is_wheel: bool) -> BoolArray:
@@ -272,28 +260,16 @@ def _free(problem: Problem, samples: Samples, is_wheel: bool) -> BoolArray:
 
 
 def _converge(
-    samples: Samples,
-    config: Config,
-    centre: dict[str, float],
-    values: dict[str, float],
-    rear: FloatArray,
-    free: BoolArray,
-    before: Fit | None = None,
+    samples: Samples, config: Config, centre: dict[str, float], values: dict[str, float], rear: FloatArray, free: BoolArray
 ) -> Fit:
-    """Fit until whole-sample shifts and integration steps no longer change.
-
-    Args:
-        before: a fit of nearly the same problem, from whose noise and initial states the first one starts.
-    """
+    """Fit until whole-sample shifts and integration steps no longer change."""
     result = None
     for _ in range(ROUNDS_MAX):
         problem = vehicle_problem(samples, config, centre, values, rear)
         if result is not None and _same(problem, result.problem):
             break
-        start, before = before, None
-        start = start or result
-        given = (None, None) if start is None else (start.starts, start.noise)
-        result = fit(problem, np.array([values[name] for name in problem.prior.names]), free, *given)
+        before = (None, None) if result is None else (result.starts, result.noise)
+        result = fit(problem, np.array([values[name] for name in problem.prior.names]), free, *before)
         values = result.named()
     assert result is not None
     return result
