@@ -6,8 +6,8 @@ estimated from the residuals.
 
 The covariance is the sandwich H^-1 (M + I) H^-1. M is the long-run covariance of the gradient over samples (W. K. Newey, K. D.
 West, A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix, 1987), because
-residuals are coloured and larger where the car moves fast. The gradient of each second is divided by the root of one minus its
-leverage, because a manoeuvre that dominates a parameter hides its own error (HC2 of J. G. MacKinnon, H. White, Some
+residuals are coloured and larger where the car moves fast. The gradient of each second is divided by one minus its leverage,
+because a manoeuvre that dominates a parameter hides its own error (HC3 of J. G. MacKinnon, H. White, Some
 heteroskedasticity-consistent covariance matrix estimators with improved finite sample properties, 1985).
 """
 
@@ -29,8 +29,8 @@ DAMPING, DAMPING_MAX = 1e-3, 1e9
 """First and largest damping."""
 DECREMENT_MIN = 1e-3
 """Stop when a step would lower the cost by less: it moves no parameter by more than a twentieth of its standard deviation."""
-LEVERAGE_MAX = 0.99
-"""Largest share of a window in the information on a parameter with which its error is enlarged, tenfold."""
+LEVERAGE_MAX = 0.9
+"""Largest leverage with which the gradient is enlarged: tenfold."""
 WINDOW_S = 1.0
 """Lags of the residuals' correlation that the covariance takes in, s: above all time constants of a car."""
 DECREMENT_ROUND = 0.1
@@ -94,8 +94,7 @@ class _Point:
 
     def gains(self, damping: float = 0.0) -> FloatArray:
         """Return the change of the initial states (m, s, f) for each change of z."""
-        result: FloatArray = -np.linalg.solve(_damped(self.inner, damping), self.cross)
-        return result
+        return np.asarray(-np.linalg.solve(_damped(self.inner, damping), self.cross), dtype=np.float64)
 
     def parts(self) -> FloatArray:
         """Return the share (m, f, f) of each segment in the Hessian of z, the initial states eliminated."""
@@ -328,7 +327,7 @@ def _scores(error: FloatArray, by_z: FloatArray, offsets: IntArray, window: int,
             block = slice(begin, min(begin + window, high))
             slopes = by_z[block].reshape(-1, len(inverse)) @ root
             leverage, vectors = np.linalg.eigh(slopes.T @ slopes)
-            factors = (1.0 - np.minimum(leverage, LEVERAGE_MAX)) ** -0.5
+            factors = 1.0 / (1.0 - np.minimum(leverage, LEVERAGE_MAX))
             in_root = result[block] @ root @ vectors
             result[block] += np.linalg.solve(root.T, ((in_root * (factors - 1.0)) @ vectors.T).T).T
     return result

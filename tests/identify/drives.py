@@ -13,6 +13,7 @@ from codegen import configuration
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.identify.drive import Drive
+from codegen.identify.parameters import configured
 from codegen.sil.plant import Plant, PlantInput
 from codegen.units import DEGREE, KM_H
 from codegen.vehicle.single_track import SingleTrack
@@ -227,6 +228,20 @@ def true_car(seed: int) -> tuple[Config, Errors]:
     }
     errors = Errors(bias, 1.0 + around(0.01), 2, float(rng.integers(0, 21)) * STEP)
     return configuration.parse(data, "random car"), errors
+
+
+def truth(config: Config, errors: Errors) -> dict[str, float]:
+    """Return the true value of every quantity, SI. What is not aged by jitter is early against what is."""
+    age = 0.5 * errors.jitter_steps * STEP
+    values = configured(config) | {
+        "front_offset": errors.bias["delta_f"],
+        "rear_offset": errors.bias["delta_r"],
+        "yaw_rate_offset": errors.bias["yaw_rate"],
+        "lateral_acceleration_offset": errors.bias["lateral_acceleration"],
+        "speed_factor": errors.speed_factor,
+        "actuator_delay": errors.command_delay + age,
+    }
+    return {**values, **{f"{name}_delay": values[f"{name}_delay"] - age for name in ("lateral_acceleration", "sideslip")}}
 
 
 KNOWN = ("mass_kg", "cg_height_m", "track_m", "cg_to_front_axle_m", "cg_to_rear_axle_m", "front_roll_share")
