@@ -25,10 +25,11 @@ from codegen.identify.shooting import Problem
 HUBER = 2.5
 """Residuals beyond this multiple of the noise count linearly. Close to least squares for normal noise; outliers are bounded."""
 ITERATIONS_MAX = 20
-DAMPING, DAMPING_MAX = 1e-3, 1e9
-"""First and largest damping."""
-DECREMENT_MIN = 1e-3
-"""Stop when a step would lower the cost by less: it moves no parameter by more than a twentieth of its standard deviation."""
+DAMPING, REJECTIONS_MAX = 1e-3, 8
+"""First damping, and number of steps of growing damping that may fail: the cost has kinks, from limits of loads and angles, at
+which it cannot fall."""
+DECREMENT_MIN = 5e-3
+"""Stop when a step would lower the cost by less: it moves no parameter by more than a tenth of its standard deviation."""
 LEVERAGE_MAX = 0.9
 """Largest leverage with which the gradient is enlarged: tenfold."""
 WINDOW_S = 1.0
@@ -202,17 +203,19 @@ class _Solver:
             free_move, gains = here.step(0.0, movable)
             if here.expected(free_move, here.starts_step(0.0, gains, free_move)) < decrement:
                 return here
-            while True:
+            for _ in range(REJECTIONS_MAX):
                 move, by_starts = self._moved(here, damping, movable)
                 expected = here.expected(move, by_starts)
                 there = self.point(here.z + move, here.starts + by_starts, noise)
                 if there.cost < here.cost:
                     break
-                if damping > DAMPING_MAX or expected < 0.1 * decrement:
-                    return here
-                damping *= 10.0
+                damping = max(10.0 * damping, DAMPING)
+            else:
+                return here
             # Less damping only where the prediction holds (J. Nocedal, S. Wright, Numerical Optimization, algorithm 4.1).
             fell, here = here.cost - there.cost, there
+            if fell < decrement:
+                return here
             damping = damping * (0.1 if fell > 0.75 * expected else 4.0 if fell < 0.25 * expected else 1.0)
         return here
 

@@ -176,9 +176,9 @@ def test_what_is_missing_is_named() -> None:
     ):
         with pytest.raises(CodegenError, match=message):
             identify(known, given)
-    found = identify(known, [drives[1], without(drives[3], "delta_r", "delta_r_command")])
-    assert "drive 4 is not used for the car" in " ".join(found.notes)
-    found = identify(known, [without(drives[1], "delta_r", "delta_r_command")])
+    found = identify(known, [drives[3], without(drives[2], "delta_r", "delta_r_command")])
+    assert "drive 3 is not used for the car" in " ".join(found.notes)
+    found = identify(known, [without(drives[2], "delta_r", "delta_r_command")])
     assert "the rear wheels count as straight" in " ".join(found.notes)
 
 
