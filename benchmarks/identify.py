@@ -91,13 +91,11 @@ def quantity_rows(results: list[CarResult]) -> list[Row]:
 def ten_minutes() -> float:
     """Return the seconds for identifying a car from ten minutes at 100 Hz."""
     config, errors = true_car(FIRST_SEED)
-    once = [
-        drive(config, part, k, errors, name=f"drive {k}", signals=SIGNALS) for k, part in enumerate(Course(config).everything())
-    ]
+    programme = Course(config).everything()
     drives: list[Drive] = []
     while sum(one.time.size for one in drives) * 0.01 < TEN_MINUTES_S:
         number = len(drives)
-        parts = Course(config).everything()[number % len(once)]
+        parts = programme[number % len(programme)]
         drives.append(drive(config, parts, number, errors, name=f"drive {number}", signals=SIGNALS))
     begin = time.perf_counter()
     identify(configured_car(config), drives)

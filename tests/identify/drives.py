@@ -36,7 +36,7 @@ class Part:
 
 
 def _time(duration: float) -> FloatArray:
-    return np.arange(round(duration / STEP)) * STEP
+    return np.asarray(np.arange(round(duration / STEP)) * STEP, dtype=np.float64)
 
 
 def _fade(time: FloatArray, duration: float, length: float = 1.0) -> FloatArray:
@@ -194,7 +194,7 @@ def drive(
         values = columns[quantity][aged if quantity in ("delta_f", "yaw_rate", "delta_r") else at]
         values = values * errors.speed_factor if quantity == "vx" else values + errors.bias.get(quantity, 0.0)
         found[quantity] = np.array([model.measure(sensor, value) for value in values.tolist()])
-    return Drive(name, at * STEP, {quantity: found[quantity] for quantity in signals})
+    return Drive(name, np.asarray(at * STEP, dtype=np.float64), {quantity: found[quantity] for quantity in signals})
 
 
 def _true(config: Config, rows: FloatArray, plant: Any, delay: float) -> Iterator[tuple[float, ...]]:
