@@ -169,7 +169,7 @@ def _print_result(
         console.say("", *(f"{name}: {note}" for name, note in missing))
     if found.directions:
         console.say("", "not determined by these drives:", *(f"  {direction.text}" for direction in found.directions))
-    console.say("", *reached_lines(limits), "")
+    console.say("", *reached_lines(found, limits), "")
     console.say(text_table(VALIDATION_HEADER, validation_rows(validations), left=2))
     if not is_held_out:
         console.note("no drive was held out; the errors are those of the drives that were fitted")

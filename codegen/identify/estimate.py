@@ -70,6 +70,11 @@ class Fit:
         result: FloatArray = np.sqrt(np.diag(self.covariance)) * self.problem.prior.slope(self.values)
         return result
 
+    def cost(self, noise: FloatArray) -> float:
+        """Return the robust cost of the residuals for a noise (outputs,), without the prior."""
+        size = np.abs(self.residuals / noise)
+        return float(np.nansum(np.where(size <= HUBER, 0.5 * size**2, HUBER * (size - 0.5 * HUBER))))
+
     def named(self) -> dict[str, float]:
         """Return the values by name."""
         return dict(zip(self.problem.prior.names, self.values.tolist(), strict=True))

@@ -84,7 +84,7 @@ def _tyre(axle: str) -> tuple[Parameter, ...]:
             False,
             -1.0,
             1.0,
-            "the same turns with different loads; the wheels of one axle hardly show it",
+            push,
         ),
     )
 
@@ -196,7 +196,7 @@ PARAMETERS = (
 CURVES = tuple(
     tuple(f"{axle}_{name}" for name in ("peak", "shape", "curvature", "load_sensitivity")) for axle in ("front", "rear")
 )
-"""Quantities that describe one curve together: where one is determined, the others are taken with it."""
+"""Quantities that describe one curve: where the first is determined, all are taken, else none."""
 
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 

@@ -21,6 +21,9 @@ from codegen.identify.shooting import Problem, Samples, actuator_problem, filled
 from codegen.identify.start import actuator_start, starting_values
 
 RELAXATION_START_M = 0.2
+RATE_COST_MIN = 20.0
+"""Least rise of the cost without a rate limit with which the limit counts as reached: that of 6 standard deviations. Up to the
+limit, the cost does not depend on it, so its curvature at the largest rate that was reached proves nothing."""
 ROUNDS_MAX = 3
 """Fits of the car with shifts and integration steps that follow from the last one."""
 
@@ -109,7 +112,7 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
     _fit_ratio(samples, centre, found)
 
     tell("car")
-    vehicle, judged = _fit_vehicle(samples, config, centre, rear, notes)
+    vehicle, judged = _fit_vehicle(samples, config, centre, rear, found)
     directions += judged.directions
     _judge(vehicle, judged, centre, samples, found)
     for parameter in PARAMETERS:
@@ -130,7 +133,12 @@ def _judge(
     """Add the quantities of a fit that are not found yet."""
     names, deviations = fitted.problem.prior.names, fitted.standard_deviations
     determined = {name for name, is_identified in zip(names, judged.is_identified, strict=True) if is_identified}
-    together = {name for curve in CURVES if determined & set(curve) for name in curve if name in names}
+    together: set[str] = set()
+    for curve in CURVES:
+        if curve[0] in determined:
+            together |= set(curve)
+        else:
+            determined -= set(curve)
     for index, parameter in enumerate(fitted.problem.prior.parameters):
         name = parameter.name
         if name in found:
@@ -155,7 +163,7 @@ def _missing(parameter: Parameter, samples: Samples) -> str:
     for output in OUTPUTS:
         if parameter.name.startswith(output) and not samples.has(output):
             return f"{output} was not measured"
-    if parameter.group == "actuator":
+    if parameter.group == "actuator" and not np.isfinite(samples.signal("delta_r") + samples.signal("delta_r_command")).any():
         return "rear angle and its command were not measured together"
     if parameter.name == "steering_ratio":
         return "the angle of the steering wheel was not measured"
@@ -173,6 +181,13 @@ def _fit_actuator(
     names = problem.prior.names
     free = np.ones(len(names), dtype=bool)
     result = fit(problem, np.array([start[name] for name in names]), free)
+    rate = names.index("actuator_rate")
+    unlimited = result.values.copy()
+    unlimited[rate] = problem.prior.parameters[rate].high
+    without = fit(problem, unlimited, np.arange(len(names)) != rate, result.starts, result.noise)
+    if without.cost(result.noise) - result.cost(result.noise) < RATE_COST_MIN:
+        result, free = without, without.free
+        directions.append(Direction(1.0, 0.0, {problem.prior.parameters[rate].title: 1.0}))
     judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
     _judge(result, judged, centre, samples, found)
     directions += judged.directions
@@ -225,9 +240,9 @@ def _fit_ratio(samples: Samples, centre: dict[str, float], found: dict[str, Quan
 
 
 def _fit_vehicle(
-    samples: Samples, config: Config, centre: dict[str, float], rear: FloatArray, notes: list[str]
+    samples: Samples, config: Config, centre: dict[str, float], rear: FloatArray, found: dict[str, Quantity]
 ) -> tuple[Fit, Identifiability]:
-    """Return the fit, and what is determined."""
+    """Return the fit, and what is determined. A relaxation length too short for the plant is added to `found` as zero."""
     front, is_wheel = front_signal(samples, config)
     # The angle of the front wheels needs no ratio; that of the steering wheel does.
     centre = centre if is_wheel else {**centre, "steering_ratio": 1.0}
@@ -241,7 +256,8 @@ def _fit_vehicle(
     index = problem.prior.names.index("relaxation_length")
     judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
     if judged.is_identified[index] and result.values[index] <= bound * (1.0 + 1e-6):
-        notes.append(f"relaxation length: below {bound:g} m, which counts as none")
+        note, deviation = f"below {bound:g} m, which counts as none", float(result.standard_deviations[index])
+        found["relaxation_length"] = _quantity(BY_NAME["relaxation_length"], 0.0, deviation, centre, True, note)
         free[index] = False
         values = {**result.named(), "relaxation_length": 0.0}
         result = _converge(samples, config, {**centre, "relaxation_length": 0.0}, values, rear, free)

@@ -54,7 +54,7 @@ def quantity_rows(found: Identification) -> list[tuple[str, ...]]:
     return [*(quantity_row(each) for each in found.quantities.values()), gradient]
 
 
-def reached_lines(one: Reached) -> list[str]:
+def reached_lines(found: Identification, one: Reached) -> list[str]:
     """Return what the drives reached, as sentences."""
     low, high = one.speed
     lines = [
@@ -62,10 +62,8 @@ def reached_lines(one: Reached) -> list[str]:
         f"{one.lateral_acceleration:.1f} m/s^2."
     ]
     for axle, slip, friction in zip(("front", "rear"), one.slip, one.friction, strict=True):
-        lines.append(
-            f"The {axle} tyres reached {slip / DEGREE:.1f} deg of slip and a friction of {friction:.2f}; "
-            "their D, C and E hold up to there."
-        )
+        held = "; their D, C and E hold up to there" if found.quantities[f"{axle}_peak"].is_identified else ""
+        lines.append(f"The {axle} tyres reached {slip / DEGREE:.1f} deg of slip and a friction of {friction:.2f}{held}.")
     return lines
 
 

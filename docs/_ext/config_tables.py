@@ -16,6 +16,7 @@ from pydantic_core import PydanticUndefined
 from codegen.configuration import Config
 from codegen.configuration.section import Breakpoints, Meaning, Range, RangeOrZero
 from codegen.identify.names import Names, SignalChoice
+from codegen.identify.parameters import PARAMETERS
 from codegen.identify.quantities import QUANTITIES
 
 
@@ -180,6 +181,16 @@ def names_markdown() -> str:
     lines = ["| table | quantity | names that need no table |", "|---|---|---|"]
     lines += [f"| {' | '.join(row)} |" for row in tables]
     return "\n".join([*_table(top), "A table for each quantity:", "", *lines, "", "Its keys:", "", *_table(signal)])
+
+
+def quantities_markdown() -> str:
+    """The quantities that `codegen identify` identifies."""
+    rows = []
+    for each in PARAMETERS:
+        spread = f"{100.0 * each.spread:g} %" if each.is_relative else f"{_number(each.spread / each.size)} {each.unit}".strip()
+        rows.append((each.title, f"`{each.key}`" if each.key else "–", spread, each.manoeuvre))
+    lines = ["| quantity | key | spread before | manoeuvre |", "|---|---|---|---|"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
 
 
 def _typed(field: FieldInfo) -> str:

@@ -146,7 +146,8 @@ def test_a_curve_is_taken_whole_or_not_at_all() -> None:
     found = identify(configured_car(config), [drive(config, (course.front_sweep(60.0), course.front_sweep(90.0)), 0, errors)])
     assert found.quantities["front_stiffness"].is_identified
     for curve in CURVES:
-        assert len({found.quantities[name].is_identified for name in curve}) == 1
+        assert not any(found.quantities[name].is_identified for name in curve)
+        assert all(identified().quantities[name].is_identified for name in curve)
 
 
 def test_a_car_with_roll_that_the_model_does_not_contain_is_predicted_better_than_before() -> None:
@@ -180,6 +181,29 @@ def test_what_is_missing_is_named() -> None:
     assert "drive 3 is not used for the car" in " ".join(found.notes)
     found = identify(known, [without(drives[2], "delta_r", "delta_r_command")])
     assert "the rear wheels count as straight" in " ".join(found.notes)
+
+
+def test_a_rate_limit_that_was_not_reached_is_not_determined() -> None:
+    config, errors = true_car(SEED)
+    course = Course(config)
+    found = identify(configured_car(config), [drive(config, (course.rear_sweep(50.0), course.rear_sweep(90.0)), 0, errors)])
+    assert found.quantities["actuator_lag"].is_identified
+    assert not found.quantities["actuator_rate"].is_identified
+    assert found.quantities["actuator_rate"].note.endswith("steps of the rear angle command over the whole angle")
+
+
+def test_tyres_without_relaxation_length() -> None:
+    data = true_car(SEED)[0].model_dump(mode="json")
+    data["plant"]["relaxation_length_m"] = 0.0
+    config = parse(data, "car")
+    course = Course(config)
+    guess = configured_car(config).model_dump(mode="json")
+    guess["plant"]["relaxation_length_m"] = 0.3
+    drives = [drive(config, (course.front_sweep(50.0), course.front_sweep(90.0)), 0)]
+    each = identify(parse(guess, "guess"), drives).quantities["relaxation_length"]
+    assert each.is_identified
+    assert each.value == 0.0
+    assert each.note == "below 0.05 m, which counts as none"
 
 
 def test_whiteness() -> None:

@@ -69,7 +69,7 @@ def _values(found: Identification, one: Reached) -> Sequence[Block]:
         )
         blocks.append(Table(caption, ("combination", "left", "singular value"), texts))
     blocks += [Text(note, "notice") for note in found.notes]
-    blocks += [Text(text) for text in reached_lines(one)]
+    blocks += [Text(text) for text in reached_lines(found, one)]
     return blocks
 
 
