@@ -124,15 +124,15 @@ def identify(
     from codegen.identify.result import identified_toml
     from codegen.identify.run import identify as identify_car
     from codegen.identify.summary import to_dict
-    from codegen.identify.validation import reached, validate
+    from codegen.identify.validation import reached, validate, validate_fitted
 
     drives, others = reading.drives[: len(logs)], reading.drives[len(logs) :]
     with within(config_path), console.status("identifying"):
         found = identify_car(config, drives)
         limits = reached(found.vehicle, config)
-        validations = [validate(found, drive) for drive in others or drives]
         text = read_text(config_path, CONFIG_BYTES_MAX, "name an ars.toml", ConfigError)
         written = identified_toml(found, text, config_path)
+    validations = [validate(found, drive) for drive in others] if others else validate_fitted(found, drives)
     if report_path is not None:
         _write_report(report_path, written, found, limits, validations, bool(others))
     write_atomically(output, written.encode("utf-8"))

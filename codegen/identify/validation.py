@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.errors import CodegenError
+from codegen.errors import CodegenError, within
 from codegen.identify.drive import Drive
 from codegen.identify.estimate import Fit
 from codegen.identify.model import OUTPUTS
@@ -87,8 +88,9 @@ def validate(found: Identification, drive: Drive) -> Validation:
         CodegenError: the drive lacks a signal, or is too slow or short.
     """
     samples = Samples.of([drive])
-    identified = free_run(samples, found.config, found.values())
-    before = free_run(samples, found.config, configured(found.config))
+    with within(drive.name):
+        identified = free_run(samples, found.config, found.values())
+        before = free_run(samples, found.config, configured(found.config))
     errors = identified.measured - identified.simulated
     white = {name: whiteness(errors[:, k], samples.step) for k, name in enumerate(OUTPUTS) if np.isfinite(errors[:, k]).any()}
     return Validation(drive.name, identified, before, white)
@@ -108,7 +110,7 @@ def free_run(samples: Samples, config: Config, values: dict[str, float]) -> Free
         one_step[low + 1 : high] = np.diff((measured - output)[low:high, 0])
     error = measured - output
     if not np.isfinite(error[:, 0]).any():
-        raise CodegenError(f"has no part of {BEGIN_S:g} s to predict", where=samples.names[0], remedy="name a longer drive")
+        raise CodegenError(f"no part is longer than {BEGIN_S:g} s", remedy="name a longer drive")
 
     def rms(values: FloatArray) -> float:
         known = values[np.isfinite(values)]
@@ -140,6 +142,14 @@ def whiteness(residuals: FloatArray, step: float) -> Whiteness:
     correlation = np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
     statistic = count * (count + 2.0) * float((correlation**2 / (count - np.arange(1, lags + 1))).sum())
     return Whiteness(float(correlation[0]), statistic, lags, float(chi2.sf(statistic, lags)))
+
+
+def validate_fitted(found: Identification, drives: Sequence[Drive]) -> list[Validation]:
+    """Return how well the identified car predicts the drives that it was identified from, without those that were not used."""
+    used = found.vehicle.problem
+    rows = used.samples.begin
+    counts = np.histogram(used.segments.first, rows)[0]
+    return [validate(found, drive) for drive, count in zip(drives, counts, strict=True) if count]
 
 
 @dataclass(frozen=True)
