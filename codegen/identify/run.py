@@ -114,7 +114,7 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
     tell("car")
     vehicle, judged = _fit_vehicle(samples, config, centre, rear, found)
     directions += judged.directions
-    _judge(vehicle, judged, centre, samples, found)
+    judge(vehicle, judged, centre, samples, found)
     for parameter in PARAMETERS:
         if parameter.name not in found:
             found[parameter.name] = _quantity(parameter, 0.0, math.nan, centre, False, _missing(parameter, samples))
@@ -127,9 +127,7 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
     return Identification(config, ordered, names, correlation, tuple(directions), vehicle, actuator, tuple(notes))
 
 
-def _judge(
-    fitted: Fit, judged: Identifiability, centre: dict[str, float], samples: Samples, found: dict[str, Quantity]
-) -> None:
+def judge(fitted: Fit, judged: Identifiability, centre: dict[str, float], samples: Samples, found: dict[str, Quantity]) -> None:
     """Add the quantities of a fit that are not found yet."""
     names, deviations = fitted.problem.prior.names, fitted.standard_deviations
     determined = {name for name, is_identified in zip(names, judged.is_identified, strict=True) if is_identified}
@@ -189,7 +187,7 @@ def _fit_actuator(
         result, free = without, without.free
         directions.append(Direction(1.0, 0.0, {problem.prior.parameters[rate].title: 1.0}))
     judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
-    _judge(result, judged, centre, samples, found)
+    judge(result, judged, centre, samples, found)
     directions += judged.directions
     return result
 
