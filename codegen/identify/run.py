@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -118,6 +118,11 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
     for parameter in PARAMETERS:
         if parameter.name not in found:
             found[parameter.name] = _quantity(parameter, 0.0, math.nan, centre, False, _missing(parameter, samples))
+    if not found["rear_offset"].is_identified and found["front_offset"].is_identified:
+        front = found["front_offset"]
+        deviation = math.hypot(front.standard_deviation, BY_NAME["rear_offset"].spread)
+        note = "less that of the rear angle, which is not known: no rear angle command was measured"
+        found["front_offset"] = replace(front, standard_deviation=deviation, note=note)
     used = vehicle.problem.segments.first
     for name, low, high in zip(samples.names, samples.begin[:-1], samples.begin[1:], strict=True):
         if not ((used >= low) & (used < high)).any():

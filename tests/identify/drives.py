@@ -185,8 +185,11 @@ def drive(
     at = np.arange(0, len(rows), per)
     aged = np.maximum(at - rng.integers(errors.jitter_steps + 1, size=at.size), 0)
     model = SensorModel(config.sensors, seed)
+    # The wheel leads the road wheels by the lag of the steering; the plant limits the rate of both.
+    wheel = config.steering.ratio * (columns["delta_f"] + config.steering.lag_s * np.gradient(columns["delta_f"], STEP))
     found: dict[str, FloatArray] = {
-        "steering_wheel_angle": np.round(rows[aged, 1] * config.steering.ratio / (0.1 * DEGREE)) * 0.1 * DEGREE,
+        "steering_wheel_angle": np.round(wheel[aged] / (0.1 * DEGREE)) * 0.1 * DEGREE
+        + errors.bias.get("steering_wheel_angle", 0.0),
         "delta_r_command": rows[at, 2],
         "sideslip": columns["sideslip"][at] + 0.1 * DEGREE * rng.standard_normal(at.size),
     }
