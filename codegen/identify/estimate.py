@@ -20,6 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray, IntArray
+from codegen.errors import CodegenError
 from codegen.identify.shooting import Problem
 
 HUBER = 2.5
@@ -199,8 +200,11 @@ class _Solver:
         return scaled * robust, by_z
 
     def minimise(self, z: FloatArray, starts: FloatArray, noise: FloatArray, decrement: float) -> _Point:
-        """Return the minimum for a given noise (Levenberg-Marquardt with bounds)."""
+        """Return the minimum for a given noise (Levenberg-Marquardt with bounds). Raises CodegenError if the start diverges."""
         here = self.point(z, starts, noise)
+        if not math.isfinite(here.cost):
+            remedy = "check units and signs of the signals, and the configured car"
+            raise CodegenError("the simulation of the drives diverges", where="identify", remedy=remedy)
         damping = DAMPING
         for _ in range(ITERATIONS_MAX):
             # A parameter stays at its bound where the cost falls beyond it.

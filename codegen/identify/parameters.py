@@ -11,6 +11,7 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.units import DEGREE
+from codegen.vehicle.tyre import AxleTyres
 
 Group = Literal["vehicle", "actuator", "steering"]
 
@@ -203,8 +204,6 @@ BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 
 def configured(config: Config) -> dict[str, float]:
     """Return the configured value of every quantity in SI; sensor errors are zero, their delays those of `[sensors]`."""
-    from codegen.vehicle.tyre import AxleTyres
-
     tyres = AxleTyres.from_config(config)
     period = config.controller.sampling_time_s
     values = {

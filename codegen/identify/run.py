@@ -17,7 +17,7 @@ from codegen.identify.estimate import Fit, fit
 from codegen.identify.identifiability import Direction, Identifiability, analyse
 from codegen.identify.model import OUTPUTS
 from codegen.identify.parameters import BY_NAME, CURVES, PARAMETERS, Parameter, configured
-from codegen.identify.shooting import Problem, Samples, actuator_problem, filled, front_signal, vehicle_problem
+from codegen.identify.shooting import DriveSamples, Problem, actuator_problem, filled, front_signal, vehicle_problem
 from codegen.identify.start import actuator_start, starting_values
 
 RELAXATION_START_M = 0.2
@@ -90,7 +90,7 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
         CodegenError: the drives cannot be used, or there is no C compiler.
     """
     tell = tell or (lambda _: None)
-    samples = Samples.of(drives)
+    samples = DriveSamples.of(drives)
     centre = configured(config)
     for name in ("vx", "yaw_rate"):
         if not samples.has(name):
@@ -132,7 +132,9 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
     return Identification(config, ordered, names, correlation, tuple(directions), vehicle, actuator, tuple(notes))
 
 
-def judge(fitted: Fit, judged: Identifiability, centre: dict[str, float], samples: Samples, found: dict[str, Quantity]) -> None:
+def judge(
+    fitted: Fit, judged: Identifiability, centre: dict[str, float], samples: DriveSamples, found: dict[str, Quantity]
+) -> None:
     """Add the quantities of a fit that are not found yet."""
     names, deviations = fitted.problem.prior.names, fitted.standard_deviations
     determined = {name for name, is_identified in zip(names, judged.is_identified, strict=True) if is_identified}
@@ -162,19 +164,19 @@ def _quantity(
     return Quantity(parameter, float(value), float(deviation), before, True, note)
 
 
-def _missing(parameter: Parameter, samples: Samples) -> str:
+def _missing(parameter: Parameter, samples: DriveSamples) -> str:
     for output in OUTPUTS:
         if parameter.name.startswith(output) and not samples.has(output):
             return f"{output} was not measured"
     if parameter.group == "actuator" and not np.isfinite(samples.signal("delta_r") + samples.signal("delta_r_command")).any():
         return "rear angle and its command were not measured together"
-    if parameter.name == "steering_ratio":
+    if parameter.name == "steering_ratio" and not samples.has("steering_wheel_angle"):
         return "the angle of the steering wheel was not measured"
     return f"not determined by these drives; drive: {parameter.manoeuvre}"
 
 
 def _fit_actuator(
-    samples: Samples, config: Config, centre: dict[str, float], found: dict[str, Quantity], directions: list[Direction]
+    samples: DriveSamples, config: Config, centre: dict[str, float], found: dict[str, Quantity], directions: list[Direction]
 ) -> Fit | None:
     """Return the fit of the actuator; None without its signals."""
     problem = actuator_problem(samples, config, centre)
@@ -197,7 +199,7 @@ def _fit_actuator(
     return result
 
 
-def rear_angle(samples: Samples, config: Config, values: dict[str, float]) -> FloatArray:
+def rear_angle(samples: DriveSamples, config: Config, values: dict[str, float]) -> FloatArray:
     """Return the rear angle (n,) in rad that drives the car: measured, or simulated from its command, or zero without both."""
     if samples.has("delta_r"):
         return samples.signal("delta_r") - values["rear_offset"]
@@ -218,7 +220,7 @@ def rear_angle(samples: Samples, config: Config, values: dict[str, float]) -> Fl
     return np.where(np.isfinite(command), result, math.nan)
 
 
-def _fit_ratio(samples: Samples, centre: dict[str, float], found: dict[str, Quantity]) -> None:
+def _fit_ratio(samples: DriveSamples, centre: dict[str, float], found: dict[str, Quantity]) -> None:
     """Fit the steering ratio where the angles of steering wheel and front wheels were measured together."""
     wheel, front = samples.signal("steering_wheel_angle"), samples.signal("delta_f")
     both = np.isfinite(wheel) & np.isfinite(front)
@@ -243,7 +245,7 @@ def _fit_ratio(samples: Samples, centre: dict[str, float], found: dict[str, Quan
 
 
 def _fit_vehicle(
-    samples: Samples, config: Config, centre: dict[str, float], rear: FloatArray, found: dict[str, Quantity]
+    samples: DriveSamples, config: Config, centre: dict[str, float], rear: FloatArray, found: dict[str, Quantity]
 ) -> tuple[Fit, Identifiability]:
     """Return the fit, and what is determined. A relaxation length too short for the plant is added to `found` as zero."""
     front, is_wheel = front_signal(samples, config)
@@ -268,7 +270,7 @@ def _fit_vehicle(
     return result, judged
 
 
-def _free(problem: Problem, samples: Samples, is_wheel: bool) -> BoolArray:
+def _free(problem: Problem, samples: DriveSamples, is_wheel: bool) -> BoolArray:
     free = np.ones(len(problem.prior.names), dtype=bool)
     for index, name in enumerate(problem.prior.names):
         for output in OUTPUTS:
@@ -279,7 +281,7 @@ def _free(problem: Problem, samples: Samples, is_wheel: bool) -> BoolArray:
 
 
 def _converge(
-    samples: Samples, config: Config, centre: dict[str, float], values: dict[str, float], rear: FloatArray, free: BoolArray
+    samples: DriveSamples, config: Config, centre: dict[str, float], values: dict[str, float], rear: FloatArray, free: BoolArray
 ) -> Fit:
     """Fit until whole-sample shifts and integration steps no longer change."""
     result = None

@@ -41,7 +41,7 @@ ACTUATOR_STEP_S = 0.002
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class DriveSamples:
     """All drives one after the other.
 
     Attributes:
@@ -57,7 +57,7 @@ class Samples:
     signals: dict[str, FloatArray]
 
     @classmethod
-    def of(cls, drives: Sequence[Drive]) -> Samples:
+    def of(cls, drives: Sequence[Drive]) -> DriveSamples:
         """Return the samples of some drives.
 
         Raises:
@@ -127,7 +127,7 @@ class Segments:
 
     @property
     def rows(self) -> IntArray:
-        """Samples of all segments, one after the other."""
+        """DriveSamples of all segments, one after the other."""
         if not self.first.size:
             return np.zeros(0, dtype=np.int64)
         return np.concatenate([np.arange(a, a + n) for a, n in zip(self.first, self.length, strict=True)])
@@ -147,7 +147,7 @@ def filled(signal: FloatArray) -> FloatArray:
     return np.interp(at, at[known], signal[known])
 
 
-def between(samples: Samples, signals: Sequence[FloatArray], substeps: int) -> FloatArray:
+def between(samples: DriveSamples, signals: Sequence[FloatArray], substeps: int) -> FloatArray:
     """Return inputs (n * substeps * 3, k) at begin, middle and end of each substep, by cubic interpolation.
 
     Straight lines would lower the amplitude of a steering input of 2 Hz by 0.1 % at 100 Hz, more than the stiffnesses' error.
@@ -168,7 +168,7 @@ def between(samples: Samples, signals: Sequence[FloatArray], substeps: int) -> F
     return result.reshape(-1, len(signals))
 
 
-def held(samples: Samples, signal: FloatArray, delay: float, substeps: int) -> FloatArray:
+def held(samples: DriveSamples, signal: FloatArray, delay: float, substeps: int) -> FloatArray:
     """Return the inputs (n * substeps * 3, 3) of `model.actuator_model` for a command that is held between samples.
 
     Args:
@@ -207,7 +207,7 @@ class Problem:
 
     model: ShootingModel
     prior: Prior
-    samples: Samples
+    samples: DriveSamples
     segments: Segments
     measured: FloatArray
     constants: FloatArray
@@ -246,7 +246,7 @@ class Problem:
         return replace(self, segments=segments, measured=self.measured[rows], starts=self.starts[chosen])
 
 
-def front_signal(samples: Samples, config: Config) -> tuple[FloatArray, bool]:
+def front_signal(samples: DriveSamples, config: Config) -> tuple[FloatArray, bool]:
     """Return the measured front angle (n,) in rad, and whether it is the angle of the steering wheel.
 
     The steering wheel's angle gets the lag of the steering.
@@ -277,7 +277,7 @@ def front_signal(samples: Samples, config: Config) -> tuple[FloatArray, bool]:
 
 
 def vehicle_problem(
-    samples: Samples,
+    samples: DriveSamples,
     config: Config,
     centre: dict[str, float],
     values: dict[str, float],
@@ -354,7 +354,7 @@ def steady_starts(
     return np.stack([lateral, rate], axis=1)
 
 
-def actuator_problem(samples: Samples, config: Config, centre: dict[str, float]) -> Problem | None:
+def actuator_problem(samples: DriveSamples, config: Config, centre: dict[str, float]) -> Problem | None:
     """Return the problem of the rear actuator; None if command and angle were not measured together."""
     command, angle = samples.signal("delta_r_command"), samples.signal("delta_r")
     segments = samples.segments(np.isfinite(command) & np.isfinite(angle))

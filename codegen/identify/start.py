@@ -9,7 +9,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.identify.shooting import Problem, Samples, filled, steady_starts
+from codegen.identify.shooting import DriveSamples, Problem, filled, steady_starts
 from codegen.vehicle.tyre import static_wheel_loads
 
 LATERAL_ACCELERATION_MAX = 4.0
@@ -22,7 +22,7 @@ COMPLIANCES_DEG_PER_G = np.geomspace(0.8, 9.0, 12)
 """Slip angle of the rear axle per g that are tried: more than the range of road cars."""
 
 
-def smoothed(samples: Samples, signal: FloatArray, length: float) -> FloatArray:
+def smoothed(samples: DriveSamples, signal: FloatArray, length: float) -> FloatArray:
     """Return the moving mean of a signal over `length` s, within each drive; NaN near gaps."""
     count = max(round(length / samples.step), 1) | 1
     result = np.full(signal.size, math.nan)
@@ -33,7 +33,7 @@ def smoothed(samples: Samples, signal: FloatArray, length: float) -> FloatArray:
     return result
 
 
-def understeer_coefficient(samples: Samples, config: Config, front: FloatArray, rear: FloatArray) -> float | None:
+def understeer_coefficient(samples: DriveSamples, config: Config, front: FloatArray, rear: FloatArray) -> float | None:
     """Return K in rad s^2/m from delta_f - delta_r = L r/vx + K vx r + constant in steady turns; None without any."""
     speed, yaw_rate, difference = (
         smoothed(samples, filled(signal), SMOOTHING_S)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +17,7 @@ from codegen.identify.estimate import Fit
 from codegen.identify.model import OUTPUTS
 from codegen.identify.parameters import configured
 from codegen.identify.run import Identification, rear_angle
-from codegen.identify.shooting import Samples, front_signal, vehicle_problem
+from codegen.identify.shooting import DriveSamples, front_signal, vehicle_problem
 from codegen.vehicle.tyre import static_wheel_loads
 
 BEGIN_S = 1.0
@@ -87,7 +87,7 @@ def validate(found: Identification, drive: Drive) -> Validation:
     Raises:
         CodegenError: the drive lacks a signal, or is too slow or short.
     """
-    samples = Samples.of([drive])
+    samples = DriveSamples.of([drive])
     with within(drive.name):
         identified = free_run(samples, found.config, found.values())
         before = free_run(samples, found.config, configured(found.config))
@@ -96,7 +96,7 @@ def validate(found: Identification, drive: Drive) -> Validation:
     return Validation(drive.name, identified, before, white)
 
 
-def free_run(samples: Samples, config: Config, values: dict[str, float]) -> FreeRun:
+def free_run(samples: DriveSamples, config: Config, values: dict[str, float]) -> FreeRun:
     """Simulate each uninterrupted part of a drive from its measured inputs. Raises CodegenError, see `validate`."""
     _, is_wheel = front_signal(samples, config)
     values = values if is_wheel else {**values, "steering_ratio": 1.0}
@@ -175,7 +175,7 @@ def reached(fitted: Fit, config: Config) -> Reached:
     constants = problem.constants.copy()
     constants[count:] = 0.0
     simulation = problem.simulation(np.array([values[name] for name in problem.prior.names]), fitted.starts)
-    output = type(simulation)(**{**vars(simulation), "constants": constants}).output()
+    output = replace(simulation, constants=constants).output()
     rows = problem.segments.rows
     samples = problem.samples
     speed = (samples.signal("vx")[rows] - values["speed_offset"]) / values["speed_factor"]

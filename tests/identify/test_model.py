@@ -8,7 +8,7 @@ import pytest
 from codegen.configuration import preset
 from codegen.identify.model import OUTPUTS
 from codegen.identify.parameters import configured
-from codegen.identify.shooting import Problem, Samples, actuator_problem, between, filled, held, vehicle_problem
+from codegen.identify.shooting import DriveSamples, Problem, actuator_problem, between, filled, held, vehicle_problem
 from codegen.units import DEGREE
 from tests.identify.drives import SENSOR, Course, Drive, Errors, drive
 
@@ -31,17 +31,17 @@ def exact(**plant: float) -> Drive:
 
 
 @pytest.fixture(scope="module")
-def samples() -> Samples:
-    return Samples.of([exact()])
+def samples() -> DriveSamples:
+    return DriveSamples.of([exact()])
 
 
-def problem_of(samples: Samples) -> tuple[Problem, np.ndarray]:
+def problem_of(samples: DriveSamples) -> tuple[Problem, np.ndarray]:
     values = {**configured(CONFIG), "relaxation_length": 0.3, "steering_ratio": 1.0, "yaw_rate_delay": 0.0}
     problem = vehicle_problem(samples, CONFIG, values, values, samples.signal("delta_r"))
     return problem, np.array([values[name] for name in problem.prior.names])
 
 
-def test_the_model_is_the_plant(samples: Samples) -> None:
+def test_the_model_is_the_plant(samples: DriveSamples) -> None:
     problem, values = problem_of(samples)
     starts = problem.starts.copy()
     first = problem.segments.first
@@ -55,7 +55,7 @@ def test_the_model_is_the_plant(samples: Samples) -> None:
 
 
 @pytest.mark.parametrize("which", ["vehicle", "actuator"])
-def test_derivatives_are_those_of_the_outputs(samples: Samples, which: str) -> None:
+def test_derivatives_are_those_of_the_outputs(samples: DriveSamples, which: str) -> None:
     if which == "vehicle":
         problem, values = problem_of(samples)
         values[problem.prior.names.index("yaw_rate_delay")] = 0.003
@@ -83,7 +83,7 @@ def test_derivatives_are_those_of_the_outputs(samples: Samples, which: str) -> N
         np.testing.assert_allclose(slopes[:, :, k], difference, rtol=0.0, atol=1e-4 * size, err_msg=name)
 
 
-def test_normal_equations_are_sums_over_the_samples(samples: Samples) -> None:
+def test_normal_equations_are_sums_over_the_samples(samples: DriveSamples) -> None:
     problem, values = problem_of(samples)
     simulation = problem.simulation(values, problem.starts)
     output, slopes = simulation.slopes()
@@ -110,7 +110,7 @@ def test_normal_equations_are_sums_over_the_samples(samples: Samples) -> None:
 def test_the_actuator_follows_a_delayed_step_exactly(delay: float) -> None:
     time = np.arange(100) * 0.01
     command = np.where(time >= 0.095, 0.01, 0.0)
-    samples = Samples.of([Drive("step", time, {"delta_r_command": command, "delta_r": np.zeros(100)})])
+    samples = DriveSamples.of([Drive("step", time, {"delta_r_command": command, "delta_r": np.zeros(100)})])
     problem = actuator_problem(samples, CONFIG, configured(CONFIG))
     assert problem is not None
     output = problem.simulation(np.array([0.05, 10.0, 0.0, delay]), problem.starts).output()[:, 0]
@@ -121,7 +121,7 @@ def test_the_actuator_follows_a_delayed_step_exactly(delay: float) -> None:
 
 def test_inputs_between_samples() -> None:
     time = np.arange(20) * 0.1
-    samples = Samples.of([Drive("parabola", time, {"vx": time**2})])
+    samples = DriveSamples.of([Drive("parabola", time, {"vx": time**2})])
     found = between(samples, (samples.signal("vx"),), 2).reshape(20, 2, 3)
     at = time[:, None, None] + 0.1 * np.array([[0.0, 0.25, 0.5], [0.5, 0.75, 1.0]])
     np.testing.assert_allclose(found[1:-2], at[1:-2] ** 2, atol=1e-12)  # the ends have one neighbour only
