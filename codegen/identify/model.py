@@ -22,6 +22,7 @@ from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters
 
 AXLES = ("front", "rear")
 OUTPUTS = ("yaw_rate", "lateral_acceleration", "sideslip")
+INPUTS = ("vx", "front", "delta_r", "vx_rate", "front_rate", "delta_r_rate")
 VEHICLE_PARAMETERS = (
     *(f"{axle}_{name}" for axle in AXLES for name in ("stiffness", "peak", "shape", "curvature", "load_sensitivity")),
     "yaw_inertia",
@@ -108,7 +109,8 @@ def vehicle_constants(config: Config, shifts: FloatArray) -> FloatArray:
 def vehicle_model(is_relaxed: bool) -> ShootingModel:
     """Return the car: the two-track model driven by measured speed and steering angles, seen through sensors with errors.
 
-    Inputs: speed (m/s), front angle (rad; or the steering wheel's, with its ratio) and rear angle (rad), as measured.
+    Inputs: speed (m/s), front angle (rad; or the steering wheel's, with its ratio) and rear angle (rad), as measured; and their
+    rates, for the delay of an output that follows them at once.
     Initial states: lateral speed and yaw rate; the slip of tyres with a relaxation length starts at its steady value.
 
     Args:
@@ -121,7 +123,7 @@ def vehicle_model(is_relaxed: bool) -> ShootingModel:
     slips = RELAXATION_STATES if is_relaxed else ()
     states = ("lateral_speed", "yaw_rate", *slips)
     x, s = ca.SX.sym("x", len(states)), ca.SX.sym("s", 2)
-    u = ca.SX.sym("u", 3)
+    u = ca.SX.sym("u", 6)
     p, c = ca.SX.sym("p", len(VEHICLE_PARAMETERS)), ca.SX.sym("c", len(VEHICLE_CONSTANTS))
     parameter = dict(zip(VEHICLE_PARAMETERS, ca.vertsplit(p), strict=True))
     known = dict(zip(VEHICLE_CONSTANTS, ca.vertsplit(c), strict=True))
@@ -159,7 +161,8 @@ def vehicle_model(is_relaxed: bool) -> ShootingModel:
     outputs = ca.vertcat(
         *(
             value
-            - (parameter[f"{name}_delay"] - known[f"{name}_shift"]) * ca.jtimes(value, x, rates)
+            - (parameter[f"{name}_delay"] - known[f"{name}_shift"])
+            * (ca.jtimes(value, x, rates) + ca.jtimes(value, u, ca.vertcat(u[3:], ca.SX.zeros(3))))
             + parameter[f"{name}_offset"]
             for name, value in true.items()
         )
@@ -169,7 +172,7 @@ def vehicle_model(is_relaxed: bool) -> ShootingModel:
         at_zero = ca.substitute(rates[2:], x, ca.vertcat(s, ca.SX.zeros(4)))
         fall = -ca.substitute(ca.diag(ca.jacobian(rates[2:], x[2:])), x, ca.vertcat(s, ca.SX.zeros(4)))
         start = ca.vertcat(s, at_zero / fall)
-    names = ("identify_vehicle", states, states[:2], ("vx", "front", "delta_r"), OUTPUTS, VEHICLE_PARAMETERS, VEHICLE_CONSTANTS)
+    names = ("identify_vehicle", states, states[:2], INPUTS, OUTPUTS, VEHICLE_PARAMETERS, VEHICLE_CONSTANTS)
     return _made(names, (x, s, u, p, c), start, rates, outputs)
 
 

@@ -122,9 +122,10 @@ def test_the_actuator_follows_a_delayed_step_exactly(delay: float) -> None:
 def test_inputs_between_samples() -> None:
     time = np.arange(20) * 0.1
     samples = DriveSamples.of([Drive("parabola", time, {"vx": time**2})])
-    found = between(samples, (samples.signal("vx"),), 2).reshape(20, 2, 3)
+    found, rate = between(samples, (samples.signal("vx"),), 2).reshape(20, 2, 3, 2).transpose(3, 0, 1, 2)
     at = time[:, None, None] + 0.1 * np.array([[0.0, 0.25, 0.5], [0.5, 0.75, 1.0]])
     np.testing.assert_allclose(found[1:-2], at[1:-2] ** 2, atol=1e-12)  # the ends have one neighbour only
+    np.testing.assert_allclose(rate[1:-2], 2.0 * at[1:-2], atol=1e-12)
     held_back = held(samples, np.arange(20.0), 0.25, 2)[:, 0].reshape(20, 2, 3)
     np.testing.assert_array_equal(held_back[5, :, 0], [2.0, 3.0])  # the step of sample 3 acts at 0.55 s
     assert math.isclose(held(samples, np.arange(20.0), 0.25, 2)[::3, 1].reshape(20, 2)[5, 0], 1.0)
