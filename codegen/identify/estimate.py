@@ -4,11 +4,12 @@ The cost is sum rho((y - measured) / noise) + |z|^2 / 2 with Huber's rho and z t
 free initial states of each segment are eliminated from the normal equations (Schur complement). The noise of each output is
 estimated from the residuals.
 
-The covariance is the sandwich H^-1 (M + I) H^-1. M is the long-run covariance of the gradient over samples (W. K. Newey, K. D.
-West, A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix, 1987), because
-residuals are coloured and larger where the car moves fast. The gradient of each second is divided by one minus its leverage,
-because a manoeuvre that dominates a parameter hides its own error (HC3 of J. G. MacKinnon, H. White, Some
-heteroskedasticity-consistent covariance matrix estimators with improved finite sample properties, 1985).
+The covariance is the sandwich H^-1 (M + I) H^-1. H is the curvature of the cost: residuals that count linearly have none. M is
+the long-run covariance of the gradient over samples (W. K. Newey, K. D. West, A simple, positive semi-definite,
+heteroskedasticity and autocorrelation consistent covariance matrix, 1987), because residuals are coloured and larger where the
+car moves fast. The gradient of each second is divided by one minus its leverage, because a manoeuvre that dominates a parameter
+hides its own error (HC3 of J. G. MacKinnon, H. White, Some heteroskedasticity-consistent covariance matrix estimators with
+improved finite sample properties, 1985).
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ class Fit:
 
     def cost(self, noise: FloatArray) -> float:
         """Return the robust cost of the residuals for a noise (outputs,), without the prior."""
-        size = np.abs(self.residuals / noise)
+        size = np.abs(self.problem.averaged(self.residuals) / noise)
         return float(np.nansum(np.where(size <= HUBER, 0.5 * size**2, HUBER * (size - 0.5 * HUBER))))
 
     def named(self) -> dict[str, float]:
@@ -102,11 +103,6 @@ class _Point:
     def gains(self, damping: float = 0.0) -> FloatArray:
         """Return the change of the initial states (m, s, f) for each change of z."""
         return np.asarray(-np.linalg.solve(_damped(self.inner, damping), self.cross), dtype=np.float64)
-
-    def parts(self) -> FloatArray:
-        """Return the share (m, f, f) of each segment in the Hessian of z, the initial states eliminated."""
-        result: FloatArray = self.outer + np.swapaxes(self.cross, 1, 2) @ self.gains()
-        return result
 
     def step(self, damping: float, movable: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return the damped Gauss-Newton step of z, zero where not movable, and of the initial states for a given one."""
@@ -165,7 +161,9 @@ class _Solver:
     def point(self, z: FloatArray, starts: FloatArray, noise: FloatArray) -> _Point:
         """Return cost and normal equations."""
         problem, values = self.problem, self.values(z)
-        found = problem.simulation(values, starts).normal(problem.measured, 1.0 / noise, problem.prior.slope(values), HUBER)
+        found = problem.simulation(values, starts).normal(
+            problem.measured, 1.0 / noise, problem.prior.slope(values), HUBER, problem.average
+        )
         moved = (starts - problem.starts) / problem.start_spread
         cost = float(found.cost.sum()) + 0.5 * float((moved**2).sum()) + 0.5 * float((self.all_z(z) ** 2).sum())
         count = len(self.free)
@@ -185,19 +183,23 @@ class _Solver:
         )
 
     def rows(self, here: _Point, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return weighted errors (rows, outputs) and their derivatives (rows, outputs, f), the initial states eliminated.
+        """Return weighted mean errors (blocks, outputs) and their derivatives (blocks, outputs, f), initial states eliminated.
 
-        Their sum of squares is the cost to first order; their product is the gradient of each sample.
+        Their sum of squares is the cost to first order; their product is the gradient of each block.
         """
         problem, values, count = self.problem, self.values(here.z), len(self.free)
         output, slope = problem.simulation(values, here.starts).slopes()
-        scaled = np.where(self.known, (output - problem.measured) / noise, 0.0)
+        scaled = np.nan_to_num(problem.averaged(output - problem.measured) / noise)
         robust = np.sqrt(HUBER / np.maximum(np.abs(scaled), HUBER))
         by_z: FloatArray = slope[:, :, np.flatnonzero(self.free)] * problem.prior.slope(values)[self.free]
         for gain, (low, high) in zip(here.gains(), pairwise(problem.segments.offsets), strict=True):
             by_z[low:high] += slope[low:high, :, count:] @ gain
-        by_z *= np.where(self.known, robust / noise, 0.0)[:, :, None]
-        return scaled * robust, by_z
+        by_z[~self.known] = 0.0
+        first, _ = problem.blocks
+        number = np.maximum(np.add.reduceat(self.known, first, axis=0, dtype=np.int64), 1)
+        summed: FloatArray = np.add.reduceat(by_z, first, axis=0)
+        summed *= (robust / (noise * np.sqrt(number)))[:, :, None]
+        return np.asarray(scaled * robust, dtype=np.float64), summed
 
     def minimise(self, z: FloatArray, starts: FloatArray, noise: FloatArray, decrement: float) -> _Point:
         """Return the minimum for a given noise (Levenberg-Marquardt with bounds). Raises CodegenError if the start diverges."""
@@ -280,11 +282,14 @@ def fit(
     here = solver.minimise(z, starts, noise, DECREMENT_MIN)
     z, starts = here.z, here.starts
     identity = np.eye(len(z))
-    window = max(round(WINDOW_S / problem.samples.step), 1)
-    hessian = here.parts().sum(axis=0)
-    inverse = np.linalg.inv(hessian + identity)
-    scores = _scores(*solver.rows(here, noise), problem.segments.offsets, window, inverse)
-    meat = _long_run(scores, problem.segments.offsets, window) + identity
+    window = max(round(WINDOW_S / (problem.samples.step * problem.average)), 1)
+    _, offsets = problem.blocks
+    error, by_z = solver.rows(here, noise)
+    inliers = by_z[np.abs(error) <= HUBER]
+    hessian = inliers.T @ inliers
+    inverse = np.asarray(np.linalg.inv(hessian + identity), dtype=np.float64)
+    scores = _scores(error, by_z, offsets, window, inverse)
+    meat = _long_run(scores, offsets, window) + identity
     covariance, information = np.zeros((len(free), len(free))), np.zeros((len(free), len(free)))
     chosen = np.ix_(free, free)
     covariance[chosen], information[chosen] = inverse @ meat @ inverse, hessian
@@ -306,7 +311,7 @@ def _first(solver: _Solver, z: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     The first noise is the size of the residuals themselves, so that the robust loss does not ignore the start's.
     """
     starts = solver.problem.starts
-    error = solver.errors(z, starts)
+    error = solver.problem.averaged(solver.errors(z, starts))
     noise = np.ones(error.shape[1])
     for k in np.flatnonzero(solver.known.any(axis=0)):
         noise[k] = max(float(np.sqrt(np.nanmean(error[:, k] ** 2))), 1e-12)
@@ -320,17 +325,17 @@ def _settled(
     for _ in range(NOISE_ROUNDS_MAX):
         here = solver.minimise(z, starts, noise, DECREMENT_ROUND)
         z, starts = here.z, here.starts
-        before, noise = noise, noise_of(solver.errors(z, starts))
+        before, noise = noise, noise_of(solver.problem.averaged(solver.errors(z, starts)))
         if bool((np.abs(np.log(noise / before)) < change).all()):
             break
     return z, starts, noise
 
 
 def _scores(error: FloatArray, by_z: FloatArray, offsets: IntArray, window: int, inverse: FloatArray) -> FloatArray:
-    """Return the gradient (rows, f) of each sample, enlarged by what the fit to its own window takes from its error.
+    """Return the gradient (blocks, f) of each block, enlarged by what the fit to its own window takes from its error.
 
     Args:
-        error, by_z: see `_Solver.rows`. inverse: (f, f) inverse Hessian.
+        error, by_z: see `_Solver.rows`. offsets: first block of each segment. inverse: (f, f) inverse Hessian.
     """
     result: FloatArray = np.einsum("ro,rof->rf", error, by_z)
     root = np.linalg.cholesky(inverse)
@@ -346,7 +351,7 @@ def _scores(error: FloatArray, by_z: FloatArray, offsets: IntArray, window: int,
 
 
 def _long_run(scores: FloatArray, offsets: IntArray, window: int) -> FloatArray:
-    """Return the long-run covariance of the sum of scores (rows, f), lags within a segment, Bartlett weights.
+    """Return the long-run covariance of the sum of scores (blocks, f), lags within a segment, Bartlett weights.
 
     The sum over all windows of `window` samples, moved sample by sample over the segment and beyond its ends, of the outer
     product of the scores in the window equals the weighted sum of all lagged products.

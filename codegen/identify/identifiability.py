@@ -15,6 +15,8 @@ from codegen.identify.parameters import Parameter
 
 SHARE_MAX = 0.3
 """Largest standard deviation of a determined quantity or direction, as a fraction of its spread before the drives."""
+WEAK_SHARE_MAX = 0.6
+"""The same of a weakly determined quantity."""
 NOTHING = 0.95
 """From this fraction on, the drives say nothing about a quantity. Such quantities are named one by one."""
 COMPONENT_MIN = 0.35

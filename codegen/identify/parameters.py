@@ -199,6 +199,9 @@ CURVES = tuple(
 )
 """Quantities that describe one curve: where the first is determined, all are taken, else none."""
 
+HANDLING = ("front_stiffness", "rear_stiffness", "yaw_inertia")
+"""Quantities whose ratios make the response of the car: where one is determined, weakly determined ones are taken with it."""
+
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 
 

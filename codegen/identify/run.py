@@ -14,9 +14,9 @@ from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.identify.drive import Drive
 from codegen.identify.estimate import Fit, fit
-from codegen.identify.identifiability import Direction, Identifiability, analyse
+from codegen.identify.identifiability import WEAK_SHARE_MAX, Direction, Identifiability, analyse
 from codegen.identify.model import OUTPUTS
-from codegen.identify.parameters import BY_NAME, CURVES, PARAMETERS, Parameter, configured
+from codegen.identify.parameters import BY_NAME, CURVES, HANDLING, PARAMETERS, Parameter, configured
 from codegen.identify.shooting import DriveSamples, Problem, actuator_problem, filled, front_signal, vehicle_problem
 from codegen.identify.start import actuator_start, starting_values
 
@@ -138,6 +138,8 @@ def judge(
     """Add the quantities of a fit that are not found yet."""
     names, deviations = fitted.problem.prior.names, fitted.standard_deviations
     determined = {name for name, is_identified in zip(names, judged.is_identified, strict=True) if is_identified}
+    shares = dict(zip(names, judged.shares.tolist(), strict=True))
+    weak = {name for name in HANDLING if determined & set(HANDLING) and shares.get(name, 1.0) <= WEAK_SHARE_MAX} - determined
     together: set[str] = set()
     for curve in CURVES:
         if curve[0] in determined:
@@ -151,7 +153,9 @@ def judge(
         note = "" if name in determined else _missing(parameter, samples)
         if name in together - determined:
             note = f"not determined alone, but as a part of its curve; alone: {parameter.manoeuvre}"
-        is_kept = name in determined | together and bool(fitted.free[index])
+        if name in weak:
+            note = f"weakly determined; better with: {parameter.manoeuvre}"
+        is_kept = name in determined | together | weak and bool(fitted.free[index])
         found[name] = _quantity(parameter, fitted.values[index], deviations[index], centre, is_kept, note)
 
 

@@ -36,6 +36,9 @@ taken as steady."""
 STEP_STABLE = 1.0
 """Largest product of an integration step and a rate of the model. Runge-Kutta is stable up to 2.8; at 1 its error is below 1 %
 of a transient of that rate."""
+AVERAGE_S = 0.05
+"""Time in s over which errors of the car are averaged. The lateral acceleration of tyres without relaxation length follows the
+noise of the measured angles at once. So do its derivatives, which would lower the stiffnesses by 0.5 %."""
 ACTUATOR_STEP_S = 0.002
 """Longest integration step of the actuator in s: the shortest lag."""
 
@@ -203,6 +206,7 @@ class Problem:
         substeps: integration steps in a sample.
         inputs: function from a delay in s to the model's inputs.
         starts: (m, starts) first guess of the free initial states. start_spread: (starts,) their spread around it.
+        average: number of samples whose mean error counts, from the first of each segment on.
         moves_input: whether the last parameter is a delay of the input.
     """
 
@@ -216,6 +220,7 @@ class Problem:
     inputs: Callable[[float], FloatArray]
     starts: FloatArray
     start_spread: FloatArray
+    average: int = 1
     moves_input: bool = False
     _kept: dict[str, Any] = field(default_factory=dict)
 
@@ -238,6 +243,26 @@ class Problem:
             starts,
             self._kept["inputs"],
         )
+
+    @property
+    def blocks(self) -> tuple[IntArray, IntArray]:
+        """First row of each block of averaged samples, and the first block of each segment with the number of blocks."""
+        counts = -(-self.segments.length // self.average)
+        offsets = np.concatenate([[0], np.cumsum(counts)])
+        within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], counts)
+        return np.repeat(self.segments.offsets[:-1], counts) + self.average * within, offsets
+
+    def averaged(self, errors: FloatArray) -> FloatArray:
+        """Return the mean errors (blocks, outputs) times the root of their number; NaN where nothing is compared.
+
+        Args:
+            errors: (rows, outputs), NaN where not compared.
+        """
+        first, _ = self.blocks
+        known = np.isfinite(errors)
+        count = np.add.reduceat(known, first, axis=0, dtype=np.int64)
+        total = np.add.reduceat(np.where(known, errors, 0.0), first, axis=0)
+        return np.where(count > 0, total / np.sqrt(np.maximum(count, 1)), math.nan)
 
     def part(self, every: int) -> Problem:
         """Return the problem over every `every`-th segment."""
@@ -331,6 +356,7 @@ def vehicle_problem(
         lambda _: between(samples, (speed, front, rear_angle), substeps),
         starts,
         np.array([3.0, 0.5]),
+        average=max(round(AVERAGE_S / step), 1),
     )
 
 

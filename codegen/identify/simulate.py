@@ -97,21 +97,21 @@ class Simulation:
         self._run("shooting_simulate", lambda row, _: (result[row:], slope[row:]))
         return result, slope
 
-    def normal(self, measured: FloatArray, weight: FloatArray, scale: FloatArray, huber: float) -> Normal:
+    def normal(self, measured: FloatArray, weight: FloatArray, scale: FloatArray, huber: float, average: int) -> Normal:
         """Return cost and normal equations.
 
         Args:
             measured: (rows, outputs), NaN where not compared. weight: (outputs,) 1 / noise.
             scale: (k,) factor of the derivatives by the parameters.
             huber: multiple of the noise beyond which an error counts linearly.
+            average: number of samples whose mean error counts.
         """
         count, columns = len(self.first), len(self.model.parameters) + len(self.model.starts)
         found = Normal(np.empty(count), np.empty((count, columns)), np.empty((count, columns, columns)))
         measured, weight, scale = (np.ascontiguousarray(each) for each in (measured, weight, scale))
-        self._run(
-            "shooting_normal",
-            lambda row, k: (measured[row:], weight, scale, huber, found.cost[k:], found.gradient[k:], found.hessian[k:]),
-        )
+        given = weight, scale, huber, average
+        results = found.cost, found.gradient, found.hessian
+        self._run("shooting_normal", lambda row, k: (measured[row:], *given, *(each[k:] for each in results)))
         return found
 
     def _run(self, name: str, rest: Callable[[int, int], tuple[Any, ...]]) -> None:
@@ -126,7 +126,7 @@ class Simulation:
         def pointer(value: Any) -> Any:
             if value is None:
                 return library.ffi.NULL
-            if isinstance(value, float):
+            if isinstance(value, float | int):
                 return value
             return cast("int *" if value.dtype == np.intc else "double *", value.ctypes.data)
 

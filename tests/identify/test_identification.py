@@ -140,18 +140,31 @@ def test_without_excitation_nothing_is_invented() -> None:
     assert any("yaw inertia" in text and text.endswith("only together") for text in named)
 
 
+def judged(name: str, share: float) -> dict[str, Quantity]:
+    """Return what is found if one quantity of the identified car has this standard deviation, as a fraction of its spread."""
+    fitted = identified().vehicle
+    place = fitted.problem.prior.names.index(name)
+    covariance = fitted.covariance.copy()
+    covariance[place, place] = share**2
+    found: dict[str, Quantity] = {}
+    result = analyse(fitted.problem.prior.parameters, fitted.free, covariance, fitted.information)
+    judge(fitted, result, configured(identified().config), fitted.problem.samples, found)
+    return found
+
+
 @pytest.mark.parametrize(("lost", "is_taken"), [("front_peak", False), ("front_shape", True)])
 def test_a_curve_is_taken_whole_or_not_at_all(lost: str, is_taken: bool) -> None:
-    fitted = identified().vehicle
-    place = fitted.problem.prior.names.index(lost)
-    covariance = fitted.covariance.copy()
-    covariance[place, place] = 0.5
-    judged = analyse(fitted.problem.prior.parameters, fitted.free, covariance, fitted.information)
-    found: dict[str, Quantity] = {}
-    judge(fitted, judged, configured(identified().config), fitted.problem.samples, found)
+    found = judged(lost, 0.7)
     assert {found[name].is_identified for name in CURVES[0]} == {is_taken}
     assert found[lost].note != ""
     assert found["front_stiffness"].is_identified
+
+
+@pytest.mark.parametrize(("share", "is_taken"), [(0.29, True), (0.5, True), (0.7, False)])
+def test_stiffnesses_and_inertia_are_taken_together(share: float, is_taken: bool) -> None:
+    each = judged("rear_stiffness", share)["rear_stiffness"]
+    assert each.is_identified == is_taken
+    assert each.note.startswith("weakly determined") == (share == 0.5)
 
 
 def test_a_car_with_roll_that_the_model_does_not_contain_is_predicted_better_than_before() -> None:

@@ -1,6 +1,8 @@
 """The compiled models against finite differences, against the plant, and against a formula."""
 
 import math
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -83,27 +85,35 @@ def test_derivatives_are_those_of_the_outputs(samples: DriveSamples, which: str)
         np.testing.assert_allclose(slopes[:, :, k], difference, rtol=0.0, atol=1e-4 * size, err_msg=name)
 
 
-def test_normal_equations_are_sums_over_the_samples(samples: DriveSamples) -> None:
+@pytest.mark.parametrize("average", [1, 7])
+def test_normal_equations_are_sums_over_the_samples(samples: DriveSamples, average: int) -> None:
     problem, values = problem_of(samples)
+    problem = replace(problem, average=average)
     simulation = problem.simulation(values, problem.starts)
     output, slopes = simulation.slopes()
     noise, scale = np.array([0.01, 0.2, 0.01]), np.linspace(0.5, 2.0, len(values))
     measured = problem.measured.copy()
     measured[100, 0] += 1.0  # an outlier, 100 times the noise
-    found = simulation.normal(measured, 1.0 / noise, scale, 2.0)
-    error = (output - measured) / noise
-    size = np.abs(error)
-    cost = np.where(size > 2.0, 2.0 * (size - 1.0), 0.5 * error**2)
-    weight = np.where(size > 2.0, 2.0 / size, 1.0)
+    found = simulation.normal(measured, 1.0 / noise, scale, 2.0, average)
+    error = problem.averaged(output - measured) / noise
     rows = slopes / noise[:, None] * np.append(scale, [1.0, 1.0])
-    known = np.isfinite(measured)
-    for k, (low, high) in enumerate(zip(problem.segments.offsets[:-1], problem.segments.offsets[1:], strict=True)):
-        chosen = known[low:high]
-        jacobian, each = rows[low:high][chosen], error[low:high][chosen]
-        weighted = jacobian * weight[low:high][chosen][:, None]
-        assert found.cost[k] == pytest.approx(cost[low:high][chosen].sum())
-        np.testing.assert_allclose(found.gradient[k], weighted.T @ each, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(found.hessian[k], weighted.T @ jacobian, rtol=1e-9, atol=1e-6)
+    for k, (low, high) in enumerate(pairwise(problem.segments.offsets)):
+        cost, gradient, hessian, place = 0.0, np.zeros(rows.shape[2]), np.zeros(2 * rows.shape[2:]), problem.blocks[1][k]
+        for block, begin in enumerate(range(low, high, average)):
+            for column in range(3):
+                chosen = [row for row in range(begin, min(begin + average, high)) if np.isfinite(measured[row, column])]
+                if not chosen:
+                    continue
+                each = float((output - measured)[chosen, column].sum()) / (noise[column] * math.sqrt(len(chosen)))
+                assert error[place + block, column] == pytest.approx(each, abs=1e-12)
+                slope = rows[chosen, column].sum(axis=0) / math.sqrt(len(chosen))
+                weight = min(2.0 / max(abs(each), 1e-300), 1.0)
+                cost += 0.5 * each**2 if abs(each) <= 2.0 else 2.0 * (abs(each) - 1.0)
+                gradient += weight * each * slope
+                hessian += weight * np.outer(slope, slope)
+        assert found.cost[k] == pytest.approx(cost)
+        np.testing.assert_allclose(found.gradient[k], gradient, rtol=1e-9, atol=1e-8)
+        np.testing.assert_allclose(found.hessian[k], hessian, rtol=1e-9, atol=1e-6)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.0034, 0.0137, 0.02])
