@@ -38,6 +38,8 @@ WINDOW_S = 1.0
 """Lags of the residuals' correlation that the covariance takes in, s: above all time constants of a car."""
 DECREMENT_ROUND = 0.1
 """The same while the noise is not known."""
+NOISE_QUANTILE, NOISE_QUANTILE_SIZE = 0.8, 1.2816
+"""Fraction of the errors from which the noise follows: a fifth may be outliers; and its quantile for normal noise of one."""
 NOISE_ROUNDS_MAX = 5
 NOISE_CHANGE, NOISE_CHANGE_FIRST = 0.03, 0.2
 """Relative change of the noise at which these rounds end; and for a first estimate."""
@@ -237,15 +239,29 @@ class _Solver:
         return move, here.starts_step(damping, gains, move)
 
 
-def noise_of(error: FloatArray) -> FloatArray:
-    """Return the robust standard deviation (outputs,) of errors with NaN, from the median of their size; 1 without any."""
-    result = np.ones(error.shape[1])
-    for k in range(error.shape[1]):
-        values = error[np.isfinite(error[:, k]), k]
-        if values.size:
-            spread = 1.4826 * float(np.median(np.abs(values)))
-            # A coarse sensor at rest has a median of zero.
-            result[k] = max(spread, 0.1 * float(np.sqrt(np.mean(values**2))), 1e-12)
+def noise_of(problem: Problem, errors: FloatArray) -> FloatArray:
+    """Return the robust standard deviation (outputs,) of the averaged errors of a problem; 1 for an output without any.
+
+    It follows from the quantile NOISE_QUANTILE of their size. A segment counts by the variance of what was measured in it:
+    driving straight for long would otherwise make every error of a manoeuvre an outlier.
+
+    Args:
+        errors: (rows, outputs) simulated minus measured, NaN where not compared.
+    """
+    _, offsets = problem.blocks
+    averaged = problem.averaged(errors)
+    result = np.ones(errors.shape[1])
+    for k in range(errors.shape[1]):
+        known = np.isfinite(averaged[:, k])
+        if not known.any():
+            continue
+        parts = np.split(problem.measured[:, k], problem.segments.offsets[1:-1])
+        moved = [float(np.nanvar(part)) if np.isfinite(part).any() else 0.0 for part in parts]
+        weights = np.repeat(np.array(moved) + 1e-9 * max(moved) + 1e-30, np.diff(offsets))[known]
+        size = np.abs(averaged[known, k])
+        order = np.argsort(size)
+        place = np.searchsorted(np.cumsum(weights[order]), NOISE_QUANTILE * weights.sum())
+        result[k] = max(float(size[order[min(place, size.size - 1)]]) / NOISE_QUANTILE_SIZE, 1e-12)
     return result
 
 
@@ -325,7 +341,7 @@ def _settled(
     for _ in range(NOISE_ROUNDS_MAX):
         here = solver.minimise(z, starts, noise, DECREMENT_ROUND)
         z, starts = here.z, here.starts
-        before, noise = noise, noise_of(solver.problem.averaged(solver.errors(z, starts)))
+        before, noise = noise, noise_of(solver.problem, solver.errors(z, starts))
         if bool((np.abs(np.log(noise / before)) < change).all()):
             break
     return z, starts, noise

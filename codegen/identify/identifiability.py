@@ -28,7 +28,7 @@ class Direction:
     """A combination of quantities about which the drives say little.
 
     Attributes:
-        share: standard deviation along it, as a fraction of the spread before.
+        share: standard deviation along it, as a fraction of the spread before; at most 1.
         singular_value: of the scaled Jacobian, along it: how many standard deviations of the noise one spread moves the drives.
         components: title of each quantity that it moves -> its component.
     """
@@ -73,7 +73,7 @@ def analyse(
     shares = np.where(free, np.sqrt(np.diag(covariance)), 1.0)
     scaled = 0.5 * (information + information.T)
     directions = [
-        Direction(float(shares[k]), float(np.sqrt(max(scaled[k, k], 0.0))), {parameters[k].title: 1.0})
+        Direction(min(float(shares[k]), 1.0), float(np.sqrt(max(scaled[k, k], 0.0))), {parameters[k].title: 1.0})
         for k in np.flatnonzero(free & (shares > NOTHING))
     ]
     chosen = np.flatnonzero(free & (shares <= NOTHING))
@@ -84,5 +84,5 @@ def analyse(
         order = [k for k in np.argsort(-np.abs(vector)) if abs(vector[k]) >= COMPONENT_MIN]
         components = {parameters[chosen[k]].title: float(vector[k]) for k in order}
         strength = float(vector @ scaled[np.ix_(chosen, chosen)] @ vector)
-        directions.append(Direction(float(np.sqrt(value)), float(np.sqrt(max(strength, 0.0))), components))
+        directions.append(Direction(min(float(np.sqrt(value)), 1.0), float(np.sqrt(max(strength, 0.0))), components))
     return Identifiability(shares, free & (shares <= SHARE_MAX), tuple(directions))
