@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -17,8 +18,16 @@ import numpy as np
 from codegen import configuration
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, RELAXATION_STATES, two_track_of_parameters
+from codegen.vehicle.dynamics import (
+    PLANT_INPUTS,
+    PLANT_OUTPUTS,
+    PLANT_STATES,
+    RELAXATION_STATES,
+    ParametricModel,
+    two_track_of_parameters,
+)
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters
+from codegen.vehicle.tyre import CURVES
 
 AXLES = ("front", "rear")
 OUTPUTS = ("yaw_rate", "lateral_acceleration", "sideslip")
@@ -105,8 +114,7 @@ def vehicle_constants(config: Config, shifts: FloatArray) -> FloatArray:
     return np.concatenate([plant_parameters(config), [config.road.friction], shifts])
 
 
-@lru_cache(maxsize=2)
-def vehicle_model(is_relaxed: bool) -> ShootingModel:
+def vehicle_model(config: Config, is_relaxed: bool) -> ShootingModel:
     """Return the car: the two-track model driven by measured speed and steering angles, seen through sensors with errors.
 
     Inputs: speed (m/s), front angle (rad; or the steering wheel's, with its ratio) and rear angle (rad), as measured; and their
@@ -114,12 +122,23 @@ def vehicle_model(is_relaxed: bool) -> ShootingModel:
     Initial states: lateral speed and yaw rate; the slip of tyres with a relaxation length starts at its steady value.
 
     Args:
+        config: gives the curves of the tyres; all its numbers are data of the model.
         is_relaxed: whether the tyres have a relaxation length.
     """
-    config = configuration.Config()
-    if is_relaxed:
-        config = config.model_copy(update={"plant": config.plant.model_copy(update={"relaxation_length_m": 0.3})})
-    plant = two_track_of_parameters(config)
+    curves = (config.tyre.front.curve, config.tyre.rear.curve)
+    key = (is_relaxed, *curves)
+    if key not in _vehicle_models:
+        length = RELAXATION_ANY_M if is_relaxed else 0.0
+        relaxed = config.model_copy(update={"plant": config.plant.model_copy(update={"relaxation_length_m": length})})
+        _vehicle_models[key] = _vehicle_model(two_track_of_parameters(relaxed), is_relaxed, curves)
+    return _vehicle_models[key]
+
+
+RELAXATION_ANY_M = 0.3
+_vehicle_models: dict[tuple[bool, str, str], ShootingModel] = {}
+
+
+def _vehicle_model(plant: ParametricModel, is_relaxed: bool, curves: tuple[str, str]) -> ShootingModel:
     slips = RELAXATION_STATES if is_relaxed else ()
     states = ("lateral_speed", "yaw_rate", *slips)
     x, s = ca.SX.sym("x", len(states)), ca.SX.sym("s", 2)
@@ -130,12 +149,15 @@ def vehicle_model(is_relaxed: bool) -> ShootingModel:
 
     car = {name: known[name] for name in PLANT_PARAMETERS}
     car |= {name: parameter[name] for name in ("yaw_inertia", "relaxation_length", "steering_ratio")}
-    for axle in AXLES:
+    for axle, curve in zip(AXLES, curves, strict=True):
         stiffness, peak, shape, curvature, sensitivity = (
             parameter[f"{axle}_{name}"] for name in ("stiffness", "peak", "shape", "curvature", "load_sensitivity")
         )
+        slope = CURVES[curve].initial_slope(
+            SimpleNamespace(stiffness_factor=1.0, shape_factor=shape, curvature_factor=curvature)
+        )
         car |= {
-            f"{axle}_stiffness_factor": stiffness / (shape * known["friction"] * peak * known[f"{axle}_static_load"]),
+            f"{axle}_stiffness_factor": stiffness / (slope * known["friction"] * peak * known[f"{axle}_static_load"]),
             f"{axle}_peak_factor": peak,
             f"{axle}_shape_factor": shape,
             f"{axle}_curvature_factor": curvature,

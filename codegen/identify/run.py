@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -26,8 +26,6 @@ RATE_COST_MIN = 20.0
 limit, the cost does not depend on it, so its curvature at the largest rate that was reached proves nothing."""
 ROUNDS_MAX = 3
 """Fits of the car with shifts and integration steps that follow from the last one."""
-
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -79,17 +77,15 @@ class Identification:
         return {name: quantity.value for name, quantity in self.quantities.items()}
 
 
-def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) -> Identification:
+def identify(config: Config, drives: Sequence[Drive]) -> Identification:
     """Identify a car from its drives.
 
     Args:
         config: known values, and what is assumed about the others.
-        tell: called with the name of each step.
 
     Raises:
         CodegenError: the drives cannot be used, or there is no C compiler.
     """
-    tell = tell or (lambda _: None)
     samples = DriveSamples.of(drives)
     centre = configured(config)
     for name in ("vx", "yaw_rate"):
@@ -99,7 +95,6 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
     notes: list[str] = []
     directions: list[Direction] = []
 
-    tell("actuator")
     actuator = _fit_actuator(samples, config, centre, found, directions)
     values = {**centre, **{name: quantity.value for name, quantity in found.items()}}
     rear = rear_angle(samples, config, values)
@@ -111,7 +106,6 @@ def identify(config: Config, drives: Sequence[Drive], tell: Tell | None = None) 
         notes.append(f"no drive has delta_r: {source}")
     _fit_ratio(samples, centre, found)
 
-    tell("car")
     vehicle, judged = _fit_vehicle(samples, config, centre, rear, found)
     directions += judged.directions
     judge(vehicle, judged, centre, samples, found)

@@ -322,7 +322,7 @@ def vehicle_problem(
         CodegenError: no drive is usable.
     """
     is_relaxed = values["relaxation_length"] > 0.0
-    model, step = vehicle_model(is_relaxed), samples.step
+    model, step = vehicle_model(config, is_relaxed), samples.step
     front, _ = front_signal(samples, config)
     speed, yaw_rate = samples.signal("vx"), samples.signal("yaw_rate")
     usable = np.isfinite(speed) & (speed > SPEED_MIN) & np.isfinite(front) & np.isfinite(rear_angle) & np.isfinite(yaw_rate)
