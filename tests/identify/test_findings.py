@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import asammdf
 import can
 import numpy as np
 import pandas as pd
@@ -312,3 +313,30 @@ def test_a_steering_wheel_with_the_other_sign(tmp_path: Path) -> None:
     turned = {"steering_wheel_angle": {"signal": "steering_wheel_angle [rad]", "sign": -1}}
     table = columns(steering_wheel_angle=lambda time: -SIGNALS["steering_wheel_angle"](time))
     assert read(tmp_path, table, names=turned).findings == ()
+
+
+def test_texts_and_invalid_samples_of_a_measurement_are_none(tmp_path: Path) -> None:
+    raw = np.round(np.degrees(SIGNALS["delta_r"](TIME)) / 0.01).astype(np.int16)
+    raw[100:110] = 4095
+    invalid = np.zeros(TIME.size, dtype=bool)
+    invalid[200:205] = True
+    texts = {"val_0": 4095, "text_0": "SNA", "default_addr": asammdf.blocks.conversion_utils.from_dict({"a": 0.01, "b": 0.0})}
+    with asammdf.MDF() as mdf:
+        mdf.append(
+            [
+                asammdf.Signal(25.0 + 0.0 * TIME, TIME, name="vx", unit="m/s"),
+                asammdf.Signal(SIGNALS["yaw_rate"](TIME), TIME, name="yaw_rate", unit="rad/s", invalidation_bits=invalid),
+                asammdf.Signal(SIGNALS["steering_wheel_angle"](TIME), TIME, name="swa", unit="rad"),
+                asammdf.Signal(raw, TIME, name="rear_angle", unit="deg", conversion=texts),
+            ]
+        )
+        mdf.save(tmp_path / "drive.mf4")
+    reading = read_drives([tmp_path / "drive.mf4"])
+    assert [(finding.quantity, finding.kind, finding.lost) for finding in reading.findings] == [
+        ("yaw_rate", RESERVED, 5),
+        ("delta_r", RESERVED, 10),
+    ]
+    for key, lost in (("yaw_rate", range(200, 205)), ("delta_r", range(100, 110))):
+        assert np.flatnonzero(np.isnan(reading.drives[0].signals[key])).tolist() == list(lost)
+    exact = SIGNALS["delta_r"](TIME)
+    assert np.nanmax(np.abs(reading.drives[0].signals["delta_r"] - exact)) <= np.radians(0.005) + 1e-12
