@@ -333,7 +333,7 @@ def test_texts_and_invalid_samples_of_a_measurement_are_none(tmp_path: Path) -> 
         mdf.save(tmp_path / "drive.mf4")
     reading = read_drives([tmp_path / "drive.mf4"])
     assert [(finding.quantity, finding.kind, finding.lost) for finding in reading.findings] == [
-        ("yaw_rate", RESERVED, 5),
+        ("yaw_rate", GAP, 0),
         ("delta_r", RESERVED, 10),
     ]
     for key, lost in (("yaw_rate", range(200, 205)), ("delta_r", range(100, 110))):
