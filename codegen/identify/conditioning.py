@@ -26,6 +26,8 @@ WRONG_UNIT_FRACTION = 0.02
 CODES_MAX = 2
 """Largest number of different values beyond the limits of the database that are codes, such as "not available". A measured
 quantity takes more; then the limits are wrong, as they often are."""
+ROUNDING = 1e-9
+"""Relative difference of a scaled value from a limit that is rounding: 4999 * 0.1 is not 499.9."""
 PERIOD_MIN_S, PERIOD_MAX_S = 1e-5, 5.0
 """Range of sampling times. Outside of it, the unit of the time is wrong: 10 ms are not 10 s."""
 PLATEAU_SAMPLES = 5
@@ -137,10 +139,11 @@ def _at_limit(
         count = int(np.count_nonzero(reaches))
         return reaches, f"{count} samples at the limits of names.toml or beyond ({limits.format(low, high)})" if count else ""
     low, high = channel.low, channel.high
-    beyond = (raw < low) | (raw > high)
+    at_low, at_high = np.isclose(raw, low, rtol=ROUNDING, atol=0.0), np.isclose(raw, high, rtol=ROUNDING, atol=0.0)
+    beyond = ((raw < low) & ~at_low) | ((raw > high) & ~at_high)
     if np.unique(raw[beyond]).size > CODES_MAX:
         return nothing, f"it exceeds the limits of the database ({limits.format(low, high)}), which are ignored"
-    reaches = beyond | ((raw == low) & (low != 0.0)) | ((raw == high) & (high != 0.0))
+    reaches = beyond | (at_low & (low != 0.0)) | (at_high & (high != 0.0))
     count = int(np.count_nonzero(reaches))
     if count:
         return reaches, f"{count} samples at the limits of the sensor or beyond ({limits.format(low, high)})"
