@@ -50,7 +50,8 @@ TIME_NAMES = re.compile(
 """Name of a column of times, with its unit or without."""
 TIME_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 NOT_AVAILABLE = re.compile(
-    r"sna|invalid|not.?avail|unavail|n/?a\b|err|fault|fail|init|unknown|reserved|undef|defect|ungueltig|ungültig|fehler",
+    r"(?<![a-z])(?:sna|n/?a|err)(?![a-z])|invalid|not.?avail|unavail|error|fault|fail|init|unknown|reserved|undef|defect"
+    r"|ungueltig|ungültig|fehler",
     re.IGNORECASE,
 )
 """Name of a raw value that means that there is no physical value."""
