@@ -11,7 +11,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, suggestion
-from codegen.identify.channels import Channel, Log, open_log
+from codegen.identify.channels import Channel, Databases, Log, open_log
 from codegen.identify.conditioning import Conditioned, condition
 from codegen.identify.cross_checks import cross_check, without_frozen
 from codegen.identify.drive import Drive
@@ -73,11 +73,11 @@ def read_drives(logs: Sequence[Path], databases: Sequence[Path] = (), names: Nam
     Raises:
         CodegenError: a file cannot be read, a required quantity is not found or not clear, its unit is not known or impossible.
     """
-    settings = names or Names()
+    settings, of_bus = names or Names(), Databases(databases)
     drives, sources, findings = [], [], []
     missing: list[_MissingSignalError] = []
     for path, name in zip(logs, _drive_names(logs), strict=True):
-        drive, of_drive, found = _read(path, name, databases, settings, missing)
+        drive, of_drive, found = _read(path, name, of_bus, settings, missing)
         drives.append(drive)
         sources.append(of_drive)
         findings += found
@@ -103,7 +103,7 @@ def _drive_names(logs: Sequence[Path]) -> list[str]:
 
 
 def _read(
-    path: Path, name: str, databases: Sequence[Path], names: Names, missing: list[_MissingSignalError]
+    path: Path, name: str, databases: Databases, names: Names, missing: list[_MissingSignalError]
 ) -> tuple[Drive, dict[str, Source], list[Finding]]:
     log = open_log(path, databases, names)
     findings = [Finding(name, "", *remark) for remark in log.remarks]
