@@ -97,7 +97,7 @@ def condition(
     at_limit, text = _at_limit(channel, settings, quantity, raw, unit)
     report(SATURATED if at_limit.any() else REMARK, text, int(np.count_nonzero(at_limit)))
     raw[at_limit] = np.nan
-    values = settings.sign * (raw - settings.offset) * quantity.units[unit]
+    values = settings.factor * (raw - settings.offset) * quantity.units[unit]
     impossible = np.abs(values) > quantity.largest
     _check_unit(values, impossible, quantity, unit, place)
     if impossible.any():
