@@ -102,6 +102,20 @@ def test_a_car_that_stands_while_the_driver_steers_is_sound(tmp_path: Path) -> N
     assert reading.findings == ()
 
 
+def test_a_coarse_yaw_rate_on_a_straight_road_is_sound(tmp_path: Path) -> None:
+    time = np.arange(0.0, 60.0, 0.01)
+    generator = np.random.default_rng(1)
+    wheel = 0.01 * np.sin(0.7 * time) + 0.01 * np.sin(0.23 * time + 1.0)
+    yaw_rate = 0.2 * wheel + 2e-4 * generator.standard_normal(time.size)
+    signals = {
+        "vx [m/s]": np.full(time.size, 30.0),
+        "yaw_rate [rad/s]": 4.26e-3 * np.round(yaw_rate / 4.26e-3),  # 0.244 deg/s
+        "ay [m/s^2]": 0.036 * np.round((30.0 * yaw_rate + 0.02 * generator.standard_normal(time.size)) / 0.036),
+        "steering_wheel_angle [rad]": wheel,
+    }
+    assert FROZEN not in [kind for _, kind in kinds(read(tmp_path, signals, time))]
+
+
 # --- gaps and clocks -----------------------------------------------------------------------------------------------------
 
 
