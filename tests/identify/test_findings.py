@@ -116,6 +116,25 @@ def test_a_coarse_yaw_rate_on_a_straight_road_is_sound(tmp_path: Path) -> None:
     assert FROZEN not in [kind for _, kind in kinds(read(tmp_path, signals, time))]
 
 
+def test_small_movements_of_the_steering_wheel_prove_nothing(tmp_path: Path) -> None:
+    """The steering wheel moves by 16 % of its range while yaw rate and lateral acceleration are exactly zero."""
+    quiet = {
+        key: lambda time, one=SIGNALS[key], share=share: np.where(time < 3.0, share, 1.0) * one(time)
+        for key, share in (("yaw_rate", 0.0), ("lateral_acceleration", 0.0), ("steering_wheel_angle", 0.08))
+    }
+    reading = read(tmp_path, columns(**quiet))
+    assert FROZEN not in [kind for _, kind in kinds(reading)]
+
+
+def test_a_speed_of_zero_at_the_lower_limit_of_the_database_is_sound(tmp_path: Path) -> None:
+    still = {**SIGNALS, "vx": lambda time: np.where(time < 3.0, 0.0, 5.0 * (time - 3.0))}
+    still |= {key: lambda time, one=SIGNALS[key]: np.where(time < 3.0, 0.0, 1.0) * one(time) for key in ("yaw_rate", "delta_r")}
+    still["lateral_acceleration"] = lambda time: still["vx"](time) * still["yaw_rate"](time)
+    reading = read_bus(tmp_path, frames(still))
+    assert reading.findings == ()
+    assert value(reading, "vx", 1.0) == 0.0
+
+
 # --- gaps and clocks -----------------------------------------------------------------------------------------------------
 
 
