@@ -31,10 +31,9 @@ ROUNDING = 1e-9
 PERIOD_MIN_S, PERIOD_MAX_S = 1e-5, 5.0
 """Range of sampling times. Outside of it, the unit of the time is wrong: 10 ms are not 10 s."""
 PLATEAU_SAMPLES = 5
+"""Shortest plateau of a clipped curve."""
 APPROACH_SAMPLES = 3
-APPROACH_STEPS = 3.0
-"""A clipped curve reaches its plateau of at least PLATEAU_SAMPLES by more than APPROACH_STEPS of its resolution within
-APPROACH_SAMPLES. A sine with steps of the resolution, whose top has 5 samples, rises by 2.4 steps in the 3 samples before."""
+"""Distance before and behind a plateau at which its approach is judged."""
 CLIPPED = ("yaw_rate", "lateral_acceleration", "sideslip")
 """Responses of the car. A driver may hold an angle of the steering wheel as long as he likes."""
 
@@ -156,7 +155,11 @@ def _at_limit(
 
 
 def _clipped(raw: FloatArray) -> BoolArray:
-    """Return which samples (n,) lie on a plateau at the largest or smallest value that was reached at speed."""
+    """Return which samples (n,) lie on a plateau at the largest or smallest value that was reached at speed.
+
+    A smooth top is a parabola. If it stays within one step q of the resolution for h samples to each side, it has fallen by less
+    than q (1 + m/h)^2 after m samples more; rounding adds up to q. A clipped curve falls further.
+    """
     clipped = np.zeros(raw.size, dtype=bool)
     steps = np.abs(np.diff(raw))
     steps = steps[steps > 0.0]
@@ -169,7 +172,8 @@ def _clipped(raw: FloatArray) -> BoolArray:
             before, after = start - APPROACH_SAMPLES, stop + APPROACH_SAMPLES - 1
             if stop - start < PLATEAU_SAMPLES or before < 0 or after >= raw.size:
                 continue
-            if min(abs(raw[before] - extreme), abs(raw[after] - extreme)) > APPROACH_STEPS * resolution:
+            smooth = (1.0 + APPROACH_SAMPLES / (0.5 * (stop - start - 1))) ** 2 + 1.0
+            if min(abs(raw[before] - extreme), abs(raw[after] - extreme)) > smooth * resolution:
                 clipped[start:stop] = True
     return clipped
 
