@@ -157,8 +157,8 @@ def _at_limit(
 def _clipped(raw: FloatArray) -> BoolArray:
     """Return which samples (n,) lie on a plateau at the largest or smallest value that was reached at speed.
 
-    A smooth top is a parabola. If it stays within one step q of the resolution for h samples to each side, it has fallen by less
-    than q (1 + m/h)^2 after m samples more; rounding adds up to q. A clipped curve falls further.
+    A smooth top is a parabola. If it stays within one step q of the resolution for h samples to each side, it has fallen by at
+    most q (1 + m/h)^2 after m samples more; rounding adds up to q. A clipped curve falls further.
     """
     clipped = np.zeros(raw.size, dtype=bool)
     steps = np.abs(np.diff(raw))

@@ -8,8 +8,11 @@ import can
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from codegen.errors import CodegenError
+from codegen.identify.conditioning import _clipped
 from codegen.identify.findings import CLOCK, FROZEN, GAP, IMPOSSIBLE, OFFSET, REMARK, RESERVED, SATURATED, SIGN
 from codegen.identify.names import Names
 from codegen.identify.reading import Reading, read_drives
@@ -114,6 +117,21 @@ def test_a_coarse_yaw_rate_on_a_straight_road_is_sound(tmp_path: Path) -> None:
         "steering_wheel_angle [rad]": wheel,
     }
     assert FROZEN not in [kind for _, kind in kinds(read(tmp_path, signals, time))]
+
+
+@given(resolution=st.floats(1e-4, 0.2), frequency=st.floats(0.05, 3.0), phase=st.floats(0.0, 6.3), second=st.floats(0.0, 0.3))
+def test_smooth_curves_are_not_clipped(resolution: float, frequency: float, phase: float, second: float) -> None:
+    angle = 2.0 * np.pi * frequency * np.arange(0.0, 20.0, 0.01) + phase
+    curve = np.sin(angle) + second * np.sin(0.7 * angle)
+    assert not _clipped(resolution * np.round(curve / resolution)).any()
+
+
+def test_noise_on_a_straight_road_is_sound(tmp_path: Path) -> None:
+    generator = np.random.default_rng(5)
+    noise = {key: 0.02 * amplitude for key, amplitude in (("yaw_rate", 0.02), ("lateral_acceleration", 2.0))}
+    noise |= {"steering_wheel_angle": 0.004, "delta_r": 1e-4}
+    table = {f"{key} [{UNITS[key]}]": size * generator.standard_normal(TIME.size) for key, size in noise.items()}
+    assert read(tmp_path, {**table, "vx [m/s]": np.full(TIME.size, 30.0)}).findings == ()
 
 
 def test_small_movements_of_the_steering_wheel_prove_nothing(tmp_path: Path) -> None:
@@ -328,6 +346,17 @@ def test_an_offset_is_reported_with_the_value_that_removes_it(
     again = read(tmp_path, table, names=names)
     assert again.findings == ()
     np.testing.assert_allclose(again.drives[0].signals[key], exact, atol=1e-12)
+
+
+def test_an_offset_that_is_subtracted_in_part_is_reported_in_full(tmp_path: Path) -> None:
+    table = columns(
+        vx=lambda time: np.where(time < 2.0, 0.0, 25.0), yaw_rate=lambda time: 0.02 + standing(time, SIGNALS["yaw_rate"])
+    )
+    for key in ("lateral_acceleration", "steering_wheel_angle", "delta_r"):
+        table[f"{key} [{UNITS[key]}]"] = standing(TIME, SIGNALS[key])
+    names = {"yaw_rate": {"signal": "yaw_rate [rad/s]", "offset": 0.005}}
+    (finding,) = read(tmp_path, table, names=names).findings
+    assert finding.text == "an offset of 0.015 rad/s at standstill; offset = 0.02 in names.toml subtracts it"
 
 
 @pytest.mark.parametrize("factor", [-1.0, 9.81, 1.0 / 9.81])
