@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -179,15 +178,11 @@ def _text_table(path: Path, names: Names) -> Log:
         time, *values = (np.array([cells.value(line, index, path) for line in cells.body]) for index in (of_time, *indices))
         return [_present(time * size, one) for one in values]
 
-    return Log(_columns(columns, of_time, {}), read_columns)
+    return Log(_columns(columns, of_time), read_columns)
 
 
-def _columns(columns: Sequence[str], of_time: int, units: Mapping[str, str]) -> list[Channel]:
-    return [
-        Channel(column, take_apart(column), units.get(column, ""), index)
-        for index, column in enumerate(columns)
-        if index != of_time
-    ]
+def _columns(columns: Sequence[str], of_time: int) -> list[Channel]:
+    return [Channel(column, take_apart(column), "", index) for index, column in enumerate(columns) if index != of_time]
 
 
 def _present(time: FloatArray, values: FloatArray) -> Samples:
@@ -204,8 +199,7 @@ def _parquet(path: Path, names: Names) -> Log:
         raise CodegenError("pyarrow, which reads .parquet, is missing", where=path, remedy=TOOLS) from None
     with _damage(path, "Parquet file"):
         schema = parquet.read_schema(path)
-        columns, metadata = list(schema.names), schema.metadata or {}
-        units = _column_units(metadata.get(b"columns", b"{}"))
+        columns = list(schema.names)
     of_time, size = _time_column(columns, names, path)
     is_date = pa.types.is_timestamp(schema.field(of_time).type)
 
@@ -219,16 +213,7 @@ def _parquet(path: Path, names: Names) -> Log:
             time, *values = (np.asarray(column.to_numpy(), dtype=np.float64) for column in (time, *values))
         return [_present(time * (1e-9 if is_date else size), one) for one in values]
 
-    return Log(_columns(columns, of_time, units), read_columns)
-
-
-def _column_units(metadata: bytes) -> dict[str, str]:
-    """Return the units in the metadata of a run that `codegen` wrote; {} of any other file."""
-    try:
-        found = json.loads(metadata)
-        return {name: str(column["unit"]) for name, column in found.items()}
-    except (ValueError, AttributeError, TypeError, KeyError, RecursionError):
-        return {}
+    return Log(_columns(columns, of_time), read_columns)
 
 
 @contextlib.contextmanager
