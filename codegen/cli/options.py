@@ -227,7 +227,7 @@ build_folder = FileType((), builds=True)
 folder_to_write = FileType(())
 picture_to_write = FileType((".png",), to_write=True)
 csv_to_write = FileType((".csv",), to_write=True)
-run_to_write = FileType((".mf4", ".parquet", ".csv"), to_write=True)
+run_to_write = FileType((".mf4", ".parquet", ".mat", ".csv"), to_write=True)
 report_to_write = FileType((".html",), to_write=True)
 log_to_write = FileType((".blf", ".asc", ".log", ".mf4"), to_write=True)
 
@@ -236,7 +236,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 DEFAULT_SCENARIO = "step-steer"
 SCENARIO_HELP = "One of codegen scenarios, a recorded .csv, or a .toml of your own."
-OUTPUT_HELP = "Write the run: .mf4, .parquet or .csv; may be repeated."
+OUTPUT_HELP = "Write the run: .mf4, .parquet, .mat or .csv; may be repeated."
 
 build_option = click.option(
     "--build", "build_path", required=True, type=build_folder, metavar="DIR", help="A folder made by codegen build."

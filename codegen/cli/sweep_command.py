@@ -46,7 +46,9 @@ EXAMPLE = "codegen sweep --spec sweep.toml -o campaign\n  codegen sweep --spec s
 )
 @click.option("--replay", type=click.IntRange(min=0), metavar="RUN", help="Repeat one run of the campaign by its number.")
 @click.option("--plot", type=picture_to_write, metavar="PNG", help="With --replay: draw the run.")
-@click.option("--run", "run_path", type=run_to_write, metavar="FILE", help="With --replay: write it as .mf4, .parquet or .csv.")
+@click.option(
+    "--run", "run_path", type=run_to_write, metavar="FILE", help="With --replay: write it as .mf4, .parquet, .mat or .csv."
+)
 @json_option
 def sweep(
     spec_path: Path,

@@ -1,9 +1,10 @@
-"""Export a run as MF4, Parquet or CSV, selected by the extension. Columns, names and values are those of the CSV.
+"""Export a run as MF4, Parquet, MAT or CSV, selected by the extension. Columns, names and values are those of the CSV.
 
 | format | written by | unit and meaning of a column | status |
 |---|---|---|---|
 | `.mf4` | asammdf, ASAM MDF 4.1 | unit and comment of the channel | uint8, with a conversion from value to text |
 | `.parquet` | pyarrow | the file's metadata, key `columns`, JSON | uint8, its names in the metadata |
+| `.mat` | SciPy, MATLAB 5 to 7.2, a vector for each column | the unit in the name | uint8 |
 | `.csv` | `hil_sim.logs` | the unit in the name | whole number |
 
 All other columns are float64. The scenario's title is in the comment of the MF4's channel group and in the metadata of a
@@ -30,6 +31,9 @@ from codegen.errors import CodegenError
 from codegen.files import write_atomically
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim.logs import EPOCH, to_csv
+
+MAT_HEADER_BYTES = 116
+"""Length of the text at the beginning of a MATLAB file."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +84,8 @@ def save(record: FloatArray, path: Path, scenario: str = "") -> None:
 
     Args:
         record: (samples, columns), RECORD_COLUMNS.
-        path: `.mf4`, `.parquet` or `.csv`.
-        scenario: title of the scenario, for the metadata; "" if unknown. CSV has no metadata.
+        path: `.mf4`, `.parquet`, `.mat` or `.csv`.
+        scenario: title of the scenario, for the metadata; "" if unknown. MAT and CSV have no metadata.
 
     Raises:
         CodegenError: no such format, a package is missing, or it cannot be written.
@@ -143,6 +147,18 @@ def to_parquet(record: FloatArray, scenario: str = "") -> bytes:
     return content.getvalue()
 
 
+def to_mat(record: FloatArray) -> bytes:
+    """Return a recording as a compressed MATLAB file with a column vector for each column of the run."""
+    from scipy.io import savemat
+
+    content = io.BytesIO()
+    columns = {column.name: _values(record, column.name) for column in COLUMNS}
+    savemat(content, columns, do_compression=True, oned_as="column")
+    # The header is 116 bytes of text, which readers require to begin like this. SciPy writes the time of day into it.
+    header = f"MATLAB 5.0 MAT-file, made by ars-codegen {__version__}".ljust(MAT_HEADER_BYTES).encode()
+    return header + content.getvalue()[MAT_HEADER_BYTES:]
+
+
 @dataclass(frozen=True)
 class Format:
     """A file format: function that encodes a recording and the title of its scenario, and the package it requires."""
@@ -154,6 +170,7 @@ class Format:
 FORMATS = {
     ".mf4": Format(to_mf4, "asammdf"),
     ".parquet": Format(to_parquet, "pyarrow"),
+    ".mat": Format(lambda record, _: to_mat(record)),
     ".csv": Format(lambda record, _: to_csv(record)),
 }
 

@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -50,10 +49,15 @@ TIME_NAMES = re.compile(
 """Name of a column of times, with its unit or without."""
 TIME_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 NOT_AVAILABLE = re.compile(
-    r"sna|invalid|not.?avail|unavail|n/?a\b|err|fault|fail|init|unknown|reserved|undef|defect|ungueltig|ungültig|fehler",
+    r"(?<![a-z])(?:sna|n/?a|err)(?![a-z])|invalid|not.?avail|unavail|error|fault|fail|init|unknown|reserved|undef|defect"
+    r"|ungueltig|ungültig|fehler",
     re.IGNORECASE,
 )
 """Name of a raw value that means that there is no physical value."""
+
+
+BITS_MAX = 64
+"""Length of the longest number in a frame."""
 
 
 @dataclass(frozen=True)
@@ -111,11 +115,11 @@ class Log:
     remarks: Sequence[tuple[str, str, int]] = ()
 
 
-def open_log(path: Path, databases: Sequence[Path], names: Names) -> Log:
+def open_log(path: Path, databases: Databases, names: Names) -> Log:
     """Return the channels of a log.
 
     Args:
-        databases: DBC or ARXML files, for the log of a bus.
+        databases: of the log of a bus.
         names: column and unit of the time, for a table.
 
     Raises:
@@ -174,15 +178,11 @@ def _text_table(path: Path, names: Names) -> Log:
         time, *values = (np.array([cells.value(line, index, path) for line in cells.body]) for index in (of_time, *indices))
         return [_present(time * size, one) for one in values]
 
-    return Log(_columns(columns, of_time, {}), read_columns)
+    return Log(_columns(columns, of_time), read_columns)
 
 
-def _columns(columns: Sequence[str], of_time: int, units: Mapping[str, str]) -> list[Channel]:
-    return [
-        Channel(column, take_apart(column), units.get(column, ""), index)
-        for index, column in enumerate(columns)
-        if index != of_time
-    ]
+def _columns(columns: Sequence[str], of_time: int) -> list[Channel]:
+    return [Channel(column, take_apart(column), "", index) for index, column in enumerate(columns) if index != of_time]
 
 
 def _present(time: FloatArray, values: FloatArray) -> Samples:
@@ -199,8 +199,7 @@ def _parquet(path: Path, names: Names) -> Log:
         raise CodegenError("pyarrow, which reads .parquet, is missing", where=path, remedy=TOOLS) from None
     with _damage(path, "Parquet file"):
         schema = parquet.read_schema(path)
-        columns, metadata = list(schema.names), schema.metadata or {}
-        units = _column_units(metadata.get(b"columns", b"{}"))
+        columns = list(schema.names)
     of_time, size = _time_column(columns, names, path)
     is_date = pa.types.is_timestamp(schema.field(of_time).type)
 
@@ -214,16 +213,7 @@ def _parquet(path: Path, names: Names) -> Log:
             time, *values = (np.asarray(column.to_numpy(), dtype=np.float64) for column in (time, *values))
         return [_present(time * (1e-9 if is_date else size), one) for one in values]
 
-    return Log(_columns(columns, of_time, units), read_columns)
-
-
-def _column_units(metadata: bytes) -> dict[str, str]:
-    """Return the units in the metadata of a run that `codegen` wrote; {} of any other file."""
-    try:
-        found = json.loads(metadata)
-        return {name: str(column["unit"]) for name, column in found.items()}
-    except (ValueError, AttributeError, TypeError, KeyError, RecursionError):
-        return {}
+    return Log(_columns(columns, of_time), read_columns)
 
 
 @contextlib.contextmanager
@@ -271,6 +261,28 @@ BusKey = tuple[int, bool]
 """Identifier of a message, and whether it is an extended one."""
 
 
+@dataclass(frozen=True)
+class Databases:
+    """DBC or ARXML files of one bus. They are read when the log of a bus needs them."""
+
+    paths: Sequence[Path]
+
+    @cached_property
+    def messages(self) -> dict[BusKey, Message]:
+        """Messages of all files. Raises CodegenError: a file cannot be read, or two have messages with the same identifier."""
+        found: dict[BusKey, Message] = {}
+        origin: dict[BusKey, Path] = {}
+        for path in self.paths:
+            for message in load_database(path).messages:
+                key = (message.frame_id, message.is_extended_frame)
+                if origin.setdefault(key, path) != path:
+                    what = f"the identifier 0x{message.frame_id:x} of {message.name} is in {origin[key].name} too"
+                    raise CodegenError(what, where=path, remedy="give the database of one bus, and the log of that bus")
+                if not message.is_container:
+                    found[key] = message
+        return found
+
+
 @dataclass
 class _Received:
     """Frames of one message: number in the log, data, bus and whether the logger sent it."""
@@ -281,10 +293,10 @@ class _Received:
     sent: list[bool]
 
 
-def _bus_log(path: Path, databases: Sequence[Path]) -> Log:
-    if not databases:
+def _bus_log(path: Path, databases: Databases) -> Log:
+    if not databases.paths:
         raise CodegenError("the log of a bus needs its database", where=path, remedy="give the DBC or ARXML with --dbc")
-    messages = dict(_messages(databases))
+    messages = databases.messages
     received: dict[BusKey, _Received] = {}
     stamps: list[float] = []
     for frame in frames(path):
@@ -299,7 +311,7 @@ def _bus_log(path: Path, databases: Sequence[Path]) -> Log:
             into.sent.append(not frame.is_rx)
         stamps.append(frame.timestamp)
     if not received:
-        named = ", ".join(each.name for each in databases)
+        named = ", ".join(each.name for each in databases.paths)
         what = f"none of its {len(stamps)} frames is in {named}" if stamps else "it has no frame"
         raise CodegenError(what, where=path, remedy="give the database of this bus with --dbc")
     time = np.array(stamps)
@@ -315,28 +327,15 @@ def _bus_log(path: Path, databases: Sequence[Path]) -> Log:
         )
     elif lost:
         remark = f"{lost} of {time.size} frames have an impossible time"
-    parts_of = {key: _Message(path, messages[key], one, time, usable) for key, one in received.items()}
-    channels = [channel for key, one in parts_of.items() for channel in one.channels(key)]
+    parts_of = {key: _Message(messages[key], one, time, usable) for key, one in received.items()}
+    with _damage(path, "log with this database"):
+        channels = [channel for key, one in parts_of.items() for channel in one.channels(key)]
 
     def read_signals(places: Sequence[tuple[BusKey, str]]) -> list[Samples]:
-        return [parts_of[key].samples(name) for key, name in places]
+        with _damage(path, "log with this database"):
+            return [parts_of[key].samples(name) for key, name in places]
 
     return Log(channels, read_signals, ((CLOCK, remark, lost),) if remark else ())
-
-
-def _messages(databases: Sequence[Path]) -> Iterator[tuple[BusKey, Message]]:
-    """Yield the messages of all databases. Raises CodegenError if two have different ones with the same identifier."""
-    origin: dict[BusKey, Path] = {}
-    for path in databases:
-        for message in load_database(path).messages:
-            if message.is_container:
-                continue
-            key = (message.frame_id, message.is_extended_frame)
-            if key in origin and origin[key] != path:
-                what = f"the identifier 0x{message.frame_id:x} of {message.name} is in {origin[key].name} too"
-                raise CodegenError(what, where=path, remedy="give the database of one bus, and the log of that bus")
-            origin[key] = path
-            yield key, message
 
 
 def load_database(path: Path) -> Database:
@@ -360,7 +359,6 @@ def load_database(path: Path) -> Database:
 class _Message:
     """A message of the database with its frames; time and usability of all frames of the log."""
 
-    path: Path
     message: Message
     received: _Received
     time: FloatArray
@@ -387,8 +385,7 @@ class _Message:
         numbers = np.array(self.received.numbers)
         chosen, remark = _one_copy(self.received)
         chosen &= self.usable[numbers]
-        with _damage(self.path, f"log with this database: {self.message.name}"):
-            decoded = [_decode(self.message, self.received.data[index]) for index in np.flatnonzero(chosen)]
+        decoded = [_decode(self.message, self.received.data[index]) for index in np.flatnonzero(chosen)]
         return numbers[chosen], decoded, remark
 
 
@@ -403,9 +400,8 @@ def _one_copy(received: _Received) -> tuple[BoolArray, str]:
     if len(counts) < 2:
         return chosen, ""
     most, count = counts.most_common(1)[0]
-    return chosen & np.array(
-        [bus == most for bus in received.buses]
-    ), f"on {len(counts)} buses; {count} frames of {most} are used"
+    chosen &= np.array([bus == most for bus in received.buses])
+    return chosen, f"on {len(counts)} buses; {count} frames of {most} are used"
 
 
 def _decode(message: Message, data: bytes) -> Any:
@@ -436,7 +432,7 @@ def _limits(signal: Signal) -> tuple[float, float]:
     high = np.inf if signal.maximum is None else float(signal.maximum)
     if low >= high:  # a placeholder such as [0|0]
         low, high = -np.inf, np.inf
-    if signal.is_float:
+    if signal.is_float or signal.length > BITS_MAX:
         return low, high
     bits = signal.length - signal.is_signed
     ends = [_physical(signal, raw) for raw in (-(2**bits) if signal.is_signed else 0, 2**bits - 1)]

@@ -26,13 +26,14 @@ WRONG_UNIT_FRACTION = 0.02
 CODES_MAX = 2
 """Largest number of different values beyond the limits of the database that are codes, such as "not available". A measured
 quantity takes more; then the limits are wrong, as they often are."""
+ROUNDING = 1e-9
+"""Relative difference of a scaled value from a limit that is rounding: 4999 * 0.1 is not 499.9."""
 PERIOD_MIN_S, PERIOD_MAX_S = 1e-5, 5.0
 """Range of sampling times. Outside of it, the unit of the time is wrong: 10 ms are not 10 s."""
 PLATEAU_SAMPLES = 5
+"""Shortest plateau of a clipped curve."""
 APPROACH_SAMPLES = 3
-APPROACH_STEPS = 3.0
-"""A clipped curve reaches its plateau of at least PLATEAU_SAMPLES by more than APPROACH_STEPS of its resolution within
-APPROACH_SAMPLES. A sine with steps of the resolution, whose top has 5 samples, rises by 2.4 steps in the 3 samples before."""
+"""Distance before and behind a plateau at which its approach is judged."""
 CLIPPED = ("yaw_rate", "lateral_acceleration", "sideslip")
 """Responses of the car. A driver may hold an angle of the steering wheel as long as he likes."""
 
@@ -95,7 +96,7 @@ def condition(
     at_limit, text = _at_limit(channel, settings, quantity, raw, unit)
     report(SATURATED if at_limit.any() else REMARK, text, int(np.count_nonzero(at_limit)))
     raw[at_limit] = np.nan
-    values = settings.sign * (raw - settings.offset) * quantity.units[unit]
+    values = settings.factor * (raw - settings.offset) * quantity.units[unit]
     impossible = np.abs(values) > quantity.largest
     _check_unit(values, impossible, quantity, unit, place)
     if impossible.any():
@@ -137,10 +138,11 @@ def _at_limit(
         count = int(np.count_nonzero(reaches))
         return reaches, f"{count} samples at the limits of names.toml or beyond ({limits.format(low, high)})" if count else ""
     low, high = channel.low, channel.high
-    beyond = (raw < low) | (raw > high)
+    at_low, at_high = np.isclose(raw, low, rtol=ROUNDING, atol=0.0), np.isclose(raw, high, rtol=ROUNDING, atol=0.0)
+    beyond = ((raw < low) & ~at_low) | ((raw > high) & ~at_high)
     if np.unique(raw[beyond]).size > CODES_MAX:
         return nothing, f"it exceeds the limits of the database ({limits.format(low, high)}), which are ignored"
-    reaches = beyond | ((raw == low) & (low != 0.0)) | ((raw == high) & (high != 0.0))
+    reaches = beyond | (at_low & (low != 0.0)) | (at_high & (high != 0.0))
     count = int(np.count_nonzero(reaches))
     if count:
         return reaches, f"{count} samples at the limits of the sensor or beyond ({limits.format(low, high)})"
@@ -153,7 +155,11 @@ def _at_limit(
 
 
 def _clipped(raw: FloatArray) -> BoolArray:
-    """Return which samples (n,) lie on a plateau at the largest or smallest value that was reached at speed."""
+    """Return which samples (n,) lie on a plateau at the largest or smallest value that was reached at speed.
+
+    A smooth top is a parabola. If it stays within one step q of the resolution for h samples to each side, it has fallen by at
+    most q (1 + m/h)^2 after m samples more; rounding adds up to q. A clipped curve falls further.
+    """
     clipped = np.zeros(raw.size, dtype=bool)
     steps = np.abs(np.diff(raw))
     steps = steps[steps > 0.0]
@@ -166,7 +172,8 @@ def _clipped(raw: FloatArray) -> BoolArray:
             before, after = start - APPROACH_SAMPLES, stop + APPROACH_SAMPLES - 1
             if stop - start < PLATEAU_SAMPLES or before < 0 or after >= raw.size:
                 continue
-            if min(abs(raw[before] - extreme), abs(raw[after] - extreme)) > APPROACH_STEPS * resolution:
+            smooth = (1.0 + APPROACH_SAMPLES / (0.5 * (stop - start - 1))) ** 2 + 1.0
+            if min(abs(raw[before] - extreme), abs(raw[after] - extreme)) > smooth * resolution:
                 clipped[start:stop] = True
     return clipped
 

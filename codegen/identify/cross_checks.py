@@ -15,10 +15,14 @@ from codegen.identify.drive import Drive
 from codegen.identify.findings import FROZEN, OFFSET, SIGN, Finding
 from codegen.identify.quantities import QUANTITIES
 
+TINY = float(np.finfo(np.float64).tiny)
 FROZEN_S = 1.0
 """Shortest time in s that a frozen signal is constant."""
 MOVES_FRACTION = 0.2
 """Change of another signal, as a fraction of its largest magnitude in the drive, that shows that the car moves."""
+MOVES_STEPS = 5.0
+"""The change must be that of so many steps of the signal too. A coarse yaw rate stays constant on a straight road while the
+steering wheel moves a little."""
 TYPICAL_PERCENTILE = 99.0
 RESPONSES = ("yaw_rate", "lateral_acceleration", "sideslip")
 LATERAL = (*RESPONSES, "steering_wheel_angle", "delta_f")
@@ -57,7 +61,8 @@ def without_frozen(drive: Drive) -> tuple[Drive, list[Finding]]:
         others = {other: drive.signals[other] for other in witnesses if other in drive.signals}
         if key not in signals or not others:
             continue
-        parts = [part for part in _constant(drive, key) if moving[part].all() and _some_move(others, part)]
+        share = max(MOVES_FRACTION, MOVES_STEPS * _step(signals[key]) / _size(signals[key]))
+        parts = [part for part in _constant(drive, key) if moving[part].all() and _some_move(others, part, share)]
         if not parts:
             continue
         values = signals[key].copy()
@@ -84,13 +89,26 @@ def _parts(flags: BoolArray, shortest: int) -> list[slice]:
     return [slice(start, stop) for start, stop in zip(edges[::2], edges[1::2], strict=True) if stop - start >= shortest]
 
 
-def _some_move(others: Mapping[str, FloatArray], part: slice) -> bool:
-    """Return whether some other signal changes in a part by MOVES_FRACTION of its typical largest magnitude."""
+def _some_move(others: Mapping[str, FloatArray], part: slice, share: float) -> bool:
+    """Return whether some other signal changes in a part by a share of its typical largest magnitude."""
     for values in others.values():
         inside = values[part][np.isfinite(values[part])]
-        if inside.size and np.ptp(inside) > MOVES_FRACTION * np.nanpercentile(np.abs(values), TYPICAL_PERCENTILE):
+        if inside.size and np.ptp(inside) > share * _size(values):
             return True
     return False
+
+
+def _size(values: FloatArray) -> float:
+    """Return the typical largest magnitude of a signal; the smallest positive number if it is zero."""
+    known = np.abs(values[np.isfinite(values)])
+    return max(float(np.percentile(known, TYPICAL_PERCENTILE)), TINY) if known.size else TINY
+
+
+def _step(values: FloatArray) -> float:
+    """Return the median change of a signal from one step to the next, of those that change it."""
+    changes = np.abs(np.diff(values))
+    changes = changes[changes > 0.0]
+    return float(np.median(changes)) if changes.size else 0.0
 
 
 def _count(drive: Drive, seconds: float) -> int:

@@ -44,7 +44,13 @@ class SignalChoice(Section):
         Meaning("name of the signal, channel or column; a name that occurs twice needs its message or group: `ESP_01.Speed`"),
     ]
     unit: Annotated[_Text | None, Meaning("unit, if the log does not contain it or contains a wrong one")] = None
-    sign: Annotated[Literal[1, -1], Meaning("-1 if the signal is positive to the right")] = 1
+    sign: Annotated[
+        Literal[1, -1] | _Text,
+        Meaning(
+            "-1 if the signal is positive to the right; or the name of a signal of the same message that is not 0 where the "
+            "value is negative"
+        ),
+    ] = 1
     offset: Annotated[_Value, Meaning("subtracted, in the unit of the signal")] = 0.0
     low: Annotated[_Value | None, Meaning("lower limit of the sensor, in the unit of the signal; values there are lost")] = None
     high: Annotated[_Value | None, Meaning("upper limit of the sensor")] = None
@@ -57,6 +63,11 @@ class SignalChoice(Section):
     def signals(self) -> tuple[str, ...]:
         """Names of the signal, first choice first."""
         return (self.signal,) if isinstance(self.signal, str) else tuple(self.signal)
+
+    @property
+    def factor(self) -> int:
+        """-1 if the signal is positive to the right, else 1."""
+        return -1 if self.sign == -1 else 1
 
     @model_validator(mode="after")
     def _has_a_range(self) -> Self:

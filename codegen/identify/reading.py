@@ -11,7 +11,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, suggestion
-from codegen.identify.channels import Channel, Log, open_log
+from codegen.identify.channels import Channel, Databases, Log, Samples, open_log
 from codegen.identify.conditioning import Conditioned, condition
 from codegen.identify.cross_checks import cross_check, without_frozen
 from codegen.identify.drive import Drive
@@ -73,11 +73,11 @@ def read_drives(logs: Sequence[Path], databases: Sequence[Path] = (), names: Nam
     Raises:
         CodegenError: a file cannot be read, a required quantity is not found or not clear, its unit is not known or impossible.
     """
-    settings = names or Names()
+    settings, of_bus = names or Names(), Databases(databases)
     drives, sources, findings = [], [], []
     missing: list[_MissingSignalError] = []
     for path, name in zip(logs, _drive_names(logs), strict=True):
-        drive, of_drive, found = _read(path, name, databases, settings, missing)
+        drive, of_drive, found = _read(path, name, of_bus, settings, missing)
         drives.append(drive)
         sources.append(of_drive)
         findings += found
@@ -103,14 +103,19 @@ def _drive_names(logs: Sequence[Path]) -> list[str]:
 
 
 def _read(
-    path: Path, name: str, databases: Sequence[Path], names: Names, missing: list[_MissingSignalError]
+    path: Path, name: str, databases: Databases, names: Names, missing: list[_MissingSignalError]
 ) -> tuple[Drive, dict[str, Source], list[Finding]]:
     log = open_log(path, databases, names)
     findings = [Finding(name, "", *remark) for remark in log.remarks]
     chosen = _choose(log, names, name, path, findings, missing)
     read: dict[str, Conditioned] = {}
-    samples = log.read([channel.place for channel, _ in chosen.values()])
-    for (key, (channel, unit)), one in zip(chosen.items(), samples, strict=True):
+    flags = _sign_signals(log, names, chosen, path)
+    samples = log.read([channel.place for channel in (*(channel for channel, _ in chosen.values()), *flags.values())])
+    flag_of = dict(zip(flags, samples[len(chosen) :], strict=True))
+    for (key, (channel, unit)), one in zip(chosen.items(), samples[: len(chosen)], strict=True):
+        if key in flag_of:
+            one = _signed(one, flag_of[key], f"{path}: {flags[key].path}")
+            channel = replace(channel, low=-channel.high, high=channel.high)
         read[key], found = condition(channel, one, QUANTITIES[key], unit, names.choices.get(key, NO_SETTINGS), name, path)
         findings += found
     start = min(one.time[0] for one in read.values())
@@ -119,7 +124,7 @@ def _read(
     signals = {key: resample(one, grid, is_held=QUANTITIES[key].is_held) for key, one in read.items()}
     drive, frozen = without_frozen(Drive(name, grid, signals))
     settings = {key: names.choices.get(key, NO_SETTINGS) for key in chosen}
-    readings = {key: (unit, settings[key].sign, settings[key].offset) for key, (_, unit) in chosen.items()}
+    readings = {key: (unit, settings[key].factor, settings[key].offset) for key, (_, unit) in chosen.items()}
     findings += [*frozen, *cross_check(drive, readings)]
     sources = {
         key: Source(
@@ -138,6 +143,25 @@ def _read(
     if empty is not None:
         raise CodegenError(f"{empty} has no usable value", where=f"{path}: {sources[empty].channel}", remedy="check the log")
     return drive, sources, findings
+
+
+def _sign_signals(log: Log, names: Names, chosen: Mapping[str, object], path: Path) -> dict[str, Channel]:
+    """Return quantity -> channel of its sign, for quantities whose sign is a signal. Raises CodegenError if there is none."""
+    settings = {key: names.choices[key] for key in chosen if key in names.choices}
+    return {
+        key: _by_name(log, SignalChoice(signal=one.sign), f"{key}.sign", path)
+        for key, one in settings.items()
+        if isinstance(one.sign, str)
+    }
+
+
+def _signed(samples: Samples, flags: Samples, where: str) -> Samples:
+    """Return samples that are negative where a flag is not 0. Raises CodegenError if the times differ."""
+    if not np.array_equal(samples.time, flags.time):
+        raise CodegenError(
+            "it has other times than the signal whose sign it is", where=where, remedy="name one of that message"
+        )
+    return replace(samples, values=np.where(flags.values != 0.0, -samples.values, samples.values))
 
 
 def _grid(read: Mapping[str, Conditioned], step: float, path: Path) -> FloatArray:

@@ -21,9 +21,10 @@ from codegen.identify.conditioning import Conditioned
 FILTER_STEPS = 5
 """Half length of the filter in steps of the grid. So many steps beside a gap and at both ends have no value."""
 KAISER_BETA = 5.0
-"""Window of the filter: at least 53 dB above half of the grid's rate (J. F. Kaiser, 1974). The transition is 0.31 of the rate
-wide with this length, so that the cutoff is 0.34 of it."""
-CUTOFF = 0.343
+"""Window of the filter: at least 53 dB above half of the grid's rate (J. F. Kaiser, 1974). With this length the transition is
+0.31 of that rate wide, half of it above the cutoff."""
+CUTOFF = 0.335
+"""Cutoff as a fraction of the grid's rate."""
 TIME_RESOLUTION_S = 2e-6
 """Times of a log that differ by less are equal: ASC and candump have 1 us, a float64 of Unix time 0.24 us."""
 FACTOR_MAX = 50
@@ -57,13 +58,12 @@ def resample(signal: Conditioned, grid: FloatArray, *, is_held: bool) -> FloatAr
 def _at(signal: Conditioned, times: FloatArray, is_held: bool) -> FloatArray:
     """Return the values at times (n,), interpolated or held within a pause that is no gap; NaN elsewhere."""
     time, values = signal.time, signal.values
-    left = np.searchsorted(time, times + TIME_RESOLUTION_S, side="right") - 1
-    inside = (left >= 0) & (times <= time[-1] + TIME_RESOLUTION_S)
-    left = np.clip(left, 0, time.size - 2)
+    inside = (times >= time[0] - TIME_RESOLUTION_S) & (times <= time[-1] + TIME_RESOLUTION_S)
+    left = np.clip(np.searchsorted(time, times, side="right") - 1, 0, time.size - 2)
     before, after = time[left], time[left + 1]
     share = np.clip((times - before) / (after - before), 0.0, 1.0)
     share[times - before <= TIME_RESOLUTION_S] = 0.0
-    share[after - times <= TIME_RESOLUTION_S] = 1.0  # at the last sample
+    share[after - times <= TIME_RESOLUTION_S] = 1.0
     between = values[left] if is_held else values[left] + share * (values[left + 1] - values[left])
     found = np.where(share == 0.0, values[left], np.where(share == 1.0, values[left + 1], between))
     has_value = (share == 0.0) | (share == 1.0) | (after - before <= signal.pause_max)

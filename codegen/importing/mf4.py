@@ -53,7 +53,7 @@ def _unit(channel: Any) -> str:
 
 
 def samples(path: Path, places: Sequence[tuple[int, int]]) -> list[tuple[FloatArray, FloatArray]]:
-    """Return times in s and values of channels; NaN for samples that are invalid, or texts, which mark reserved values.
+    """Return times in s and values of channels, without invalid samples; NaN for texts, which mark reserved values.
 
     Raises:
         ValueError: a channel has no number.
@@ -74,8 +74,6 @@ def _samples(mdf: MDF, group: int, index: int) -> tuple[FloatArray, FloatArray]:
         values = np.array([_number(sample) for sample in found.tolist()], dtype=np.float64)
         if np.isnan(values).all():
             raise ValueError(f"{signal.name} has texts instead of numbers")
-    if signal.invalidation_bits is not None:
-        values[np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
     return np.array(signal.timestamps, dtype=np.float64), values
 
 

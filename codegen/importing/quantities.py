@@ -38,13 +38,25 @@ accelerations, maps have none."""
 
 SPELLINGS = {
     "m/s": ("m/s", "m_s", "mps", "m/sec", "ms^-1"),
-    "km/h": ("km/h", "km_h", "kmh", "kph", "kmph", "km/hr"),
+    "km/h": ("km/h", "km_h", "kmh", "kph", "kmph", "km/hr", "unit_kilometerperhour"),
     "mph": ("mph", "mi/h"),
     "rad": ("rad", "radian", "radians"),
-    "deg": ("deg", "°"),
+    "deg": ("deg", "°", "unit_degreofarc"),
     "rad/s": ("rad/s", "rad_s", "radps", "rad/sec"),
-    "deg/s": ("deg/s", "deg_s", "degps", "dps", "deg/sec", "°/s"),
-    "m/s^2": ("m/s^2", "m/s2", "m/s²", "m/s/s", "m_s2", "m_s^2", "mps2", "m/sec^2"),
+    "deg/s": ("deg/s", "deg_s", "degps", "dps", "deg/sec", "°/s", "unit_degreofarcpersecon"),
+    "m/s^2": (
+        "m/s^2",
+        "m/s2",
+        "m/s²",
+        "m/s/s",
+        "m_s2",
+        "m_s^2",
+        "m/s**2",
+        "mps2",
+        "m/sec^2",
+        "unit_meterpersecon2",
+        "unit_meterperseconsquar",
+    ),
     "g": ("g",),
 }
 """Unit -> its spellings, in small letters; `unit_of` makes "deg" of "degrees" first."""

@@ -11,6 +11,9 @@
 /* Whether the simulator may handle events. */
 extern const bool events_supported;
 
+/* Process what the simulator has set since the last event, before a step. */
+void events_apply(instance_t *self);
+
 /* Return whether the simulator must handle an event after the step. */
 bool events_pending(const instance_t *self);
 

@@ -253,6 +253,7 @@ fmi3Status fmi3DoStep(
     if (component == NULL) {
         return fmi3Error;
     }
+    events_apply(&component->instance);
     good = instance_step(&component->instance, currentCommunicationPoint, communicationStepSize);
     *eventHandlingNeeded = good && component->instance.has_event_mode && events_pending(&component->instance);
     *lastSuccessfulTime = instance_time(&component->instance);

@@ -1,7 +1,9 @@
 /*
  * FMI 3.0: binary variables, clocks and events of an FMU with one CAN bus by FMI-LS-BUS. See fmi3.c, events.h and can_node.h.
  *
- * Operations that the simulator does not read stay in the buffer and are announced again after the next step.
+ * Operations that the simulator does not read stay in the buffer and are announced again after the next step. The receive clock may also
+ * tick between two events, which the standard does not provide for: the SIL Kit FMU Importer sets received frames before a step without an
+ * event. They are processed at the beginning of that step, as if in an event at that time.
  */
 #include "events.h"
 #include "fmi3Functions.h"
@@ -44,6 +46,26 @@ static void send_frames(instance_t *self)
 static void on_frame(void *owner, uint32_t id, const uint8_t *data, uint8_t length)
 {
     model_on_frame(owner, id, data, length);
+}
+
+static void process_received(instance_t *self)
+{
+    can_node_t *node = node_of(self);
+
+    if (node->receive_clock) {
+        can_node_process(node, on_frame, &self->now.model);
+    }
+    node->receive.size = 0u;
+    node->received_from = 0u;
+    node->receive_clock = false;
+}
+
+void events_apply(instance_t *self)
+{
+    if ((self->now.phase == PHASE_STEPPING) && node_of(self)->receive_clock) {
+        process_received(self);
+        self->outputs_are_current = false;
+    }
 }
 
 /* ---- binary variables ---- */
@@ -139,6 +161,11 @@ fmi3Status fmi3GetClock(
     return status_of(good);
 }
 
+static bool may_tick(const instance_t *self)
+{
+    return is_in_event(self) || (self->has_event_mode && (self->now.phase == PHASE_STEPPING));
+}
+
 fmi3Status fmi3SetClock(
     fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, const fmi3Clock values[])
 {
@@ -152,8 +179,8 @@ fmi3Status fmi3SetClock(
         good = variable != NULL;
         if (good && (variable->role != ROLE_INPUT)) {
             good = instance_refuse(self, "%s cannot be set, it is computed", variable->name);
-        } else if (good && values[k] && !is_in_event(self)) {
-            good = instance_refuse(self, "%s can only tick while an event is handled", variable->name);
+        } else if (good && values[k] && !may_tick(self)) {
+            good = instance_refuse(self, "%s can only tick after the initialization, in a simulator that handles events", variable->name);
         } else if (good) {
             node_of(self)->receive_clock = values[k];
         } else {
@@ -199,12 +226,7 @@ fmi3Status fmi3UpdateDiscreteStates(
     if (node->is_read) {
         node->transmit.size = 0u;
     }
-    if (node->receive_clock) {
-        can_node_process(node, on_frame, &self->now.model);
-    }
-    node->receive.size = 0u;
-    node->received_from = 0u;
-    node->receive_clock = false;
+    process_received(self);
     node->is_announced = false;
     node->is_read = false;
     self->outputs_are_current = false;

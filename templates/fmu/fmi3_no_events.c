@@ -7,6 +7,11 @@
 
 const bool events_supported = false;
 
+void events_apply(instance_t *self)
+{
+    (void)self;
+}
+
 bool events_pending(const instance_t *self)
 {
     (void)self;

@@ -23,26 +23,44 @@ SIGNAL = """    lateral_speed: Annotated[
 """A number that the simulated car has, and a flag that it does not have."""
 
 CHECK = """
-import io
+import csv
 import sys
-import zipfile
 from pathlib import Path
 
+import asammdf
 import cantools
 import numpy as np
+from pyarrow import parquet
+from scipy.io import loadmat
 
 from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
 from codegen.export.arxml.export import export
 from codegen.export.fmu.export import make_fmu
 from codegen.export.fmu.variables import variables_of
-from codegen.export.runs import COLUMNS
+from codegen.export.runs import COLUMNS, FORMATS
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, compile_build
 from codegen.verify.pil.batches import program_of
 from hil_sim.codec import Codec, VehicleConditions
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import find
+from tests.export.bus import Bus, Node, simulate
+from tests.export.fmus import Slave, unpacked
+
+
+def reread(path, name):
+    # A column of a run, by a reader other than its writer.
+    if path.suffix == ".mf4":
+        with asammdf.MDF(path) as run:
+            assert run.get(name).unit == "m/s"
+            return run.get(name).samples
+    if path.suffix == ".parquet":
+        return parquet.read_table(path).column(name).to_numpy()
+    if path.suffix == ".mat":
+        return loadmat(path)[name][:, 0]
+    return np.array([float(row[name]) for row in csv.DictReader(path.open())])
+
 
 folder = prepare(Path(sys.argv[1])).folder
 files = {path: content.decode() for path, content in folder.files.items()}
@@ -59,7 +77,8 @@ software.function("can_pack_vehicle_conditions")(signals, data)
 software.function("can_unpack_vehicle_conditions")(data, back)
 assert abs(back.lateral_speed + 2.3) < 1e-6 and back.reverse_gear
 assert Codec(software.config.can).encode(sent) == bytes(data)
-read = cantools.database.load_string(files["ars.dbc"]).decode_message("VehicleConditions", bytes(data))
+dbc = cantools.database.load_string(files["ars.dbc"])
+read = dbc.decode_message("VehicleConditions", bytes(data))
 assert abs(read["LateralSpeed"] + 2.3) < 1e-9 and read["ReverseGear"] == "yes"
 assert "lateral speed of the centre of gravity" in files["ars.dbc"]
 
@@ -67,9 +86,7 @@ assert "lateral speed of the centre of gravity" in files["ars.dbc"]
 write_folder(folder, Path("added"))
 described = export(Path("added")).folder.files
 arxml = cantools.database.load_string(described["ars.arxml"].decode(), "arxml")
-assert arxml.decode_message("VehicleConditions", bytes(data)) == cantools.database.load_string(files["ars.dbc"]).decode_message(
-    "VehicleConditions", bytes(data)
-)
+assert arxml.decode_message("VehicleConditions", bytes(data)) == read
 for name in ("LateralSpeed", "ReverseGear"):
     assert f"codes->{name}" in described["src/ars_swc.c"].decode()
     assert f"/Ars/SignalTypes/VehicleConditions/{name}</TYPE-TREF>" in described["ars.arxml"].decode()
@@ -87,15 +104,27 @@ assert controls["lateral_speed_m_s"].unit == "m/s" and "lateral_speed_available"
 assert controls["reverse_gear"].kind == "boolean"
 assert "lateral_speed_m_s" in {each.name for each in variables_of("loop", software.config) if each.role == "output"}
 
-# FMUs of both nodes on the bus
-for what, line in (("bus_plant", "conditions.lateral_speed = (float)self->plant.lateral_speed;"), ("ecu", "run_task(self);")):
-    with zipfile.ZipFile(io.BytesIO(make_fmu(Path("added"), what, "3").content)) as archive:
-        assert line in archive.read("sources/model.c").decode()
+# FMUs of both nodes on the bus: frames of the car, and measurements in the A2L of the ECU
+bus_car, ecu = (unpacked(Path("fmus").resolve(), what, make_fmu(Path("added"), what, "3")) for what in ("bus_plant", "ecu"))
+(measured,) = ecu.folder.glob("extra/*/*/ars.a2l")
+assert "ars.received.lateral_speed" in measured.read_text() and "ars.received.reverse_gear" in measured.read_text()
+bus = Bus([Node(Slave(what, event_mode=True)).start() for what in (bus_car, ecu)], None)
+turn = {"speed_m_s": 20.0, "steering_wheel_command_rad": 0.5}
+simulate(bus, 1.0, 0.001, lambda number, time: turn if number == 0 else {})
+decoded = [dbc.decode_message(frame.id, frame.data) for frame in bus.frames if frame.id == 0x102]
+assert max(abs(each["LateralSpeed"]) for each in decoded) > 0.1, decoded[-1]
 
-# the guide
+# the guide, and the README of the build
 sys.path.append("docs/_ext")
 import config_tables
-assert "| m/s, lateral speed of the centre of gravity, positive to the left |" in config_tables.markdown()
+import interface_tables
+meaning = "lateral speed of the centre of gravity, positive to the left"
+assert f"| m/s, {meaning} |" in config_tables.markdown()
+assert f"| `lateral_speed_m_s` | m/s | {meaning.capitalize()} |" in interface_tables.run_columns()
+interface_tables.BUILD = Path("added")
+assert "| `LateralSpeed` | 40 | 8 | Intel | signed | 0.1 | -12.7 to 12.7 m/s | -128 |" in interface_tables.can_matrix()
+assert "| `ReverseGear` | 13 | 1 | Intel | unsigned | 1 | 0 no, 1 yes |  |" in interface_tables.can_matrix()
+assert "`LateralSpeed` m/s" in files["README.md"] and "`ReverseGear`" in files["README.md"]
 
 # runs: of the closed loop, directly and through frames, and of the car on the bus
 assert RECORD_COLUMNS == tuple(column.name for column in COLUMNS)
@@ -103,6 +132,9 @@ place, inputs = RECORD_COLUMNS.index("lateral_speed_m_s"), find("step-steer").in
 loop = ClosedLoop(software)
 direct = loop.run(inputs)
 assert np.abs(direct[:, place]).max() > 0.1
+for ending, content in ((ending, each.content(direct, "")) for ending, each in FORMATS.items()):
+    Path(f"run{ending}").write_bytes(content)
+    assert (reread(Path(f"run{ending}"), "lateral_speed_m_s") == direct[:, place]).all(), ending
 stepped = ClosedLoop(software).run_stepped(inputs)
 assert (direct == stepped).all()
 through_can = ClosedLoop(software, LoopOptions(through_can=True))

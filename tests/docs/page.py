@@ -23,6 +23,8 @@ NOT_RUN: Mapping[str, str] = {  # command on the page: reason
         ("make evidence", "make evidence PART=mutation", "make evidence PART=mutation QUICK=1"),
         "needs the checkout; the page is about the run that this is a part of",
     ),
+    "python -m tests.export.demo_bus fmi-ls-bus-examples fmi-ls-bus/headers": "needs checkouts of other projects",
+    "python -m tests.export.demo_silkit python3.12": "needs another Python and silkit-py",
     "codegen verify generated/4ws2": "takes minutes; the same with --quick is run",
     "sudo ip link add dev vcan0 type vcan && sudo ip link set up vcan0": "needs root; where blocks with vcan0 run, it is there",
     'openocd -f board/YOUR-BOARD.cfg -c "program fw/build/gcc/firmware.elf verify reset exit"': "needs a board and a probe",

@@ -25,6 +25,8 @@ PACKAGES = {
     "llvm-profdata-19": "llvm-19",
     "llvm-cov-19": "llvm-19",
     "arm-none-eabi-gcc": "gcc-arm-none-eabi",
+    "octave-cli": "octave",
+    "mkoctfile": "octave-dev",
 }
 """Debian packages of programs with another name."""
 
@@ -184,7 +186,7 @@ PARTS = (
         "guide",
         "the commands of README and guide run and print the output shown",
         ("README.md", "docs/*.md", *COMMANDS),
-        tools=FIRMWARE,
+        tools=(*FIRMWARE, "octave-cli", "mkoctfile"),
     ),
     Part(
         "install",

@@ -68,20 +68,28 @@ int main(int count, char **arguments)
         size_t size = 0u;
         size_t sent;
         fmi3Binary value = bytes;
+        fmi3Binary answer;
         fmi3Clock clock;
+        const bool in_event = (next_random() % 2u) != 0u; /* else before the step */
         fmi3Boolean again, event, ends, early, changed, nominal, defined;
         double time;
 
         while ((size + 64u < sizeof(bytes)) && ((next_random() % 40u) != 0u)) {
             size += operation(&bytes[size]);
         }
-        failed |= fmi3SetClock(node, &rx_clock, 1u, &tick);
-        failed |= fmi3SetBinary(node, &rx_data, 1u, &size, &value, 1u);
+        if (in_event) {
+            failed |= fmi3SetClock(node, &rx_clock, 1u, &tick);
+            failed |= fmi3SetBinary(node, &rx_data, 1u, &size, &value, 1u);
+        }
         failed |= fmi3GetClock(node, &tx_clock, 1u, &clock);
-        failed |= fmi3GetBinary(node, &tx_data, 1u, &sent, &value, 1u);
+        failed |= fmi3GetBinary(node, &tx_data, 1u, &sent, &answer, 1u);
         frames += sent;
         failed |= fmi3UpdateDiscreteStates(node, &again, &ends, &nominal, &changed, &defined, &time);
         failed |= fmi3EnterStepMode(node);
+        if (!in_event) {
+            failed |= fmi3SetClock(node, &rx_clock, 1u, &tick);
+            failed |= fmi3SetBinary(node, &rx_data, 1u, &size, &value, 1u);
+        }
         failed |= fmi3DoStep(node, 0.0005 * k, 0.0005, true, &event, &ends, &early, &time);
         failed |= fmi3EnterEventMode(node);
     }

@@ -9,6 +9,7 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from codegen.export.fmu.variables import Version
+from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import Measurement
 from tests.export import fmus
 from tests.export.fmus import OUTPUTS, SAMPLE, STEP, STEPS_PER_SAMPLE, Slave, column, made
@@ -54,8 +55,12 @@ def test_the_loop_in_a_simulator(version: Version, kind: str, scenario: str) -> 
 
 @one_run
 @each_version
-def test_plant_and_controller_connected_equal_the_loop(version: Version, kind: str, scenario: str) -> None:
-    """The loop holds its inputs over a longer step, like the SIL with such inputs."""
+@pytest.mark.parametrize("side_by_side", [False, True])
+def test_plant_and_controller_connected_equal_the_loop(version: Version, kind: str, scenario: str, side_by_side: bool) -> None:
+    """The loop holds its inputs over a longer step, like the SIL with such inputs.
+
+    Stepped side by side, the plant gets the command of the last step, so that the SIL needs a delay of one sample.
+    """
     plant = Slave(made("plant", version, kind)).start()
     controller = Slave(made("controller", version, kind)).start()
     assert controller.row(COMMANDS) == [0.0, 0.0, 2.0]  # before the first sample: STANDBY
@@ -67,11 +72,16 @@ def test_plant_and_controller_connected_equal_the_loop(version: Version, kind: s
         moved = dict(zip(MOTION, plant.row(MOTION), strict=True))
         measured = {name: {**driver, **moved}[name] for name in (*MEASURED, "lateral_acceleration_m_s2")}
         controller.set({**measured, "lateral_acceleration_available": True})
+        acting = controller.get("rear_angle_command_rad")
         controller.step(SAMPLE)  # the command of a sample acts from the time of the sample
         command = dict(zip(COMMANDS, controller.row(COMMANDS), strict=True))
-        plant.set({"rear_angle_command_rad": command["rear_angle_command_rad"]})
+        plant.set({"rear_angle_command_rad": acting if side_by_side else command["rear_angle_command_rad"]})
         plant.step(SAMPLE)
         seen.append([{**moved, **command}[name] for name in OUTPUTS])
+    if side_by_side:
+        delayed = ClosedLoop(fmus.software(kind), LoopOptions(delay_samples=1)).run(rows)
+        assert np.array_equal(seen, np.stack([column(delayed, name) for name in OUTPUTS], axis=1))
+        return
     loop = Slave(made("loop", version, kind)).start()
     got = fmus.drive(loop, rows, SAMPLE)
     assert np.array_equal(seen, got)

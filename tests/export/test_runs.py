@@ -1,4 +1,4 @@
-"""A run as MF4, Parquet and CSV: read back by other readers, bit for bit, with names, units and status texts."""
+"""A run as MF4, Parquet, MAT and CSV: read back by other readers, bit for bit, with names, units and status texts."""
 
 import csv
 import json
@@ -12,6 +12,7 @@ import asammdf
 import numpy as np
 import pytest
 from pyarrow import parquet
+from scipy.io import loadmat
 
 from codegen.errors import CodegenError
 from codegen.export.runs import COLUMNS, check_formats, save
@@ -77,7 +78,7 @@ def test_parquet_by_pyarrow(record: np.ndarray, tmp_path: Path) -> None:
 
 
 def test_the_scenario_is_in_the_metadata(record: np.ndarray, tmp_path: Path) -> None:
-    for suffix in (".mf4", ".parquet", ".csv"):  # CSV has no metadata
+    for suffix in (".mf4", ".parquet", ".mat", ".csv"):  # the last two have no metadata
         save(record, tmp_path / f"run{suffix}", "Step steer: 80 km/h")
     assert parquet.read_schema(tmp_path / "run.parquet").metadata[b"scenario"] == b"Step steer: 80 km/h"
     with asammdf.MDF(tmp_path / "run.mf4") as run:
@@ -93,12 +94,25 @@ def test_csv_by_the_standard_library(record: np.ndarray, tmp_path: Path) -> None
     assert [row[-1] for row in rows] == [str(int(value)) for value in record[:, -1]]
 
 
-@pytest.mark.parametrize("suffix", [".mf4", ".parquet", ".csv"])
+def test_mat_by_scipy(record: np.ndarray, tmp_path: Path) -> None:
+    """Octave reads such a file in tests/evidence/guide (docs/simulink.md)."""
+    save(record, tmp_path / "run.mat")
+    found = loadmat(tmp_path / "run.mat")
+    assert [name for name in found if not name.startswith("__")] == list(RECORD_COLUMNS)
+    for number, name in enumerate(RECORD_COLUMNS[:-1]):
+        assert found[name].shape == (SAMPLES, 1)
+        assert same_bits(found[name][:, 0], record[:, number])
+    assert found["status"].dtype == np.uint8
+    assert found["status"][:, 0].tolist() == record[:, -1].tolist()
+
+
+@pytest.mark.parametrize("suffix", [".mf4", ".parquet", ".mat", ".csv"])
 def test_equal_runs_give_equal_bytes(record: np.ndarray, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """They are written at another time, in another folder, by another user."""
     save(record, tmp_path / f"one{suffix}")
     real = time.time
     monkeypatch.setattr(time, "time", lambda: real() + 86_400.0)
+    monkeypatch.setattr(time, "asctime", lambda: "tomorrow")
     monkeypatch.setenv("USER", "another")
     monkeypatch.chdir(tmp_path)
     save(record.copy(order="F"), Path(f"other{suffix.upper()}"))  # extensions ignore case
@@ -114,5 +128,5 @@ def test_a_missing_package_and_an_unknown_extension(monkeypatch: pytest.MonkeyPa
     with pytest.raises(CodegenError, match=message):
         check_formats((Path(f"run{suffix}"),))
     check_formats((Path("run.csv"),))
-    with pytest.raises(CodegenError, match=r"no format for a run; end its name in \.mf4, \.parquet, \.csv"):
+    with pytest.raises(CodegenError, match=r"no format for a run; end its name in \.mf4, \.parquet, \.mat, \.csv"):
         check_formats((Path("run.mdf"),))

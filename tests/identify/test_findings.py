@@ -3,12 +3,16 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import asammdf
 import can
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from codegen.errors import CodegenError
+from codegen.identify.conditioning import _clipped
 from codegen.identify.findings import CLOCK, FROZEN, GAP, IMPOSSIBLE, OFFSET, REMARK, RESERVED, SATURATED, SIGN
 from codegen.identify.names import Names
 from codegen.identify.reading import Reading, read_drives
@@ -99,6 +103,54 @@ def test_a_car_that_stands_while_the_driver_steers_is_sound(tmp_path: Path) -> N
     zero = wave(0.0, 0.0)
     reading = read(tmp_path, columns(vx=zero, yaw_rate=zero, lateral_acceleration=zero))
     assert reading.findings == ()
+
+
+def test_a_coarse_yaw_rate_on_a_straight_road_is_sound(tmp_path: Path) -> None:
+    time = np.arange(0.0, 60.0, 0.01)
+    generator = np.random.default_rng(1)
+    wheel = 0.01 * np.sin(0.7 * time) + 0.01 * np.sin(0.23 * time + 1.0)
+    yaw_rate = 0.2 * wheel + 2e-4 * generator.standard_normal(time.size)
+    signals = {
+        "vx [m/s]": np.full(time.size, 30.0),
+        "yaw_rate [rad/s]": 4.26e-3 * np.round(yaw_rate / 4.26e-3),  # 0.244 deg/s
+        "ay [m/s^2]": 0.036 * np.round((30.0 * yaw_rate + 0.02 * generator.standard_normal(time.size)) / 0.036),
+        "steering_wheel_angle [rad]": wheel,
+    }
+    assert FROZEN not in [kind for _, kind in kinds(read(tmp_path, signals, time))]
+
+
+@given(resolution=st.floats(1e-4, 0.2), frequency=st.floats(0.05, 3.0), phase=st.floats(0.0, 6.3), second=st.floats(0.0, 0.3))
+def test_smooth_curves_are_not_clipped(resolution: float, frequency: float, phase: float, second: float) -> None:
+    angle = 2.0 * np.pi * frequency * np.arange(0.0, 20.0, 0.01) + phase
+    curve = np.sin(angle) + second * np.sin(0.7 * angle)
+    assert not _clipped(resolution * np.round(curve / resolution)).any()
+
+
+def test_noise_on_a_straight_road_is_sound(tmp_path: Path) -> None:
+    generator = np.random.default_rng(5)
+    noise = {key: 0.02 * amplitude for key, amplitude in (("yaw_rate", 0.02), ("lateral_acceleration", 2.0))}
+    noise |= {"steering_wheel_angle": 0.004, "delta_r": 1e-4}
+    table = {f"{key} [{UNITS[key]}]": size * generator.standard_normal(TIME.size) for key, size in noise.items()}
+    assert read(tmp_path, {**table, "vx [m/s]": np.full(TIME.size, 30.0)}).findings == ()
+
+
+def test_small_movements_of_the_steering_wheel_prove_nothing(tmp_path: Path) -> None:
+    """The steering wheel moves by 16 % of its range while yaw rate and lateral acceleration are exactly zero."""
+    quiet = {
+        key: lambda time, one=SIGNALS[key], share=share: np.where(time < 3.0, share, 1.0) * one(time)
+        for key, share in (("yaw_rate", 0.0), ("lateral_acceleration", 0.0), ("steering_wheel_angle", 0.08))
+    }
+    reading = read(tmp_path, columns(**quiet))
+    assert FROZEN not in [kind for _, kind in kinds(reading)]
+
+
+def test_a_speed_of_zero_at_the_lower_limit_of_the_database_is_sound(tmp_path: Path) -> None:
+    still = {**SIGNALS, "vx": lambda time: np.where(time < 3.0, 0.0, 5.0 * (time - 3.0))}
+    still |= {key: lambda time, one=SIGNALS[key]: np.where(time < 3.0, 0.0, 1.0) * one(time) for key in ("yaw_rate", "delta_r")}
+    still["lateral_acceleration"] = lambda time: still["vx"](time) * still["yaw_rate"](time)
+    reading = read_bus(tmp_path, frames(still))
+    assert reading.findings == ()
+    assert value(reading, "vx", 1.0) == 0.0
 
 
 # --- gaps and clocks -----------------------------------------------------------------------------------------------------
@@ -296,6 +348,17 @@ def test_an_offset_is_reported_with_the_value_that_removes_it(
     np.testing.assert_allclose(again.drives[0].signals[key], exact, atol=1e-12)
 
 
+def test_an_offset_that_is_subtracted_in_part_is_reported_in_full(tmp_path: Path) -> None:
+    table = columns(
+        vx=lambda time: np.where(time < 2.0, 0.0, 25.0), yaw_rate=lambda time: 0.02 + standing(time, SIGNALS["yaw_rate"])
+    )
+    for key in ("lateral_acceleration", "steering_wheel_angle", "delta_r"):
+        table[f"{key} [{UNITS[key]}]"] = standing(TIME, SIGNALS[key])
+    names = {"yaw_rate": {"signal": "yaw_rate [rad/s]", "offset": 0.005}}
+    (finding,) = read(tmp_path, table, names=names).findings
+    assert finding.text == "an offset of 0.015 rad/s at standstill; offset = 0.02 in names.toml subtracts it"
+
+
 @pytest.mark.parametrize("factor", [-1.0, 9.81, 1.0 / 9.81])
 def test_a_wrong_sign_or_unit_of_the_lateral_acceleration(factor: float, tmp_path: Path) -> None:
     wrong = columns()
@@ -312,3 +375,30 @@ def test_a_steering_wheel_with_the_other_sign(tmp_path: Path) -> None:
     turned = {"steering_wheel_angle": {"signal": "steering_wheel_angle [rad]", "sign": -1}}
     table = columns(steering_wheel_angle=lambda time: -SIGNALS["steering_wheel_angle"](time))
     assert read(tmp_path, table, names=turned).findings == ()
+
+
+def test_texts_and_invalid_samples_of_a_measurement_are_none(tmp_path: Path) -> None:
+    raw = np.round(np.degrees(SIGNALS["delta_r"](TIME)) / 0.01).astype(np.int16)
+    raw[100:110] = 4095
+    invalid = np.zeros(TIME.size, dtype=bool)
+    invalid[200:205] = True
+    texts = {"val_0": 4095, "text_0": "SNA", "default_addr": asammdf.blocks.conversion_utils.from_dict({"a": 0.01, "b": 0.0})}
+    with asammdf.MDF() as mdf:
+        mdf.append(
+            [
+                asammdf.Signal(25.0 + 0.0 * TIME, TIME, name="vx", unit="m/s"),
+                asammdf.Signal(SIGNALS["yaw_rate"](TIME), TIME, name="yaw_rate", unit="rad/s", invalidation_bits=invalid),
+                asammdf.Signal(SIGNALS["steering_wheel_angle"](TIME), TIME, name="swa", unit="rad"),
+                asammdf.Signal(raw, TIME, name="rear_angle", unit="deg", conversion=texts),
+            ]
+        )
+        mdf.save(tmp_path / "drive.mf4")
+    reading = read_drives([tmp_path / "drive.mf4"])
+    assert [(finding.quantity, finding.kind, finding.lost) for finding in reading.findings] == [
+        ("yaw_rate", GAP, 0),
+        ("delta_r", RESERVED, 10),
+    ]
+    for key, lost in (("yaw_rate", range(200, 205)), ("delta_r", range(100, 110))):
+        assert np.flatnonzero(np.isnan(reading.drives[0].signals[key])).tolist() == list(lost)
+    exact = SIGNALS["delta_r"](TIME)
+    assert np.nanmax(np.abs(reading.drives[0].signals["delta_r"] - exact)) <= np.radians(0.005) + 1e-12

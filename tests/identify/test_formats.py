@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from codegen.cli.identify_command import DRIVE_ENDINGS
-from codegen.identify.channels import ENDINGS
+from codegen.identify.channels import ENDINGS, NOT_AVAILABLE
 from codegen.identify.drive import Drive
 from codegen.identify.names import Names
 from codegen.identify.reading import read_drives
@@ -122,3 +122,34 @@ def test_several_drives_with_names_of_their_own(tmp_path: Path) -> None:
 
 def test_the_command_knows_every_format() -> None:
     assert sorted(DRIVE_ENDINGS) == sorted(ENDINGS)
+
+
+@pytest.mark.parametrize(
+    ("text", "is_reserved"),
+    [
+        ("SNA", True),
+        ("Signal_not_available", True),
+        ("N/A", True),
+        ("SNA_1", True),
+        ("ERR", True),
+        ("InitValue", True),
+        ("Sensor error", True),
+        ("ungültig", True),
+        ("Override", False),
+        ("standstill", False),
+        ("Antenna", False),
+    ],
+)
+def test_names_of_reserved_values(text: str, is_reserved: bool) -> None:
+    assert bool(NOT_AVAILABLE.search(text)) == is_reserved
+
+
+def test_a_command_is_held_and_a_measurement_is_not(tmp_path: Path) -> None:
+    table = made.table().rename(columns={"steering_wheel_angle_deg": "delta_r_command_deg"})
+    table["delta_r_command_deg"] *= 0.1
+    table["delta_f_deg"] = 1.0
+    table.to_csv(tmp_path / "drive.csv", index=False)
+    signals = read_drives([tmp_path / "drive.csv"]).drives[0].signals
+    command, angle = signals["delta_r_command"], signals["delta_r"]
+    np.testing.assert_array_equal(command[1:-1:2], command[0:-2:2])
+    assert np.all(np.abs(angle[1:-1:2] - 0.5 * (angle[0:-2:2] + angle[2::2])) < 1e-12)

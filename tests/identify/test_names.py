@@ -185,3 +185,18 @@ def test_a_signal_that_some_drives_lack(tmp_path: Path) -> None:
     assert [str(finding) for finding in reading.findings] == ["two: delta_r: the log has no signal 'rear'"]
     with pytest.raises(CodegenError, match="delta_r: the log has no signal 'rear'"):
         read_drives([tmp_path / "two.csv"], names=names)
+
+
+def test_a_signal_with_its_sign_in_another(tmp_path: Path) -> None:
+    angle = 10.0 * np.sin(2.0 * TIME) - 1.0
+    table = {**GOOD, "steering_wheel_angle_deg": np.abs(angle), "turns right": (angle < 0.0).astype(int)}
+    toml = "[steering_wheel_angle]\nsignal = 'steering_wheel_angle_deg'\nsign = 'turns right'\noffset = -1.0\n"
+    reading = read(tmp_path, table, toml)
+    np.testing.assert_allclose(reading.drives[0].signals["steering_wheel_angle"], np.radians(angle + 1.0), atol=1e-12)
+    with pytest.raises(
+        CodegenError, match=r"steering_wheel_angle.sign: the log has no signal 'turns left'; .* did you mean 'turns right'"
+    ):
+        read(tmp_path, table, toml.replace("right", "left"))
+    sparse = np.where(np.arange(TIME.size) % 2, np.nan, 0.0)
+    with pytest.raises(CodegenError, match=r"turns right: it has other times than the signal whose sign it is"):
+        read(tmp_path, {**table, "turns right": sparse}, toml)

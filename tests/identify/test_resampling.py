@@ -45,6 +45,13 @@ def test_frequencies_above_the_grid_do_not_appear() -> None:
     assert gain == pytest.approx(1.0, abs=1.5 * RIPPLE)
 
 
+@pytest.mark.parametrize(("frequency", "period"), [(50.0, 0.001), (55.0, 0.001), (98.0, 0.001), (451.0, 0.001), (72.0, 0.002)])
+def test_frequencies_above_half_the_rate_vanish(frequency: float, period: float) -> None:
+    time = np.arange(-0.1, 20.1, period)
+    found = resample(Conditioned(time, np.sin(2.0 * np.pi * frequency * time + 1.0), period), GRID, is_held=False)
+    assert np.nanmax(np.abs(found)) < RIPPLE
+
+
 def test_a_gap_has_no_value_and_its_edges_have() -> None:
     time = np.delete(np.arange(0.0, 20.0, STEP), np.s_[500:503])
     values = resample(Conditioned(time, time.copy(), STEP), GRID, is_held=False)
