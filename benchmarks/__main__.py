@@ -26,10 +26,11 @@ NAMES = {
     "signal-faults": "signal_faults",
     "stability": "stability",
     "response": "response",
+    "identify": "identify",
 }
 """Name of a benchmark on the command line -> its module."""
 
-ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement", "minimal-error", "signal-faults", "stability", "response")
+ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement", "minimal-error", "signal-faults", "stability", "response", "identify")
 """Only where named: they need what not every machine has, or measure no time."""
 
 READING = "Times: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side."

@@ -8,3 +8,5 @@ DEGREE = math.radians(1.0)
 """rad per degree."""
 GRAVITY = 9.81
 """m/s^2; the default of `road.gravity_m_s2`."""
+STANDARD_GRAVITY = 9.80665
+"""m/s^2 per g, by definition."""

@@ -20,14 +20,11 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.design.sampled import matrix_exponential
 from codegen.errors import CodegenError
-from codegen.units import KM_H
+from codegen.units import KM_H, STANDARD_GRAVITY
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import static_wheel_loads
 
 Columns = Mapping[str, npt.ArrayLike]
-
-STANDARD_GRAVITY = 9.80665
-"""m/s^2 for one g, the unit of lateral acceleration in standards."""
 
 DWELL_FREQUENCY = 0.7
 DWELL_PAUSE = 0.5

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.io import savemat
 
 from codegen import configuration
+from codegen.cli.identify_command import reading_as_json
 from codegen.configuration import preset, preset_text
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
@@ -27,6 +28,8 @@ from codegen.export.calibration.images import Image
 from codegen.export.calibration.layout import layout_of_a2l
 from codegen.export.calibration.sets import READERS, merged
 from codegen.export.elf import Elf
+from codegen.identify.names import load_names
+from codegen.identify.reading import read_drives
 from codegen.importing.maps import Choices, import_map
 from codegen.importing.tyre import import_tyres
 from codegen.map_file import map as npz
@@ -41,6 +44,7 @@ from hil_sim.codec import Frame
 from hil_sim.logs import BusLog
 from hil_sim.suite import requirements
 from tests.calibrations import addressed, records_of
+from tests.identify import made
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "generated" / "4ws2-paper"
@@ -152,9 +156,38 @@ def loaders() -> Mapping[str, Loader]:
     found["addresses"] = Loader("ecu.a2l", a2l, _placed, 0.2)
     found["image, S-record"] = Loader("ecu.s19", records.as_srec().encode(), _image, 0.2)
     found["image, Intel HEX"] = Loader("ecu.hex", records.as_ihex().encode(), _image, 0.2)
+    found |= _drive_loaders()
     for kind in ("asc", "log", "blf"):
         found[f"log, {kind}"] = Loader(f"bus.{kind}", _written(f"bus.{kind}", _log), _report_input, 0.5)
     return found
+
+
+def _drive_loaders() -> dict[str, Loader]:
+    frames = made.frames(duration=0.3)
+    bus = {kind: _written(f"drive.{kind}", lambda path: made.write_bus(path, frames)) for kind in ("asc", "log", "blf")}
+    found = {f"drive, {kind}": Loader(f"drive.{kind}", seed, _drive, 0.3) for kind, seed in bus.items()}
+    found["drive, mf4"] = Loader("drive.mf4", _written("drive.mf4", made.write_mf4), _drive, 0.02)
+    table = made.table().head(40)
+    found["drive, csv"] = Loader("drive.csv", table.to_csv(index=False).encode(), _drive)
+    found["drive, parquet"] = Loader("drive.parquet", _written("drive.parquet", table.to_parquet), _drive, 0.5)
+    names = b'time_unit = "s"\nwithout = ["sideslip"]\n[vx]\nsignal = ["Speed"]\nunit = "km/h"\nsign = 1\noffset = 0.1\n'
+
+    def with_database(path: Path) -> object:
+        log = path.with_name("drive.log")
+        log.write_bytes(bus["log"])
+        return read_drives([log], [path])
+
+    found["database"] = Loader("damaged.dbc", made.DBC.encode(), with_database, 0.3)
+    found["signals"] = Loader("names.toml", names, load_names)
+    return found
+
+
+def _drive(path: Path) -> object:
+    """Read a drive and format it as `codegen identify --check` does."""
+    database = path.with_name("car.dbc")
+    database.write_text(made.DBC, encoding="ascii")
+    reading = read_drives([path], [database])
+    return json.dumps(reading_as_json(reading), allow_nan=False), list(map(str, reading.findings)), reading.names_toml
 
 
 @functools.cache

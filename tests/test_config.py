@@ -152,6 +152,19 @@ def test_an_invalid_value_is_rejected(key: str, value: object, words: str) -> No
         ("[tyre.rear]\ncornering_stiffness_n_per_rad = 1e5\nstiffness_factor_b_per_rad = 15.0\n", "tyre.rear exactly one"),
         ("[tyre.front]\ncornering_stifness_n_per_rad = 1e5\n", "tyre.front.cornering_stifness_n_per_rad: unknown key"),
         ('"mass\\u001b[31m\\nkg" = 1\n', "unknown key"),
+        *(
+            (f"[identified]\n{text}\n", f"identified {words}")
+            for text, words in (
+                ('keys = ["steering.ratio"]', "standard_deviations has 0 values for 1 keys"),
+                ('keys = ["steering.ratio"]\nstandard_deviations = [0.1]', "not a matrix of 1 rows"),
+                ('keys = ["steering.ratio"]\nstandard_deviations = [0.1]\ncorrelations = [[0.5]]', "not symmetric with ones"),
+                (
+                    'keys = ["steering.rat"]\nstandard_deviations = [0.1]\ncorrelations = [[1.0]]',
+                    "names steering.rat, which is not",
+                ),
+                ('keys = ["a", "a"]\nstandard_deviations = [1.0, 1.0]\ncorrelations = []', "names a key twice"),
+            )
+        ),
     ],
 )
 def test_inconsistent_keys_are_rejected(text: str, words: str) -> None:

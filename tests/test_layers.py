@@ -22,7 +22,7 @@ LEVELS = (
     ("codegen.plausibility", "codegen.sil"),
     ("codegen.tuning",),
     ("hil_sim",),
-    ("codegen.sweep",),
+    ("codegen.identify", "codegen.sweep"),
     ("codegen.verify", "codegen.export", "codegen.report"),
     ("codegen.explore", "codegen.doctor"),
     ("codegen.console",),

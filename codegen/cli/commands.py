@@ -9,6 +9,7 @@ from codegen.cli import (  # noqa: F401
     check_commands,
     completion,
     exchange_commands,
+    identify_command,
     map_commands,
     show_commands,
     sil_command,

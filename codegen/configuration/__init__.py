@@ -39,6 +39,7 @@ from codegen.configuration.car import (
     Vehicle,
 )
 from codegen.configuration.controller import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
+from codegen.configuration.identified import Identified
 from codegen.configuration.section import Meaning, Section, check_name, first_fault
 from codegen.configuration.xcp import Xcp
 from codegen.errors import CodegenError, ConfigError, suggestion
@@ -54,6 +55,7 @@ __all__ = [
     "Controller",
     "FailSafe",
     "Grid",
+    "Identified",
     "Inputs",
     "Kind",
     "Limiter",
@@ -135,6 +137,8 @@ class Config(Section):
     xcp: Xcp = Field(default=Xcp(), exclude_if=lambda xcp: xcp == Xcp())
     # Omitted where unset, so that maps and builds without budgets of their own do not change.
     budgets: Budgets = Field(default=Budgets(), exclude_if=lambda budgets: budgets == Budgets())
+    # Omitted where unset, like the budgets.
+    identified: Identified = Field(default=Identified(), exclude_if=lambda identified: identified == Identified())
 
     @model_validator(mode="before")
     @classmethod
@@ -216,6 +220,16 @@ class Config(Section):
                 raise ValueError(f"{carried}, but needs {smallest:.4g} to {largest:.4g}; enlarge its factor or length")
             if signal.factor > (largest - smallest) / STEPS_MIN:
                 raise ValueError(f"{carried}, which is too coarse for {smallest:.4g} to {largest:.4g}; reduce its factor")
+        return self
+
+    @model_validator(mode="after")
+    def _identified_keys_exist(self) -> Self:
+        for key in self.identified.keys:
+            value: object = self
+            for part in key.split("."):
+                value = getattr(value, part, None) if isinstance(value, Section) and part in type(value).model_fields else None
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ValueError(f"identified.keys names {key}, which is not a number of this file; remove or correct it")
         return self
 
     def _carried(self) -> Iterator[tuple[str, RealSignal, float, float]]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from asammdf import MDF
@@ -20,3 +23,62 @@ def columns(path: Path, names: Sequence[str]) -> list[FloatArray] | None:
         if "CAN_DataFrame" in mdf.channels_db:
             return None
         return [mdf.get(name, raw=True).samples.astype(np.float64) for name in names]
+
+
+@dataclass(frozen=True)
+class ChannelName:
+    """A channel: name of its group, its own name, its unit ("" without one), and numbers of group and channel."""
+
+    group: str
+    name: str
+    unit: str
+    place: tuple[int, int]
+
+
+def channels(path: Path) -> list[ChannelName] | None:
+    """Return all channels but those of time; None for the log of a bus. Raises whatever asammdf raises."""
+    with MDF(path) as mdf:
+        if "CAN_DataFrame" in mdf.channels_db:
+            return None
+        return [
+            ChannelName(str(group.channel_group.acq_name or ""), str(channel.name), _unit(channel), (number, index))
+            for number, group in enumerate(list[Any](mdf.groups))
+            for index, channel in enumerate(group.channels)
+            if index != mdf.masters_db.get(number)
+        ]
+
+
+def _unit(channel: Any) -> str:
+    return str(channel.unit or getattr(channel.conversion, "unit", "") or "")
+
+
+def samples(path: Path, places: Sequence[tuple[int, int]]) -> list[tuple[FloatArray, FloatArray]]:
+    """Return times in s and values of channels, without invalid samples; NaN for texts, which mark reserved values.
+
+    Raises:
+        ValueError: a channel has no number.
+        Exception: whatever asammdf raises for a damaged file.
+    """
+    with MDF(path) as mdf:
+        return [_samples(mdf, *place) for place in places]
+
+
+def _samples(mdf: MDF, group: int, index: int) -> tuple[FloatArray, FloatArray]:
+    signal = mdf.get(group=group, index=index)
+    found = signal.samples
+    if found.ndim != 1 or found.dtype.kind not in "biufSUO":
+        raise ValueError(f"{signal.name} has no numbers")
+    if found.dtype.kind in "biuf":
+        values = np.array(found, dtype=np.float64)
+    else:
+        values = np.array([_number(sample) for sample in found.tolist()], dtype=np.float64)
+        if np.isnan(values).all():
+            raise ValueError(f"{signal.name} has texts instead of numbers")
+    return np.array(signal.timestamps, dtype=np.float64), values
+
+
+def _number(sample: Any) -> float:
+    try:
+        return float(sample)
+    except (TypeError, ValueError):
+        return math.nan

@@ -22,26 +22,42 @@ import numpy.typing as npt
 from codegen.arrays import FloatArray
 from codegen.errors import suggestion
 from codegen.importing.source import ImportFault
-from codegen.units import GRAVITY, KM_H
+from codegen.units import GRAVITY, KM_H, STANDARD_GRAVITY
 
-SPEED, ANGLE, RATE, LOGICAL = "speed", "angle", "rate", "logical"
+SPEED, ANGLE, RATE, ACCELERATION, LOGICAL = "speed", "angle", "rate", "acceleration", "logical"
 
 FACTORS = {
     SPEED: {"m/s": 1.0, "km/h": KM_H, "mph": 0.44704},
     ANGLE: {"rad": 1.0, "deg": math.pi / 180.0},
     RATE: {"rad/s": 1.0, "deg/s": math.pi / 180.0},
+    ACCELERATION: {"m/s^2": 1.0, "g": STANDARD_GRAVITY},
     LOGICAL: {"1": 1.0},
 }
-"""Kind of quantity -> unit -> its size in SI. 1 mph is 0.44704 m/s exactly (international mile of 1609.344 m)."""
+"""Kind of quantity -> unit -> its size in SI. 1 mph is 0.44704 m/s exactly (international mile of 1609.344 m). Drives have
+accelerations, maps have none."""
 
 SPELLINGS = {
     "m/s": ("m/s", "m_s", "mps", "m/sec", "ms^-1"),
-    "km/h": ("km/h", "km_h", "kmh", "kph", "kmph", "km/hr"),
+    "km/h": ("km/h", "km_h", "kmh", "kph", "kmph", "km/hr", "unit_kilometerperhour"),
     "mph": ("mph", "mi/h"),
     "rad": ("rad", "radian", "radians"),
-    "deg": ("deg", "°"),
+    "deg": ("deg", "°", "unit_degreofarc"),
     "rad/s": ("rad/s", "rad_s", "radps", "rad/sec"),
-    "deg/s": ("deg/s", "deg_s", "degps", "dps", "deg/sec", "°/s"),
+    "deg/s": ("deg/s", "deg_s", "degps", "dps", "deg/sec", "°/s", "unit_degreofarcpersecon"),
+    "m/s^2": (
+        "m/s^2",
+        "m/s2",
+        "m/s²",
+        "m/s/s",
+        "m_s2",
+        "m_s^2",
+        "m/s**2",
+        "mps2",
+        "m/sec^2",
+        "unit_meterpersecon2",
+        "unit_meterperseconsquar",
+    ),
+    "g": ("g",),
 }
 """Unit -> its spellings, in small letters; `unit_of` makes "deg" of "degrees" first."""
 

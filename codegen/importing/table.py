@@ -67,7 +67,7 @@ class Cells:
             raise ImportFault(
                 f"{text!r} where a number is needed",
                 where=f"{where}, line {line.number}",
-                remedy="give a number, or leave the cell empty where the map is infeasible",
+                remedy="give a number, or leave the cell empty where there is no value",
             )
         number = float(plain.lower().replace("d", "e"))
         if math.isinf(number):
@@ -366,9 +366,9 @@ def _corner(text: str, place: str) -> tuple[dict[str, Name], Axis | None]:
     names: dict[str, Name] = {}
     for part in filter(None, CORNER_SEPARATORS.split(text)):
         unit = quantities.unit_of(part.strip("[]() "))
-        if unit is not None:
-            kind = quantities.KIND_OF[unit]
-            key = next(quantity.key for quantity in QUANTITIES.values() if quantity.kind == kind)
+        kind = quantities.KIND_OF.get(unit or "")
+        key = next((quantity.key for quantity in QUANTITIES.values() if quantity.kind == kind), "")
+        if key:
             name = Name(part, key, unit)
         else:
             name = quantities.take_apart(part)

@@ -15,6 +15,9 @@ from pydantic_core import PydanticUndefined
 
 from codegen.configuration import Config
 from codegen.configuration.section import Breakpoints, Meaning, Range, RangeOrZero
+from codegen.identify.names import Names, SignalChoice
+from codegen.identify.parameters import PARAMETERS
+from codegen.identify.quantities import QUANTITIES
 
 
 def meaning(model: type[BaseModel], key: str) -> str:
@@ -62,7 +65,7 @@ def described(annotation: Any, metadata: tuple[Any, ...] = ()) -> str:
     if origin is Literal:
         return " or ".join(f"`{json.dumps(one)}`" for one in arguments)
     within = _between(metadata)
-    if origin is list:
+    if origin in (list, tuple):
         inner = described(arguments[0])
         return f"list of numbers, {within}" if within else f"list, each a {inner}"
     names = {float: "number", int: "whole number", bool: "`true` or `false`", str: "text"}
@@ -154,6 +157,40 @@ def markdown() -> str:
         ]
         lines += [f"## {title}", "", _plain_docstring(model), "", *_table(rows)]
     return "\n".join(lines)
+
+
+def names_markdown() -> str:
+    """The keys of a `names.toml`: those at the top, then those of a signal."""
+    top = [
+        (f"`{key}`", described(field.annotation, tuple(field.metadata)), _default(field), meaning(Names, key))
+        for key, field in Names.model_fields.items()
+        if key not in QUANTITIES
+    ]
+    tables = [
+        (
+            f"`[{key}]`",
+            f"{quantity.meaning}; units: {', '.join(quantity.units)}",
+            ", ".join(map("`{}`".format, quantity.names.split())),
+        )
+        for key, quantity in QUANTITIES.items()
+    ]
+    signal = [
+        (f"`{key}`", described(field.annotation, tuple(field.metadata)), _default(field), meaning(SignalChoice, key))
+        for key, field in SignalChoice.model_fields.items()
+    ]
+    lines = ["| table | quantity | names that need no table |", "|---|---|---|"]
+    lines += [f"| {' | '.join(row)} |" for row in tables]
+    return "\n".join([*_table(top), "A table for each quantity:", "", *lines, "", "Its keys:", "", *_table(signal)])
+
+
+def quantities_markdown() -> str:
+    """The quantities that `codegen identify` identifies."""
+    rows = []
+    for each in PARAMETERS:
+        spread = f"{100.0 * each.spread:g} %" if each.is_relative else f"{_number(each.spread / each.size)} {each.unit}".strip()
+        rows.append((each.title, f"`{each.key}`" if each.key else "–", spread, each.manoeuvre))
+    lines = ["| quantity | key | spread before | manoeuvre |", "|---|---|---|---|"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
 
 
 def _typed(field: FieldInfo) -> str:

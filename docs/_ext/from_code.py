@@ -41,6 +41,8 @@ def _draw(app: Sphinx) -> None:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register the directives, and draw the figures before the pages are read."""
     app.add_directive("ars-toml", _directive(config_tables.markdown))
+    app.add_directive("identified-quantities", _directive(config_tables.quantities_markdown))
+    app.add_directive("names-toml", _directive(config_tables.names_markdown))
     app.add_directive("can-matrix", _directive(interface_tables.can_matrix))
     app.add_directive("diagnostics", _directive(interface_tables.diagnostics))
     app.add_directive("run-columns", _directive(interface_tables.run_columns))

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.arrays import BoolArray, FloatArray
-from hil_sim.manoeuvres import DWELL_ACCELERATION, STANDARD_GRAVITY
+from codegen.units import STANDARD_GRAVITY
+from hil_sim.manoeuvres import DWELL_ACCELERATION
 from hil_sim.metrics.run import Metric, Run, common
 
 FIT_FROM, FIT_TO = 0.1 * STANDARD_GRAVITY, 0.375 * STANDARD_GRAVITY

@@ -1,0 +1,210 @@
+"""Command that identifies a car from measured drives."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from codegen import console
+from codegen.cli.base import cli, example, json_option
+from codegen.cli.options import FileType, configuration_file, report_to_write
+from codegen.errors import CodegenError
+from codegen.text_table import text_table
+
+if TYPE_CHECKING:
+    from codegen.identify.reading import Reading
+    from codegen.identify.run import Identification
+    from codegen.identify.validation import Reached, Validation
+
+DRIVE_ENDINGS = (".mf4", ".blf", ".asc", ".log", ".csv", ".tsv", ".txt", ".dat", ".parquet")
+
+
+@cli.command(
+    short_help="Identify a car from measured drives.",
+    epilog=example(
+        "codegen identify --log drive1.mf4 --log drive2.blf --dbc car.dbc --signals names.toml --check\n"
+        "  codegen identify --config ars.toml --log drive1.mf4 --hold-out drive2.mf4 -o identified.toml --report identify.html"
+    ),
+)
+@click.option("--config", "config_path", type=configuration_file, help="ars.toml: known values, and a guess of the others.")
+@click.option(
+    "--log",
+    "logs",
+    required=True,
+    multiple=True,
+    type=FileType(DRIVE_ENDINGS),
+    metavar="FILE",
+    help="A measured drive: .mf4, .blf, .asc, .log (candump), .csv or .parquet; may be repeated.",
+)
+@click.option(
+    "--hold-out",
+    "held_out",
+    multiple=True,
+    type=FileType(DRIVE_ENDINGS),
+    metavar="FILE",
+    help="A measured drive that is only predicted, to validate the result; may be repeated.",
+)
+@click.option(
+    "--dbc",
+    "databases",
+    multiple=True,
+    type=FileType((".dbc", ".arxml")),
+    metavar="FILE",
+    help="Database for the log of a bus, DBC or ARXML; may be repeated.",
+)
+@click.option(
+    "--signals",
+    "names_path",
+    type=configuration_file,
+    metavar="TOML",
+    help="Names, units and signs of the signals, if they are not obvious.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=FileType((".toml",), to_write=True),
+    metavar="TOML",
+    help="The ars.toml to write: that of --config with the identified values.",
+)
+@click.option("--report", "report_path", type=report_to_write, metavar="HTML", help="Also write a report.")
+@click.option("--check", "check_only", is_flag=True, help="Only read the drives and report what was found in them.")
+@json_option
+def identify(
+    config_path: Path | None,
+    logs: tuple[Path, ...],
+    held_out: tuple[Path, ...],
+    databases: tuple[Path, ...],
+    names_path: Path | None,
+    output: Path | None,
+    report_path: Path | None,
+    check_only: bool,
+    as_json: bool,
+) -> None:
+    """Identify tyres, yaw inertia, steering and rear actuator of a car from measured drives.
+
+    The drives are read first: signals, gaps, offsets, faults; --check stops there. Samples of faults have no value in what
+    follows. A quantity that the drives do not determine keeps its configured value, and the missing manoeuvre is named.
+    Standard deviations and correlations are written into [identified]. The guide describes names.toml.
+    """
+    from codegen.configuration import CONFIG_BYTES_MAX, load
+    from codegen.emit.outputs import check_output
+    from codegen.errors import ConfigError, within
+    from codegen.files import read_text, write_atomically
+    from codegen.identify.names import load_names
+    from codegen.identify.reading import read_drives
+
+    if not check_only and (config_path is None or output is None):
+        missing = "--config" if config_path is None else "--output"
+        raise CodegenError("is missing", where=f"codegen identify {missing}", remedy="give --config and -o, or --check")
+    inputs = (config_path, names_path, *logs, *held_out, *databases)
+    check_output(output, ".toml", inputs)
+    check_output(report_path, ".html", inputs)
+    if report_path is not None:
+        from codegen.report.html.page import require_plotly
+
+        require_plotly("identify")
+    names = load_names(names_path) if names_path is not None else None
+    config = None if check_only or config_path is None else load(config_path)
+    with console.status(f"reading {', '.join(path.name for path in (*logs, *held_out))}"):
+        reading = read_drives([*logs, *held_out], databases, names)
+    if config is None or config_path is None or output is None:
+        if as_json:
+            console.print_json(reading_as_json(reading))
+            return
+        print_reading(reading)
+        if names_path is None:
+            console.say("", "names.toml of these signals:", "", reading.names_toml.rstrip())
+        return
+
+    from codegen.identify.result import identified_toml
+    from codegen.identify.run import identify as identify_car
+    from codegen.identify.summary import to_dict
+    from codegen.identify.validation import reached, validate, validate_fitted
+
+    drives, others = reading.drives[: len(logs)], reading.drives[len(logs) :]
+    with within(config_path), console.status("identifying"):
+        found = identify_car(config, drives)
+        limits = reached(found.vehicle, config)
+        text = read_text(config_path, CONFIG_BYTES_MAX, "name an ars.toml", ConfigError)
+        written = identified_toml(found, text, config_path)
+    validations = [validate(found, drive) for drive in others] if others else validate_fitted(found, drives)
+    if report_path is not None:
+        _write_report(report_path, written, found, limits, validations, bool(others))
+    write_atomically(output, written.encode("utf-8"))
+    if as_json:
+        files = {"output": str(output), "report": None if report_path is None else str(report_path)}
+        console.print_json({**reading_as_json(reading), **to_dict(found, limits, validations), **files})
+        return
+    _print_result(reading, found, limits, validations, is_held_out=bool(others))
+    console.say("", f"written: {output}", *([] if report_path is None else [f"report: {report_path}"]))
+
+
+def _write_report(
+    path: Path, text: str, found: Identification, limits: Reached, validations: Sequence[Validation], is_held_out: bool
+) -> None:
+    from codegen.configuration import parse
+    from codegen.files import write_atomically
+    from codegen.report.html.identify import identify_sections
+    from codegen.report.html.page import render
+
+    sections = identify_sections(found, parse(tomllib.loads(text), path), limits, validations, is_held_out=is_held_out)
+    write_atomically(path, render("Identification", sections))
+
+
+def _print_result(
+    reading: Reading, found: Identification, limits: Reached, validations: Sequence[Validation], *, is_held_out: bool
+) -> None:
+    from codegen.identify.summary import QUANTITY_HEADER, VALIDATION_HEADER, quantity_rows, reached_lines, validation_rows
+
+    console.warn(*(str(finding) for finding in reading.findings))
+    console.note(*found.notes)
+    rows = quantity_rows(found)
+    console.say(text_table(QUANTITY_HEADER[:-1], [row[:-1] for row in rows]))
+    if missing := [(row[0], row[-1]) for row in rows if row[-1]]:
+        console.say("", *(f"{name}: {note}" for name, note in missing))
+    if found.directions:
+        console.say("", "not determined by these drives:", *(f"  {direction.text}" for direction in found.directions))
+    console.say("", *reached_lines(found, limits), "")
+    console.say(text_table(VALIDATION_HEADER, validation_rows(validations), left=2))
+    if not is_held_out:
+        console.note("no drive was held out; the errors are those of the drives that were fitted")
+
+
+def print_reading(reading: Reading) -> None:
+    """Print the sources of all signals, and the findings."""
+    header = ("drive", "quantity", "signal", "unit", "samples", "period [ms]", "with a value [%]")
+    rows = []
+    for drive, sources in zip(reading.drives, reading.sources, strict=True):
+        duration = float(drive.time[-1] - drive.time[0])
+        console.say(f"{drive.name}: {duration:.1f} s, {drive.time.size} steps of {1e3 * (drive.time[1] - drive.time[0]):g} ms")
+        for key, one in sources.items():
+            numbers = (str(one.samples), f"{1e3 * one.period:.3g}", f"{100.0 * one.share:.1f}")
+            rows.append((drive.name, key, one.channel, one.unit, *numbers))
+    console.say("", text_table(header, rows, left=4), "")
+    if not reading.findings:
+        console.say("no findings")
+        return
+    found = [
+        (each.drive, each.quantity or "-", each.kind, str(each.lost) if each.lost else "-", each.text)
+        for each in reading.findings
+    ]
+    console.say(text_table(("drive", "quantity", "finding", "lost", "what"), found, left=5))
+
+
+def reading_as_json(reading: Reading) -> dict[str, Any]:
+    """Return the same facts for JSON."""
+    drives = [
+        {
+            "name": drive.name,
+            "duration_s": float(drive.time[-1] - drive.time[0]),
+            "step_s": float(drive.time[1] - drive.time[0]),
+            "signals": {key: dataclasses.asdict(source) for key, source in sources.items()},
+        }
+        for drive, sources in zip(reading.drives, reading.sources, strict=True)
+    ]
+    return {"drives": drives, "findings": [dataclasses.asdict(each) for each in reading.findings]}

@@ -1,0 +1,439 @@
+"""Channels of a log: names and units first, samples when they are needed.
+
+| format | read by | a channel is |
+|---|---|---|
+| `.blf`, `.asc`, `.log`, `.mf4` of a bus | python-can, cantools | a signal whose message is in the log: `Message.Signal` |
+| `.mf4` of a measurement | asammdf | a channel, `Group.Channel` where the group has a name |
+| `.csv`, `.tsv`, `.txt`, `.dat` | `codegen.importing.table` | a column |
+| `.parquet` | pyarrow | a column |
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from codegen.arrays import BoolArray, FloatArray, IndexArray
+from codegen.errors import CodegenError, one_line
+from codegen.files import require_regular
+from codegen.identify.findings import CLOCK
+from codegen.identify.names import Names
+from codegen.identify.stamps import blocks
+from codegen.importing import child, table
+from codegen.importing.bus_log import BYTES_MAX, LOGS, TOOLS, frames
+from codegen.importing.quantities import Name, take_apart, unit_of
+from codegen.importing.source import TABLE_BYTES_MAX, read, text_of
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database, Message, Signal
+
+    from codegen.importing.mf4 import ChannelName
+
+TABLES = (".csv", ".tsv", ".txt", ".dat")
+ENDINGS = (*LOGS, *TABLES, ".parquet")
+"""Extensions of logs."""
+DATABASE_ENDINGS = (".dbc", ".arxml")
+DATABASE_BYTES_MAX = 2**28
+KINDS = "give .mf4, .blf, .asc, .log (candump), .csv or .parquet"
+TIME_NAMES = re.compile(
+    r"(time|t|times|timestamp|timestamps|zeit)(?:[\s_.]*[\[({]?\s*(s|sec|ms|us|ns)\s*[\])}]?)?\Z", re.IGNORECASE
+)
+"""Name of a column of times, with its unit or without."""
+TIME_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+NOT_AVAILABLE = re.compile(
+    r"(?<![a-z])(?:sna|n/?a|err)(?![a-z])|invalid|not.?avail|unavail|error|fault|fail|init|unknown|reserved|undef|defect"
+    r"|ungueltig|ungültig|fehler",
+    re.IGNORECASE,
+)
+"""Name of a raw value that means that there is no physical value."""
+
+
+BITS_MAX = 64
+"""Length of the longest number in a frame."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of a channel, in the order of the file.
+
+    Attributes:
+        time: (n,) s, in any order; NaN where the log has no time.
+        values: (n,) in the unit of the channel; NaN where the log marks them as not available.
+        remark: note for the user on how they were read.
+    """
+
+    time: FloatArray
+    values: FloatArray
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel of a log.
+
+    Attributes:
+        path: whole name: message or group, a dot, and the name; the name alone without either.
+        name: parts of the name alone.
+        unit: unit as in the log or its database; "" if it has none.
+        place: where its samples are, for the log's reader.
+        low, high: smallest and largest value that the channel can have, in its unit; infinite if not known.
+    """
+
+    path: str
+    name: Name
+    unit: str
+    place: Any
+    low: float = -np.inf
+    high: float = np.inf
+
+    @property
+    def known_unit(self) -> str | None:
+        """Unit as written in FACTORS of `codegen.importing.quantities`; None if there is none or it is not known."""
+        return unit_of(self.unit) if self.unit else self.name.unit
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log.
+
+    Attributes:
+        channels: all channels.
+        read: returns the samples of channels at these places. Raises CodegenError.
+        remarks: kind, text and number of lost frames of what is wrong with the log as a whole.
+    """
+
+    channels: Sequence[Channel]
+    read: Callable[[Sequence[Any]], list[Samples]]
+    remarks: Sequence[tuple[str, str, int]] = ()
+
+
+def open_log(path: Path, databases: Databases, names: Names) -> Log:
+    """Return the channels of a log.
+
+    Args:
+        databases: of the log of a bus.
+        names: column and unit of the time, for a table.
+
+    Raises:
+        CodegenError: the log or a database cannot be read, or a database is missing.
+    """
+    kind = path.suffix.lower()
+    if kind not in ENDINGS:
+        raise CodegenError("not the log of a drive", where=path, remedy=KINDS)
+    require_regular(path, TABLE_BYTES_MAX if kind in TABLES else BYTES_MAX, KINDS)
+    if kind in TABLES:
+        return _text_table(path, names)
+    if kind == ".parquet":
+        return _parquet(path, names)
+    measurement = _measurement(path) if kind == ".mf4" else None
+    return measurement or _bus_log(path, databases)
+
+
+# --- tables --------------------------------------------------------------------------------------------------------------
+
+
+def _time_column(columns: Sequence[str], names: Names, path: Path) -> tuple[int, float]:
+    """Return the number of the column of times and the size of its unit in s.
+
+    Raises:
+        CodegenError: there is no such column, or a name is there twice.
+    """
+    twice = next((name for name, count in Counter(columns).items() if count > 1), None)
+    if twice is not None:
+        raise CodegenError(f"the column {twice!r} is there twice", where=path, remedy="give each column a name of its own")
+    if names.time is not None:
+        if names.time not in columns:
+            raise CodegenError(f"no column {names.time!r}", where=path, remedy=f"`time` is one of {', '.join(columns)}")
+        index = columns.index(names.time)
+    else:
+        found = [index for index, column in enumerate(columns) if TIME_NAMES.fullmatch(column.strip())]
+        if len(found) != 1:
+            what = "no column is called time" if not found else f"{len(found)} columns of times"
+            remedy = f'name it in a file for --signals: time = "NAME"; there is {", ".join(columns)}'
+            raise CodegenError(what, where=path, remedy=remedy)
+        index = found[0]
+    match = TIME_NAMES.fullmatch(columns[index].strip())
+    return index, TIME_UNITS[names.time_unit or ((match and match[2]) or "s").lower()]
+
+
+def _text_table(path: Path, names: Names) -> Log:
+    source = read(path, TABLE_BYTES_MAX)
+    cells = table.split(text_of(source), path)
+    if cells.head is None:
+        raise CodegenError(
+            "the first line has no names", where=path, remedy="give a line such as time_s, vx_m_s, yaw_rate_rad_s"
+        )
+    columns = list(cells.head.cells)
+    of_time, size = _time_column(columns, names, path)
+
+    def read_columns(indices: Sequence[int]) -> list[Samples]:
+        time, *values = (np.array([cells.value(line, index, path) for line in cells.body]) for index in (of_time, *indices))
+        return [_present(time * size, one) for one in values]
+
+    return Log(_columns(columns, of_time), read_columns)
+
+
+def _columns(columns: Sequence[str], of_time: int) -> list[Channel]:
+    return [Channel(column, take_apart(column), "", index) for index, column in enumerate(columns) if index != of_time]
+
+
+def _present(time: FloatArray, values: FloatArray) -> Samples:
+    """Return the samples that have a value: in a table of several rates most cells of a slow signal are empty."""
+    has_value = ~np.isnan(values)
+    return Samples(time[has_value], values[has_value])
+
+
+def _parquet(path: Path, names: Names) -> Log:
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError:
+        raise CodegenError("pyarrow, which reads .parquet, is missing", where=path, remedy=TOOLS) from None
+    with _damage(path, "Parquet file"):
+        schema = parquet.read_schema(path)
+        columns = list(schema.names)
+    of_time, size = _time_column(columns, names, path)
+    is_date = pa.types.is_timestamp(schema.field(of_time).type)
+
+    def read_columns(indices: Sequence[int]) -> list[Samples]:
+        with _damage(path, "Parquet file"):
+            needed = dict.fromkeys(columns[index] for index in (of_time, *indices))
+            found = parquet.read_table(path, columns=list(needed))
+            time, *values = (found.column(columns[index]) for index in (of_time, *indices))
+            if is_date:
+                time = time.cast(pa.timestamp("ns")).cast(pa.int64())
+            time, *values = (np.asarray(column.to_numpy(), dtype=np.float64) for column in (time, *values))
+        return [_present(time * (1e-9 if is_date else size), one) for one in values]
+
+    return Log(_columns(columns, of_time), read_columns)
+
+
+@contextlib.contextmanager
+def _damage(path: Path, what: str) -> Iterator[None]:
+    """Turn whatever a library raises for a damaged file into a CodegenError."""
+    try:
+        yield
+    except CodegenError:
+        raise
+    except Exception as error:  # readers may raise anything
+        reason = re.sub("'<.*>'", "it", one_line(error)) or type(error).__name__  # asammdf names an object in memory
+        raise CodegenError(f"not a readable {what} ({reason})", where=path, remedy="export or copy it again") from None
+
+
+# --- measurements in MF4 -------------------------------------------------------------------------------------------------
+
+
+def _measurement(path: Path) -> Log | None:
+    """Return the measurement in an MF4 file; None for the log of a bus."""
+    found: list[ChannelName] | None = _in_child(path, "channels")
+    if found is None:
+        return None
+    channels = [
+        # INCA appends its device to a name.
+        Channel(
+            f"{one.group}.{one.name}" if one.group else one.name, take_apart(one.name.partition("\\")[0]), one.unit, one.place
+        )
+        for one in found
+    ]
+    return Log(channels, lambda places: [Samples(*one) for one in _in_child(path, "samples", list(places))])
+
+
+def _in_child(path: Path, function: str, *arguments: Any) -> Any:
+    """Call a function of `codegen.importing.mf4`. Raises CodegenError."""
+    with _damage(path, "MF4 file"):
+        try:
+            return child.call("codegen.importing.mf4", function, path, *arguments, **child.LOG)
+        except ImportError:
+            raise CodegenError("asammdf, which reads .mf4, is missing", where=path, remedy=TOOLS) from None
+
+
+# --- logs of a bus -------------------------------------------------------------------------------------------------------
+
+BusKey = tuple[int, bool]
+"""Identifier of a message, and whether it is an extended one."""
+
+
+@dataclass(frozen=True)
+class Databases:
+    """DBC or ARXML files of one bus. They are read when the log of a bus needs them."""
+
+    paths: Sequence[Path]
+
+    @cached_property
+    def messages(self) -> dict[BusKey, Message]:
+        """Messages of all files. Raises CodegenError: a file cannot be read, or two have messages with the same identifier."""
+        found: dict[BusKey, Message] = {}
+        origin: dict[BusKey, Path] = {}
+        for path in self.paths:
+            for message in load_database(path).messages:
+                key = (message.frame_id, message.is_extended_frame)
+                if origin.setdefault(key, path) != path:
+                    what = f"the identifier 0x{message.frame_id:x} of {message.name} is in {origin[key].name} too"
+                    raise CodegenError(what, where=path, remedy="give the database of one bus, and the log of that bus")
+                if not message.is_container:
+                    found[key] = message
+        return found
+
+
+@dataclass
+class _Received:
+    """Frames of one message: number in the log, data, bus and whether the logger sent it."""
+
+    numbers: list[int]
+    data: list[bytes]
+    buses: list[object]
+    sent: list[bool]
+
+
+def _bus_log(path: Path, databases: Databases) -> Log:
+    if not databases.paths:
+        raise CodegenError("the log of a bus needs its database", where=path, remedy="give the DBC or ARXML with --dbc")
+    messages = databases.messages
+    received: dict[BusKey, _Received] = {}
+    stamps: list[float] = []
+    for frame in frames(path):
+        if frame.is_error_frame or frame.is_remote_frame:
+            continue
+        key = (frame.arbitration_id, frame.is_extended_id)
+        if key in messages:
+            into = received.setdefault(key, _Received([], [], [], []))
+            into.numbers.append(len(stamps))
+            into.data.append(bytes(frame.data))
+            into.buses.append(frame.channel)
+            into.sent.append(not frame.is_rx)
+        stamps.append(frame.timestamp)
+    if not received:
+        named = ", ".join(each.name for each in databases.paths)
+        what = f"none of its {len(stamps)} frames is in {named}" if stamps else "it has no frame"
+        raise CodegenError(what, where=path, remedy="give the database of this bus with --dbc")
+    time = np.array(stamps)
+    parts = blocks(time)
+    used = max(parts, key=len, default=np.array([], dtype=np.intp))
+    usable = np.zeros(time.size, dtype=bool)
+    usable[used] = True
+    lost = time.size - used.size
+    remark = ""
+    if len(parts) > 1:
+        remark = (
+            f"the clock restarts {len(parts) - 1} times; only the longest part is used, {lost} of {time.size} frames are lost"
+        )
+    elif lost:
+        remark = f"{lost} of {time.size} frames have an impossible time"
+    parts_of = {key: _Message(messages[key], one, time, usable) for key, one in received.items()}
+    with _damage(path, "log with this database"):
+        channels = [channel for key, one in parts_of.items() for channel in one.channels(key)]
+
+    def read_signals(places: Sequence[tuple[BusKey, str]]) -> list[Samples]:
+        with _damage(path, "log with this database"):
+            return [parts_of[key].samples(name) for key, name in places]
+
+    return Log(channels, read_signals, ((CLOCK, remark, lost),) if remark else ())
+
+
+def load_database(path: Path) -> Database:
+    """Read a DBC or ARXML with cantools. Raises CodegenError."""
+    require_regular(path, DATABASE_BYTES_MAX, "give a DBC or ARXML")
+    if path.suffix.lower() not in DATABASE_ENDINGS:
+        raise CodegenError("not a database of a bus", where=path, remedy="give a .dbc or .arxml")
+    try:
+        from cantools import database
+    except ImportError:
+        raise CodegenError("cantools, which reads databases of buses, is missing", where=path, remedy=TOOLS) from None
+    with _damage(path, "database of a CAN bus"):
+        # Not strict: databases in use have signals that overlap, or that are longer than their message.
+        found: Database = database.load_file(path, database_format=path.suffix.lower()[1:], strict=False)  # type: ignore[assignment]
+        if not found.messages:
+            raise CodegenError("it has no message", where=path, remedy="give the database of the bus")
+    return found
+
+
+@dataclass(frozen=True)
+class _Message:
+    """A message of the database with its frames; time and usability of all frames of the log."""
+
+    message: Message
+    received: _Received
+    time: FloatArray
+    usable: BoolArray
+
+    def channels(self, key: BusKey) -> Iterator[Channel]:
+        """Yield the channels of all signals."""
+        for signal in self.message.signals:
+            name = f"{self.message.name}.{signal.name}"
+            yield Channel(name, take_apart(signal.name), signal.unit or "", (key, signal.name), *_limits(signal))
+
+    def samples(self, name: str) -> Samples:
+        """Return the samples of a signal."""
+        chosen, decoded, remark = self._decoded
+        reserved = _reserved(self.message.get_signal_by_name(name))
+        has_value = np.array([name in sample for sample in decoded], dtype=bool)  # else the frame has another multiplexed one
+        raw = [sample[name] for sample in decoded if name in sample]
+        values = np.array([np.nan if value in reserved else value for value in raw], dtype=np.float64)
+        return Samples(self.time[chosen[has_value]], values, remark)
+
+    @cached_property
+    def _decoded(self) -> tuple[IndexArray, list[Any], str]:
+        """Number in the log and signals of each frame that is used, and a remark about the others."""
+        numbers = np.array(self.received.numbers)
+        chosen, remark = _one_copy(self.received)
+        chosen &= self.usable[numbers]
+        decoded = [_decode(self.message, self.received.data[index]) for index in np.flatnonzero(chosen)]
+        return numbers[chosen], decoded, remark
+
+
+def _one_copy(received: _Received) -> tuple[BoolArray, str]:
+    """Return which frames to use if the log has copies of them, and a remark on it.
+
+    A node on some buses receives its own frames too; the time of sending counts. A gateway repeats frames on another bus.
+    """
+    sent = np.array(received.sent, dtype=bool)
+    chosen = sent if sent.any() else ~sent
+    counts = Counter(bus for bus, is_chosen in zip(received.buses, chosen, strict=True) if is_chosen)
+    if len(counts) < 2:
+        return chosen, ""
+    most, count = counts.most_common(1)[0]
+    chosen &= np.array([bus == most for bus in received.buses])
+    return chosen, f"on {len(counts)} buses; {count} frames of {most} are used"
+
+
+def _decode(message: Message, data: bytes) -> Any:
+    """Return signal -> value of a frame; {} for one whose multiplexer has no such value."""
+    from cantools.database import DecodeError
+
+    try:
+        return message.decode(data, decode_choices=False, allow_truncated=True)
+    except DecodeError:
+        return {}
+
+
+def _physical(signal: Signal, raw: int) -> float:
+    """Return the value of a raw number."""
+    value: Any = signal.raw_to_scaled(raw, decode_choices=False)
+    return float(value)
+
+
+def _reserved(signal: Signal) -> set[float]:
+    """Return the values of a signal that mean that there is none."""
+    choices: Mapping[int, object] = signal.choices or {}
+    return {_physical(signal, raw) for raw, text in choices.items() if NOT_AVAILABLE.search(str(text))}
+
+
+def _limits(signal: Signal) -> tuple[float, float]:
+    """Return the smallest and the largest value: those of the database, and those of the bits."""
+    low = -np.inf if signal.minimum is None else float(signal.minimum)
+    high = np.inf if signal.maximum is None else float(signal.maximum)
+    if low >= high:  # a placeholder such as [0|0]
+        low, high = -np.inf, np.inf
+    if signal.is_float or signal.length > BITS_MAX:
+        return low, high
+    bits = signal.length - signal.is_signed
+    ends = [_physical(signal, raw) for raw in (-(2**bits) if signal.is_signed else 0, 2**bits - 1)]
+    return max(low, min(ends)), min(high, max(ends))

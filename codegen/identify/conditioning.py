@@ -1,0 +1,202 @@
+"""Samples of one signal in SI, in order of time, with NaN in place of values that are none.
+
+Saturation is found by known limits: those of names.toml, else those of the database. A limit of zero is none, since cars stand
+still. Where no limit is known, a response of the car that stays at its largest value is clipped if it got there at speed: the
+top of a smooth curve is reached slowly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from codegen.arrays import BoolArray, FloatArray
+from codegen.errors import CodegenError
+from codegen.identify.channels import Channel, Samples
+from codegen.identify.findings import CLOCK, GAP, IMPOSSIBLE, REMARK, RESERVED, SATURATED, Finding
+from codegen.identify.names import SignalChoice
+from codegen.identify.quantities import Quantity
+from codegen.identify.stamps import blocks, increasing
+
+GAP_PERIODS = 2.5
+"""A pause of more sampling times is a gap: at least two samples are lost. A single lost sample is bridged by interpolation."""
+WRONG_UNIT_FRACTION = 0.02
+"""Fraction of impossible values from which the unit is wrong, and not the sensor now and then."""
+CODES_MAX = 2
+"""Largest number of different values beyond the limits of the database that are codes, such as "not available". A measured
+quantity takes more; then the limits are wrong, as they often are."""
+ROUNDING = 1e-9
+"""Relative difference of a scaled value from a limit that is rounding: 4999 * 0.1 is not 499.9."""
+PERIOD_MIN_S, PERIOD_MAX_S = 1e-5, 5.0
+"""Range of sampling times. Outside of it, the unit of the time is wrong: 10 ms are not 10 s."""
+PLATEAU_SAMPLES = 5
+"""Shortest plateau of a clipped curve."""
+APPROACH_SAMPLES = 3
+"""Distance before and behind a plateau at which its approach is judged."""
+CLIPPED = ("yaw_rate", "lateral_acceleration", "sideslip")
+"""Responses of the car. A driver may hold an angle of the steering wheel as long as he likes."""
+
+
+@dataclass(frozen=True)
+class Conditioned:
+    """Samples of a quantity.
+
+    Attributes:
+        time: (n,) s, increasing, n >= 2.
+        values: (n,) SI, NaN where there is no value.
+        period: sampling time, s.
+    """
+
+    time: FloatArray
+    values: FloatArray
+    period: float
+
+    @property
+    def pause_max(self) -> float:
+        """Longest time in s between two samples that are not a gap."""
+        return GAP_PERIODS * self.period
+
+
+def condition(
+    channel: Channel, samples: Samples, quantity: Quantity, unit: str, settings: SignalChoice, drive: str, where: object
+) -> tuple[Conditioned, list[Finding]]:
+    """Check the samples of a channel.
+
+    Args:
+        unit: a unit of the quantity.
+        settings: settings of names.toml.
+        drive: name for findings.
+        where: the log, for errors.
+
+    Raises:
+        CodegenError: there are fewer than two samples, or their times or values are impossible.
+    """
+    found: list[Finding] = []
+
+    def report(kind: str, text: str, lost: int = 0) -> None:
+        if text:
+            found.append(Finding(drive, quantity.key, kind, text, lost))
+
+    report(REMARK, samples.remark)
+    place = f"{where}: {channel.path}"
+    time, raw, text = _in_order(samples)
+    report(CLOCK, text, samples.time.size - time.size)
+    if time.size < 2:
+        raise CodegenError(f"{time.size} samples for {quantity.key}", where=place, remedy="name another signal, or log longer")
+    period = float(np.median(np.diff(time)))
+    if not PERIOD_MIN_S <= period <= PERIOD_MAX_S:
+        raise CodegenError(
+            f"its samples are {period:.3g} s apart", where=place, remedy="check the unit of its time (time_unit)"
+        )
+    period = settings.sampling_time_s or period
+    reserved = int(np.count_nonzero(~np.isfinite(raw)))
+    report(RESERVED, f"{reserved} of {raw.size} samples are marked as not available" if reserved else "", reserved)
+    raw = np.where(np.isfinite(raw), raw, np.nan)
+    at_limit, text = _at_limit(channel, settings, quantity, raw, unit)
+    report(SATURATED if at_limit.any() else REMARK, text, int(np.count_nonzero(at_limit)))
+    raw[at_limit] = np.nan
+    values = settings.factor * (raw - settings.offset) * quantity.units[unit]
+    impossible = np.abs(values) > quantity.largest
+    _check_unit(values, impossible, quantity, unit, place)
+    if impossible.any():
+        worst = float(np.nanmax(np.abs(values))) / quantity.units[unit]
+        count = int(np.count_nonzero(impossible))
+        report(IMPOSSIBLE, f"{count} samples beyond what a car does, up to {worst:.4g} {unit}", count)
+        values[impossible] = np.nan
+    result = Conditioned(time, values, period)
+    report(GAP, _gaps(result))
+    return result, found
+
+
+def _in_order(samples: Samples) -> tuple[FloatArray, FloatArray, str]:
+    """Return time and values in increasing order of time, from the longest part of the log, and what was left out."""
+    parts = blocks(samples.time)
+    if not parts:
+        return samples.time[:0], samples.values[:0], "no sample has a time" if samples.time.size else ""
+    used = max(parts, key=len)
+    used = used[increasing(samples.time[used])]
+    lost = samples.time.size - used.size
+    text = ""
+    if len(parts) > 1:
+        text = f"the clock restarts {len(parts) - 1} times; only the longest part is used"
+    elif lost:
+        text = "times that repeat, go back or are impossible"
+    return samples.time[used], samples.values[used], text
+
+
+def _at_limit(
+    channel: Channel, settings: SignalChoice, quantity: Quantity, raw: FloatArray, unit: str
+) -> tuple[BoolArray, str]:
+    """Return which samples are at a limit of the sensor or beyond it, and a text about them."""
+    nothing = np.zeros(raw.size, dtype=bool)
+    limits = f"{{:g}} to {{:g}} {unit}"
+    if settings.low is not None or settings.high is not None:
+        low = -np.inf if settings.low is None else settings.low
+        high = np.inf if settings.high is None else settings.high
+        reaches = (raw <= low) | (raw >= high)
+        count = int(np.count_nonzero(reaches))
+        return reaches, f"{count} samples at the limits of names.toml or beyond ({limits.format(low, high)})" if count else ""
+    low, high = channel.low, channel.high
+    at_low, at_high = np.isclose(raw, low, rtol=ROUNDING, atol=0.0), np.isclose(raw, high, rtol=ROUNDING, atol=0.0)
+    beyond = ((raw < low) & ~at_low) | ((raw > high) & ~at_high)
+    if np.unique(raw[beyond]).size > CODES_MAX:
+        return nothing, f"it exceeds the limits of the database ({limits.format(low, high)}), which are ignored"
+    reaches = beyond | (at_low & (low != 0.0)) | (at_high & (high != 0.0))
+    count = int(np.count_nonzero(reaches))
+    if count:
+        return reaches, f"{count} samples at the limits of the sensor or beyond ({limits.format(low, high)})"
+    clipped = _clipped(raw) if quantity.key in CLIPPED else nothing
+    count = int(np.count_nonzero(clipped))
+    if not count:
+        return nothing, ""
+    shown = " and ".join(f"{value:g}" for value in np.unique(raw[clipped]))
+    return clipped, f"{count} samples are clipped at {shown} {unit}; low and high in names.toml set other limits"
+
+
+def _clipped(raw: FloatArray) -> BoolArray:
+    """Return which samples (n,) lie on a plateau at the largest or smallest value that was reached at speed.
+
+    A smooth top is a parabola. If it stays within one step q of the resolution for h samples to each side, it has fallen by at
+    most q (1 + m/h)^2 after m samples more; rounding adds up to q. A clipped curve falls further.
+    """
+    clipped = np.zeros(raw.size, dtype=bool)
+    steps = np.abs(np.diff(raw))
+    steps = steps[steps > 0.0]
+    if not steps.size:
+        return clipped
+    resolution = float(np.min(steps))
+    for extreme in (np.nanmax(raw), np.nanmin(raw)):
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], raw == extreme, [0]))))
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            before, after = start - APPROACH_SAMPLES, stop + APPROACH_SAMPLES - 1
+            if stop - start < PLATEAU_SAMPLES or before < 0 or after >= raw.size:
+                continue
+            smooth = (1.0 + APPROACH_SAMPLES / (0.5 * (stop - start - 1))) ** 2 + 1.0
+            if min(abs(raw[before] - extreme), abs(raw[after] - extreme)) > smooth * resolution:
+                clipped[start:stop] = True
+    return clipped
+
+
+def _check_unit(values: FloatArray, impossible: BoolArray, quantity: Quantity, unit: str, place: str) -> None:
+    """Raise CodegenError if so many values are impossible that the unit must be wrong."""
+    if np.count_nonzero(impossible) <= WRONG_UNIT_FRACTION * values.size:
+        return
+    size = quantity.units[unit]
+    largest = float(np.nanmax(np.abs(values)))
+    fitting = [other for other, of_other in quantity.units.items() if largest / size * of_other <= quantity.largest]
+    fit = f'unit = "{fitting[0]}" in names.toml would fit' if fitting else "check which signal it is"
+    what = f"{quantity.key} goes to {largest / size:.4g} {unit}, which no car does (above {quantity.largest / size:.4g} {unit})"
+    raise CodegenError(what, where=place, remedy=fit)
+
+
+def _gaps(signal: Conditioned) -> str:
+    pauses = np.diff(signal.time)
+    gaps = pauses > signal.pause_max
+    if not gaps.any():
+        return ""
+    longest = int(np.argmax(pauses))
+    count = int(np.count_nonzero(gaps))
+    start = signal.time[longest] - signal.time[0]
+    length = f"{pauses[longest]:.3g} s at {start:.3f} s, where {signal.period:.3g} s are normal"
+    return f"a gap of {length}" if count == 1 else f"{count} gaps, the longest {length}"

@@ -1,0 +1,188 @@
+"""Checks of the signals of a drive against each other: frozen signals, offsets, signs and units.
+
+A signal is frozen where it stays exactly constant although another one shows that it cannot. A constant angle alone is no
+fault, because drivers, robots and simulations hold it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from codegen.arrays import BoolArray, FloatArray
+from codegen.identify.drive import Drive
+from codegen.identify.findings import FROZEN, OFFSET, SIGN, Finding
+from codegen.identify.quantities import QUANTITIES
+
+TINY = float(np.finfo(np.float64).tiny)
+FROZEN_S = 1.0
+"""Shortest time in s that a frozen signal is constant."""
+MOVES_FRACTION = 0.2
+"""Change of another signal, as a fraction of its largest magnitude in the drive, that shows that the car moves."""
+MOVES_STEPS = 5.0
+"""The change must be that of so many steps of the signal too. A coarse yaw rate stays constant on a straight road while the
+steering wheel moves a little."""
+TYPICAL_PERCENTILE = 99.0
+RESPONSES = ("yaw_rate", "lateral_acceleration", "sideslip")
+LATERAL = (*RESPONSES, "steering_wheel_angle", "delta_f")
+WITNESSES: Mapping[str, tuple[str, ...]] = {
+    **{key: tuple(other for other in LATERAL if other != key) for key in RESPONSES},
+    "steering_wheel_angle": ("delta_f",),
+    "delta_f": ("steering_wheel_angle",),
+    "delta_r": ("delta_r_command",),
+}
+"""Quantity -> others that cannot change while it stays constant in a car that moves."""
+
+STANDSTILL_M_S = 0.1
+MOVING_M_S = 2.0
+STRAIGHT_M_S = 10.0
+STRAIGHT_YAW_RATE = 0.005
+"""rad/s (0.3 deg/s): at 10 m/s a curve of 2 km."""
+STEADY_S = 1.0
+"""Shortest time in s of a standstill, and of straight running, that shows an offset."""
+AT_STANDSTILL = ("yaw_rate", "lateral_acceleration")
+ON_STRAIGHT = ("steering_wheel_angle", "delta_f", "delta_r")
+
+TURNING_M_S2 = 0.5
+"""Standard deviation of the lateral acceleration from which signs and units can be compared."""
+SLOPE_LOW, SLOPE_HIGH = 0.6, 1.7
+"""Range of the ratio of lateral acceleration to speed times yaw rate. Roll adds some 10 %; transients and banked roads more."""
+CORRELATION = 0.3
+"""Smallest correlation of steering and yaw rate that has a sign."""
+
+
+def without_frozen(drive: Drive) -> tuple[Drive, list[Finding]]:
+    """Return the drive with NaN where a signal is frozen, and the findings."""
+    signals = dict(drive.signals)
+    moving = np.abs(drive.signals["vx"]) > MOVING_M_S  # NaN: False
+    found = []
+    for key, witnesses in WITNESSES.items():
+        others = {other: drive.signals[other] for other in witnesses if other in drive.signals}
+        if key not in signals or not others:
+            continue
+        share = max(MOVES_FRACTION, MOVES_STEPS * _step(signals[key]) / _size(signals[key]))
+        parts = [part for part in _constant(drive, key) if moving[part].all() and _some_move(others, part, share)]
+        if not parts:
+            continue
+        values = signals[key].copy()
+        for part in parts:
+            values[part] = np.nan
+        signals[key] = values
+        longest = max(parts, key=lambda part: part.stop - part.start)
+        seconds, start = _seconds(drive, longest)
+        text = f"constant for {seconds:.3g} s at {start:.3f} s although {' and '.join(others)} change"
+        text += f", and {len(parts) - 1} more times" if len(parts) > 1 else ""
+        found.append(Finding(drive.name, key, FROZEN, text, sum(part.stop - part.start for part in parts)))
+    return Drive(drive.name, drive.time, signals), found
+
+
+def _constant(drive: Drive, key: str) -> list[slice]:
+    """Return the parts of at least FROZEN_S in which a signal has exactly one value."""
+    same = np.concatenate(([False], np.diff(drive.signals[key]) == 0.0))
+    return [slice(part.start - 1, part.stop) for part in _parts(same, _count(drive, FROZEN_S))]
+
+
+def _parts(flags: BoolArray, shortest: int) -> list[slice]:
+    """Return the runs of at least `shortest` true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0]))))
+    return [slice(start, stop) for start, stop in zip(edges[::2], edges[1::2], strict=True) if stop - start >= shortest]
+
+
+def _some_move(others: Mapping[str, FloatArray], part: slice, share: float) -> bool:
+    """Return whether some other signal changes in a part by a share of its typical largest magnitude."""
+    for values in others.values():
+        inside = values[part][np.isfinite(values[part])]
+        if inside.size and np.ptp(inside) > share * _size(values):
+            return True
+    return False
+
+
+def _size(values: FloatArray) -> float:
+    """Return the typical largest magnitude of a signal; the smallest positive number if it is zero."""
+    known = np.abs(values[np.isfinite(values)])
+    return max(float(np.percentile(known, TYPICAL_PERCENTILE)), TINY) if known.size else TINY
+
+
+def _step(values: FloatArray) -> float:
+    """Return the median change of a signal from one step to the next, of those that change it."""
+    changes = np.abs(np.diff(values))
+    changes = changes[changes > 0.0]
+    return float(np.median(changes)) if changes.size else 0.0
+
+
+def _count(drive: Drive, seconds: float) -> int:
+    return max(2, round(seconds / float(drive.time[1] - drive.time[0])))
+
+
+def _seconds(drive: Drive, part: slice) -> tuple[float, float]:
+    """Return the length and the start of a part in s."""
+    return float(drive.time[part.stop - 1] - drive.time[part.start]), float(drive.time[part.start])
+
+
+def cross_check(drive: Drive, units: Mapping[str, tuple[str, int, float]]) -> Iterator[Finding]:
+    """Yield findings about offsets, signs and units; the drive is not changed.
+
+    Args:
+        units: quantity -> unit, sign and offset with which it was read.
+    """
+    speed = drive.signals["vx"]
+    stands = _steady(np.abs(speed) <= STANDSTILL_M_S, drive)
+    yaw_rate = drive.signals["yaw_rate"]
+    bias = float(np.nanmedian(yaw_rate[stands])) if np.isfinite(yaw_rate[stands]).any() else 0.0
+    straight = _steady((speed >= STRAIGHT_M_S) & (np.abs(yaw_rate - bias) <= STRAIGHT_YAW_RATE), drive)
+    for keys, where, name in ((AT_STANDSTILL, stands, "at standstill"), (ON_STRAIGHT, straight, "on the straight")):
+        for key in keys:
+            if key in drive.signals:
+                yield from _offset(drive, key, where, name, units[key])
+    yield from _signs(drive)
+
+
+def _steady(flags: BoolArray, drive: Drive) -> BoolArray:
+    """Return the flags without their runs shorter than STEADY_S."""
+    steady = np.zeros(flags.size, dtype=bool)
+    for part in _parts(flags, _count(drive, STEADY_S)):
+        steady[part] = True
+    return steady
+
+
+def _offset(drive: Drive, key: str, where: BoolArray, name: str, reading: tuple[str, int, float]) -> Iterator[Finding]:
+    values = drive.signals[key][where]
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return
+    offset, quantity = float(np.median(values)), QUANTITIES[key]
+    if abs(offset) < quantity.offset_noted:
+        return
+    unit, sign, subtracted = reading
+    in_unit = sign * offset / quantity.units[unit] + subtracted
+    text = f"an offset of {offset / quantity.units[unit]:.3g} {unit} {name}; offset = {in_unit:.4g} in names.toml subtracts it"
+    yield Finding(drive.name, key, OFFSET, text)
+
+
+def _signs(drive: Drive) -> Iterator[Finding]:
+    """Yield findings about signals that contradict the yaw rate."""
+    yaw_rate, speed = drive.signals["yaw_rate"], drive.signals["vx"]
+    turning = speed * yaw_rate
+    lateral = drive.signals.get("lateral_acceleration")
+    if lateral is not None:
+        both = np.isfinite(turning) & np.isfinite(lateral) & (np.abs(speed) > MOVING_M_S)
+        x, y = _centred(turning[both]), _centred(lateral[both])
+        if x.size and max(np.std(x), np.std(y)) > TURNING_M_S2 and np.std(x) > 0.0:
+            slope = float(x @ y / (x @ x))
+            if not SLOPE_LOW <= slope <= SLOPE_HIGH:
+                text = f"it is {slope:.3g} times vx * yaw_rate, where about 1 is normal; check sign and unit of all three"
+                yield Finding(drive.name, "lateral_acceleration", SIGN, text)
+    for key in ("steering_wheel_angle", "delta_f"):
+        angle = drive.signals.get(key)
+        if angle is None:
+            continue
+        both = np.isfinite(yaw_rate) & np.isfinite(angle) & (speed > MOVING_M_S)
+        x, y = _centred(angle[both]), _centred(yaw_rate[both])
+        size = float(np.sqrt((x @ x) * (y @ y)))
+        if size > 0.0 and float(x @ y) < -CORRELATION * size:
+            yield Finding(drive.name, key, SIGN, "the car turns against it; check the signs of it and of yaw_rate")
+
+
+def _centred(values: FloatArray) -> FloatArray:
+    return values - np.mean(values) if values.size else values

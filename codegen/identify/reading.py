@@ -1,0 +1,278 @@
+"""Reading of measured drives: from logs to signals on a uniform time grid, with findings about the data."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from codegen.arrays import FloatArray
+from codegen.errors import CodegenError, suggestion
+from codegen.identify.channels import Channel, Databases, Log, Samples, open_log
+from codegen.identify.conditioning import Conditioned, condition
+from codegen.identify.cross_checks import cross_check, without_frozen
+from codegen.identify.drive import Drive
+from codegen.identify.findings import UNUSED, Finding
+from codegen.identify.names import NO_SETTINGS, Names, SignalChoice, line_of
+from codegen.identify.quantities import QUANTITIES, REQUIRED, Quantity
+from codegen.identify.resampling import TIME_RESOLUTION_S, resample
+from codegen.importing.quantities import unit_of
+
+STEPS_MAX = 4_000_000
+"""Largest number of steps of a drive: eleven hours at 10 ms."""
+CANDIDATES_SHOWN = 5
+
+
+@dataclass(frozen=True)
+class Source:
+    """Origin of a quantity of a drive.
+
+    Attributes:
+        channel: name in the log.
+        unit: unit of the log.
+        is_given: whether names.toml names it.
+        period: its sampling time in the log, s.
+        samples: number of its samples in the log.
+        share: fraction of the drive's steps that have a value.
+    """
+
+    channel: str
+    unit: str
+    is_given: bool
+    period: float
+    samples: int
+    share: float
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Result of reading: drives, the sources of the signals of each drive by quantity, and all findings."""
+
+    drives: tuple[Drive, ...]
+    sources: tuple[Mapping[str, Source], ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def names_toml(self) -> str:
+        """Text of a names.toml that gives the same reading of the first drive."""
+        return "\n".join(line_of(key, source.channel, source.unit) for key, source in self.sources[0].items()) + "\n"
+
+
+def read_drives(logs: Sequence[Path], databases: Sequence[Path] = (), names: Names | None = None) -> Reading:
+    """Read logs of drives.
+
+    Args:
+        logs: files of the formats of `codegen.identify.channels`, at least one.
+        databases: DBC or ARXML files for logs of a bus.
+        names: signals of the quantities; by default, and for quantities not named there, common names are used. A signal that
+            no drive needs may be missing in some of the logs.
+
+    Raises:
+        CodegenError: a file cannot be read, a required quantity is not found or not clear, its unit is not known or impossible.
+    """
+    settings, of_bus = names or Names(), Databases(databases)
+    drives, sources, findings = [], [], []
+    missing: list[_MissingSignalError] = []
+    for path, name in zip(logs, _drive_names(logs), strict=True):
+        drive, of_drive, found = _read(path, name, of_bus, settings, missing)
+        drives.append(drive)
+        sources.append(of_drive)
+        findings += found
+    for error in missing:
+        if not any(error.key in of_drive for of_drive in sources):
+            raise error
+    return Reading(tuple(drives), tuple(sources), tuple(findings))
+
+
+class _MissingSignalError(CodegenError):
+    """A log does not have the signal that names.toml names for the quantity `key`."""
+
+    key: str
+
+
+def _drive_names(logs: Sequence[Path]) -> list[str]:
+    """Return a name for each log: its stem, or as much of its path as makes it unique. Raises CodegenError for a repetition."""
+    repeated = [path for path, count in Counter(path.resolve() for path in logs).items() if count > 1]
+    if repeated:
+        raise CodegenError("given twice", where=repeated[0], remedy="give each log once")
+    choices = [path.stem for path in logs], [path.name for path in logs], [str(path) for path in logs]
+    return next(names for names in choices if len(set(names)) == len(names))
+
+
+def _read(
+    path: Path, name: str, databases: Databases, names: Names, missing: list[_MissingSignalError]
+) -> tuple[Drive, dict[str, Source], list[Finding]]:
+    log = open_log(path, databases, names)
+    findings = [Finding(name, "", *remark) for remark in log.remarks]
+    chosen = _choose(log, names, name, path, findings, missing)
+    read: dict[str, Conditioned] = {}
+    flags = _sign_signals(log, names, chosen, path)
+    samples = log.read([channel.place for channel in (*(channel for channel, _ in chosen.values()), *flags.values())])
+    flag_of = dict(zip(flags, samples[len(chosen) :], strict=True))
+    for (key, (channel, unit)), one in zip(chosen.items(), samples[: len(chosen)], strict=True):
+        if key in flag_of:
+            one = _signed(one, flag_of[key], f"{path}: {flags[key].path}")
+            channel = replace(channel, low=-channel.high, high=channel.high)
+        read[key], found = condition(channel, one, QUANTITIES[key], unit, names.choices.get(key, NO_SETTINGS), name, path)
+        findings += found
+    start = min(one.time[0] for one in read.values())
+    read = {key: replace(one, time=one.time - start) for key, one in read.items()}
+    grid = _grid(read, names.sampling_time_s, path)
+    signals = {key: resample(one, grid, is_held=QUANTITIES[key].is_held) for key, one in read.items()}
+    drive, frozen = without_frozen(Drive(name, grid, signals))
+    settings = {key: names.choices.get(key, NO_SETTINGS) for key in chosen}
+    readings = {key: (unit, settings[key].factor, settings[key].offset) for key, (_, unit) in chosen.items()}
+    findings += [*frozen, *cross_check(drive, readings)]
+    sources = {
+        key: Source(
+            channel.path,
+            unit,
+            key in names.choices,
+            read[key].period,
+            read[key].time.size,
+            float(np.mean(np.isfinite(drive.signals[key]))),
+        )
+        for key, (channel, unit) in chosen.items()
+    }
+    empty = next(
+        (key for key, source in sources.items() if source.share == 0.0 and any(key in group for group in REQUIRED)), None
+    )
+    if empty is not None:
+        raise CodegenError(f"{empty} has no usable value", where=f"{path}: {sources[empty].channel}", remedy="check the log")
+    return drive, sources, findings
+
+
+def _sign_signals(log: Log, names: Names, chosen: Mapping[str, object], path: Path) -> dict[str, Channel]:
+    """Return quantity -> channel of its sign, for quantities whose sign is a signal. Raises CodegenError if there is none."""
+    settings = {key: names.choices[key] for key in chosen if key in names.choices}
+    return {
+        key: _by_name(log, SignalChoice(signal=one.sign), f"{key}.sign", path)
+        for key, one in settings.items()
+        if isinstance(one.sign, str)
+    }
+
+
+def _signed(samples: Samples, flags: Samples, where: str) -> Samples:
+    """Return samples that are negative where a flag is not 0. Raises CodegenError if the times differ."""
+    if not np.array_equal(samples.time, flags.time):
+        raise CodegenError(
+            "it has other times than the signal whose sign it is", where=where, remedy="name one of that message"
+        )
+    return replace(samples, values=np.where(flags.values != 0.0, -samples.values, samples.values))
+
+
+def _grid(read: Mapping[str, Conditioned], step: float, path: Path) -> FloatArray:
+    """Return times (n,) from 0 to the last sample. Raises CodegenError for a drive that is too short or too long."""
+    end = max(float(one.time[-1]) for one in read.values())
+    count = int((end + TIME_RESOLUTION_S) / step) + 1
+    if count < 2:
+        raise CodegenError(f"it lasts {end:.3g} s", where=path, remedy="log longer, or choose a shorter sampling_time_s")
+    if count > STEPS_MAX:
+        what = f"it lasts {end:.4g} s, which are {count} steps of {step:g} s (at most {STEPS_MAX})"
+        raise CodegenError(what, where=path, remedy="check the unit of its time, or cut it")
+    return step * np.arange(count, dtype=np.float64)
+
+
+# --- which channel is which quantity -------------------------------------------------------------------------------------
+
+
+def _choose(
+    log: Log, names: Names, drive: str, path: Path, findings: list[Finding], missing: list[_MissingSignalError]
+) -> dict[str, tuple[Channel, str]]:
+    """Return quantity -> channel and unit, and extend the findings and the missing signals.
+
+    Raises:
+        CodegenError: a required quantity is missing or not clear, or a unit is not known.
+    """
+    chosen: dict[str, Channel] = {}
+    absent: dict[str, _MissingSignalError] = {}
+    for key, choice in names.choices.items():
+        try:
+            chosen[key] = _by_name(log, choice, key, path)
+        except _MissingSignalError as error:
+            error.key = key
+            absent[key] = error
+    units = {key: _unit_of(channel, QUANTITIES[key], names, path) for key, channel in chosen.items()}
+    taken = {channel.path for channel in chosen.values()}
+    unclear: dict[str, list[Channel]] = {}
+    for key, quantity in QUANTITIES.items():
+        if key in names.choices or key in names.without:
+            continue
+        fitting = [channel for channel in log.channels if channel.path not in taken and _is_obvious(channel, quantity)]
+        if len(fitting) == 1:
+            chosen[key] = fitting[0]
+        elif fitting:
+            unclear[key] = fitting
+    for group in REQUIRED:
+        if not any(key in chosen for key in group):
+            raise next((absent[key] for key in group if key in absent), None) or _not_clear(group, unclear, log, path)
+    missing += absent.values()
+    findings += [Finding(drive, key, UNUSED, error.what) for key, error in absent.items()]
+    for key, fitting in unclear.items():
+        shown = ", ".join(channel.path for channel in fitting[:CANDIDATES_SHOWN])
+        findings.append(Finding(drive, key, UNUSED, f"several signals may be it ({shown}); name one in names.toml"))
+    units |= {key: _unit_of(channel, QUANTITIES[key], names, path) for key, channel in chosen.items() if key not in units}
+    return {key: (chosen[key], units[key]) for key in QUANTITIES if key in chosen}
+
+
+def _is_obvious(channel: Channel, quantity: Quantity) -> bool:
+    unit = channel.known_unit
+    return quantity.is_named(channel.name) and (unit is None or unit in quantity.units)
+
+
+def _by_name(log: Log, choice: SignalChoice, key: str, path: Path) -> Channel:
+    """Return the channel that names.toml names. Raises CodegenError if there is none or more than one."""
+    for text in choice.signals:
+        exact = [channel for channel in log.channels if channel.path == text]
+        found = exact or [channel for channel in log.channels if text in (channel.name.text, channel.path.rpartition(".")[2])]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            shown = ", ".join(channel.path for channel in found[:CANDIDATES_SHOWN])
+            raise CodegenError(
+                f"{len(found)} signals are called {text!r}", where=f"{path}: {key}", remedy=f"name one of {shown}"
+            )
+    known = [name for channel in log.channels for name in (channel.path, channel.name.text)]
+    text = choice.signals[0]
+    remedy = f"correct the name in names.toml{suggestion(text, known)}"
+    raise _MissingSignalError(f"the log has no signal {text!r}", where=f"{path}: {key}", remedy=remedy)
+
+
+def _not_clear(group: Sequence[str], unclear: Mapping[str, Sequence[Channel]], log: Log, path: Path) -> CodegenError:
+    """Return the error for a required quantity: its candidates, and a line for names.toml."""
+    key = next((key for key in group if key in unclear), group[0])
+    quantity = QUANTITIES[key]
+    candidates = list(unclear.get(key, ())) or [
+        channel for channel in log.channels if quantity.is_candidate(channel.name, channel.known_unit)
+    ]
+    candidates.sort(key=lambda channel: channel.known_unit not in quantity.units)  # those with a fitting unit first
+    several = key in unclear
+    what = f"several signals may be {key}" if several else f"no signal is called {' or '.join(group)} or the like"
+    shown = candidates or list(log.channels)
+    names = ", ".join(
+        f"{channel.path} [{channel.unit}]" if channel.unit else channel.path for channel in shown[:CANDIDATES_SHOWN]
+    )
+    more = f" and {len(shown) - CANDIDATES_SHOWN} more" if len(shown) > CANDIDATES_SHOWN else ""
+    example = candidates[0] if candidates else None
+    unit = None if example is not None and example.known_unit in quantity.units else quantity.si_unit
+    line = line_of(key, example.path if example else "NAME", unit)
+    offered = f"there is {names}{more}" if names else "there is none"
+    return CodegenError(f"{what}; {offered}", where=path, remedy=f"put a line such as {line} into names.toml, for --signals")
+
+
+def _unit_of(channel: Channel, quantity: Quantity, names: Names, path: Path) -> str:
+    """Return the unit of a channel. Raises CodegenError if it is not known, or one of another kind."""
+    choice = names.choices.get(quantity.key)
+    if choice is not None and choice.unit is not None:
+        return unit_of(choice.unit) or quantity.si_unit  # `Names` has checked it
+    unit = channel.known_unit
+    if unit in quantity.units and unit is not None:
+        return unit
+    text = channel.unit or channel.name.unit or channel.name.unknown_unit
+    what = f"{text!r} is no unit for {quantity.key}" if text else f"the unit of {quantity.key} is not known"
+    fitting = " or ".join(f'"{each}"' for each in quantity.units)
+    line = line_of(quantity.key, channel.path, "UNIT")
+    raise CodegenError(what, where=f"{path}: {channel.path}", remedy=f"put {line} into names.toml, where UNIT is {fitting}")

@@ -1,0 +1,140 @@
+"""Tables and facts of an identification, for the terminal, for JSON and for the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from codegen.identify.parameters import Parameter
+from codegen.identify.result import understeer_gradient
+from codegen.identify.run import Identification, Quantity
+from codegen.identify.validation import Reached, Validation
+from codegen.units import DEGREE, KM_H
+
+CONFIDENCE = 1.96
+"""Half of the width of a 95 % interval in standard deviations."""
+
+QUANTITY_HEADER = ("quantity", "value", "±95 %", "unit", "configured", "")
+VALIDATION_HEADER = ("drive", "", "free run deg/s", "largest", "one step deg/s", "of deg/s", "lateral acceleration m/s²")
+WHITENESS_HEADER = ("errors of", "lag one", "Q", "lags", "probability", "white")
+
+
+def _shown(value: float, parameter: Parameter) -> str:
+    return f"{value / parameter.size:.5g}"
+
+
+def quantity_row(quantity: Quantity) -> tuple[str, ...]:
+    """Return a row of QUANTITY_HEADER."""
+    parameter = quantity.parameter
+    width = CONFIDENCE * quantity.standard_deviation / parameter.size
+    return (
+        parameter.title,
+        _shown(quantity.value, parameter) if quantity.is_identified else "-",
+        f"{width:.2g}" if quantity.is_identified else "-",
+        parameter.unit,
+        _shown(quantity.configured, parameter),
+        quantity.note,
+    )
+
+
+def quantity_rows(found: Identification) -> list[tuple[str, ...]]:
+    """Return the rows of all quantities, the understeer gradient last."""
+    gravity = found.config.road.gravity_m_s2
+    value, deviation = (each / DEGREE * gravity for each in understeer_gradient(found))
+    is_known = math.isfinite(deviation)
+    gradient = (
+        "understeer gradient",
+        f"{value:.4g}" if is_known else "-",
+        f"{CONFIDENCE * deviation:.2g}" if is_known else "-",
+        "deg/g",
+        "",
+        "" if is_known else "needs both cornering stiffnesses",
+    )
+    return [*(quantity_row(each) for each in found.quantities.values()), gradient]
+
+
+def reached_lines(found: Identification, one: Reached) -> list[str]:
+    """Return what the drives reached, as sentences."""
+    low, high = one.speed
+    lines = [
+        f"The drives cover {low / KM_H:.0f} to {high / KM_H:.0f} km/h and a lateral acceleration up to "
+        f"{one.lateral_acceleration:.1f} m/s^2."
+    ]
+    for axle, slip, friction in zip(("front", "rear"), one.slip, one.friction, strict=True):
+        held = "; their D, C and E hold up to there" if found.quantities[f"{axle}_peak"].is_identified else ""
+        lines.append(f"The {axle} tyres reached {slip / DEGREE:.1f} deg of slip and a friction of {friction:.2f}{held}.")
+    return lines
+
+
+def validation_rows(validations: Sequence[Validation]) -> list[tuple[str, ...]]:
+    """Return rows of VALIDATION_HEADER: each drive with the identified and with the configured values."""
+    rows = []
+    for each in validations:
+        for name, run in (("identified", each.identified), ("configured", each.configured)):
+            angles = (run.yaw_rate_error, run.largest, run.one_step_error, run.yaw_rate_size)
+            acceleration = f"{run.acceleration_error:.3f}" if math.isfinite(run.acceleration_error) else "-"
+            rows.append((each.name, name, *(f"{value / DEGREE:.3f}" for value in angles), acceleration))
+    return rows
+
+
+def whiteness_rows(validation: Validation) -> list[tuple[str, ...]]:
+    """Return rows of WHITENESS_HEADER."""
+    return [
+        (
+            name.replace("_", " "),
+            f"{test.first:.3f}",
+            f"{test.statistic:.4g}",
+            str(test.lags),
+            f"{test.probability:.2g}",
+            "yes" if test.is_white else "no",
+        )
+        for name, test in validation.whiteness.items()
+    ]
+
+
+def to_dict(found: Identification, one: Reached, validations: Sequence[Validation]) -> dict[str, Any]:
+    """Return all figures as JSON values, in the units that the names state; SI where there is none."""
+
+    def finite(value: float) -> float | None:
+        return value if math.isfinite(value) else None
+
+    gradient = understeer_gradient(found)
+    return {
+        "quantities": {
+            name: {
+                "key": each.parameter.key or None,
+                "unit": each.parameter.unit,
+                "value": each.value / each.parameter.size if each.is_identified else None,
+                "standard_deviation": finite(each.standard_deviation / each.parameter.size),
+                "configured": each.configured / each.parameter.size,
+                "note": each.note,
+            }
+            for name, each in found.quantities.items()
+        },
+        "understeer_gradient_rad_s2_m": {"value": gradient[0], "standard_deviation": finite(gradient[1])},
+        "not_determined": [direction.text for direction in found.directions],
+        "reached": {
+            "speed_m_s": list(one.speed),
+            "lateral_acceleration_m_s2": one.lateral_acceleration,
+            "slip_rad": list(one.slip),
+            "friction": list(one.friction),
+        },
+        "validation": [
+            {
+                "drive": each.name,
+                **{
+                    name: {
+                        "free_run_rad_s": run.yaw_rate_error,
+                        "one_step_rad_s": run.one_step_error,
+                        "yaw_rate_rad_s": run.yaw_rate_size,
+                        "lateral_acceleration_m_s2": finite(run.acceleration_error),
+                    }
+                    for name, run in (("identified", each.identified), ("configured", each.configured))
+                },
+                "white": {name: test.is_white for name, test in each.whiteness.items()},
+            }
+            for each in validations
+        ],
+        "notes": list(found.notes),
+    }

@@ -1,0 +1,208 @@
+"""How well the identified car predicts a drive: free run, one step ahead, and whiteness of the residuals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
+from codegen.errors import CodegenError, within
+from codegen.identify.drive import Drive
+from codegen.identify.estimate import Fit
+from codegen.identify.model import OUTPUTS
+from codegen.identify.parameters import configured
+from codegen.identify.run import Identification, rear_angle
+from codegen.identify.shooting import DriveSamples, front_signal, vehicle_problem
+from codegen.vehicle.tyre import static_wheel_loads
+
+BEGIN_S = 1.0
+"""Time in s from the start of a run that is not compared: its initial lateral speed is a guess, which a car soon forgets."""
+LAGS_S = 0.2
+"""Lags of the whiteness test in s."""
+WHITE_P_MIN = 0.01
+"""Residuals count as white where chance exceeds their correlation with at least this probability."""
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Ljung-Box test of residuals (G. M. Ljung, G. E. P. Box, On a measure of lack of fit in time series models, 1978).
+
+    Attributes:
+        first: autocorrelation at a lag of one sample. statistic: Q. lags: number of lags.
+        probability: that white residuals have a larger Q.
+    """
+
+    first: float
+    statistic: float
+    lags: int
+    probability: float
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the residuals may be white noise."""
+        return self.probability >= WHITE_P_MIN
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRun:
+    """A drive simulated from measured speed and steering angles alone.
+
+    Attributes:
+        time: (n,) s. measured, simulated: (n, outputs of `model.OUTPUTS`), NaN where there is none.
+        yaw_rate_error: root mean square of the free run's error, rad/s. one_step_error: the same of the yaw rate one sample
+            ahead: the measured one plus the simulated change.
+        yaw_rate_size: root mean square of the measured yaw rate without its mean, rad/s.
+        largest: largest error of the yaw rate, rad/s.
+        acceleration_error: root mean square of the error of the lateral acceleration, m/s^2; NaN if not measured.
+    """
+
+    time: FloatArray
+    measured: FloatArray
+    simulated: FloatArray
+    yaw_rate_error: float
+    one_step_error: float
+    yaw_rate_size: float
+    largest: float
+    acceleration_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """Prediction of one drive by the identified and by the configured car; whiteness of the former's errors by output."""
+
+    name: str
+    identified: FreeRun
+    configured: FreeRun
+    whiteness: dict[str, Whiteness]
+
+
+def validate(found: Identification, drive: Drive) -> Validation:
+    """Return how well the identified car predicts a drive, best one that it was not identified from.
+
+    Raises:
+        CodegenError: the drive lacks a signal, or is too slow or short.
+    """
+    samples = DriveSamples.of([drive])
+    with within(drive.name):
+        identified = free_run(samples, found.config, found.values())
+        before = free_run(samples, found.config, configured(found.config))
+    errors = identified.measured - identified.simulated
+    white = {name: whiteness(errors[:, k], samples.step) for k, name in enumerate(OUTPUTS) if np.isfinite(errors[:, k]).any()}
+    return Validation(drive.name, identified, before, white)
+
+
+def free_run(samples: DriveSamples, config: Config, values: dict[str, float]) -> FreeRun:
+    """Simulate each uninterrupted part of a drive from its measured inputs. Raises CodegenError, see `validate`."""
+    _, is_wheel = front_signal(samples, config)
+    values = values if is_wheel else {**values, "steering_ratio": 1.0}
+    rear = rear_angle(samples, config, values)
+    problem = vehicle_problem(samples, config, values, values, rear, segment_s=math.inf)
+    output = problem.simulation(np.array([values[name] for name in problem.prior.names]), problem.starts).output()
+    measured, count = problem.measured.copy(), round(BEGIN_S / samples.step)
+    one_step = np.full(len(output), math.nan)
+    for low, high in pairwise(problem.segments.offsets):
+        measured[low : low + count] = math.nan
+        one_step[low + 1 : high] = np.diff((measured - output)[low:high, 0])
+    error = measured - output
+    if not np.isfinite(error[:, 0]).any():
+        raise CodegenError(f"no part is longer than {BEGIN_S:g} s", remedy="name a longer drive")
+
+    def rms(values: FloatArray) -> float:
+        known = values[np.isfinite(values)]
+        return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
+
+    return FreeRun(
+        np.asarray(samples.step * problem.segments.rows, dtype=np.float64),
+        measured,
+        output,
+        rms(error[:, 0]),
+        rms(one_step),
+        float(np.nanstd(measured[:, 0])),
+        float(np.nanmax(np.abs(error[:, 0]))),
+        rms(error[:, 1]),
+    )
+
+
+def whiteness(residuals: FloatArray, step: float) -> Whiteness:
+    """Test residuals (n,), NaN where there is none, of a uniform grid of `step` s."""
+    from scipy.stats import chi2
+
+    known = np.isfinite(residuals)
+    count = int(known.sum())
+    centred = np.where(known, residuals - (np.nanmean(residuals) if count else 0.0), 0.0)
+    lags = max(min(round(LAGS_S / step), count // 4), 1)
+    power = float(centred @ centred)
+    if power == 0.0:
+        return Whiteness(0.0, 0.0, lags, 1.0)
+    correlation = np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
+    statistic = count * (count + 2.0) * float((correlation**2 / (count - np.arange(1, lags + 1))).sum())
+    return Whiteness(float(correlation[0]), statistic, lags, float(chi2.sf(statistic, lags)))
+
+
+def validate_fitted(found: Identification, drives: Sequence[Drive]) -> list[Validation]:
+    """Return how well the identified car predicts the drives that it was identified from, without those that were not used."""
+    used = found.vehicle.problem
+    rows = used.samples.begin
+    counts = np.histogram(used.segments.first, rows)[0]
+    return [validate(found, drive) for drive, count in zip(drives, counts, strict=True) if count]
+
+
+@dataclass(frozen=True)
+class Reached:
+    """What the drives reached.
+
+    Attributes:
+        speed: smallest and largest speed, m/s. lateral_acceleration: largest, m/s^2.
+        slip: largest slip angle of front and rear axle, rad. friction: largest side force over load of both axles.
+    """
+
+    speed: tuple[float, float]
+    lateral_acceleration: float
+    slip: tuple[float, float]
+    friction: tuple[float, float]
+
+
+def reached(fitted: Fit, config: Config) -> Reached:
+    """Return what the drives of a fit of the car reached, as simulated. Peaks are those of 99.9 % of the samples."""
+    problem, vehicle = fitted.problem, config.vehicle
+    values = {**fitted.named(), **{f"{output}_{kind}": 0.0 for output in OUTPUTS for kind in ("offset", "delay")}}
+    count = problem.model.constants.index("friction") + 1
+    constants = problem.constants.copy()
+    constants[count:] = 0.0
+    simulation = problem.simulation(np.array([values[name] for name in problem.prior.names]), fitted.starts)
+    output = replace(simulation, constants=constants).output()
+    rows = problem.segments.rows
+    samples = problem.samples
+    speed = (samples.signal("vx")[rows] - values["speed_offset"]) / values["speed_factor"]
+    inputs = problem.inputs(0.0).reshape(len(samples), problem.substeps * 3, -1)[rows, 0]
+    front = inputs[:, 1] / values["steering_ratio"] - values["front_offset"]
+    lateral = speed * np.tan(output[:, 2])
+    arms = vehicle.cg_to_front_axle_m, vehicle.cg_to_rear_axle_m
+    slips = (
+        np.arctan((lateral + arms[0] * output[:, 0]) / speed) - front,
+        np.arctan((lateral - arms[1] * output[:, 0]) / speed) - inputs[:, 2],
+    )
+    yaw_acceleration = np.concatenate(
+        [np.gradient(output[low:high, 0], samples.step) for low, high in pairwise(problem.segments.offsets)]
+    )
+    turning = values["yaw_inertia"] * yaw_acceleration
+    forces = (
+        (vehicle.mass_kg * output[:, 1] * arms[1] + turning) / vehicle.wheelbase,
+        (vehicle.mass_kg * output[:, 1] * arms[0] - turning) / vehicle.wheelbase,
+    )
+
+    def peak(signal: FloatArray) -> float:
+        return float(np.quantile(np.abs(signal), 0.999))
+
+    loads = static_wheel_loads(config)
+    return Reached(
+        (float(speed.min()), float(speed.max())),
+        peak(output[:, 1]),
+        (peak(slips[0]), peak(slips[1])),
+        (peak(forces[0]) / (2.0 * loads[0]), peak(forces[1]) / (2.0 * loads[1])),
+    )

@@ -1,0 +1,149 @@
+"""Sections of the report of `codegen identify`: values, prediction of drives, tyre curves, residuals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
+from codegen.identify.run import Identification
+from codegen.identify.summary import (
+    QUANTITY_HEADER,
+    VALIDATION_HEADER,
+    WHITENESS_HEADER,
+    quantity_rows,
+    reached_lines,
+    validation_rows,
+    whiteness_rows,
+)
+from codegen.identify.validation import Reached, Validation
+from codegen.report.html.blocks import MUTED, Block, Chart, Gallery, Section, Table, Text, axis, layout, line, numbers, scale_of
+from codegen.report.style import BLUE, VERMILION
+from codegen.units import DEGREE
+from codegen.vehicle.tyre import AxleTyres
+
+POINTS_MAX = 3_000
+"""Points of a line over time: more do not show."""
+CURVE_POINTS = 200
+CURVE_END_DEG = 12.0
+
+
+def identify_sections(
+    found: Identification, identified: Config, one: Reached, validations: Sequence[Validation], *, is_held_out: bool
+) -> list[Section]:
+    """Return the sections.
+
+    Args:
+        identified: configuration with the identified values.
+        validations: predictions of drives; `is_held_out`: whether the values were identified without these drives.
+    """
+    return [
+        Section("values", "Identified values", list(_values(found, one)), is_open=True),
+        Section("prediction", "Prediction of drives", list(_prediction(validations, is_held_out)), is_open=True),
+        Section("tyres", "Tyre curves", [Gallery(_curves(found, identified, one))], is_open=True),
+        Section("correlation", "Correlation", [_correlation(found)]),
+    ]
+
+
+def _values(found: Identification, one: Reached) -> Sequence[Block]:
+    rows = quantity_rows(found)
+    blocks: list[Block] = [
+        Table(
+            "Values with their 95 % intervals; a dash where the drives do not determine a value",
+            QUANTITY_HEADER,
+            rows,
+            words=(0, 3, 5),
+        )
+    ]
+    if found.directions:
+        texts = [
+            (direction.text, f"{100.0 * direction.share:.0f} %", f"{direction.singular_value:.2g}")
+            for direction in found.directions
+        ]
+        caption = (
+            "What these drives do not determine, with the uncertainty that is left of the one before, and the singular value"
+        )
+        blocks.append(Table(caption, ("combination", "left", "singular value"), texts))
+    blocks += [Text(note, "notice") for note in found.notes]
+    blocks += [Text(text) for text in reached_lines(found, one)]
+    return blocks
+
+
+def _prediction(validations: Sequence[Validation], is_held_out: bool) -> Sequence[Block]:
+    blocks: list[Block] = []
+    if not is_held_out:
+        blocks.append(Text("No drive was held out: the values were identified from these drives.", "notice"))
+    caption = "Root mean square error of the yaw rate: simulated from speed and steering angles alone, and one sample ahead"
+    blocks.append(Table(caption, VALIDATION_HEADER, validation_rows(validations), words=(0, 1)))
+    for number, each in enumerate(validations):
+        blocks.append(_run_chart(each, f"run-{number}"))
+        blocks.append(
+            Table(f"Whiteness of the errors in {each.name} (Ljung-Box)", WHITENESS_HEADER, whiteness_rows(each), words=(0, 5))
+        )
+    return blocks
+
+
+def _run_chart(one: Validation, name: str) -> Chart:
+    run = one.identified
+    every = max(1, math.ceil(run.time.size / POINTS_MAX))
+    time = run.time[::every]
+    data = [
+        line(time, run.measured[::every, 0] / DEGREE, "measured", MUTED),
+        line(time, run.simulated[::every, 0] / DEGREE, "identified", BLUE),
+        line(
+            one.configured.time[::every],
+            one.configured.simulated[::every, 0] / DEGREE,
+            "configured",
+            VERMILION,
+            dash="dot",
+            width=1,
+        ),
+    ]
+    look = layout(xaxis=axis("Time (s)"), yaxis=axis("Yaw rate (deg/s)"))
+    caption = f"Yaw rate in {one.name}: measured, and simulated from the measured speed and steering angles."
+    return Chart(name, {"data": data, "layout": look}, caption, caption)
+
+
+def _curves(found: Identification, identified: Config, one: Reached) -> list[Chart]:
+    before, after = AxleTyres.from_config(found.config), AxleTyres.from_config(identified)
+    charts = []
+    for axle, slip in zip(("front", "rear"), one.slip, strict=True):
+        slips = np.linspace(0.0, max(CURVE_END_DEG * DEGREE, 1.2 * slip), CURVE_POINTS)
+
+        def force(tyres: AxleTyres, axle: str = axle, slips: FloatArray = slips) -> FloatArray:
+            result: FloatArray = 2e-3 * getattr(tyres, axle).force(slips)
+            return result
+
+        data: list[dict[str, Any]] = [
+            line(slips / DEGREE, force(after), "identified", BLUE),
+            line(slips / DEGREE, force(before), "configured", VERMILION, dash="dot"),
+        ]
+        edge = {"type": "line", "x0": slip / DEGREE, "x1": slip / DEGREE, "yref": "paper", "y0": 0, "y1": 1}
+        shapes = [{**edge, "line": {"color": MUTED, "width": 1, "dash": "dash"}}]
+        look = layout(xaxis=axis("Slip angle (deg)"), yaxis=axis("Side force (kN)", rangemode="tozero"), shapes=shapes)
+        caption = f"Side force of the {axle} axle at static load. The dashed line is the largest slip of the drives."
+        charts.append(Chart(f"curve-{axle}", {"data": data, "layout": look}, caption, caption))
+    return charts
+
+
+def _correlation(found: Identification) -> Chart:
+    titles = [found.quantities[name].parameter.title for name in found.names]
+    heat = {
+        "type": "heatmap",
+        "x": titles,
+        "y": titles,
+        "z": numbers(found.correlation),
+        "zmin": -1,
+        "zmax": 1,
+        "colorscale": scale_of("coolwarm"),
+        "hovertemplate": "%{x}, %{y}: %{z:.2f}<extra></extra>",
+    }
+    look = layout(
+        xaxis=axis("", tickangle=-45), yaxis=axis("", autorange="reversed"), margin={"l": 160, "r": 20, "t": 30, "b": 140}
+    )
+    caption = "Correlation of the identified values. Close to 1 or -1: the drives hardly tell the two apart."
+    return Chart("correlations", {"data": [heat], "layout": look}, caption, caption, 620)

@@ -1,0 +1,155 @@
+"""Logs of every format, written by independent libraries, give the signals that went into them."""
+
+from pathlib import Path
+
+import cantools
+import numpy as np
+import pandas as pd
+import pytest
+
+from codegen.cli.identify_command import DRIVE_ENDINGS
+from codegen.identify.channels import ENDINGS, NOT_AVAILABLE
+from codegen.identify.drive import Drive
+from codegen.identify.names import Names
+from codegen.identify.reading import read_drives
+from hil_sim.codec import Frame
+from hil_sim.logs import BusLog
+from tests.cli.conftest import TRACKING as BUILD
+from tests.identify import made
+from tests.identify.made import PERIODS, RESOLUTION, SIGNALS, frames, interpolation_error, write_bus
+
+
+def check(drive: Drive, periods: dict[str, float], rounding: dict[str, float] | None = None) -> None:
+    """Compare a drive with SIGNALS: half a step of the resolution, and the error of linear interpolation."""
+    assert drive.signals.keys() == SIGNALS.keys()
+    for key, wave in SIGNALS.items():
+        tolerance = 0.5 * (rounding or {}).get(key, 0.0) + interpolation_error(key, periods[key]) + 1e-9
+        has_value = np.isfinite(drive.signals[key])
+        # The first and last slow samples are up to a period away from the ends.
+        assert np.count_nonzero(~has_value) <= 2 * periods[key] / 0.01 + 1, key
+        error = np.abs(drive.signals[key] - wave(drive.time))[has_value]
+        assert error.max() <= tolerance, key
+
+
+BUS_PERIODS = {
+    **dict.fromkeys(("vx", "yaw_rate", "lateral_acceleration"), PERIODS["Motion"]),
+    "steering_wheel_angle": PERIODS["Steering"],
+    "delta_r": PERIODS["Rear"],
+}
+
+
+@pytest.mark.parametrize("ending", ["blf", "asc", "log", "mf4"])
+def test_log_of_a_bus(ending: str, tmp_path: Path) -> None:
+    path = write_bus(tmp_path / f"drive.{ending}", frames())
+    reading = read_drives([path], [tmp_path / "car.dbc"])
+    assert reading.findings == ()
+    # Time stamps of candump and ASC have 1 us: 5 m/s^2 at 0.5 Hz change by 1.6e-5 m/s^2 in it.
+    rounding = {key: value + 4e-6 * float(np.ptp(SIGNALS[key](np.linspace(0, 2, 99)))) for key, value in RESOLUTION.items()}
+    check(reading.drives[0], BUS_PERIODS, rounding)
+    assert reading.sources[0]["steering_wheel_angle"].channel == "Steering.SteeringWheelAngle"
+    assert reading.sources[0]["delta_r"].samples == len(made.stamps("Rear"))
+
+
+def test_measurement_in_mf4(tmp_path: Path) -> None:
+    reading = read_drives([made.write_mf4(tmp_path / "drive.mf4")], names=Names(sampling_time_s=0.005))
+    assert reading.findings == ()
+    slow = ("steering_wheel_angle", "delta_r")
+    check(reading.drives[0], {key: 0.02 if key in slow else 0.0 for key in SIGNALS})
+    assert reading.sources[0]["delta_r"].channel == "EPS.RearAngle"
+
+
+@pytest.mark.parametrize("form", ["csv", "semicolon", "parquet", "parquet with dates"])
+def test_table(form: str, tmp_path: Path) -> None:
+    table, path = made.table(), tmp_path / ("drive.parquet" if "parquet" in form else "drive.csv")
+    if form == "parquet with dates":
+        table = table.assign(time_s=pd.to_datetime(1.7e9 + table["time_s"], unit="s")).rename(columns={"time_s": "timestamp"})
+    if "parquet" in form:
+        table.to_parquet(path)
+    else:
+        table.to_csv(path, index=False, sep=";" if form == "semicolon" else ",", decimal="," if form == "semicolon" else ".")
+    reading = read_drives([path])
+    assert reading.findings == ()
+    slow = ("steering_wheel_angle", "delta_r")
+    # A float64 of Unix time has 0.24 us; see the test of the logs.
+    rounding = {key: 2e-6 * float(np.ptp(SIGNALS[key](np.linspace(0, 2, 99)))) for key in SIGNALS}
+    check(reading.drives[0], {key: 0.02 if key in slow else 0.01 for key in SIGNALS}, rounding)
+
+
+def test_units_of_a_run_of_this_package_in_parquet(tmp_path: Path) -> None:
+    from codegen.export import runs
+    from codegen.sil.software import RECORD_COLUMNS
+
+    record = np.zeros((50, len(RECORD_COLUMNS)))
+    record[:, 0] = 0.01 * np.arange(50)
+    record[:, RECORD_COLUMNS.index("speed_m_s")] = 20.0
+    for name in ("run.csv", "run.parquet", "run.mf4"):
+        runs.save(record, tmp_path / name)
+        (drive,) = read_drives([tmp_path / name]).drives
+        assert np.all(drive.signals["vx"] == 20.0), name
+        assert {"delta_f", "delta_r", "delta_r_command", "sideslip"} < drive.signals.keys(), name
+
+
+def test_arxml_gives_the_same_as_the_dbc(tmp_path: Path) -> None:
+    from codegen.export.arxml.export import export
+
+    database = cantools.database.load_file(BUILD / "ars.dbc")
+    with BusLog(tmp_path / "bus.blf") as log:
+        for number in range(100):
+            for message in database.messages:
+                values = dict.fromkeys((signal.name for signal in message.signals), 0)
+                if message.name == "VehicleMotion":
+                    values |= {"Speed": 20.0 + 0.005 * number, "YawRate": -0.002 * number, "FrontAngle": 0.001 * number}
+                data = message.encode(values, strict=False)
+                log.write(Frame(message.frame_id, bytes(data), 0.01 * number), True)
+    folder = export(BUILD, "transformer")
+    (tmp_path / "ars.arxml").write_bytes(folder.folder.files[folder.arxml])
+    (by_dbc,) = read_drives([tmp_path / "bus.blf"], [BUILD / "ars.dbc"]).drives
+    (by_arxml,) = read_drives([tmp_path / "bus.blf"], [tmp_path / "ars.arxml"]).drives
+    assert by_dbc.signals.keys() == by_arxml.signals.keys()
+    for key, values in by_dbc.signals.items():
+        np.testing.assert_array_equal(values, by_arxml.signals[key], err_msg=key)
+    np.testing.assert_allclose(by_dbc.signals["yaw_rate"], -0.002 * np.arange(100), atol=1e-4)  # half the resolution
+
+
+def test_several_drives_with_names_of_their_own(tmp_path: Path) -> None:
+    first = made.write_mf4(tmp_path / "one.mf4")
+    (tmp_path / "two").mkdir()
+    second = write_bus(tmp_path / "two" / "one.blf", frames())
+    reading = read_drives([first, second], [tmp_path / "two" / "car.dbc"])
+    assert [drive.name for drive in reading.drives] == ["one.mf4", "one.blf"]
+    assert reading.drives[0].signals.keys() == reading.drives[1].signals.keys()
+
+
+def test_the_command_knows_every_format() -> None:
+    assert sorted(DRIVE_ENDINGS) == sorted(ENDINGS)
+
+
+@pytest.mark.parametrize(
+    ("text", "is_reserved"),
+    [
+        ("SNA", True),
+        ("Signal_not_available", True),
+        ("N/A", True),
+        ("SNA_1", True),
+        ("ERR", True),
+        ("InitValue", True),
+        ("Sensor error", True),
+        ("ungültig", True),
+        ("Override", False),
+        ("standstill", False),
+        ("Antenna", False),
+    ],
+)
+def test_names_of_reserved_values(text: str, is_reserved: bool) -> None:
+    assert bool(NOT_AVAILABLE.search(text)) == is_reserved
+
+
+def test_a_command_is_held_and_a_measurement_is_not(tmp_path: Path) -> None:
+    table = made.table().rename(columns={"steering_wheel_angle_deg": "delta_r_command_deg"})
+    table["delta_r_command_deg"] *= 0.1
+    table["delta_f_deg"] = 1.0
+    table.to_csv(tmp_path / "drive.csv", index=False)
+    signals = read_drives([tmp_path / "drive.csv"]).drives[0].signals
+    command, angle = signals["delta_r_command"], signals["delta_r"]
+    np.testing.assert_array_equal(command[1:-1:2], command[0:-2:2])
+    assert np.all(np.abs(angle[1:-1:2] - 0.5 * (angle[0:-2:2] + angle[2::2])) < 1e-12)

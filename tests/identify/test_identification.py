@@ -1,0 +1,243 @@
+"""Identification of simulated cars whose true values are known, and of drives without excitation."""
+
+import functools
+import tomllib
+
+import numpy as np
+import pytest
+
+from codegen.configuration import Config, parse, preset_text
+from codegen.errors import CodegenError
+from codegen.identify.drive import Drive
+from codegen.identify.identifiability import analyse
+from codegen.identify.parameters import BY_NAME, CURVES, configured
+from codegen.identify.result import identified_keys, identified_toml, understeer_gradient
+from codegen.identify.run import Identification, Quantity, identify, judge
+from codegen.identify.validation import reached, validate, whiteness
+from codegen.units import DEGREE
+from codegen.vehicle.single_track import SingleTrack
+from hil_sim.third_plant import RollPlant
+from tests.identify.drives import SENSOR, Course, Part, configured_car, drive, true_car, truth
+
+SEED = 3
+DEVIATIONS_MAX = 3.5
+"""Largest error in standard deviations: one of 2,000 normal values is beyond."""
+
+
+@functools.cache
+def driven(seed: int = SEED) -> tuple[Config, dict[str, float], tuple[Drive, ...]]:
+    """Return a car, its true values, and three drives for its identification with a fourth to predict."""
+    config, errors = true_car(seed)
+    course = Course(config)
+    parts = (*course.everything(), course.hold_out())
+    signals = (*SENSOR, "delta_r_command", "steering_wheel_angle")
+    drives = tuple(drive(config, part, k, errors, name=f"drive {k + 1}", signals=signals) for k, part in enumerate(parts))
+    return config, truth(config, errors), drives
+
+
+@functools.cache
+def identified() -> Identification:
+    config, _, drives = driven()
+    return identify(configured_car(config), drives[:3])
+
+
+def without(one: Drive, *names: str, **changed: np.ndarray) -> Drive:
+    return Drive(one.name, one.time, {key: changed.get(key, value) for key, value in one.signals.items() if key not in names})
+
+
+def test_a_car_is_found_from_the_preset() -> None:
+    _, true, _ = driven()
+    found = identified()
+    value = found.values()
+    for axle in ("front", "rear"):
+        assert value[f"{axle}_stiffness"] == pytest.approx(true[f"{axle}_stiffness"], rel=0.03)
+    assert value["yaw_inertia"] == pytest.approx(true["yaw_inertia"], rel=0.05)
+    assert value["actuator_lag"] == pytest.approx(true["actuator_lag"], abs=0.005)
+    for name, each in found.quantities.items():
+        if each.is_identified:
+            assert abs(each.value - true[name]) < DEVIATIONS_MAX * each.standard_deviation, name
+    # Not measured; and the angle of the steering wheel has a resolution of 0.1 deg.
+    assert [name for name, each in found.quantities.items() if not each.is_identified] == ["sideslip_offset", "sideslip_delay"]
+
+
+def test_the_result_predicts_a_drive_that_was_held_out() -> None:
+    config, _, drives = driven()
+    found = validate(identified(), drives[3])
+    noise = config.sensors.yaw_rate.noise
+    resolution = config.sensors.yaw_rate.resolution
+    least = np.hypot(noise, resolution / np.sqrt(12.0))
+    assert found.identified.yaw_rate_error == pytest.approx(least, rel=0.1)  # 1,400 samples, and what the car adds
+    assert found.identified.one_step_error == pytest.approx(least * np.sqrt(2.0), rel=0.1)
+    assert found.configured.yaw_rate_error > 5.0 * found.identified.yaw_rate_error
+    assert found.whiteness["yaw_rate"].first < 0.2
+
+
+def test_the_file_has_the_values_and_their_uncertainty() -> None:
+    config, true, _ = driven()
+    found = identified()
+    text = identified_toml(found, preset_text("recommended"), "ars.toml")
+    assert "# centre of gravity above the road" in text
+    written = parse(tomllib.loads(text), "ars.toml")
+    assert written.vehicle.yaw_inertia_kg_m2 == pytest.approx(found.values()["yaw_inertia"], rel=1e-6)
+    assert written.rear_actuator.rate_max_deg_s == pytest.approx(found.values()["actuator_rate"] / DEGREE, rel=1e-6)
+    assert written.identified.keys == list(identified_keys(found))
+    place = written.identified.keys.index("vehicle.yaw_inertia_kg_m2")
+    assert written.identified.standard_deviations[place] < 0.01 * true["yaw_inertia"]
+    np.linalg.cholesky(np.array(written.identified.correlations))
+    gradient, deviation = understeer_gradient(found)
+    assert abs(gradient - SingleTrack.from_config(config).understeer_coefficient) < DEVIATIONS_MAX * deviation
+
+
+@pytest.mark.parametrize("vehicle", ["vehicle = { mass_kg = 2000.0 }", "[vehicle]\nmass_kg = 2000.0"])
+def test_a_stiffness_factor_becomes_a_stiffness(vehicle: str) -> None:
+    """A file with an inline table is written anew."""
+    text = f"schema_version = 1\n{vehicle}\n[tyre.rear]\nstiffness_factor_b_per_rad = 12.0\n"
+    found = identified()
+    written = parse(tomllib.loads(identified_toml(found, text, "ars.toml")), "ars.toml")
+    assert written.tyre.rear.stiffness_factor_b_per_rad is None
+    assert written.tyre.rear.cornering_stiffness_n_per_rad == pytest.approx(found.values()["rear_stiffness"], rel=1e-6)
+
+
+def test_outliers_do_not_matter() -> None:
+    config, true, drives = driven()
+    rng = np.random.default_rng(0)
+    yaw_rate = drives[1].signals["yaw_rate"].copy()
+    yaw_rate[rng.random(yaw_rate.size) < 0.03] *= 3.0  # least squares would see 6 % more yaw rate
+    yaw_rate[500:600] = np.nan
+    found = identify(configured_car(config), [without(drives[1], yaw_rate=yaw_rate)]).values()
+    assert found["yaw_inertia"] == pytest.approx(true["yaw_inertia"], rel=0.02)
+    assert found["front_stiffness"] == pytest.approx(true["front_stiffness"], rel=0.02)
+
+
+def test_the_steering_wheel_and_measured_sideslip_are_used() -> None:
+    config, errors = true_car(SEED)
+    course = Course(config)
+    signals = ("vx", "yaw_rate", "lateral_acceleration", "steering_wheel_angle", "delta_r", "sideslip")
+    parts = (course.turns(20.0, 2.0), course.turns(70.0), course.front_sweep(70.0))
+    found = identify(configured_car(config), [drive(config, parts, 0, errors, signals=signals)])
+    true = truth(config, errors)
+    for name in ("steering_ratio", "front_stiffness", "rear_stiffness", "sideslip_delay"):
+        each = found.quantities[name]
+        assert each.is_identified, name
+        assert abs(each.value - true[name]) < DEVIATIONS_MAX * each.standard_deviation, name
+    assert found.quantities["actuator_lag"].note == "rear angle and its command were not measured together"
+
+
+def test_without_excitation_nothing_is_invented() -> None:
+    config, errors = true_car(SEED)
+    known = configured_car(config)
+    straight = drive(config, (Course(config).straight(20.0),), 0, errors, signals=(*SENSOR, "delta_r_command"))
+    found = identify(known, [straight])
+    assert identified_keys(found) == {}
+    before = configured(known)
+    for name, each in found.quantities.items():
+        if each.parameter.key:
+            assert each.value == before[name]
+            assert each.parameter.manoeuvre in each.note or "not measured" in each.note
+    named = {direction.text for direction in found.directions}
+    for axle in ("front", "rear"):
+        assert f"{axle} D: not in these drives" in named
+    assert any("yaw inertia" in text and text.endswith("only together") for text in named)
+
+
+def judged(name: str, share: float) -> dict[str, Quantity]:
+    """Return what is found if one quantity of the identified car has this standard deviation, as a fraction of its spread."""
+    fitted = identified().vehicle
+    place = fitted.problem.prior.names.index(name)
+    covariance = fitted.covariance.copy()
+    covariance[place, place] = share**2
+    found: dict[str, Quantity] = {}
+    result = analyse(fitted.problem.prior.parameters, fitted.free, covariance, fitted.information)
+    judge(fitted, result, configured(identified().config), fitted.problem.samples, found)
+    return found
+
+
+@pytest.mark.parametrize(("lost", "is_taken"), [("front_peak", False), ("front_shape", True)])
+def test_a_curve_is_taken_whole_or_not_at_all(lost: str, is_taken: bool) -> None:
+    found = judged(lost, 0.7)
+    assert {found[name].is_identified for name in CURVES[0]} == {is_taken}
+    assert found[lost].note != ""
+    assert found["front_stiffness"].is_identified
+
+
+@pytest.mark.parametrize(("share", "is_taken"), [(0.29, True), (0.5, True), (0.7, False)])
+def test_stiffnesses_and_inertia_are_taken_together(share: float, is_taken: bool) -> None:
+    each = judged("rear_stiffness", share)["rear_stiffness"]
+    assert each.is_identified == is_taken
+    assert each.note.startswith("weakly determined") == (share == 0.5)
+
+
+def test_a_car_with_roll_that_the_model_does_not_contain_is_predicted_better_than_before() -> None:
+    config = configured_car(true_car(SEED)[0])
+    course = Course(config)
+    drives = [
+        drive(config, parts, k, plant=RollPlant(config), signals=(*SENSOR, "delta_r_command"))
+        for k, parts in enumerate(((course.front_sweep(60.0), course.rear_sweep(60.0), course.turns(80.0)), course.hold_out()))
+    ]
+    found = identify(config, drives[:1])
+    prediction = validate(found, drives[1])
+    assert prediction.identified.yaw_rate_error < 0.5 * prediction.configured.yaw_rate_error
+    assert not prediction.whiteness["yaw_rate"].is_white
+    assert reached(found.vehicle, config).lateral_acceleration == pytest.approx(4.0, abs=1.5)
+
+
+def test_what_is_missing_is_named() -> None:
+    config, _, drives = driven()
+    known, one = configured_car(config), drives[0]
+    for given, message in (
+        ([], "there is no drive"),
+        ([without(one, "yaw_rate")], "no drive has yaw_rate"),
+        ([without(one, "delta_f", "steering_wheel_angle")], "no drive has delta_f or steering_wheel_angle"),
+        ([without(one, vx=np.zeros(one.time.size))], "no drive has 1 s with speed above 3 m/s"),
+        ([one, Drive("slow", one.time[::2], {})], "slow: has a sample every 20 ms"),
+        ([Drive("short", one.time[:1], {})], "short: has fewer than two samples"),
+    ):
+        with pytest.raises(CodegenError, match=message):
+            identify(known, given)
+    found = identify(known, [drives[3], without(drives[2], "delta_r", "delta_r_command")])
+    assert "drive 3 is not used for the car" in " ".join(found.notes)
+    found = identify(known, [without(drives[2], "delta_r", "delta_r_command")])
+    assert "the rear wheels count as straight" in " ".join(found.notes)
+
+
+@pytest.mark.parametrize("degrees", [0.5, 2.0])
+def test_a_rate_limit_that_was_not_reached_is_not_determined(degrees: float) -> None:
+    """The command moves by 20 deg/s, less than the actuator can."""
+    config, errors = true_car(SEED)
+    time = np.arange(8000) * 1e-3
+    wave = np.abs((20.0 / degrees * time) % 4.0 - 2.0) - 1.0
+    part = Part(8.0, 15.0, 0.0, degrees * DEGREE * wave)
+    found = identify(configured_car(config), [drive(config, (part,), 0, errors, signals=(*SENSOR, "delta_r_command"))])
+    assert config.rear_actuator.rate_max_deg_s > 25.0
+    assert found.quantities["actuator_lag"].is_identified
+    assert not found.quantities["actuator_rate"].is_identified
+    assert found.quantities["actuator_rate"].note.endswith("steps of the rear angle command over the whole angle")
+    assert "actuator rate: not in these drives" in {direction.text for direction in found.directions}
+
+
+def test_tyres_without_relaxation_length() -> None:
+    data = true_car(SEED)[0].model_dump(mode="json")
+    data["plant"]["relaxation_length_m"] = 0.0
+    config = parse(data, "car")
+    course = Course(config)
+    guess = configured_car(config).model_dump(mode="json")
+    guess["plant"]["relaxation_length_m"] = 0.3
+    drives = [drive(config, (course.front_sweep(50.0), course.front_sweep(90.0)), 0)]
+    each = identify(parse(guess, "guess"), drives).quantities["relaxation_length"]
+    assert each.is_identified
+    assert each.value == 0.0
+    assert each.note == "below 0.05 m, which counts as none"
+
+
+def test_whiteness() -> None:
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal(5000)
+    coloured = white.copy()
+    for k in range(1, coloured.size):
+        coloured[k] += 0.3 * coloured[k - 1]
+    white[100:200] = np.nan
+    assert whiteness(white, 0.01).is_white
+    found = whiteness(coloured, 0.01)
+    assert not found.is_white
+    assert found.first == pytest.approx(0.3, abs=0.05)  # three standard deviations of 1/sqrt(n)
+    assert BY_NAME.keys() >= set(identified().names)

@@ -1,0 +1,78 @@
+"""`codegen identify`: the files that it writes, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from codegen.configuration import load
+from codegen.identify.drive import Drive
+from codegen.identify.summary import CONFIDENCE
+from codegen.importing.toml_edit import whole
+from tests.cli.conftest import Refused, Run
+from tests.identify.drives import SENSOR, Course, configured_car, drive, true_car
+
+UNITS = {"vx": "m_s", "yaw_rate": "rad_s", "lateral_acceleration": "m_s2"}
+SEED = 3
+
+
+def write(path: Path, one: Drive) -> None:
+    columns = {f"{key}_{UNITS.get(key, 'rad')}": values for key, values in one.signals.items()}
+    pd.DataFrame({"time_s": one.time, **columns}).to_csv(path, index=False)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    """Return a folder with a configuration, a drive, and a drive to hold out."""
+    config, errors = true_car(SEED)
+    course = Course(config)
+    parts = (course.turns(60.0), course.front_sweep(50.0), course.rear_sweep(80.0), course.rear_steps())
+    signals = (*SENSOR, "delta_r_command")
+    write(tmp_path / "one.csv", drive(config, parts, 0, errors, signals=signals))
+    write(tmp_path / "two.csv", drive(config, course.hold_out(), 1, errors, signals=signals))
+    (tmp_path / "ars.toml").write_text(whole(configured_car(config), "a test"), encoding="utf-8")
+    return tmp_path
+
+
+def test_a_configuration_a_report_and_facts_are_written(run: Run, files: Path) -> None:
+    given = ("identify", "--config", files / "ars.toml", "--log", files / "one.csv", "--hold-out", files / "two.csv")
+    answer = run(*given, "-o", files / "found.toml", "--report", files / "found.html")
+    assert answer.code == 0
+    assert "front cornering stiffness" in answer.out
+    assert "front D: not determined" in answer.out
+    assert f"written: {files / 'found.toml'}" in answer.out
+    page = (files / "found.html").read_text(encoding="utf-8")
+    assert "Identified values" in page
+    assert "held out" not in page
+
+    text = (files / "found.toml").read_bytes()
+    told = json.loads(run(*given, "-o", files / "found.toml", "--json").out)
+    assert (files / "found.toml").read_bytes() == text
+    true, written = true_car(SEED)[0], load(files / "found.toml")
+    inertia = told["quantities"]["yaw_inertia"]
+    assert written.vehicle.yaw_inertia_kg_m2 == pytest.approx(inertia["value"], rel=1e-6)
+    assert inertia["value"] == pytest.approx(
+        true.vehicle.yaw_inertia_kg_m2, abs=2.0 * CONFIDENCE * inertia["standard_deviation"]
+    )
+    assert told["quantities"]["front_peak"]["value"] is None
+    assert written.tyre.front.peak_factor_p1 == load(files / "ars.toml").tyre.front.peak_factor_p1
+    assert "tyre.front.peak_factor_p1" not in written.identified.keys
+    (validation,) = told["validation"]
+    assert validation["drive"] == "two"
+    assert validation["identified"]["free_run_rad_s"] < 0.2 * validation["configured"]["free_run_rad_s"]
+
+
+def test_what_is_missing_or_would_be_lost_is_refused_before_anything_is_written(refused: Refused, files: Path) -> None:
+    given = ("identify", "--log", files / "one.csv")
+    config, output = ("--config", files / "ars.toml"), ("-o", files / "found.toml")
+    for arguments, message in (
+        (output, "codegen identify --config: is missing; give --config and -o, or --check"),
+        (config, "codegen identify --output: is missing"),
+        ((*config, "-o", files / "ars.toml"), "it is an input of this command"),
+        ((*config, *output, "--report", files / "no" / "found.html"), "its folder does not exist"),
+        ((*config, *output, "--hold-out", files / "one.csv"), "given twice"),
+        ((*config, *output, "--hold-out", files / "missing.csv"), "missing.csv: cannot be read"),
+    ):
+        assert message in refused(*given, *arguments)
+    assert not (files / "found.toml").exists()
