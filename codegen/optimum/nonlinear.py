@@ -161,6 +161,12 @@ class NonlinearTurns:
         """Return the largest value of the map: grip depends on speed and front angle, and the cap must not cut an optimum."""
         return float(np.nanmax(asked))
 
+    def quantities(self, speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray) -> TurnQuantities:
+        """See `SteadyTurns`."""
+        turns = self.turns_at(speed, front_angle, yaw_rate)
+        values = (np.where(turns.converged, each, np.nan) for each in (turns.sideslip, *turns.slips, turns.rear_angle))
+        return TurnQuantities(speed, front_angle, yaw_rate, *values)
+
     def turns_at(self, speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray) -> Turns:
         """The plant's own steady turns, rad, at speeds, front angles and yaw rates of one shape, up to the tyres' peak.
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
+from codegen.map_file.bounds import TurnQuantities
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum import exact
 from codegen.optimum.exact import Edge, Solution
@@ -55,6 +56,10 @@ class SteadyTurns(Protocol):
         """Return the largest feasible front angles for speeds (n,); inf beyond the largest angle searched (rad)."""
         ...
 
+    def quantities(self, speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray) -> TurnQuantities:
+        """Return the turns (p,) of the car at speeds, front angles and yaw rates (p,); NaN where it has none."""
+        ...
+
     def lateral_acceleration_cap(self, asked: FloatArray, /) -> float:
         """ay_cap in m/s^2, from the lateral accelerations (any shape, NaN where infeasible) of a map's optima and its edges."""
         ...
@@ -82,6 +87,13 @@ class LinearTurns:
     def edge(self, speed: FloatArray, _front_angle_max: float = math.inf) -> Edge:
         """See `SteadyTurns`."""
         return exact.edge(self.problem, speed)
+
+    def quantities(self, speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray) -> TurnQuantities:
+        """See `SteadyTurns`."""
+        car = self.problem.car
+        rear_angle = front_angle - yaw_rate / car.yaw_gain(speed)
+        sideslip = rear_angle + car.sideslip_per_yaw_rate(speed) * yaw_rate
+        return self.problem.linear_turn(speed, front_angle, yaw_rate, sideslip, rear_angle)
 
     def lateral_acceleration_cap(self, _asked: FloatArray, /) -> float:
         """Return the lateral acceleration that the grip bounds allow, the same at every speed."""
