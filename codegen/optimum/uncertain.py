@@ -53,7 +53,8 @@ class Points:
     @classmethod
     def of_map(cls, reference_map: ReferenceMap, most: int | None = None) -> Points:
         """Return all feasible cells or, with `most`, about so many of those with an active constraint, evenly chosen."""
-        chosen = np.flatnonzero(reference_map.feasible if most is None or reference_map.active is None else reference_map.active)
+        active = reference_map.feasible if reference_map.active is None else reference_map.active
+        chosen = np.flatnonzero(reference_map.feasible if most is None else active)
         if most is not None and chosen.size > most:
             chosen = chosen[np.linspace(0, chosen.size - 1, most).astype(int)]
         speed, front_angle = np.meshgrid(reference_map.speed, reference_map.front_angle, indexing="ij")
@@ -80,7 +81,8 @@ def uses_of(points: Points, case: str, cars: Sequence[Config]) -> FloatArray:
 
 def keeping(reference_map: ReferenceMap, case: str, cars: Sequence[Config], most: int | None = None) -> BoolArray:
     """Return which of k cars keep their limits in the cells of a map (see `Points.of_map`) when they have its yaw rate."""
-    return uses_of(Points.of_map(reference_map, most), case, cars).max(axis=1) <= 1.0 + ROUNDING
+    kept: BoolArray = uses_of(Points.of_map(reference_map, most), case, cars).max(axis=1) <= 1.0 + ROUNDING
+    return kept
 
 
 def tightened(

@@ -1,0 +1,65 @@
+"""Cars drawn from measured uncertainty."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from codegen import configuration
+from codegen.configuration import Config
+from codegen.configuration.population import draw
+from codegen.errors import ConfigError
+
+COUNT = 2_000
+STIFFNESS, INERTIA, DELAY = (
+    "tyre.front.cornering_stiffness_n_per_rad",
+    "vehicle.yaw_inertia_kg_m2",
+    "plant.command_delay_samples",
+)
+
+
+def identified(keys: list[str], standard_deviations: list[float], correlations: list[list[float]]) -> Config:
+    data = configuration.preset().model_dump(mode="json", exclude_none=True)
+    table = {"keys": keys, "standard_deviations": standard_deviations, "correlations": correlations}
+    return configuration.parse(data | {"identified": table}, "test")
+
+
+def test_cars_have_the_deviations_and_the_correlation_and_differ_in_nothing_else() -> None:
+    config = identified([STIFFNESS, INERTIA, DELAY], [2_000.0, 90.0, 0.4], [[1.0, 0.8, 0.0], [0.8, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    cars = draw(config, COUNT, 1)
+    drawn = np.array([[car.tyre.front.cornering_stiffness_n_per_rad, car.vehicle.yaw_inertia_kg_m2] for car in cars])
+    given = np.array([config.tyre.front.cornering_stiffness_n_per_rad, config.vehicle.yaw_inertia_kg_m2])
+    # Four standard errors: s / sqrt(n) of a mean, 1 / sqrt(2 n) of a deviation, (1 - r^2) / sqrt(n) of a correlation.
+    assert drawn.mean(axis=0) == pytest.approx(given, abs=4.0 * 2_000.0 / COUNT**0.5)
+    assert drawn[:, 1].mean() == pytest.approx(given[1], abs=4.0 * 90.0 / COUNT**0.5)
+    assert drawn.std(axis=0) == pytest.approx([2_000.0, 90.0], rel=4.0 / (2.0 * COUNT) ** 0.5)
+    assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(0.8, abs=4.0 * 0.36 / COUNT**0.5)
+    assert {type(car.plant.command_delay_samples) for car in cars} == {int}
+    assert len({car.plant.command_delay_samples for car in cars}) > 1
+    for table in set(Config.model_fields) - {"tyre", "vehicle", "plant"}:
+        assert getattr(cars[0], table) == getattr(config, table)
+    assert cars[0].tyre.rear == config.tyre.rear
+    assert draw(config, 3, 1)[2] == cars[2]
+    assert draw(config, 3, 2)[2] != cars[2]
+
+
+def test_a_car_that_no_file_may_have_is_drawn_again() -> None:
+    config = identified([DELAY], [1.0], [[1.0]])
+    low = min(car.plant.command_delay_samples for car in draw(config, 100, 1))
+    assert low == 0  # a fifth of the draws is below
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (([], [], []), "identified.keys: there are no identified keys; take the file"),
+        (
+            ([STIFFNESS, INERTIA, DELAY], [1.0] * 3, [[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]]),
+            "no distribution has these",
+        ),
+        (([STIFFNESS], [1e9], [[1.0]]), "hardly any car within these standard deviations is possible"),
+    ],
+)
+def test_refused(table: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=message.replace("(", r"\(")):
+        draw(identified(*table), 20, 1)
