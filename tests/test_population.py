@@ -10,7 +10,7 @@ from codegen.configuration import Config
 from codegen.configuration.population import draw
 from codegen.errors import ConfigError
 
-COUNT = 2_000
+COUNT = 1_000
 STIFFNESS, INERTIA, DELAY = (
     "tyre.front.cornering_stiffness_n_per_rad",
     "vehicle.yaw_inertia_kg_m2",
