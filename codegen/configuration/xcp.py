@@ -84,8 +84,8 @@ Identifier = Annotated[int, Field(ge=0, le=0x1FFF_FFFF)]
 class Xcp(Section):
     """XCP on CAN. The native ECU follows the identifiers, the kind of frames and the sizes of packets.
 
-    The other keys only change the A2L. The defaults describe the slave of the native ECU. For an ECU with its own slave, change the
-    keys in which that one differs.
+    The other keys only change the A2L. The defaults describe the slave of the native ECU. For an ECU with its own slave, change
+    the keys in which that one differs.
     """
 
     receive_id: Annotated[Identifier, Meaning("identifier of the master's commands (CAN_ID_MASTER of the A2L)")] = 0x6A0
