@@ -110,7 +110,7 @@ class Scenario:
         if self.rear_angle is None:
             return None
         period = config.controller.sampling_time_s
-        return self.rear_angle(np.arange(max(round(self.duration / period), 1)) * period)
+        return self.rear_angle(np.arange(max(round(self.duration / period), 1), dtype=np.float64) * period)
 
     def inputs(self, config: Config) -> FloatArray:
         """Return the inputs (steps, 6) of the whole scenario for a car, columns INPUT_COLUMNS.

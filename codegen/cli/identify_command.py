@@ -132,8 +132,8 @@ def identify(
         {"--lateral-acceleration-max": lateral_acceleration_max, "--duration": duration},
     )
     if plan_path is not None:
-        limits = lateral_acceleration_max or ACCELERATION_DEFAULT, duration or DURATION_DEFAULT
-        _plan(plan_path, config_path, limits, names_path, report_path, as_json)
+        largest = lateral_acceleration_max or ACCELERATION_DEFAULT, duration or DURATION_DEFAULT
+        _plan(plan_path, config_path, largest, names_path, report_path, as_json)
         return
     if not check_only and (config_path is None or output is None):
         missing = "--config" if config_path is None else "--output"

@@ -25,7 +25,7 @@ SWEEP_HZ = 0.2, 3.0
 FADE_S = 1.0
 STEP_S = 1.5
 """Time from one step to the next: several settling times of a car."""
-STEP_SEQUENCE = (0.0, 1.0, -1.0, 0.5, -0.5, 1.0, 0.0, -1.0)
+STEP_SEQUENCE = (0.0, 1.0, -1.0, 0.5, -0.5, 1.0, -1.0, 0.0)
 """Levels of a sequence of steps: it reaches both sides, and passes the whole range at once."""
 RISE_S = 0.25
 """Time in which the front wheels follow a step: a fast driver, or a steering robot."""
@@ -54,7 +54,8 @@ def _sweep(time: FloatArray, duration: float) -> FloatArray:
 def _steps(time: FloatArray, duration: float) -> FloatArray:
     """Return steps from side to side."""
     del duration
-    return np.array(STEP_SEQUENCE)[(time / STEP_S + 1e-9).astype(int) % len(STEP_SEQUENCE)]
+    result: FloatArray = np.array(STEP_SEQUENCE)[(time / STEP_S + 1e-9).astype(int) % len(STEP_SEQUENCE)]
+    return result
 
 
 def _ramps(time: FloatArray, duration: float) -> FloatArray:
@@ -193,7 +194,7 @@ class _Draft:
 def _draft(config: Config, manoeuvre: Manoeuvre, speed: float, lateral_acceleration: float) -> _Draft:
     """Return a drive whose front angle, at scale one, gives the linear car the lateral acceleration (m/s^2)."""
     period = config.controller.sampling_time_s
-    time = np.arange(round(manoeuvre.duration / period)) * period
+    time = np.arange(round(manoeuvre.duration / period), dtype=np.float64) * period
     car = SingleTrack.from_config(config)
     largest, zero = config.rear_actuator.angle_max, np.zeros(time.size)
     unit = (car.wheelbase / speed**2 + max(car.understeer_coefficient, 0.0)) * lateral_acceleration
