@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from codegen.emit.text import Precision
 from codegen.sil.plant import Plant, PlantInput, PlantSample
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim.codec import Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion, frame_of, is_configured
-from hil_sim.e2e import E2eStatus, Receiver, next_counter, protect
+from hil_sim.e2e import E2eStatus, Receiver, next_counter, protect, received_counter
 from hil_sim.faults import Injector
 from hil_sim.scenarios import Scenario
 
@@ -103,6 +103,7 @@ class PlantNode:
         self.cycles = len(inputs) // self._per_sample
         self._rows = inputs[: self.cycles * self._per_sample].tolist()
         self._driver = scenario.driver(config)
+        self._rear_angle_commands = scenario.rear_angle_commands(config)
         self._plant = Plant(config)
         self._codec = Codec(config.can, precision)
         self._sensors = SensorModel(config.sensors, seed) if sensors else None
@@ -191,6 +192,19 @@ class PlantNode:
         data = protect(message.e2e_data_id, self._conditions_counter, data, self._profile)
         self._conditions_counter = next_counter(self._conditions_counter, self._profile)
         return frame_of(self.can, message.id, data)
+
+    def bypass(self, cycle: int, frame: Frame) -> Frame:
+        """Return a frame from the bus as the actuator receives it: a command with the rear angle of the scenario, if it has
+        one. Other frames, and damaged ones, are unchanged."""
+        message, profile = self.can.rear_steer_command, self._profile
+        if self._rear_angle_commands is None or not is_configured(self.can, frame) or frame.id != message.id:
+            return frame
+        if Receiver(self.can.e2e, self.can.frame_bytes).check(message.e2e_data_id, frame.data) != E2eStatus.INITIAL:
+            return frame
+        decoded = self._codec.decode(message.id, frame.data)
+        assert isinstance(decoded, RearSteerCommand)  # the payload of this message
+        data = self._codec.encode(replace(decoded, rear_angle=float(self._rear_angle_commands[cycle])))
+        return replace(frame, data=protect(message.e2e_data_id, received_counter(frame.data, profile), data, profile))
 
     def receive(self, frame: Frame) -> bool:
         """Process a frame from the bus. Return whether it was a command, valid or not; other frames are ignored."""

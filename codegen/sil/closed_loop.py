@@ -89,12 +89,15 @@ class ClosedLoop:
         )
         return record
 
-    def run_stepped(self, inputs: FloatArray, driver: Driver | None = None) -> FloatArray:
+    def run_stepped(
+        self, inputs: FloatArray, driver: Driver | None = None, rear_angle_commands: FloatArray | None = None
+    ) -> FloatArray:
         """Run the loop in Python, which calls controller and plant step by step. The results equal those of `run`.
 
         Args:
             inputs: as for `run`.
             driver: sets the steering wheel in each sample and replaces its column of the inputs.
+            rear_angle_commands: (samples,) rad, instead of the controller's command; not for the passive car.
         """
         inputs, samples = self._checked(inputs)
         ffi, lib, software = self._software.ffi, self._lib, self._software
@@ -119,6 +122,8 @@ class ClosedLoop:
                     setattr(measurement, signal.role, _value(signal, scenario, plant, output))
                 command = software.function("controller_step")(controller, self._parameters, measurement)
                 rear_angle, reference, status = command.rear_angle, command.yaw_rate_reference, command.status
+                if rear_angle_commands is not None:
+                    rear_angle = float(rear_angle_commands[sample])
             rows.append(
                 (
                     *(sample * self.sampling_time, speed, output.front_angle, plant.yaw_rate, reference),
