@@ -168,7 +168,7 @@ def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | No
     console.note(*plan.notes)
     console.say(f"{path}: {summary.runs} runs, {plan.spec.sample_count} samples, instruction set {plan.isa}")
     if plan.measured is not None:
-        console.say(f"cars: as uncertain as in {plan.measured.name}: {', '.join(plan.measured.population.keys)}")
+        console.say(f"cars drawn from {plan.measured.name}: {', '.join(plan.measured.population.keys)}")
     if written_map is not None:
         console.say(f"controller: that of {written_map}")
     for heading, text in sections(summary):
