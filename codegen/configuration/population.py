@@ -41,13 +41,13 @@ class Population:
 
     @classmethod
     def of(cls, config: Config, keys: Sequence[str] | None = None) -> Population:
-        """Return the distribution of `[identified]`, or of some of its keys.
+        """Return the distribution of the keys of `[identified]` that can vary, or of some of them.
 
         Raises:
             ConfigError: the correlations contradict each other.
         """
         identified = config.identified
-        chosen = tuple(identified.keys if keys is None else keys)
+        chosen = varying_keys(config) if keys is None else tuple(keys)
         places = [identified.keys.index(key) for key in chosen]
         correlations = np.array(identified.correlations).reshape(len(identified.keys), -1)[np.ix_(places, places)]
         values, vectors = np.linalg.eigh(correlations)
@@ -136,6 +136,29 @@ def require_identified(config: Config) -> None:
         raise ConfigError(
             "there are no identified keys", where="identified.keys", remedy="take the file that `codegen identify` wrote"
         )
+
+
+STEPS = (1.0, -1.0, 1e-3, -1e-3)
+"""Changes of a key, in standard deviations, of which an `ars.toml` may have at least one if the key can vary."""
+
+
+def varying_keys(config: Config) -> tuple[str, ...]:
+    """Return the identified keys that can differ from car to car.
+
+    A relaxation length of zero, which means none, cannot: only lengths far above its uncertainty are allowed beside it.
+    """
+    return tuple(key for key in config.identified.keys if changed_car(config, key) is not None)
+
+
+def changed_car(config: Config, key: str) -> Config | None:
+    """Return the car with another value of an identified key, within its uncertainty; None if no other value is possible."""
+    deviation = config.identified.standard_deviations[config.identified.keys.index(key)]
+    for step in STEPS:
+        try:
+            return with_values(config, [key], np.array([value_of(config, key) + step * deviation]))
+        except ConfigError:
+            continue
+    return None
 
 
 def _hardly_any(fault: ConfigError | None) -> ConfigError:

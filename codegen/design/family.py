@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 from codegen.configuration import Config
-from codegen.configuration.population import Population, value_of
+from codegen.configuration.population import Population, value_of, varying_keys
 from codegen.errors import ConfigError
 
 MEMBERS_MAX = 4096
@@ -76,7 +76,7 @@ MEASURABLE = {
 
 def measured_keys(config: Config) -> tuple[str, ...]:
     """Return the keys of `[identified]` that give deviations of the family."""
-    return tuple(key for key in config.identified.keys if key in MEASURABLE)
+    return tuple(key for key in varying_keys(config) if key in MEASURABLE)
 
 
 def members(config: Config) -> tuple[Member, ...]:

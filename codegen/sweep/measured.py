@@ -17,7 +17,7 @@ import numpy as np
 from codegen import configuration
 from codegen.cache import cache_folder
 from codegen.configuration import Config, Identified
-from codegen.configuration.population import Population, require_identified, value_of, with_values
+from codegen.configuration.population import Population, changed_car, require_identified
 from codegen.design.family import measured_keys
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.errors import CodegenError, ConfigError, within
@@ -88,6 +88,7 @@ def load(path: Path) -> MeasuredCar:
                 "no identified key can vary in a campaign", where="identified.keys", remedy="take the file of codegen identify"
             )
         population = Population.of(config, varied)
+        population.possible_car(np.random.default_rng(0))  # report hardly possible cars before anything is written
     held = tuple(key for key in config.identified.keys if key not in varied)
     return MeasuredCar(path.name, config, population, held)
 
@@ -98,18 +99,12 @@ def _can_vary(config: Config, key: str) -> bool:
     The friction and gravity of `[road]` do not vary: the tyres of all cars are described for them, and the scenario sets the
     friction that is driven.
     """
-    if key == DELAY_KEY:
+    if key == DELAY_KEY:  # rounded, so that a small change is none
         return True
     if key.startswith("road."):
         return False
-    value, deviation = value_of(config, key), config.identified.standard_deviations[config.identified.keys.index(key)]
-    for factor in (1.0, -1.0, 1e-3, -1e-3):
-        try:
-            changed = with_values(config, [key], np.array([value + factor * deviation]))
-        except ConfigError:
-            continue
-        return not np.array_equal(plant_parameters(changed), plant_parameters(config))
-    return True
+    changed = changed_car(config, key)
+    return changed is not None and not np.array_equal(plant_parameters(changed), plant_parameters(config))
 
 
 def solve_map(car: MeasuredCar, progress: Progress | None = None) -> ReferenceMap:

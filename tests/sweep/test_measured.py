@@ -205,6 +205,11 @@ def test_what_cannot_vary_and_builds_of_other_cars_are_notes(tmp_path: Path) -> 
             "factors.tyre_peak_percent: tyre.rear.peak_factor_p1 already varies",
         ),
         (DEVIATIONS, "delay_samples = [0, 1]", "factors.delay_samples: plant.command_delay_samples already varies"),
+        (
+            {STIFFNESSES[0]: 1e9},
+            "",
+            "identified.toml: identified.standard_deviations: hardly any car within these standard deviations is possible",
+        ),
         ({}, "", "identified.toml: identified.keys: there are no identified keys"),
         ({"road.friction": 0.1}, "", "identified.toml: identified.keys: no identified key can vary in a campaign"),
     ],
