@@ -206,7 +206,7 @@ def test_what_cannot_vary_and_builds_of_other_cars_are_notes(tmp_path: Path) -> 
         ),
         (DEVIATIONS, "delay_samples = [0, 1]", "factors.delay_samples: plant.command_delay_samples already varies"),
         (
-            {STIFFNESSES[0]: 1e9},
+            dict.fromkeys(STIFFNESSES, 1e9),
             "",
             "identified.toml: identified.standard_deviations: hardly any car within these standard deviations is possible",
         ),
