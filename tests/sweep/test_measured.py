@@ -4,6 +4,7 @@ import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cloudpickle
@@ -18,12 +19,14 @@ from codegen.importing.toml_edit import whole
 from codegen.sil.batch import DIFFERENCE_MAX_FLIPPED
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import compile_build
+from codegen.sweep import measured, store
 from codegen.sweep import plan as planning
-from codegen.sweep import store
 from codegen.sweep.chunk import replay, run_chunk
 from codegen.sweep.engine import Threads, run_campaign
 from codegen.sweep.lanes import draw_samples
 from codegen.sweep.plan import Plan
+from codegen.vehicle.plant_car import PLANT_PARAMETERS
+from tests import builds
 from tests.sweep.conftest import ROOT
 
 DEVIATIONS = {
@@ -147,15 +150,15 @@ def test_a_run_equals_the_single_loop_of_the_configuration_with_those_values(pla
 def test_other_factors_act_on_the_drawn_cars(plan: Plan) -> None:
     """The mass of the factor is added to the drawn car, whose stiffnesses stay."""
     samples = range(40)
-    drawn = draw_samples(plan.spec, samples, plan.config, plan.measured.population if plan.measured else None)
-    alone = draw_samples(
-        plan.spec.model_copy(update={"factors": {}}), samples, plan.config, plan.measured.population if plan.measured else None
+    assert plan.measured is not None
+    drawn, alone = (
+        draw_samples(spec, samples, plan.config, plan.measured.population)
+        for spec in (plan.spec, plan.spec.model_copy(update={"factors": {}}))
     )
-    names = list(planning.cars.__globals__["PLANT_PARAMETERS"])
     heavier = 1.0 + drawn.factors["mass_percent"] / 100.0
     assert set(drawn.factors["mass_percent"]) == {0.0, 20.0}
     for name in ("mass", "yaw_inertia", "front_static_load"):
-        column = names.index(name)
+        column = PLANT_PARAMETERS.index(name)
         assert drawn.cars[:, column] == pytest.approx(heavier * alone.cars[:, column], rel=1e-14)
     assert all(np.array_equal(drawn.factors[key], values) for key, values in alone.factors.items())
 
@@ -232,3 +235,30 @@ def test_a_factorial_design_and_another_sampling_time_are_refused(tmp_path: Path
     }
     with pytest.raises(ConfigError, match=r"another controller\.sampling_time_s than that of identified\.toml"):
         planning.read(write_spec(tmp_path), None, write_car(tmp_path, {INERTIA: 100.0}, controller=slower, can=cycles))
+
+
+def test_a_family_that_is_too_wide_is_replaced_by_that_of_tuning_and_the_map_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ARS_CACHE", str(tmp_path / "cache"))
+    tried = []
+
+    def tune(reference_map: Any, config: Config, *_: object) -> Any:
+        tried.append(config.identified.keys)
+        if config.identified.keys:
+            raise ConfigError("no gains")
+        return SimpleNamespace(config=config)
+
+    monkeypatch.setattr(measured, "tune", tune)
+    monkeypatch.setattr(measured, "solve_case", lambda config, case: builds.paper_map().with_config(config))
+    car = measured.load(write_car(tmp_path))
+    found = measured.solve_map(car)
+    assert tried == [KEYS, []]
+    monkeypatch.setattr(measured, "solve_case", None)
+    again = measured.solve_map(car)
+    assert again.config == found.config and np.array_equal(again.yaw_rate, found.yaw_rate, equal_nan=True)
+    spec = write_spec(tmp_path, samples=1, factors="")
+    spec.write_text(spec.read_text().partition("[controllers]")[0], encoding="utf-8")
+    plan = planning.read(spec, None, tmp_path / "identified.toml")
+    assert list(plan.spec.controllers) == ["tracking", "passive"]
+    assert [note for note in plan.notes if "the controller is tuned for that of [tuning]" in note]
