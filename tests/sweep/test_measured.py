@@ -25,6 +25,7 @@ from codegen.sweep.chunk import replay, run_chunk
 from codegen.sweep.engine import Threads, run_campaign
 from codegen.sweep.lanes import draw_samples
 from codegen.sweep.plan import Plan
+from codegen.tuning.tune import with_tracking
 from codegen.vehicle.plant_car import PLANT_PARAMETERS
 from tests import builds
 from tests.sweep.conftest import ROOT
@@ -241,13 +242,13 @@ def test_a_family_that_is_too_wide_is_replaced_by_that_of_tuning_and_the_map_is_
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ARS_CACHE", str(tmp_path / "cache"))
-    tried = []
+    schedule, tried = builds.TRACKING_CONFIG.controller.tracking.model_dump(mode="json")["schedule"], []
 
     def tune(reference_map: Any, config: Config, *_: object) -> Any:
         tried.append(config.identified.keys)
         if config.identified.keys:
             raise ConfigError("no gains")
-        return SimpleNamespace(config=config)
+        return SimpleNamespace(config=with_tracking(config, {"schedule": schedule}, "test"))
 
     monkeypatch.setattr(measured, "tune", tune)
     monkeypatch.setattr(measured, "solve_case", lambda config, case: builds.paper_map().with_config(config))
