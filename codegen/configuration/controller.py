@@ -216,7 +216,7 @@ class Tuning(Section):
     """The family of cars for which `codegen tune` designs the gains, and the margins that each must keep.
 
     All combinations of the listed deviations are members. The stiffnesses of front and rear axle vary independently, and the
-    yaw inertia changes in proportion to the mass.
+    yaw inertia changes in proportion to the mass. Deviations with an uncertainty in `[identified]` come from there instead.
     """
 
     speed_km_h: Annotated[

@@ -166,6 +166,12 @@ class ReferenceMap:
             return tables.ACCELERATION, tuple((layer.acceleration, layer.map) for layer in self.acceleration_layers)
         return None
 
+    def with_config(self, config: Config) -> ReferenceMap:
+        """Return the map with another configuration; the rest of its `meta` is kept."""
+        meta: dict[str, Any] = {"schema_version": SCHEMA_VERSION, **self.meta}
+        meta["configuration"] = config.model_dump(mode="json")
+        return replace(self, config=config, meta=meta)
+
     def require_buildable(self) -> None:
         """Raise MapError for a stack over longitudinal acceleration, which the generated C does not have."""
         if self.acceleration_layers:
