@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from codegen.tuning.transient import Response
     from codegen.tuning.tune import FailSafeRate, Tuned
 
-MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid")
+MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid", "tightening")
 """Tables of the configuration from which a map is solved. Storing other ones in the map would misdescribe it."""
 
 GAIN_COLUMNS = {
@@ -101,7 +101,7 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     with within(config_path or map_path), console.progress("tuning") as progress:
         tuned = tune_map(reference_map, chosen.config, progress, config_path or map_path)
     config, made = tuned.config, tuned.design
-    npz.save(_with_config(reference_map, config), output)
+    npz.save(npz.with_config(reference_map, config), output)
     least = weakest(config, gains_of(made.schedule))
     trim = _trim_facts(tuned, chosen.config.controller.tracking.trim_max_percent)
     warnings = [*car_warnings(config), *schedule_warnings(config), *map_warnings(reference_map, config)]
@@ -197,15 +197,6 @@ def _trim_text(told: dict[str, Any]) -> str:
     if not told["trim_is_enough"]:
         return f"{changed}, the largest, and not enough: {excess}; {COARSE}"
     return f"{changed}; {excess}, and would exceed a slip bound there"
-
-
-def _with_config(reference_map: ReferenceMap, config: Config) -> ReferenceMap:
-    """Return the map with another configuration; the rest of its `meta` is kept."""
-    from codegen.map_file.map import SCHEMA_VERSION
-
-    meta: dict[str, Any] = {"schema_version": SCHEMA_VERSION, **reference_map.meta}
-    meta["configuration"] = config.model_dump(mode="json")
-    return dataclasses.replace(reference_map, config=config, meta=meta)
 
 
 def _rows(made: Design) -> list[dict[str, Any]]:
