@@ -37,8 +37,9 @@ FIRST_CARS = 500
 """Cars of the first sample."""
 SEED = 1
 ROUNDS_MAX = 10
-STEP_MIN, STEP_MAX = 0.02, 1.0
-"""Range of a step of the common factor."""
+TOLERANCE = 0.03
+"""Step of the common factor that no longer matters: of the tightening, which itself is a small part of a limit."""
+STEP_MAX = 1.0
 USE_MAX = 2.0
 """Largest use of a limit that counts in the first sample; a car without a steady turn would need infinitely much."""
 ROUNDING = 1e-6
@@ -153,26 +154,48 @@ def solve_uncertain(config: Config, case: str, share: float, progress: Progress 
     first = np.minimum(uses_of(nominal, counted(draw(whole, FIRST_CARS, SEED + 1))), USE_MAX)
     # Half of the cars that may be lost exceed one limit more than this; only the proportions of the limits count.
     needed = np.maximum(np.quantile(first, 0.5 * (1.0 + share), axis=0) - 1.0, 0.0)
-    found, factor, lost_by_nominal = nominal, 0.0, None
+    tried, factor, rejected, counts = nominal, 0.0, 0.0, list[int]()
+    best: tuple[float, ReferenceMap, int] | None = None
     for _ in range(ROUNDS_MAX):
-        used = uses_of(found, counted(cars))
+        used = uses_of(tried, counted(cars))
         lost = ~keeps(used)
-        # A car that keeps its limits with one factor keeps them with any larger one.
-        cars, used = [car for car, is_lost in zip(cars, lost, strict=True) if is_lost], used[lost]
-        lost_by_nominal = len(cars) if lost_by_nominal is None else lost_by_nominal
-        if len(cars) <= allowed:
-            record = {"share": share, "cars": count, "lost": len(cars), "seed": SEED}
-            return UncertainMap(with_config(found, _tightened(whole, case, needed, factor, record)), nominal, lost_by_nominal)
-        # What each car still needs, as a step of the factor: its uses fall about in proportion to the limits.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            missing = np.where(used > 1.0 + ROUNDING, (used - 1.0) / needed, 0.0).max(axis=1)
-        factor += float(np.clip(np.sort(missing)[-allowed - 1], STEP_MIN, STEP_MAX))
-        found = solve_case(_tightened(whole, case, needed, factor, {}), case)
+        counts.append(int(lost.sum()))
+        step = float(np.sort(_missing(used, needed, factor))[-allowed - 1])
+        if counts[-1] <= allowed:
+            best = factor, tried, counts[-1]
+            if step > -TOLERANCE or factor == 0.0:
+                break
+        else:
+            # A car that keeps its limits with one factor keeps them with any larger one.
+            rejected, cars = factor, [car for car, is_lost in zip(cars, lost, strict=True) if is_lost]
+            step = max(step, TOLERANCE)
+        factor += min(max(step, -STEP_MAX), STEP_MAX)
+        if best is not None and not rejected < factor < best[0]:
+            factor = 0.5 * (rejected + best[0])
+        try:
+            tried = solve_case(_tightened(whole, case, needed, factor, {}), case)
+        except MapError:  # no cell is left inside such limits
+            break
+    if best is not None:
+        factor, found, lost_count = best
+        record = {"share": share, "cars": count, "lost": lost_count, "seed": SEED}
+        return UncertainMap(with_config(found, _tightened(whole, case, needed, factor, record)), nominal, counts[0])
     raise MapError(
         f"{len(cars)} of {count} cars exceed a limit however tight those of the map are, and {allowed} may",
         where=f"{OPTION}: [cases.{case}]",
         remedy="measure with more excitation, relax [limits] or ask for a smaller share",
     )
+
+
+def _missing(used: FloatArray, needed: FloatArray, factor: float) -> FloatArray:
+    """Return by how much the factor must rise for each of k cars, or may fall, from its uses (k, number of BOUNDS).
+
+    A use falls about in proportion to its limit in the map. Tightening does not help where none is needed.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steps = (1.0 - factor * needed) * (1.0 - 1.0 / np.maximum(used, ROUNDING)) / needed
+    missing: FloatArray = np.where(needed > 0.0, steps, np.where(used > 1.0 + ROUNDING, np.inf, -np.inf)).max(axis=1)
+    return missing
 
 
 def _counter(progress: Progress | None, total: int) -> Callable[[Sequence[Config]], Iterator[Config]]:
