@@ -164,8 +164,8 @@ def solve(
         console.say(f"map: {summary.tightening_line}")
         cost = _cost(uncertain)
         console.say(
-            f"{nominal_path}: the map with the whole limits, which {cost['lost']} of the cars exceed; its yaw rate is "
-            f"{cost['yaw_rate_mean_deg_s']:.2g} deg/s larger on average, at most {cost['yaw_rate_max_deg_s']:.2g} deg/s "
+            f"{nominal_path}: the map with the whole limits, which {cost['lost_percent']:.0f} % of the cars exceed; its yaw "
+            f"rate is {cost['yaw_rate_mean_deg_s']:.2g} deg/s larger on average, at most {cost['yaw_rate_max_deg_s']:.2g} "
             f"(at {cost['at']}), and {cost['cells']} more of its cells are feasible"
         )
 
@@ -176,7 +176,7 @@ def _cost(uncertain: UncertainMap) -> dict[str, Any]:
 
     found = map_difference(uncertain.nominal, uncertain.map, (None, None))
     return {
-        "lost": uncertain.lost_by_nominal,
+        "lost_percent": 100.0 * uncertain.lost_by_nominal,
         "yaw_rate_mean_deg_s": found.mean_deg_s,
         "yaw_rate_max_deg_s": found.largest_deg_s,
         "at": str(found.largest_at),

@@ -1,12 +1,12 @@
 """Map whose limits a share of a population of cars keeps: the nominal optimum with tighter limits.
 
 A car with feedback reaches the map's yaw rate whatever its tyres are. Its rear angle, sideslip and slip angles then differ from
-those of the nominal car, which meets some of its limits exactly. A map solved with `[tightening]` leaves room for that. Each
-limit is tightened in proportion to what a first sample of the cars needs of it, and all of them by one common factor. It is the
-smallest one with which a second sample loses at most `lost_allowed` cars. A car is lost if it exceeds one of its own limits in
-one cell.
+those of the nominal car, which meets some of its limits exactly. A map solved with `[tightening]` leaves room for that. A first
+sample of the cars determines by how much each quantity spreads where it meets its limit. All limits are tightened in proportion
+to that, by a common factor: the smallest with which a second sample loses at most `lost_allowed` cars. A car is lost if it
+exceeds one of its own limits in one cell.
 
-With larger factors fewer cars are lost, so each car has a smallest factor of its own, and the common one is at least an order
+A larger factor loses fewer cars, so each car has a smallest factor of its own, and the common one is at least an order
 statistic of these. By the binomial distribution, the share of the whole population that keeps its limits is then at least the
 wanted one, with the probability CONFIDENCE.
 """
@@ -33,10 +33,13 @@ OPTION = "--uncertain"
 CONFIDENCE = 0.95
 EXPECTED_BEYOND = 20
 """Cars of the second sample that lie beyond the wanted share on average; more cars need less margin for the sample."""
-FIRST_CARS = 500
+FIRST_CARS = 300
 """Cars of the first sample."""
 SEED = 1
-ROUNDS_MAX = 10
+SPREAD_ROUNDS_MAX = 4
+SPREAD_TOLERANCE = 1e-3
+"""Growth of a spread, as a fraction of the limit, that no longer matters."""
+ROUNDS_MAX = 8
 TOLERANCE = 0.03
 """Step of the common factor that no longer matters: of the tightening, which itself is a small part of a limit."""
 STEP_MAX = 1.0
@@ -49,6 +52,7 @@ KEYS = {bound.limit: index for index, bound in enumerate(BOUNDS) if bound.limit 
 """Key of `[tightening]` -> index of the bound. The lateral acceleration is the same for all cars, and has none."""
 
 Progress = Callable[[int, int], None]
+Counted = Callable[[Sequence[Config]], Iterator[Config]]
 
 
 @dataclass(frozen=True)
@@ -73,12 +77,12 @@ class UncertainMap:
     Attributes:
         map: the map; its configuration has `[tightening]`.
         nominal: the map with the whole limits.
-        lost_by_nominal: cars of the same sample that exceed a limit when they follow `nominal`.
+        lost_by_nominal: share of the cars that exceed a limit when they follow `nominal`, from the first sample.
     """
 
     map: ReferenceMap
     nominal: ReferenceMap
-    lost_by_nominal: int
+    lost_by_nominal: float
 
     @property
     def tightening(self) -> Tightening:
@@ -146,59 +150,78 @@ def solve_uncertain(config: Config, case: str, share: float, progress: Progress 
     if not config.case(case).rear_steering:
         what = "without rear steering no car can follow the map of another one"
         raise ConfigError(what, where=f"{OPTION}: [cases.{case}]", remedy="choose a case with rear_steering = true")
-    whole = config.with_whole_limits
-    count = car_count(share)
+    whole, count = config.with_whole_limits.with_case(case), car_count(share)
     cars, allowed = draw(whole, count, SEED), lost_allowed(share, count)
-    counted = _counter(progress, FIRST_CARS + 2 * count)  # in the first two rounds nearly all cars take part
+    counted = _counter(progress, 3 * (FIRST_CARS + count))  # about three rounds each
     nominal = solve_case(whole, case)
-    first = np.minimum(uses_of(nominal, counted(draw(whole, FIRST_CARS, SEED + 1))), USE_MAX)
-    # Half of the cars that may be lost exceed one limit more than this; only the proportions of the limits count.
-    needed = np.maximum(np.quantile(first, 0.5 * (1.0 + share), axis=0) - 1.0, 0.0)
-    tried, factor, rejected, counts = nominal, 0.0, 0.0, list[int]()
-    best: tuple[float, ReferenceMap, int] | None = None
+    spread, lost_by_nominal = _spread(whole, case, nominal, counted, share)
+    found: tuple[float, ReferenceMap, int] | None = None
+    too_small, factor = 0.0, 1.0
     for _ in range(ROUNDS_MAX):
-        used = uses_of(tried, counted(cars))
-        lost = ~keeps(used)
-        counts.append(int(lost.sum()))
-        step = float(np.sort(_missing(used, needed, factor))[-allowed - 1])
-        if counts[-1] <= allowed:
-            best = factor, tried, counts[-1]
-            if step > -TOLERANCE or factor == 0.0:
-                break
-        else:
-            # A car that keeps its limits with one factor keeps them with any larger one.
-            rejected, cars = factor, [car for car, is_lost in zip(cars, lost, strict=True) if is_lost]
-            step = max(step, TOLERANCE)
-        factor += min(max(step, -STEP_MAX), STEP_MAX)
-        if best is not None and not rejected < factor < best[0]:
-            factor = 0.5 * (rejected + best[0])
         try:
-            tried = solve_case(_tightened(whole, case, needed, factor, {}), case)
+            tried = solve_case(_tightened(whole, factor * spread), case)
         except MapError:  # no cell is left inside such limits
             break
-    if best is not None:
-        factor, found, lost_count = best
-        record = {"share": share, "cars": count, "lost": lost_count, "seed": SEED}
-        return UncertainMap(with_config(found, _tightened(whole, case, needed, factor, record)), nominal, counts[0])
-    raise MapError(
-        f"{len(cars)} of {count} cars exceed a limit however tight those of the map are, and {allowed} may",
-        where=f"{OPTION}: [cases.{case}]",
-        remedy="measure with more excitation, relax [limits] or ask for a smaller share",
-    )
+        used = uses_of(tried, counted(cars))
+        lost = int((~keeps(used)).sum())
+        step = float(np.sort(_missing(used, spread, factor))[-allowed - 1])
+        if lost <= allowed:
+            found = factor, tried, lost
+            if step > -TOLERANCE or not spread.any():
+                break
+        else:
+            too_small, step = factor, max(step, TOLERANCE)
+        factor += min(max(step, -STEP_MAX), STEP_MAX)
+        if found is not None and not too_small < factor < found[0]:
+            factor = 0.5 * (too_small + found[0])
+    if found is None:
+        raise MapError(
+            f"{count - allowed} of {count} cars keep the limits however tight those of the map are",
+            where=f"{OPTION}: [cases.{case}]",
+            remedy="measure with more excitation, relax [limits] or ask for a smaller share",
+        )
+    factor, tightest, lost = found
+    record = {"share": share, "cars": count, "lost": lost, "seed": SEED}
+    return UncertainMap(with_config(tightest, _tightened(whole, factor * spread, record)), nominal, lost_by_nominal)
 
 
-def _missing(used: FloatArray, needed: FloatArray, factor: float) -> FloatArray:
+def _spread(whole: Config, case: str, nominal: ReferenceMap, counted: Counted, share: float) -> tuple[FloatArray, float]:
+    """Return the spread of each bounded quantity (number of BOUNDS,), as a fraction of its limit, and the lost share.
+
+    The spread is that where the quantity of the nominal car meets its limit in the map. A quantity that meets it only in a
+    tightened map, such as the sideslip at smaller yaw rates, is found by solving with what is known so far.
+    """
+    cars, lost_share, tried = draw(whole, FIRST_CARS, SEED + 1), 0.0, nominal
+    spread = np.zeros(len(BOUNDS))
+    for number in range(SPREAD_ROUNDS_MAX):
+        used = uses_of(tried, counted(cars))
+        if number == 0:
+            lost_share = float(np.mean(~keeps(used)))
+        # Half of the cars that may be lost exceed one limit more than this; only the proportions of the limits count.
+        high = np.quantile(np.minimum(used, USE_MAX), 0.5 * (1.0 + share), axis=0)
+        larger = np.maximum(spread, high / np.maximum(1.0 - spread, FRACTION_MIN) - 1.0)
+        if (larger - spread).max() <= SPREAD_TOLERANCE:
+            break
+        spread = larger
+        try:
+            tried = solve_case(_tightened(whole, spread), case)
+        except MapError:  # no cell is left inside such limits
+            break
+    return spread, lost_share
+
+
+def _missing(used: FloatArray, spread: FloatArray, factor: float) -> FloatArray:
     """Return by how much the factor must rise for each of k cars, or may fall, from its uses (k, number of BOUNDS).
 
-    A use falls about in proportion to its limit in the map. Tightening does not help where none is needed.
+    A use falls about in proportion to its limit in the map. Tightening does not help where nothing spreads.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        steps = (1.0 - factor * needed) * (1.0 - 1.0 / np.maximum(used, ROUNDING)) / needed
-    missing: FloatArray = np.where(needed > 0.0, steps, np.where(used > 1.0 + ROUNDING, np.inf, -np.inf)).max(axis=1)
+        steps = np.maximum(1.0 - factor * spread, FRACTION_MIN) * (1.0 - 1.0 / np.maximum(used, ROUNDING)) / spread
+    missing: FloatArray = np.where(spread > 0.0, steps, np.where(used > 1.0 + ROUNDING, np.inf, -np.inf)).max(axis=1)
     return missing
 
 
-def _counter(progress: Progress | None, total: int) -> Callable[[Sequence[Config]], Iterator[Config]]:
+def _counter(progress: Progress | None, total: int) -> Counted:
     """Return a function that yields cars and reports how many it has yielded so far, over all calls."""
     done = 0
 
@@ -213,7 +236,7 @@ def _counter(progress: Progress | None, total: int) -> Callable[[Sequence[Config
     return counted
 
 
-def _tightened(whole: Config, case: str, needed: FloatArray, factor: float, record: Mapping[str, float]) -> Config:
-    """Return the configuration with each limit tightened by `factor` times what is needed of it (number of BOUNDS,)."""
-    fractions = {key: max(1.0 - factor * float(needed[index]), FRACTION_MIN) for key, index in KEYS.items()}
-    return whole.with_case(case).model_copy(update={"tightening": Tightening.model_validate({**fractions, **record})})
+def _tightened(whole: Config, tightening: FloatArray, record: Mapping[str, float] | None = None) -> Config:
+    """Return the configuration with each limit tightened by a fraction of it (number of BOUNDS,)."""
+    fractions = {key: min(max(1.0 - float(tightening[index]), FRACTION_MIN), 1.0) for key, index in KEYS.items()}
+    return whole.model_copy(update={"tightening": Tightening.model_validate({**fractions, **(record or {})})})

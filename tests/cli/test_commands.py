@@ -122,11 +122,11 @@ def test_a_map_for_a_share_of_the_cars_is_written_beside_the_nominal_one(run: Ru
     line = r"limits tightened to .*rear angle [\d.]+ %.*; \d+ of 40 drawn cars exceed a limit \(50 % must keep them\)"
     assert told.code == 0 and re.search(f"map: {line}\n", told.out)
     found = re.search(
-        r"own-nominal.npz: the map with the whole limits, which (\d+) of the cars exceed; its yaw rate is ", told.out
+        r"own-nominal.npz: the map with the whole limits, which (\d+) % of the cars exceed; its yaw rate is ", told.out
     )
     assert found is not None
     facts = json.loads(run(*options, "--json").out)
-    assert facts["tightening"]["share"] == 0.5 and facts["nominal"]["lost"] == int(found[1]) > facts["tightening"]["lost"]
+    assert facts["tightening"]["share"] == 0.5 and round(facts["nominal"]["lost_percent"]) == int(found[1]) > 50
     assert facts["nominal"]["yaw_rate_max_deg_s"] > 0.0
     assert re.search(f"^{line}$", run("show", "own.npz").out, re.MULTILINE)
     assert "tightened" not in run("show", "own-nominal.npz").out

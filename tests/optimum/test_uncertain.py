@@ -68,11 +68,13 @@ def test_other_cars_keep_the_limits_in_the_wanted_share() -> None:
     made = found.tightening
     allowed = lost_allowed(SHARE, made.cars)
     assert (made.share, made.cars, made.seed) == (SHARE, car_count(SHARE), SEED)
-    assert made.lost <= allowed < found.lost_by_nominal
+    assert made.lost <= allowed
+    assert found.lost_by_nominal > 0.5
+    assert (~keeps(uses_of(found.map, draw(CONFIG, made.cars, SEED)))).sum() == made.lost
     looser = {key: 1.0 - 0.85 * (1.0 - getattr(made, key)) for key in FRACTIONS}
     less_tight = solve_case(changed(CONFIG, tightening=looser), "4ws-2")
     assert (~keeps(uses_of(less_tight, draw(CONFIG, made.cars, SEED)))).sum() > allowed  # no tighter than needed
-    assert done[-1][0] == done[-1][1] == max(done)[0]
+    assert done[-1][0] <= done[-1][1] and done == sorted(done)
     others = draw(CONFIG, 400, SEED + 7)
     used, by_nominal = uses_of(found.map, others), uses_of(found.nominal, others)
     # A share of 0.9 is missed by chance with p < 0.001 below 342 of 400.
@@ -120,7 +122,7 @@ def test_a_file_gets_the_tightening_of_the_map(tmp_path: Path) -> None:
             "4ws-2",
             0.9,
             {"identified": WIDE, "grid": STEEP},
-            "of 200 cars exceed a limit however tight those of the map are, and 12 may; measure",
+            "188 of 200 cars keep the limits however tight those of the map are; measure",
         ),
     ],
 )
