@@ -171,7 +171,8 @@ def identify(
         written = identified_toml(found, text, config_path)
     validations = [validate(found, drive) for drive in others] if others else validate_fitted(found, drives)
     if report_path is not None:
-        _write_report(report_path, written, found, limits, validations, bool(others))
+        with console.status("writing the report"):
+            _write_report(report_path, written, found, limits, validations, bool(others))
     write_atomically(output, written.encode("utf-8"))
     if as_json:
         files = {"output": str(output), "report": None if report_path is None else str(report_path)}

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from codegen.tuning.transient import Response
     from codegen.tuning.tune import FailSafeRate, Tuned
 
-MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid")
+MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid", "tightening")
 """Tables of the configuration from which a map is solved. Storing other ones in the map would misdescribe it."""
 
 GAIN_COLUMNS = {

@@ -41,6 +41,7 @@ from codegen.configuration.car import (
 from codegen.configuration.controller import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
 from codegen.configuration.identified import Identified
 from codegen.configuration.section import Meaning, Section, check_name, first_fault
+from codegen.configuration.tightening import Tightening
 from codegen.configuration.xcp import Xcp
 from codegen.errors import CodegenError, ConfigError, suggestion
 from codegen.files import read_text
@@ -68,6 +69,7 @@ __all__ = [
     "Sensor",
     "Sensors",
     "Steering",
+    "Tightening",
     "Tracking",
     "Tuning",
     "Tyre",
@@ -139,6 +141,7 @@ class Config(Section):
     budgets: Budgets = Field(default=Budgets(), exclude_if=lambda budgets: budgets == Budgets())
     # Omitted where unset, like the budgets.
     identified: Identified = Field(default=Identified(), exclude_if=lambda identified: identified == Identified())
+    tightening: Tightening = Field(default=Tightening(), exclude_if=lambda own: own == Tightening())
 
     @model_validator(mode="before")
     @classmethod
@@ -274,6 +277,11 @@ class Config(Section):
         """Return the configuration with the case called `name` as one of its own. Raises ConfigError: see `case`."""
         case = self.case(name)
         return self if name in self.cases else self.model_copy(update={"cases": {**self.cases, name: case}})
+
+    @property
+    def with_whole_limits(self) -> Config:
+        """The same configuration without `[tightening]`: the limits themselves."""
+        return self if self.tightening == Tightening() else self.model_copy(update={"tightening": Tightening()})
 
     def with_tyre_model(self, tyre_model: str | None) -> Config:
         """Return the configuration with this tyre model, "linear" or "magic-formula", in all cases; None changes nothing."""

@@ -27,7 +27,7 @@ import numpy as np
 
 from codegen import __version__, configuration
 from codegen.arrays import AnyArray, BoolArray, FloatArray
-from codegen.configuration import Config, Controller, check_name, parse
+from codegen.configuration import Config, Controller, Tightening, check_name, parse
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.files import write_atomically
 from codegen.map_file import archive, tables
@@ -409,13 +409,18 @@ class Chosen:
 
 
 def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) -> Chosen:
-    """Return the configuration of the given file, else the map's own, else the paper's preset. Raises ConfigError."""
+    """Return the configuration of the given file, else the map's own, else the paper's preset. Raises ConfigError.
+
+    A file without `[tightening]` gets that of the map.
+    """
     own = reference_map.config if reference_map is not None else None
     if config_path is not None:
         config = configuration.load(config_path)
         notes = _borrowed(config)
         if own is not None and (own.vehicle, own.tyre, own.road) != (config.vehicle, config.tyre, config.road):
             notes += (f"{config_path.name} describes another car than the map was solved for; the map is taken as it is",)
+        if own is not None and own.tightening != config.tightening == Tightening():
+            config = config.model_copy(update={"tightening": own.tightening})  # it belongs to the map
         return Chosen(config, config_path.name, notes)
     if own is not None:
         return Chosen(own, "map")

@@ -150,6 +150,7 @@ TOOLCHAINS = (
 )
 IPOPT = "IPOPT and a brute-force search find the same optimum, on whole grids and for random cars"
 DRIVES = "long closed-loop suites, a second plant and campaigns give the expected results"
+UNCERTAIN = "10,000 cars drawn afresh keep the limits with a map for 99 % of the cars, in at least this share"
 LOADERS = "damaged files of every kind are read, or rejected in one line"
 INSTALL = "wheel, source distribution and make targets work in a fresh environment"
 BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*", *C, *CONFIG)
@@ -176,6 +177,7 @@ PARTS = (
     Part("kinds", KINDS, GENERATOR, runs=SIL),
     Part("toolchains", TOOLCHAINS, (*GENERATOR, "codegen/export/**/*"), runs=SIL, tools=("cmake", *FIRMWARE)),
     Part("ipopt", IPOPT, (*MAPS, "codegen/design/*")),
+    Part("uncertain", UNCERTAIN, MAPS, f"{PACKAGE}.uncertain.share"),
     Part("drives", DRIVES, DRIVEN, runs=SIL),
     Part(
         "vcan", "the bench works on real SocketCAN", BENCH, runs=SIL, worker_count=0
