@@ -249,7 +249,11 @@ def _draw(build: BuildCalibration, found: list[Difference], sets: tuple[Calibrat
 
     first, second = sets
     with console.status("drawing"):
-        values = [ValueChange(each.object.name, each.first, each.second) for each in found if each.object.kind == "VALUE"]
+        values = [
+            ValueChange(each.object.name, each.object.unit, each.first, each.second)
+            for each in found
+            if each.object.kind == "VALUE"
+        ]
         curves = [CurveChange(*each) for each in curves_of(found, first.values, second.values, build.layout)]
         maps = None
         if any(each.object in build.layout.map_objects for each in found):

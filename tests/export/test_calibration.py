@@ -15,6 +15,7 @@ import bincopy
 import numpy as np
 import pytest
 from dcmReader.dcm_reader import DcmReader
+from matplotlib.axes import Axes
 
 from codegen import configuration
 from codegen.emit.controller_view import controller_parameters
@@ -28,6 +29,7 @@ from codegen.export.calibration.images import Image
 from codegen.export.calibration.labels import number_text
 from codegen.export.calibration.layout import Values
 from codegen.export.calibration.sets import READERS, merged, read_set
+from codegen.report.calibration_plots import ValueChange, calibration_figure
 from codegen.verify.target import CORTEX_M4F, POWERPC_BE, Core, Processor, compile_image
 from tests import builds, shared
 from tests.calibrations import addressed, records_of
@@ -578,6 +580,13 @@ def test_the_command_writes_compares_and_converts(run: Run, tmp_path: Path) -> N
     assert configuration.load(tmp_path / "ars.toml").controller.disable_speed_km_h == 11.7
     found = read_set(tmp_path / "again.dcm", loaded().layout)
     assert all(found[name].tobytes() == value.tobytes() for name, value in recalibrated().items())
+
+
+def test_the_picture_names_both_sets_and_units() -> None:
+    figure = calibration_figure([ValueChange(DISABLE, "m/s", 10.0 / 3.0, 3.25)], [], None, ("first.dcm", "second.cdfx"))
+    (axes,) = figure.findobj(Axes)
+    assert axes.get_title(loc="left") == "Values, first (first.dcm) to second (second.cdfx)"
+    assert [label.get_text() for label in axes.get_yticklabels()] == [f"{DISABLE}: 3.333 → 3.25 m/s"]
 
 
 def test_unsuitable_arguments_are_rejected(refused: Refused, tmp_path: Path) -> None:
