@@ -203,13 +203,16 @@ class SecondTracking(SecondController):
         lead = clip(self.scheduled("lead_time", m.speed) * self.front_rate, -most, most)
         seen, estimated = self.grip * self.friction_per_grip, self.friction(m)
         friction = min(estimated, seen)
-        yaw_rate, rear_angle = (self.real(value) for value in self.lookup.reference(m.speed, m.front_angle + lead, friction))
+        moving = m.longitudinal_acceleration
+        found = self.lookup.reference(m.speed, m.front_angle + lead, friction, moving)
+        yaw_rate, rear_angle = (self.real(value) for value in found)
         own = self.state[1]
         expected = own + p("response_samples") * (own - self.previous_model_yaw_rate)
         rear_angle = rear_angle - self.scheduled("response_gain", m.speed) * (yaw_rate - expected)
         bound = p("rear_angle_max")
-        road = self.lookup.lateral_acceleration(friction)
-        return Sample(yaw_rate, clip(rear_angle, -bound, bound), road, friction)
+        road = self.lookup.lateral_acceleration(friction, moving)
+        of_model = friction * self.lookup.friction_share(friction, moving)
+        return Sample(yaw_rate, clip(rear_angle, -bound, bound), road, of_model)
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
         sample = self.look(m)
