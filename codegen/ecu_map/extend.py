@@ -31,7 +31,7 @@ from codegen.configuration import Config
 from codegen.ecu_map.lookup import SteeringConstants, capped_rear_angle
 from codegen.ecu_map.total import RULE_TEXT, CapSteering, Rule, TotalMap
 from codegen.errors import MapError
-from codegen.map_file.longitudinal import like_friction
+from codegen.map_file.longitudinal import axle_shares
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import ACCELERATION, FRICTION
 from codegen.optimum.solve import layer_configs
@@ -93,8 +93,7 @@ def _layers(reference_map: ReferenceMap, config: Config, stop: float) -> Iterato
     for (value, of_layer), car in zip(layers, layer_configs(reference_map, config), strict=True):
         total = extend(of_layer, car, stop)
         if stack is ACCELERATION:
-            share = like_friction(config, value) / config.road.friction
-            total = replace(total, acceleration=value, friction_share=share)
+            total = replace(total, acceleration=value, axle_shares=axle_shares(config, value))
         yield total
 
 

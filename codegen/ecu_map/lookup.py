@@ -173,7 +173,7 @@ class Lookup:
         caps: (k,) ay_cap in m/s^2.
         lateral_acceleration_cap_per_friction: m/s^2, of the lowest layer: below its friction the cap shrinks in proportion.
         accelerations: (k,) longitudinal, m/s^2; (1,) zero without a stack over it.
-        friction_shares: (k,) `TotalMap.friction_share`, likewise.
+        axle_shares: (k, 2) `TotalMap.axle_shares`, likewise.
         cars: (k,) of the layers.
         grip: shares of the caps; None where the caps are the same everywhere.
     """
@@ -189,7 +189,7 @@ class Lookup:
     real: Real
     grip: GripConstants | None = None
     accelerations: npt.NDArray[Any] = field(default_factory=lambda: np.zeros(1))
-    friction_shares: npt.NDArray[Any] = field(default_factory=lambda: np.ones(1))
+    axle_shares: npt.NDArray[Any] = field(default_factory=lambda: np.ones((1, 2)))
 
     @classmethod
     def from_map(cls, total: TotalMap, real: Real = np.float32) -> Lookup:
@@ -209,7 +209,7 @@ class Lookup:
             real=real,
             grip=GripConstants.of(total, real),
             accelerations=np.array([layer.acceleration for layer in speeds], dtype=real),
-            friction_shares=np.array([layer.friction_share for layer in speeds], dtype=real),
+            axle_shares=np.array([layer.axle_shares for layer in speeds], dtype=real),
         )
 
     @property
@@ -295,12 +295,11 @@ class Lookup:
         """Return the lateral acceleration cap in m/s^2, in `real`; arguments as in `__call__`."""
         return self._road(self.real(friction), self.real(acceleration))[1]
 
-    def friction_share(self, friction: float, acceleration: float) -> Any:
-        """Return `TotalMap.friction_share` between the layers, in `real`."""
-        if not self.is_moving:
-            return self.real(1.0)
+    def axle_shares_at(self, friction: float, acceleration: float) -> npt.NDArray[Any]:
+        """Return `TotalMap.axle_shares` (2,) between the layers, in `real`; only with a stack over acceleration."""
         (layer, share), _ = self._road(self.real(friction), self.real(acceleration))
-        return self.friction_shares[layer] + share * (self.friction_shares[layer + 1] - self.friction_shares[layer])
+        result: npt.NDArray[Any] = self.axle_shares[layer] + share * (self.axle_shares[layer + 1] - self.axle_shares[layer])
+        return result
 
     def _moving(self, friction: Any, acceleration: Any) -> tuple[tuple[int, Any], Any]:
         """Return the same as `_road` for a stack over acceleration."""

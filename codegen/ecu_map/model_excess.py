@@ -94,11 +94,11 @@ def _on_one_layer(reference_map: ReferenceMap, lookup: Lookup, car: Config, conf
     optimum = turns.at(speed, front_angle)
     friction = config.road.friction
     yaw_rate, rear_angle = lookup.reference(speed, front_angle, friction, acceleration)
-    grip = friction * float(lookup.friction_share(friction, acceleration))
     wanted, largest = yaw_rate.astype(np.float64), lookup.cars[lookup.own].rear_angle_max  # the laws hold the rear angle there
-    inputs = np.array([speed, front_angle, rear_angle, np.full(speed.size, grip), wanted, _response_gain(config, speed)])
+    inputs = np.array([speed, front_angle, rear_angle, np.full(speed.size, friction), wanted, _response_gain(config, speed)])
     state = np.array([optimum.sideslip, wanted])
-    derivative = single_track(config, "load-transfer").derivative
+    shares = lookup.axle_shares_at(friction, acceleration).tolist() if acceleration else (1.0, 1.0)
+    derivative = single_track(config, "load-transfer", shares).derivative
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 6)
     rear = ca.fmax(ca.fmin(u[2] - u[5] * (u[4] - x[1]), largest), -largest)
     rate = derivative(x, ca.vertcat(u[0], u[1], rear, u[3]))

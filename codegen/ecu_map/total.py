@@ -99,7 +99,7 @@ class TotalMap:
         lateral_acceleration_cap: ay_cap, m/s^2.
         friction: the road friction that the map assumes.
         acceleration: the longitudinal acceleration that it assumes, m/s^2, negative while the car brakes.
-        friction_share: fraction of the friction with which the car at constant speed has as much lateral grip.
+        axle_shares: lateral peaks of the front and of the rear axle, as fractions of those at constant speed.
         steering: constants of the lookup where the cap removes yaw rate.
         layers: the total maps of lower frictions, or of other accelerations, on the same axes.
         grip: the share of ay_cap that grip leaves, where that is not the same everywhere; of a stack on the same axes.
@@ -118,7 +118,7 @@ class TotalMap:
     scales: Scales | None = None
     grip: GripTable | None = None
     acceleration: float = 0.0
-    friction_share: float = 1.0
+    axle_shares: tuple[float, float] = (1.0, 1.0)
 
     @property
     def stack(self) -> tuple[TotalMap, ...]:

@@ -247,7 +247,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "law": law,
         "inputs": inputs_view(config, options.prefix, options.precision, real),
         "limiter": limiter_view(config, options.prefix, options.precision, real),
-        "model": reference_model_view(config, options.precision) if law.uses_reference_model else None,
+        "model": (reference_model_view(config, options.precision, per_axle=table.moving) if law.uses_reference_model else None),
         "dynamics": dynamics,
         "can": can_view(config, options.precision),
         "measured": config.can.measured,

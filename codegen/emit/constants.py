@@ -71,8 +71,9 @@ def _caps(lookup: Lookup, law: Law, *, stacked: bool) -> Iterator[Constant]:
     if not lookup.is_moving:
         yield Constant("lateral_acceleration_cap_per_friction", per_friction, "m/s^2", "for a friction of 1, on slippery roads")
     elif law.uses_reference_model:
-        meaning = "of the friction with which the car at constant speed has as much lateral grip, on each layer"
-        yield Constant("friction_shares", _numbers(lookup.friction_shares, stacked), "", meaning)
+        for axle, shares in zip(("front", "rear"), lookup.axle_shares.T, strict=True):
+            meaning = f"lateral peak of the {axle} axle as a fraction of that at constant speed, on each layer"
+            yield Constant(f"{axle}_shares", _numbers(shares, stacked), "", meaning)
     yield Constant("map_friction", float(lookup.friction), "", "friction of the road that the map assumes")
 
 

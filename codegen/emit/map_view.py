@@ -158,7 +158,7 @@ class MapView:
     stack: StackView | None
     moving: bool
     takes_acceleration: bool
-    with_friction_share: bool
+    with_axle_shares: bool
     more_parameter: str
     more_argument: str
     more_of_sample: str
@@ -223,7 +223,7 @@ def map_view(total: TotalMap, lookup: Lookup, config: Config, precision: Precisi
         is_raw=total.scales is not None,
         stack=_stack_view(total.quantity, values, options) if total.quantity else None,
         moving=moving,
-        with_friction_share=moving and law.uses_reference_model,
+        with_axle_shares=moving and law.uses_reference_model,
         takes_acceleration=takes_acceleration,
         more_parameter=f", {c_type(precision)} {ACCELERATION.key}" if takes_acceleration else "",
         more_argument=f", {ACCELERATION.key}" if moving else "",

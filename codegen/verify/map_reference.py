@@ -76,7 +76,10 @@ def lookup_of(subject: Subject, software: Software) -> Lookup:
 def _moving(software: Software, values: list[float], *, with_shares: bool) -> dict[str, npt.NDArray[Any]]:
     """Return the numbers of a stack over longitudinal acceleration."""
     found = {"accelerations": np.array(values, dtype=software.real)}
-    return {**found, "friction_shares": _constant(software, "friction_share", len(values))} if with_shares else found
+    if with_shares:
+        shares = [_constant(software, f"{axle}_share", len(values)) for axle in ("front", "rear")]
+        found["axle_shares"] = np.stack(shares, axis=1)
+    return found
 
 
 def _axes(facts: Mapping[str, Any], software: Software) -> tuple[AxisConstants, AxisConstants, tuple[int, int]]:

@@ -46,6 +46,8 @@ _INPUTS: Mapping[str, tuple[str, ...]] = {
     "dynamics": ("wrong_call", "wrong_by", "sideslip_angle", "yaw_rate", "speed", "front_angle", "rear_angle", "friction"),
 }
 _MESSAGES = ("motion", "conditions", "command")
+FRICTIONS = ("front_friction", "rear_friction")
+"""Frictions of a reference model of a car that brakes."""
 FOLDER = "frame"
 """Folder of the C around a build."""
 
@@ -101,6 +103,7 @@ def program_of(software: Software, files: Mapping[str, bytes]) -> Program:
     context = {
         **_context(software, batches),
         "with_model": "model" in batches,
+        "per_axle": "model" in batches and FRICTIONS[0] in batches["model"].inputs,
         "with_reference": _has(software, "map_reference_t"),
         "task": task_view(software.config),
     }
@@ -173,6 +176,10 @@ def _batches(software: Software, files: Mapping[str, bytes]) -> Iterator[Batch]:
     beside = tuple(signal.role for signal in outside_drives(software.measured))
     more = tuple(signal.role for signal in software.measured if signal.is_extra)
     inputs = {**_INPUTS, "controller": (*_INPUTS["controller"], *beside), "lookup": (*_INPUTS["lookup"], *more)}
+    if f"include/{software.prefix}_reference_model.h" in files and _has_field(
+        software, "reference_model_input_t", FRICTIONS[0]
+    ):
+        inputs["model"] = (*_INPUTS["model"][:-1], *FRICTIONS)
     inputs |= {"can": (*COLUMNS, *beside, "status", "diagnostics")}
     inputs |= {"task": ("restart", "frames", *(f"{name}_{number}" for number in range(FRAMES) for name in frame))}
 
@@ -206,6 +213,10 @@ def frame_columns(batch: Batch) -> int:
 
 def _has(software: Software, kind: str) -> bool:
     return f"{software.prefix}_{kind}" in software.ffi.list_types()[0]
+
+
+def _has_field(software: Software, kind: str, name: str) -> bool:
+    return name in {field for field, _ in software.ffi.typeof(f"{software.prefix}_{kind}").fields}
 
 
 def _columns(software: Software, kind: str, variable: str) -> list[Column]:

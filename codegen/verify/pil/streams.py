@@ -20,6 +20,7 @@ from codegen.units import KM_H
 from codegen.verify.drives import COLUMNS, GAPS, HELD, Samples, Thresholds, drawn, moving
 from codegen.verify.pil.batches import (
     FRAME_WORD_BYTES,
+    FRICTIONS,
     WHOLE,
     Batch,
     Rows,
@@ -83,6 +84,7 @@ class Source:
         steered = np.where(np.isnan(drive[:, 3]), 0.05, drive[:, 3])
         columns |= {"demand": steered * self.generator.choice([1.0, 3.0], count), "start_angle": steered}
         columns |= {"x": 10.0 * self.generator.standard_normal(count), "rear_angle": steered}
+        columns |= {name: columns["friction"] * share for name, share in zip(FRICTIONS, (0.9, 0.7), strict=True)}
         rows = np.empty((count, len(batch.inputs)), dtype=self.word)
         whole = {
             "restart": self.generator.random(count) < RESTART,

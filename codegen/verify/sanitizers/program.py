@@ -78,6 +78,7 @@ def _context(subject: Subject) -> dict[str, Any]:
         "beside": (*(signal for signal in config.can.measured if signal.is_extra), *CARRIED),
         "takes_acceleration": any(signal.is_extra for signal in config.can.measured),
         "stacked": len(facts["frictions"]) > 1,
+        "moving": "longitudinal_accelerations" in facts,
         "with_rear_angle": law.uses_rear_angle,
         "with_model": law.uses_reference_model,
         **{key: literal(value, "double") for key, value in numbers.items()},
