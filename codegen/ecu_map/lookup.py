@@ -13,9 +13,9 @@ operations is part of the contract, because in floating point it decides the las
    acceleration takes more of the grip of a slippery road. Beyond the stack, and for NaN the first, the end layers.
 4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above, and the rear angle rises by what the linear car
    needs for that, up to the sideslip bound (`capped_rear_angle`). A friction below the lowest layer's scales ay_cap; above
-   it, ay_cap is interpolated. With a stack over acceleration the interpolated ay_cap is multiplied by g. Where grip leaves a
-   share of ay_cap, that is looked up like the others, on its own axes, and multiplies ay_cap where it is below one (and by zero
-   where below zero). The sign of the front angle comes back last.
+   it, ay_cap is interpolated. With a stack over acceleration the interpolated ay_cap is divided by map_friction and
+   multiplied by the friction up to that. Where grip leaves a share of ay_cap, that is looked up like the others, on its own axes,
+   and multiplies ay_cap where it is below one (and by zero where below zero). The sign of the front angle comes back last.
 """
 
 from __future__ import annotations
@@ -303,16 +303,15 @@ class Lookup:
 
     def _moving(self, friction: Any, acceleration: Any) -> tuple[tuple[int, Any], Any]:
         """Return the same as `_road` for a stack over acceleration."""
-        values, caps, one = self.accelerations, self.caps, self.real(1.0)
-        grip = friction / self.friction if friction < self.friction else one
-        grip = grip if grip > 0.0 else self.real(0.0)
+        values, caps = self.accelerations, self.caps
+        friction = max(friction, self.real(0.0)) if friction < self.friction else self.friction
         with np.errstate(over="ignore"):
-            on_stack = acceleration / max(grip, self.real(GRIP_LEAST))
+            on_stack = acceleration / max(friction / self.friction, self.real(GRIP_LEAST))
         on_stack = on_stack if on_stack > values[0] else values[0]
         on_stack = min(on_stack, values[-1])
         layer = int(np.count_nonzero(on_stack >= values[1:-1]))
         share = (on_stack - values[layer]) / (values[layer + 1] - values[layer])
-        return (layer, share), (caps[layer] + share * (caps[layer + 1] - caps[layer])) * grip
+        return (layer, share), (caps[layer] + share * (caps[layer + 1] - caps[layer])) / self.friction * friction
 
     def _road(self, friction: Any, acceleration: Any) -> tuple[tuple[int, Any], Any]:
         """Return the layer, the position above it, and ay_cap at a friction estimate (NaN: none) and an acceleration."""
