@@ -1,7 +1,7 @@
 """Planned drives on the bench, with noise: errors of the identification against their prediction, and against other drives.
 
-The log of the bus is read and identified as a user does it. The naive programme drives each manoeuvre of the library in turn, at one
-speed and with the same limit, until the time is used.
+The log of the bus is read and identified as a user does it. The naive programme drives each manoeuvre of the library in turn, at
+one speed and with the same limit, until the time is used.
 """
 
 from __future__ import annotations
@@ -197,14 +197,14 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
             (Row((f"{largest:.2f}", f"{LIMIT:g}"), largest <= LIMIT),),
         ),
         (
-            "Other cars than the configured one: largest lateral acceleration in m/s^2, and rms of error over standard deviation",
+            "Other cars than the configured one: largest lateral acceleration in m/s^2, rms of error over standard deviation",
             ("planned for the configured car", "planned again for the identified car", "error"),
             tuple(car_rows),
         ),
     )
     notes = (
-        f"{DURATION:g} s on the bench with the noise and resolution of `[sensors]`, {count} runs of each programme; naive: each "
-        f"manoeuvre of the library in turn at {NAIVE_KM_H:g} km/h.",
+        f"{DURATION:g} s on the bench with the noise and resolution of `[sensors]`, {count} runs of each programme; naive: "
+        f"each manoeuvre of the library in turn at {NAIVE_KM_H:g} km/h.",
         f'"all": rms of the ratios, required {RATIO[0]:g} to {RATIO[1]:g}, and geometric mean of the gains, required above 1.',
     )
     return CountReport(tables, notes)

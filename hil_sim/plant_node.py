@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from codegen.configuration import Config, Sensor, Sensors
+from codegen.configuration.can import RealSignal
 from codegen.configuration.signals import RECORDED, signals_of
 from codegen.emit.text import Precision
 from codegen.sil.plant import Plant, PlantInput, PlantSample
@@ -159,7 +160,7 @@ class PlantNode:
         self._was_off = off
         if off:
             return self.injector.outgoing(cycle, [])
-        speed, _, _, estimate, _, inhibit = self._rows[cycle * self._per_sample]
+        speed, _, _, estimate, _, inhibit, acceleration = self._rows[cycle * self._per_sample]
         sample = self._sample
         measured = {
             name: self._sensors.measure(name, value) if self._sensors else value
@@ -171,7 +172,7 @@ class PlantNode:
                 "lateral_acceleration": sample.lateral_acceleration,
             }.items()
         }
-        measured |= {"friction": estimate, **sample.recorded}
+        measured |= {"friction": estimate, "longitudinal_acceleration": acceleration, **sample.recorded}
         frames = [self._motion(cycle, measured), self._conditions(cycle, measured, inhibit != 0.0)]
         return self.injector.outgoing(cycle, frames)
 
@@ -186,7 +187,7 @@ class PlantNode:
 
     def _conditions(self, cycle: int, measured: dict[str, float], inhibit: bool) -> Frame:
         message = self.can.vehicle_conditions
-        names = [signal.role for signal in signals_of("vehicle_conditions") if signal.is_real]
+        names = [name for name, signal in message.signals().items() if isinstance(signal, RealSignal)]
         values = self.injector.signals(cycle, message.name, {name: measured.get(name, math.nan) for name in names})
         data = self._codec.encode(VehicleConditions(**values, inhibit=inhibit))
         data = protect(message.e2e_data_id, self._conditions_counter, data, self._profile)
@@ -291,7 +292,7 @@ class PlantNode:
         return Status.STANDBY if self.command is None else self.command.status
 
     def _acting(self, row: int, rear_angle_command: float) -> PlantInput:
-        speed, wheel, friction, _, moment, _ = self._rows[row]
+        speed, wheel, friction, _, moment, *_ = self._rows[row]
         return PlantInput(speed, wheel, rear_angle_command, friction, moment)
 
 

@@ -113,7 +113,9 @@ class Scenario:
         return self.rear_angle(np.arange(max(round(self.duration / period), 1), dtype=np.float64) * period)
 
     def inputs(self, config: Config) -> FloatArray:
-        """Return the inputs (steps, 6) of the whole scenario for a car, columns INPUT_COLUMNS.
+        """Return the inputs (steps, 7) of the whole scenario for a car, columns INPUT_COLUMNS.
+
+        The longitudinal acceleration is that of the speed.
 
         Raises:
             CodegenError: the car cannot drive it, or it has more than MAX_STEPS steps.
@@ -136,6 +138,8 @@ class Scenario:
         inputs = np.zeros((steps, len(INPUT_COLUMNS)))
         for name, values in columns.items():
             inputs[:, INPUT_COLUMNS.index(name)] = values
+        speed = inputs[:, INPUT_COLUMNS.index("speed")]
+        inputs[:, INPUT_COLUMNS.index("longitudinal_acceleration")] = np.gradient(speed, step)
         return inputs
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -61,6 +61,16 @@ def on_road(config: Config, friction: float) -> Config:
     )
     # `model_copy` validates nothing, and this configuration may be written into a file.
     return parse(changed.model_dump(mode="json"), f"on a road of friction {friction:g}")
+
+
+def changed(config: Config, stack: tables.Stack, value: float) -> Config:
+    """Return the configuration of a layer of a stack. Raises ConfigError: see `on_road` and `under_acceleration`."""
+    return under_acceleration(config, value) if stack is tables.ACCELERATION else on_road(config, value)
+
+
+def own_value(config: Config, stack: tables.Stack) -> float:
+    """Return the value of a stack's quantity for which the map itself is."""
+    return 0.0 if stack is tables.ACCELERATION else config.road.friction
 
 
 __all__ = [
@@ -142,17 +152,18 @@ class ReferenceMap:
 
     def __post_init__(self) -> None:
         if self.layers:
-            roads = tuple(FrictionLayer(one.friction, self._of_this_car(one.map, on_road, one.friction)) for one in self.layers)
+            stack = tables.FRICTION
+            roads = tuple(FrictionLayer(one.friction, self._of_this_car(one.map, stack, one.friction)) for one in self.layers)
             object.__setattr__(self, "layers", roads)
         if self.acceleration_layers:
             moving = tuple(
-                AccelerationLayer(one.acceleration, self._of_this_car(one.map, under_acceleration, one.acceleration))
+                AccelerationLayer(one.acceleration, self._of_this_car(one.map, tables.ACCELERATION, one.acceleration))
                 for one in self.acceleration_layers
             )
             object.__setattr__(self, "acceleration_layers", moving)
 
-    def _of_this_car(self, of_layer: ReferenceMap, change: Callable[[Config, float], Config], value: float) -> ReferenceMap:
-        config = None if self.config is None else change(self.config, value)
+    def _of_this_car(self, of_layer: ReferenceMap, stack: tables.Stack, value: float) -> ReferenceMap:
+        config = None if self.config is None else changed(self.config, stack, value)
         changes = {} if config is None else {"configuration": config.model_dump(mode="json")}
         meta = {**self.meta, **changes}
         return replace(of_layer, config=config, case=self.case, meta=meta, layers=(), acceleration_layers=())
@@ -171,15 +182,6 @@ class ReferenceMap:
         meta: dict[str, Any] = {"schema_version": SCHEMA_VERSION, **self.meta}
         meta["configuration"] = config.model_dump(mode="json")
         return replace(self, config=config, meta=meta)
-
-    def require_buildable(self) -> None:
-        """Raise MapError for a stack over longitudinal acceleration, which the generated C does not have."""
-        if self.acceleration_layers:
-            raise MapError(
-                "the generated C has no stack over longitudinal acceleration",
-                where=tables.ACCELERATION.key,
-                remedy="solve the case without --longitudinal-acceleration, or with --friction, whose stack can be built",
-            )
 
     @property
     def solved(self) -> bool:

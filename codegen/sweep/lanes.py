@@ -146,7 +146,7 @@ class Profile:
 
     Attributes:
         scenario: the scenario.
-        inputs: (steps, 6), columns INPUT_COLUMNS, at the scenario's own speed and REFERENCE_ANGLE_DEG.
+        inputs: (steps, 7), columns INPUT_COLUMNS, at the scenario's own speed and REFERENCE_ANGLE_DEG.
         steer_time: start of steering in `inputs`, in s.
         speed: in m/s.
         friction: road friction of the scenario.

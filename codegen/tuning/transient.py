@@ -378,7 +378,7 @@ def family_of(config: Config) -> tuple[FloatArray, FloatArray]:
 
 
 def unit_step(config: Config, begin: float, duration: float) -> FloatArray:
-    """Return the inputs (steps, 6), INPUT_COLUMNS, of a step of the steering wheel of 1 rad at 1 m/s; times in s.
+    """Return the inputs (steps, 7), INPUT_COLUMNS, of a step of the steering wheel of 1 rad at 1 m/s; times in s.
 
     Each run of a batch multiplies it by its own angle and speed.
     """

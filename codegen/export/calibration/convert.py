@@ -27,7 +27,7 @@ from codegen.files import read_text
 from codegen.importing.toml_edit import replace_values, whole
 from codegen.map_file import map as npz
 from codegen.map_file.map import SCHEMA_VERSION, ReferenceMap
-from codegen.map_file.tables import FRICTION
+from codegen.map_file.tables import ACCELERATION, FRICTION
 
 AUTHOR = "codegen calibrate"
 REMARK = f"{AUTHOR} wrote into this table."
@@ -212,15 +212,19 @@ def map_of(values: Values, build: BuildCalibration, name: object) -> WrittenMap:
         speed, front_angle = _doubles(values[f"{prefix}speed"][rows]), _doubles(values[f"{prefix}front_angle"][columns])
         lost = tuple(_lost(values, build, rows, columns))
     with_rear = any(each.name.startswith(f"{prefix}rear_angle") for each in build.layout.tables)
-    layers = [
-        build.looked_up(values, speed, front_angle, friction, with_rear_angle=with_rear) for friction in facts["frictions"]
-    ]
+    moving = facts.get("longitudinal_accelerations")
+    stack, of_layers = (ACCELERATION, moving) if moving else (FRICTION, facts["frictions"])
+    own = of_layers.index(0.0) if moving else len(of_layers) - 1
+    takes_acceleration = ACCELERATION.key in build.config.can.vehicle_conditions.signals()
+    roads = [(facts["friction"], value) if moving else (value, *([0.0] if takes_acceleration else [])) for value in of_layers]
+    layers = [build.looked_up(values, speed, front_angle, road, with_rear_angle=with_rear) for road in roads]
     arrays: dict[str, Any] = {"vx": speed, "delta_f": front_angle}
     for key, tables in zip(("yaw_rate", "delta_r")[: 1 + with_rear], zip(*layers, strict=True), strict=False):
-        *lower, arrays[key] = tables  # the last one is that of the map itself
-        if lower:
-            arrays[f"{FRICTION.prefix}{key}"] = np.stack(lower)
-            arrays["friction"] = np.array(facts["frictions"][:-1], dtype=np.float64)
+        others = [index for index in range(len(of_layers)) if index != own]
+        arrays[key] = tables[own]
+        if others:
+            arrays[f"{stack.prefix}{key}"] = np.stack([tables[index] for index in others])
+            arrays[stack.key] = np.array(of_layers, dtype=np.float64)[others]
     if with_rear:
         for key in [key for key in arrays if key.endswith("delta_r")]:
             arrays[key] = _within(arrays[key], build)
