@@ -1,7 +1,7 @@
 """Planned drives on the bench, with noise: errors of the identification against their prediction, and against other drives.
 
-The log of the bus is read and identified as a user does it. The naive programme drives each manoeuvre of the library in turn, at
-one speed and with the same limit, until the time is used.
+The log of the bus is read and identified as a user does it. The naive programme drives each manoeuvre of the library in turn,
+at one speed and with the same limit, until the time is used.
 """
 
 from __future__ import annotations
