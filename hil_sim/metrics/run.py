@@ -17,8 +17,8 @@ from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim.scenarios import Scenario
 
 LookUp = Callable[[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike, npt.ArrayLike], npt.NDArray[Any]]
-"""The map's steady yaw rate (rad/s) as a function of speed (m/s), front angle (rad), friction estimate (NaN: unknown) and longitudinal
-acceleration (m/s^2)."""
+"""The map's steady yaw rate (rad/s) as a function of speed (m/s), front angle (rad), friction estimate (NaN: unknown) and
+longitudinal acceleration (m/s^2)."""
 
 SPIN_SIDESLIP = math.radians(10.0)
 """Sideslip angle beyond which a car spins: no driver holds it, and later metrics are meaningless."""
