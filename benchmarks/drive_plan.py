@@ -1,27 +1,31 @@
 """Planned drives on the bench, with noise: errors of the identification against their prediction, and against other drives.
 
-The log of the bus is read and identified as a user does it. The naive programme drives each manoeuvre of the library in turn, at one
-speed and with the same limit, until the time is used.
+The log of the bus is read and identified as a user does it. The naive programme drives each manoeuvre of the library in turn,
+at one speed and with the same limit, until the time is used.
 """
 
 from __future__ import annotations
 
 import math
 import tempfile
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.tables import CountReport, Row
-from codegen.configuration import Config, preset
+from codegen.configuration import Config, parse, preset
 from codegen.identify.candidates import Candidate
 from codegen.identify.drive_plan import BENCH_SIGNALS, candidates_of, plan_drives, shares_of
 from codegen.identify.parameters import BY_NAME, configured
 from codegen.identify.plan_output import scenario_csv
 from codegen.identify.reading import read_drives
+from codegen.identify.result import identified_toml
 from codegen.identify.run import Identification, identify
+from codegen.importing.toml_edit import whole
 from codegen.sil.software import RECORD_COLUMNS, load
 from codegen.units import KM_H
 from hil_sim.bench import run_in_process
@@ -51,6 +55,7 @@ class Driven:
     largest: float
 
 
+@lru_cache
 def programme(kind: str) -> tuple[list[Candidate], dict[str, float]]:
     """Return the drives of the preset's "planned" or "naive" programme, and the predicted standard deviations in SI."""
     return _programme(preset("recommended"), kind)
@@ -125,12 +130,6 @@ def examine_car(seed: int) -> tuple[float, float, list[float]]:
 
 def _with(config: Config, found: Identification) -> Config:
     """Return the configuration that the identification writes."""
-    import tomllib
-
-    from codegen.configuration import parse
-    from codegen.identify.result import identified_toml
-    from codegen.importing.toml_edit import whole
-
     text = identified_toml(found, whole(config, "benchmarks"), "benchmarks")
     return parse(tomllib.loads(text), "benchmarks")
 
@@ -197,14 +196,14 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
             (Row((f"{largest:.2f}", f"{LIMIT:g}"), largest <= LIMIT),),
         ),
         (
-            "Other cars than the configured one: largest lateral acceleration in m/s^2, and rms of error over standard deviation",
+            "Other cars than the configured one: largest lateral acceleration in m/s^2, rms of error over standard deviation",
             ("planned for the configured car", "planned again for the identified car", "error"),
             tuple(car_rows),
         ),
     )
     notes = (
-        f"{DURATION:g} s on the bench with the noise and resolution of `[sensors]`, {count} runs of each programme; naive: each "
-        f"manoeuvre of the library in turn at {NAIVE_KM_H:g} km/h.",
+        f"{DURATION:g} s on the bench with the noise and resolution of `[sensors]`, {count} runs of each programme; naive: "
+        f"each manoeuvre of the library in turn at {NAIVE_KM_H:g} km/h.",
         f'"all": rms of the ratios, required {RATIO[0]:g} to {RATIO[1]:g}, and geometric mean of the gains, required above 1.',
     )
     return CountReport(tables, notes)
