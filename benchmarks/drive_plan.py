@@ -169,81 +169,6 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
         found = [job.get() for job in others]
     figures = ("predicted", "estimated", "scatter", "mean error")
     header = ("quantity", "unit", *figures, f"naive: {figures[0]}", *figures[1:], "scatter/predicted", "gain")
-    largest = max(largest, float(np.abs(record[:, RECORD_COLUMNS.index("lateral_acceleration_m_s2")]).max()))
-        reading = read_drives(logs, [BUILD / "ars.dbc"], None)
-    return identify(known, reading.drives), largest
-
-
-def examine(kind: str, seed: int) -> Driven:
-    """Drive a programme of the preset's car on that car."""
-    config = preset("recommended")
-    return drive(config, config, programme(kind)[0], seed)
-
-
-def examine_car(seed: int) -> tuple[float, float, list[float]]:
-    """Plan for a configured car whose values are wrong, drive, identify, and plan again for what was found.
-
-    Returns the largest lateral acceleration of both programmes on the true car in m/s^2, and errors over standard deviations.
-    """
-    true, known = true_car(seed)[0], configured_car(true_car(seed)[0])
-    first, largest = _identified(true, known, _programme(known, "planned")[0], seed)
-    again = _with(known, first)
-    second = drive(true, again, _programme(again, "planned")[0], seed + 1)
-    values = configured(true)
-    errors = [(second.found[name][0] - values[name]) / second.found[name][1] for name in COMPARED if name in second.found]
-    return largest, second.largest, errors
-
-
-def _with(config: Config, found: Identification) -> Config:
-    """Return the configuration that the identification writes."""
-    text = identified_toml(found, whole(config, "benchmarks"), "benchmarks")
-    return parse(tomllib.loads(text), "benchmarks")
-
-
-def quantity_rows(planned: Sequence[Driven], naive: Sequence[Driven]) -> list[Row]:
-    """Return a row for each compared quantity, and one for all."""
-    values = configured(preset("recommended"))
-    rows, ratios, gains = [], [], []
-    for name in COMPARED:
-        parameter = BY_NAME[name]
-        shown: list[str] = []
-        scatter: dict[str, float] = {}
-        for kind, results in (("planned", planned), ("naive", naive)):
-            found = np.array([one.found[name] for one in results if name in one.found])
-            predicted = programme(kind)[1][name]
-            scatter[kind] = float(found[:, 0].std(ddof=1))
-            figures = [predicted, float(found[:, 1].mean()), scatter[kind], float(found[:, 0].mean()) - values[name]]
-            shown += [f"{each / parameter.size:.2g}" for each in figures]
-            ratios.append(scatter[kind] / predicted)
-        gains.append(scatter["naive"] / scatter["planned"])
-        rows.append(Row((parameter.title, parameter.unit, *shown, f"{ratios[-2]:.2f}, {ratios[-1]:.2f}", f"{gains[-1]:.1f}")))
-    ratio, gain = float(np.sqrt(np.mean(np.square(ratios)))), float(np.exp(np.mean(np.log(gains))))
-    is_met = RATIO[0] <= ratio <= RATIO[1] and gain > 1.0
-    return [*rows, Row(("all", *[""] * 9, f"{ratio:.2f}", f"{gain:.1f}"), is_met)]
-
-
-def run(quick: bool, say: Callable[[str], None]) -> CountReport:
-    """Drive, identify and compare."""
-    count, cars = (QUICK_RUNS, QUICK_CARS) if quick else (RUNS, CARS)
-    with Background() as background:
-        waiting = {kind: [background.call(examine, kind, seed) for seed in range(count)] for kind in ("planned", "naive")}
-        others = [background.call(examine_car, FIRST_CAR + 2 * k) for k in range(cars)]
-        results = {}
-        for kind, jobs in waiting.items():
-            results[kind] = [job.get() for job in jobs]
-            say(kind)
-        found = [job.get() for job in others]
-    header = (
-        "quantity",
-        "unit",
-        "predicted",
-        "estimated",
-        "rms error",
-        "naive: predicted",
-        "rms error",
-        "error/predicted",
-        "gain",
-    )
     largest = max(one.largest for one in results["planned"])
     car_rows = [
         Row((f"{first:.2f}", f"{second:.2f}", f"{float(np.sqrt(np.mean(np.square(errors)))):.2f}"))
@@ -269,7 +194,7 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     notes = (
         f"{DURATION:g} s on the bench with the noise and resolution of `[sensors]`, {count} runs of each programme; naive: "
         f"each manoeuvre of the library in turn at {NAIVE_KM_H:g} km/h.",
-        "Predicted and estimated: standard deviations before and after the drives. Scatter: that of the identified values. Mean "
+        "Predicted and estimated: standard deviations before and after the drives. Scatter: that of the results. Mean "
         "error: what no number of runs removes; it comes from the sampling of 10 ms and from the noise of the measured angles.",
         f'"all": root mean square of the ratios, required {RATIO[0]:g} to {RATIO[1]:g}, and geometric mean of the gains, the '
         "scatter of the naive programme over that of the planned one, required above 1.",
