@@ -462,6 +462,16 @@ def compiled(source: Path, folders: list[Path], out: Path) -> dict[str, bytes]:
         return {each.name: each.data() for each in ELFFile(file).iter_sections() if each["sh_flags"] & allocated}
 
 
+def test_the_implementation_names_the_sources_that_the_component_needs() -> None:
+    """All of the build, and the adapter, without the dynamics."""
+    model, _ = rte.load(written("4ws2"))
+    (implementation,) = rte.named(model, "SWC-IMPLEMENTATION").values()
+    artifacts = "CODE-DESCRIPTORS/CODE/ARTIFACT-DESCRIPTORS/AUTOSAR-ENGINEERING-OBJECT/SHORT-LABEL"
+    found = {str(each.character_data) for each in rte.find(implementation, artifacts)}
+    sources = {path for path in read_manifest(build_of("4ws2"))["files"] if path.startswith("src/")}
+    assert found == sources - {"src/ars_dynamics.c"} | {"src/ars_swc.c"}
+
+
 def test_sources_between_sections_compile_to_the_same_objects(tmp_path: Path) -> None:
     place, build_folder = written("4ws2"), build_of("4ws2")
     units = [path.stem for path in sorted((build_folder / "src").glob("*.c"))]
