@@ -275,20 +275,11 @@ def library(
         if manoeuvre.rear is None or has_rear_command
         for speed in speeds_km_h(config)
     ]
-    largest = np.array([draft.scale_max for draft in drafts])
-    scales, best = 0.5 * np.minimum(largest, 1.0), np.zeros(len(drafts))
-    for _ in range(SCALINGS):
-        drives = _simulated(config, drafts, scales)
-        shares = np.array([_share(drive, lateral_acceleration_max) for drive in drives])
-        kept = np.isfinite(shares) & (shares <= 1.0)
-        best = np.where(kept, np.maximum(best, scales), best)
-        wanted = scales * np.where(np.isfinite(shares), TARGET_FRACTION / np.maximum(shares, 1e-3), 0.5)
-        # Between the largest that is known to keep the limits, and twice of it.
-        scales = np.minimum(np.clip(wanted, 0.5 * scales, 2.0 * scales), largest)
-    usable = [k for k in range(len(drafts)) if best[k] > 0.0]
+    largest = _largest_scales(config, drafts, lateral_acceleration_max)
+    usable = [k for k in range(len(drafts)) if largest[k] > 0.0]
     steered = [k for k in usable if drafts[k].front.any() or drafts[k].rear.any()]
     chosen = [(k, level) for level in levels for k in (usable if level == levels[0] else steered)]
-    amplitudes = np.array([level * best[k] for k, level in chosen])
+    amplitudes = np.array([level * largest[k] for k, level in chosen])
     drives = _simulated(config, [drafts[k] for k, _ in chosen], amplitudes)
     return [
         Candidate(
@@ -300,6 +291,19 @@ def library(
         )
         for (k, level), scale, drive in zip(chosen, amplitudes.tolist(), drives, strict=True)
     ]
+
+
+def _largest_scales(config: Config, drafts: Sequence[_Draft], lateral_acceleration_max: float) -> FloatArray:
+    """Return the largest scale (drafts,) of the amplitudes that keeps the limits, after SCALINGS simulations; zero if none."""
+    largest = np.array([draft.scale_max for draft in drafts])
+    scales, best = 0.5 * np.minimum(largest, 1.0), np.zeros(len(drafts))
+    for _ in range(SCALINGS):
+        shares = np.array([_share(drive, lateral_acceleration_max) for drive in _simulated(config, drafts, scales)])
+        is_known = np.isfinite(shares)
+        best = np.where(is_known & (shares <= 1.0), np.maximum(best, scales), best)
+        factors = np.where(is_known, TARGET_FRACTION / np.maximum(shares, 1e-3), 0.5)
+        scales = np.minimum(scales * np.clip(factors, 0.5, 2.0), largest)
+    return best
 
 
 def _share(drive: Drive, lateral_acceleration_max: float) -> float:

@@ -23,8 +23,8 @@ from codegen.units import KM_H
 
 BENCH_SIGNALS = ("vx", "yaw_rate", "lateral_acceleration", "delta_f", "delta_r", "delta_r_command")
 """Quantities on the bus of the bench."""
-HIGHER_FACTORS = (1.25, 1.5, 2.0, 3.0)
-"""Lateral accelerations, as multiples of the limit, that are tried for what the programme does not determine."""
+HIGHER_LIMITS = 4
+"""Number of lateral accelerations, evenly spaced up to the grip, that are tried for what the programme does not determine."""
 
 NEEDED_SHARE = 0.7 * SHARE_MAX
 """Largest standard deviation, as a fraction of that before, with a drive that is named as needed: the identification estimates
@@ -213,8 +213,7 @@ def _needs(
     with_all = shares_of(total + information.each.sum(axis=0))
     found |= {names[k]: "more time" for k in missing if with_all[deciding[k]] <= NEEDED_SHARE}
     grip = config.road.friction * config.road.gravity_m_s2
-    limits = [factor * lateral_acceleration_max for factor in HIGHER_FACTORS if factor * lateral_acceleration_max < grip]
-    for limit in (*limits, grip):
+    for limit in np.linspace(lateral_acceleration_max, grip, HIGHER_LIMITS + 1)[1:].tolist():
         open_ = [k for k in missing if names[k] not in found]
         if not open_ or limit <= lateral_acceleration_max:
             break

@@ -18,7 +18,7 @@ from codegen.errors import CodegenError
 from codegen.identify.drive import Drive
 from codegen.identify.estimate import HUBER
 from codegen.identify.model import OUTPUTS
-from codegen.identify.parameters import BY_NAME, Parameter, Prior, configured
+from codegen.identify.parameters import BY_NAME, Parameter, configured
 from codegen.identify.run import RELAXATION_START_M, rear_angle
 from codegen.identify.shooting import DriveSamples, Problem, actuator_problem, front_signal, vehicle_problem
 from codegen.units import DEGREE
@@ -55,17 +55,21 @@ class Information:
         return tuple(parameter.name for parameter in self.parameters)
 
 
-def noise_of_sensors(config: Config) -> dict[str, float]:
+def noise_of_sensors(config: Config, signals: Sequence[str]) -> dict[str, float]:
     """Return the standard deviation of one sample of each quantity in SI: noise and resolution of `[sensors]`.
 
+    Args:
+        signals: quantities that are measured.
+
     Raises:
-        CodegenError: a sensor has neither.
+        CodegenError: the sensor of one of them has neither.
     """
     result = dict(OTHER_NOISE)
     for quantity, key in SENSORS.items():
         sensor = getattr(config.sensors, key)
-        result[quantity] = float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12.0)))
-        if result[quantity] == 0.0:
+        noise = float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12.0)))
+        result[quantity] = noise or 1.0
+        if noise == 0.0 and quantity in signals:
             raise CodegenError(
                 "it has neither noise nor resolution, so that any drive would determine everything",
                 where=f"sensors.{key}",
@@ -84,7 +88,7 @@ def information_of(drives: Sequence[Drive], config: Config, signals: Sequence[st
     Raises:
         CodegenError: the signals lack speed, yaw rate or a front angle; a sensor has no noise; or there is no C compiler.
     """
-    noise = noise_of_sensors(config)
+    noise = noise_of_sensors(config, signals)
     centre = configured(config)
     samples = DriveSamples.of([_measured(drive, signals) for drive in drives])
     blocks = [_vehicle(samples, drives, config, centre, noise)]
@@ -204,8 +208,3 @@ def _ratio(samples: DriveSamples, ratio: float, noise: dict[str, float]) -> _Blo
     parts = np.split(ratio * samples.signal("delta_f"), samples.begin[1:-1])
     each = np.array([parameter.spread**2 * float(((part - part.mean()) ** 2).sum()) / variance for part in parts])
     return ("steering_ratio",), each[:, None, None]
-
-
-def prior_of(information: Information, config: Config) -> Prior:
-    """Return the prior of the quantities around the configured car."""
-    return Prior.of(information.names, configured(config))

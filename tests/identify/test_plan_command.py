@@ -39,7 +39,7 @@ def test_scenarios_a_report_and_facts_are_written_and_a_new_plan_replaces_them(r
     assert 0.0 < front["standard_deviation"] < 0.5 * front["share"] * front["configured"] * 1.001
     assert read_manifest(Path("plan"))["plan"]["quantities"]["front_stiffness"] == front
 
-    assert run("identify", "--config", "ars.toml", "--duration", "12", "--plan", "plan").code == 0
+    assert run(*GIVEN, "--duration", "12", "--plan", "plan").code == 0
     assert len(list(Path("plan").glob("*.csv"))) == 1
 
 
