@@ -163,10 +163,10 @@ def solve(
     if uncertain is not None:
         console.say(f"map: {summary.tightening_line}")
         cost = _cost(uncertain)
+        mean, largest = (f"{cost[key]:.2f} deg/s" for key in ("yaw_rate_mean_deg_s", "yaw_rate_max_deg_s"))
         console.say(
-            f"{nominal_path}: the map with the whole limits; {cost['lost_percent']:.0f} % of the cars exceed one. Its "
-            f"yaw rate is {cost['yaw_rate_mean_deg_s']:.2f} deg/s larger on average, at most {cost['yaw_rate_max_deg_s']:.2f} "
-            f"deg/s at {cost['at']}, and {cost['cells']} more cells are feasible"
+            f"{nominal_path}: the map with the whole limits; {cost['lost_percent']:.0f} % of the cars exceed one. Its yaw rate "
+            f"is {mean} larger on average, at most {largest} at {cost['at']}, and {cost['cells']} more cells are feasible"
         )
 
 

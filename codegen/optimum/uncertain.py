@@ -51,6 +51,8 @@ ROUNDING = 1e-6
 KEYS = {bound.limit: index for index, bound in enumerate(BOUNDS) if bound.limit in Tightening.model_fields}
 """Key of `[tightening]` -> index of the bound. The lateral acceleration is the same for all cars, and has none."""
 
+HAS_KEY = np.array([bound.limit in KEYS for bound in BOUNDS])
+
 Progress = Callable[[int, int], None]
 Counted = Callable[[Sequence[Config]], Iterator[Config]]
 
@@ -125,10 +127,9 @@ def lost_allowed(share: float, count: int) -> int:
 
     With at most so many, the one-sided Clopper-Pearson bound on the lost share of the population is at most 1 - share.
     """
-    from scipy.stats import binom
+    from scipy.special import bdtr  # the binomial distribution; scipy.stats takes a second to import
 
-    counts = np.arange(count + 1)
-    return int(np.searchsorted(binom.cdf(counts, count, 1.0 - share), 1.0 - CONFIDENCE, side="right")) - 1
+    return int(np.searchsorted(bdtr(np.arange(count + 1), count, 1.0 - share), 1.0 - CONFIDENCE, side="right")) - 1
 
 
 def solve_uncertain(config: Config, case: str, share: float, progress: Progress | None = None) -> UncertainMap:
@@ -155,6 +156,22 @@ def solve_uncertain(config: Config, case: str, share: float, progress: Progress 
     counted = _counter(progress, 3 * (FIRST_CARS + count))  # about three rounds each
     nominal = solve_case(whole, case)
     spread, lost_by_nominal = _spread(whole, case, nominal, counted, share)
+    found = _widest(whole, case, spread, lambda tried: uses_of(tried, counted(cars)), allowed)
+    if found is None:
+        raise MapError(
+            f"no map is so tight that {count - allowed} of {count} cars keep the limits",
+            where=f"{OPTION}: [cases.{case}]",
+            remedy="measure with more excitation, relax [limits] or ask for a smaller share",
+        )
+    factor, tightest, lost = found
+    record = {"share": share, "cars": count, "lost": lost, "seed": SEED}
+    return UncertainMap(tightest.with_config(_tightened(whole, factor * spread, record)), nominal, lost_by_nominal)
+
+
+def _widest(
+    whole: Config, case: str, spread: FloatArray, used_of: Callable[[ReferenceMap], FloatArray], allowed: int
+) -> tuple[float, ReferenceMap, int] | None:
+    """Return the smallest factor of the spread with which few enough cars are lost, its map and the lost cars; None if none."""
     found: tuple[float, ReferenceMap, int] | None = None
     too_small, factor = 0.0, 1.0
     for _ in range(ROUNDS_MAX):
@@ -162,7 +179,7 @@ def solve_uncertain(config: Config, case: str, share: float, progress: Progress 
             tried = solve_case(_tightened(whole, factor * spread), case)
         except MapError:  # no cell is left inside such limits
             break
-        used = uses_of(tried, counted(cars))
+        used = used_of(tried)
         lost = int((~keeps(used)).sum())
         step = float(np.sort(_missing(used, spread, factor))[-allowed - 1])
         if lost <= allowed:
@@ -174,15 +191,7 @@ def solve_uncertain(config: Config, case: str, share: float, progress: Progress 
         factor += min(max(step, -STEP_MAX), STEP_MAX)
         if found is not None and not too_small < factor < found[0]:
             factor = 0.5 * (too_small + found[0])
-    if found is None:
-        raise MapError(
-            f"{count - allowed} of {count} cars keep the limits however tight those of the map are",
-            where=f"{OPTION}: [cases.{case}]",
-            remedy="measure with more excitation, relax [limits] or ask for a smaller share",
-        )
-    factor, tightest, lost = found
-    record = {"share": share, "cars": count, "lost": lost, "seed": SEED}
-    return UncertainMap(tightest.with_config(_tightened(whole, factor * spread, record)), nominal, lost_by_nominal)
+    return found
 
 
 def _spread(whole: Config, case: str, nominal: ReferenceMap, counted: Counted, share: float) -> tuple[FloatArray, float]:
@@ -200,6 +209,7 @@ def _spread(whole: Config, case: str, nominal: ReferenceMap, counted: Counted, s
         # Half of the cars that may be lost exceed one limit more than this; only the proportions of the limits count.
         high = np.quantile(np.minimum(used, USE_MAX), 0.5 * (1.0 + share), axis=0)
         larger = np.maximum(spread, high / np.maximum(1.0 - spread, FRACTION_MIN) - 1.0)
+        larger[~HAS_KEY | (larger < ROUNDING)] = 0.0
         if (larger - spread).max() <= SPREAD_TOLERANCE:
             break
         spread = larger
