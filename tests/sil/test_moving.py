@@ -2,6 +2,7 @@
 
 import functools
 import math
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from codegen.map_file.map import ReferenceMap, on_road
 from codegen.optimum.solve import solve_acceleration_stack, solve_case
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, compile_build
+from codegen.sil.toolchain import compiler_command
 from codegen.units import KM_H
 from codegen.verify.law.controller import Road
 from codegen.verify.law.drive_cycle import drive
@@ -31,6 +33,8 @@ from codegen.verify.law.pairs import ControllerPair, InputsPair, Stretch, compar
 from hil_sim.codec import Codec, VehicleConditions
 from tests import builds
 from tests.builds import Built
+from tests.emit.rendered import laid_out
+from tests.emit.test_contracts import FLAGS
 from tests.optimum.cars import changed
 
 CASE, ACCELERATIONS = "4ws-2", (-6.0, -4.0, -2.0, 0.0, 3.0)
@@ -212,3 +216,10 @@ def test_the_signal_arrives_through_the_frames() -> None:
     assert (ClosedLoop(built.software).run(inputs) == ClosedLoop(built.software).run_stepped(inputs)).all()
     assert loop.state.task.controller.sample.longitudinal_acceleration == pytest.approx(BRAKING)
     assert parse(built.software.config.model_dump(mode="json"), "again") == built.software.config
+
+
+@pytest.mark.parametrize("kind", ["pi", "tracking"])
+def test_contracts_compile(tmp_path: Path, kind: Kind) -> None:
+    folder = laid_out(made(kind).folder, tmp_path / "build")
+    files = [str(path.relative_to(folder)) for path in sorted((folder / "verify").glob("*.c"))]
+    subprocess.run([*compiler_command(), *FLAGS, *files], cwd=folder, check=True)
