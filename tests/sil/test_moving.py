@@ -2,6 +2,7 @@
 
 import functools
 import math
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from codegen.map_file.map import ReferenceMap, on_road
 from codegen.optimum.solve import solve_acceleration_stack, solve_case
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, compile_build
+from codegen.sil.toolchain import compiler_command
 from codegen.units import KM_H
 from codegen.verify.law.controller import Road
 from codegen.verify.law.drive_cycle import drive
@@ -31,10 +33,12 @@ from codegen.verify.law.pairs import ControllerPair, InputsPair, Stretch, compar
 from hil_sim.codec import Codec, VehicleConditions
 from tests import builds
 from tests.builds import Built
+from tests.emit.rendered import laid_out
+from tests.emit.test_contracts import FLAGS
 from tests.optimum.cars import changed
 
 CASE, ACCELERATIONS = "4ws-2", (-6.0, -4.0, -2.0, 0.0, 3.0)
-KINDS: tuple[Kind, ...] = ("pi", "tracking", "feedforward")
+KINDS: tuple[Kind, ...] = ("pi", "tracking")
 BRAKING = -4.0
 COMMITTED = Path(__file__).parents[2] / "generated" / "4ws2.npz"
 SETTLED = 150
@@ -76,7 +80,7 @@ def test_the_lookup_equals_its_reference_bit_for_bit(kind: Kind) -> None:
 
 def test_each_layer_is_its_own_map() -> None:
     """At the acceleration of a layer, the lookup is that of the map solved for it alone; beyond the stack, of its ends."""
-    lookup, config = made("feedforward").lookup, stacked("feedforward").config
+    lookup, config = made("pi").lookup, stacked("pi").config
     assert config is not None
     speed, angle = np.meshgrid(np.linspace(3.0, 60.0, 40), np.linspace(0.0, 0.3, 30))
     for acceleration, layer in ((-9.0, -6.0), (math.nan, -6.0), *((value, value) for value in ACCELERATIONS), (9.0, 3.0)):
@@ -95,7 +99,7 @@ def test_a_slippery_road_leaves_less_grip_while_braking() -> None:
     The lookup divides the acceleration by the friction and multiplies the bound. The load transfer does not scale so, and the
     bound is not linear between layers.
     """
-    lookup, config = made("feedforward").lookup, stacked("feedforward").config
+    lookup, config = made("pi").lookup, stacked("pi").config
     assert config is not None
     for friction, acceleration in ((0.6, -3.0), (0.5, -2.0), (0.5, -3.0), (0.7, 2.0)):
         car = under_acceleration(on_road(config, friction), acceleration)
@@ -212,3 +216,10 @@ def test_the_signal_arrives_through_the_frames() -> None:
     assert (ClosedLoop(built.software).run(inputs) == ClosedLoop(built.software).run_stepped(inputs)).all()
     assert loop.state.task.controller.sample.longitudinal_acceleration == pytest.approx(BRAKING)
     assert parse(built.software.config.model_dump(mode="json"), "again") == built.software.config
+
+
+def test_contracts_compile(tmp_path: Path) -> None:
+    folder = laid_out(made("tracking").folder, tmp_path / "build")
+    proofs = [path for unit in ("map", "law", "inputs", "controller") for path in folder.glob(f"verify/prove_ars_{unit}_*.c")]
+    files = [str(path.relative_to(folder)) for path in sorted(proofs)]
+    subprocess.run([*compiler_command(), *FLAGS, "verify/every_function.c", *files], cwd=folder, check=True)
