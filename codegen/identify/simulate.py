@@ -101,7 +101,7 @@ class Simulation:
         """Return cost and normal equations.
 
         Args:
-            measured: (rows, outputs), NaN where not compared. weight: (outputs,) 1 / noise.
+            measured: (rows, outputs), NaN where not compared. weight: (m, outputs) 1 / noise.
             scale: (k,) factor of the derivatives by the parameters.
             huber: multiple of the noise beyond which an error counts linearly.
             average: number of samples whose mean error counts.
@@ -109,9 +109,9 @@ class Simulation:
         count, columns = len(self.first), len(self.model.parameters) + len(self.model.starts)
         found = Normal(np.empty(count), np.empty((count, columns)), np.empty((count, columns, columns)))
         measured, weight, scale = (np.ascontiguousarray(each) for each in (measured, weight, scale))
-        given = weight, scale, huber, average
+        given = scale, huber, average
         results = found.cost, found.gradient, found.hessian
-        self._run("shooting_normal", lambda row, k: (measured[row:], *given, *(each[k:] for each in results)))
+        self._run("shooting_normal", lambda row, k: (measured[row:], weight[k:], *given, *(each[k:] for each in results)))
         return found
 
     def _run(self, name: str, rest: Callable[[int, int], tuple[Any, ...]]) -> None:

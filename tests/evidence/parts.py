@@ -150,10 +150,12 @@ TOOLCHAINS = (
 )
 IPOPT = "IPOPT and a brute-force search find the same optimum, on whole grids and for random cars"
 DRIVES = "long closed-loop suites, a second plant and campaigns give the expected results"
+FOREIGN = "the map from an identified car keeps its slip and sideslip bounds on cars that the model does not describe"
 LOADERS = "damaged files of every kind are read, or rejected in one line"
 INSTALL = "wheel, source distribution and make targets work in a fresh environment"
 BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*", *C, *CONFIG)
 DRIVEN = ("codegen/sweep/**/*", "codegen/report/paper.py", "hil_sim/**/*", "generated/4ws2*/src/*", *TUNING, *CONFIG)
+IDENTIFIED = ("codegen/identify/*", "templates/identify/*", "hil_sim/second_plant/*", "hil_sim/third_plant.py", *MAPS)
 FIRMWARE = ("make", "arm-none-eabi-gcc", "qemu-system-arm")
 PAGES = ("codegen/report/**/*", "codegen/explore/**/*", "templates/report/*", "templates/explore/*", *TUNING, *CONFIG)
 PACKAGE = "tests.evidence"
@@ -177,6 +179,7 @@ PARTS = (
     Part("toolchains", TOOLCHAINS, (*GENERATOR, "codegen/export/**/*"), runs=SIL, tools=("cmake", *FIRMWARE)),
     Part("ipopt", IPOPT, (*MAPS, "codegen/design/*")),
     Part("drives", DRIVES, DRIVEN, runs=SIL),
+    Part("foreign", FOREIGN, IDENTIFIED, f"{PACKAGE}.foreign.plants", SIL),
     Part(
         "vcan", "the bench works on real SocketCAN", BENCH, runs=SIL, worker_count=0
     ),  # one guest for all tests, which use its clock
