@@ -152,6 +152,7 @@ IPOPT = "IPOPT and a brute-force search find the same optimum, on whole grids an
 DRIVES = "long closed-loop suites, a second plant and campaigns give the expected results"
 FOREIGN = "the map from an identified car keeps its slip and sideslip bounds on cars that the model does not describe"
 LOADERS = "damaged files of every kind are read, or rejected in one line"
+LOGS = "codegen identify reads damaged and wrong logs or rejects them in one line, and no file is lost"
 INSTALL = "wheel, source distribution and make targets work in a fresh environment"
 BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*", *C, *CONFIG)
 DRIVEN = ("codegen/sweep/**/*", "codegen/report/paper.py", "hil_sim/**/*", "generated/4ws2*/src/*", *TUNING, *CONFIG)
@@ -184,6 +185,7 @@ PARTS = (
         "vcan", "the bench works on real SocketCAN", BENCH, runs=SIL, worker_count=0
     ),  # one guest for all tests, which use its clock
     Part("loaders", LOADERS, COMMANDS, f"{PACKAGE}.loaders.cases"),
+    Part("logs", LOGS, COMMANDS, f"{PACKAGE}.logs.cases"),
     Part("browser", "report and explorer work in a browser", PAGES, tools=("chromium",)),
     Part(
         "guide",
