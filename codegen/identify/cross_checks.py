@@ -74,7 +74,8 @@ def without_frozen(drive: Drive) -> tuple[Drive, list[Finding]]:
         signals[key] = values
         longest = max(parts, key=lambda part: part.stop - part.start)
         seconds, start = _seconds(drive, longest)
-        text = f"constant for {seconds:.3g} s at {start:.3f} s although {' and '.join(others)} {'change' if len(others) > 1 else 'changes'}"
+        verb = "change" if len(others) > 1 else "changes"
+        text = f"constant for {seconds:.3g} s at {start:.3f} s although {' and '.join(others)} {verb}"
         text += f", and {len(parts) - 1} more times" if len(parts) > 1 else ""
         found.append(Finding(drive.name, key, FROZEN, text, sum(part.stop - part.start for part in parts)))
     return Drive(drive.name, drive.time, signals), found
