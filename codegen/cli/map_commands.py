@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -24,6 +24,7 @@ from codegen.files import make_folder, write_atomically
 
 if TYPE_CHECKING:
     from codegen.ecu_map.placement import Request
+    from codegen.optimum.uncertain import UncertainMap
 
 
 @cli.command(short_help="Create DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
@@ -81,6 +82,14 @@ def init(folder: Path, preset: str) -> None:
     metavar="LIST",
     help="Solve a stack over longitudinal acceleration in m/s^2, such as -4,0,3; 0 is the map itself. It cannot be built yet.",
 )
+@click.option(
+    "--uncertain",
+    "share",
+    type=float,
+    metavar="SHARE",
+    help="Tighten the limits until this share of the cars within [identified] keeps them, such as 0.99. The map with the whole "
+    "limits is written to MAP-nominal.npz.",
+)
 @json_option
 def solve(
     config_path: Path | None,
@@ -89,6 +98,7 @@ def solve(
     method: str,
     friction_list: str | None,
     acceleration_list: str | None,
+    share: float | None,
     as_json: bool,
 ) -> None:
     """Solve the optimisation of one case on the configured grid and write the map."""
@@ -97,6 +107,7 @@ def solve(
     from codegen.map_file.map import choose_config
     from codegen.optimum.like_friction import friction_errors
     from codegen.optimum.solve import ACCELERATION_OPTION, Method, solve_acceleration_stack, solve_case, solve_stack
+    from codegen.optimum.uncertain import solve_uncertain
     from codegen.plausibility.car import Handling, car_warnings
     from codegen.plausibility.map import MapFacts, map_warnings
     from codegen.report.summary import map_summary
@@ -104,20 +115,33 @@ def solve(
     check_output(output, ".npz", (config_path,))
     if friction_list is not None and acceleration_list is not None:
         raise CodegenError("a map has one stack", where=ACCELERATION_OPTION, remedy="leave it or --friction out")
+    nominal_path = output.with_name(f"{output.stem}-nominal.npz")
+    if share is not None:
+        other = {"--friction": friction_list, ACCELERATION_OPTION: acceleration_list}
+        for option in (*(name for name, value in other.items() if value), *(["--method ipopt"] if method == "ipopt" else [])):
+            raise CodegenError("cannot be combined with --uncertain", where=option, remedy="leave one of them out")
+        check_output(nominal_path, ".npz", (config_path,))
     friction = None if friction_list is None else _numbers(friction_list, "--friction")
     acceleration = None if acceleration_list is None else _numbers(acceleration_list, ACCELERATION_OPTION)
     chosen = choose_config(None, config_path)
     solver: Method = "ipopt" if method == "ipopt" else "exact"
     title = f"solving {case}" + ("" if friction is None else f" for {len(friction)} frictions")
     title += "" if acceleration is None else f" for {len(acceleration)} accelerations"
+    title += "" if share is None else f" for {100.0 * share:g} % of the cars"
+    uncertain = None
     with within(config_path or "the paper's preset"), console.progress(title) as progress:
         if friction is not None:
             reference_map = solve_stack(chosen.config, case, friction, solver, progress)
         elif acceleration is not None:
             reference_map = solve_acceleration_stack(chosen.config, case, acceleration, solver, progress)
+        elif share is not None:
+            uncertain = solve_uncertain(chosen.config, case, share, progress)
+            reference_map = uncertain.map
         else:
             reference_map = solve_case(chosen.config, case, solver, progress)
         alike = friction_errors(reference_map)
+    if uncertain is not None:
+        npz.save(uncertain.nominal, nominal_path)
     npz.save(reference_map, output)
     summary = map_summary(reference_map)
     handling, facts = Handling.from_config(chosen.config), MapFacts.of_map(reference_map, chosen.config)
@@ -125,7 +149,8 @@ def solve(
     if as_json:
         origin = {"map": str(output), "configuration": chosen.source, "warnings": warnings}
         like = {"like_friction": [one.to_dict() for one in alike]} if alike else {}
-        console.print_json({**origin, "handling": handling.to_dict(), **facts.to_dict(), **summary.to_dict(), **like})
+        cost = {} if uncertain is None else {"nominal": {"map": str(nominal_path), **_cost(uncertain)}}
+        console.print_json({**origin, "handling": handling.to_dict(), **facts.to_dict(), **summary.to_dict(), **like, **cost})
         return
     console.note(*chosen.notes)
     if config_path is None:
@@ -135,6 +160,28 @@ def solve(
     console.say(f"car: {handling}")
     console.say(*(f"map: {line}" for line in facts.lines()))
     console.say(*(f"map: {one.line}" for one in alike))
+    if uncertain is not None:
+        console.say(f"map: {summary.tightening_line}")
+        cost = _cost(uncertain)
+        console.say(
+            f"{nominal_path}: the map with the whole limits, which {cost['lost_percent']:.0f} % of the cars exceed; its yaw "
+            f"rate is {cost['yaw_rate_mean_deg_s']:.2g} deg/s larger on average, at most {cost['yaw_rate_max_deg_s']:.2g} "
+            f"(at {cost['at']}), and {cost['cells']} more of its cells are feasible"
+        )
+
+
+def _cost(uncertain: UncertainMap) -> dict[str, Any]:
+    """Return what the nominal map has more than the tightened one, as JSON values."""
+    from codegen.report.map_difference import map_difference
+
+    found = map_difference(uncertain.nominal, uncertain.map, (None, None))
+    return {
+        "lost_percent": 100.0 * uncertain.lost_by_nominal,
+        "yaw_rate_mean_deg_s": found.mean_deg_s,
+        "yaw_rate_max_deg_s": found.largest_deg_s,
+        "at": str(found.largest_at),
+        "cells": found.only_first - found.only_second,
+    }
 
 
 @cli.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))

@@ -88,6 +88,8 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
     console.say(f"{map_path}: {summary.headline}")
     if summary.tyre_line:
         console.say(summary.tyre_line)
+    if summary.tightening_line:
+        console.say(summary.tightening_line)
     console.say(text_table(("", "from", "to", "unit", "points"), summary.axis_rows))
     console.say("")
     console.say(text_table(("", "from", "to", "unit"), summary.value_rows))

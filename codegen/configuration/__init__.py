@@ -41,6 +41,7 @@ from codegen.configuration.car import (
 from codegen.configuration.controller import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
 from codegen.configuration.identified import Identified
 from codegen.configuration.section import Meaning, Section, check_name, first_fault
+from codegen.configuration.tightening import Tightening
 from codegen.configuration.xcp import Xcp
 from codegen.errors import CodegenError, ConfigError, suggestion
 from codegen.files import read_text
@@ -68,6 +69,7 @@ __all__ = [
     "Sensor",
     "Sensors",
     "Steering",
+    "Tightening",
     "Tracking",
     "Tuning",
     "Tyre",
@@ -139,6 +141,7 @@ class Config(Section):
     budgets: Budgets = Field(default=Budgets(), exclude_if=lambda budgets: budgets == Budgets())
     # Omitted where unset, like the budgets.
     identified: Identified = Field(default=Identified(), exclude_if=lambda identified: identified == Identified())
+    tightening: Tightening = Field(default=Tightening(), exclude_if=lambda own: own == Tightening())
 
     @model_validator(mode="before")
     @classmethod
@@ -173,6 +176,17 @@ class Config(Section):
             identifier = getattr(self.xcp, key)
             if identifier in taken and self.xcp.extended_ids == self.can.extended_ids:
                 raise ValueError(f"xcp.{key} is the id of {taken[identifier]}, 0x{identifier:X}; change one")
+        return self
+
+    @model_validator(mode="after")
+    def _data_phase_is_faster(self) -> Self:
+        for table, rate in (("can", self.can.bitrate_kbit_s), ("xcp", self.xcp.bitrate_kbit_s or self.can.bitrate_kbit_s)):
+            data_rate = getattr(self, table).data_bitrate_kbit_s
+            if data_rate is not None and data_rate < rate:
+                raise ValueError(
+                    f"{table}.data_bitrate_kbit_s is {data_rate:g}, below the bit rate of {rate:g}; "
+                    "raise it: the data phase of CAN FD is at least as fast"
+                )
         return self
 
     @model_validator(mode="after")
@@ -274,6 +288,11 @@ class Config(Section):
         """Return the configuration with the case called `name` as one of its own. Raises ConfigError: see `case`."""
         case = self.case(name)
         return self if name in self.cases else self.model_copy(update={"cases": {**self.cases, name: case}})
+
+    @property
+    def with_whole_limits(self) -> Config:
+        """The same configuration without `[tightening]`: the limits themselves."""
+        return self if self.tightening == Tightening() else self.model_copy(update={"tightening": Tightening()})
 
     def with_tyre_model(self, tyre_model: str | None) -> Config:
         """Return the configuration with this tyre model, "linear" or "magic-formula", in all cases; None changes nothing."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ import numpy as np
 
 from codegen import __version__, configuration
 from codegen.arrays import AnyArray, BoolArray, FloatArray
-from codegen.configuration import Config, Controller, check_name, parse
+from codegen.configuration import Config, Controller, Tightening, check_name, parse
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.files import write_atomically
 from codegen.map_file import archive, tables
@@ -61,6 +61,16 @@ def on_road(config: Config, friction: float) -> Config:
     )
     # `model_copy` validates nothing, and this configuration may be written into a file.
     return parse(changed.model_dump(mode="json"), f"on a road of friction {friction:g}")
+
+
+def changed(config: Config, stack: tables.Stack, value: float) -> Config:
+    """Return the configuration of a layer of a stack. Raises ConfigError: see `on_road` and `under_acceleration`."""
+    return under_acceleration(config, value) if stack is tables.ACCELERATION else on_road(config, value)
+
+
+def own_value(config: Config, stack: tables.Stack) -> float:
+    """Return the value of a stack's quantity for which the map itself is."""
+    return 0.0 if stack is tables.ACCELERATION else config.road.friction
 
 
 __all__ = [
@@ -142,17 +152,18 @@ class ReferenceMap:
 
     def __post_init__(self) -> None:
         if self.layers:
-            roads = tuple(FrictionLayer(one.friction, self._of_this_car(one.map, on_road, one.friction)) for one in self.layers)
+            stack = tables.FRICTION
+            roads = tuple(FrictionLayer(one.friction, self._of_this_car(one.map, stack, one.friction)) for one in self.layers)
             object.__setattr__(self, "layers", roads)
         if self.acceleration_layers:
             moving = tuple(
-                AccelerationLayer(one.acceleration, self._of_this_car(one.map, under_acceleration, one.acceleration))
+                AccelerationLayer(one.acceleration, self._of_this_car(one.map, tables.ACCELERATION, one.acceleration))
                 for one in self.acceleration_layers
             )
             object.__setattr__(self, "acceleration_layers", moving)
 
-    def _of_this_car(self, of_layer: ReferenceMap, change: Callable[[Config, float], Config], value: float) -> ReferenceMap:
-        config = None if self.config is None else change(self.config, value)
+    def _of_this_car(self, of_layer: ReferenceMap, stack: tables.Stack, value: float) -> ReferenceMap:
+        config = None if self.config is None else changed(self.config, stack, value)
         changes = {} if config is None else {"configuration": config.model_dump(mode="json")}
         meta = {**self.meta, **changes}
         return replace(of_layer, config=config, case=self.case, meta=meta, layers=(), acceleration_layers=())
@@ -166,14 +177,11 @@ class ReferenceMap:
             return tables.ACCELERATION, tuple((layer.acceleration, layer.map) for layer in self.acceleration_layers)
         return None
 
-    def require_buildable(self) -> None:
-        """Raise MapError for a stack over longitudinal acceleration, which the generated C does not have."""
-        if self.acceleration_layers:
-            raise MapError(
-                "the generated C has no stack over longitudinal acceleration",
-                where=tables.ACCELERATION.key,
-                remedy="solve the case without --longitudinal-acceleration, or with --friction, whose stack can be built",
-            )
+    def with_config(self, config: Config) -> ReferenceMap:
+        """Return the map with another configuration; the rest of its `meta` is kept."""
+        meta: dict[str, Any] = {"schema_version": SCHEMA_VERSION, **self.meta}
+        meta["configuration"] = config.model_dump(mode="json")
+        return replace(self, config=config, meta=meta)
 
     @property
     def solved(self) -> bool:
@@ -403,13 +411,18 @@ class Chosen:
 
 
 def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) -> Chosen:
-    """Return the configuration of the given file, else the map's own, else the paper's preset. Raises ConfigError."""
+    """Return the configuration of the given file, else the map's own, else the paper's preset. Raises ConfigError.
+
+    A file without `[tightening]` gets that of the map.
+    """
     own = reference_map.config if reference_map is not None else None
     if config_path is not None:
         config = configuration.load(config_path)
         notes = _borrowed(config)
         if own is not None and (own.vehicle, own.tyre, own.road) != (config.vehicle, config.tyre, config.road):
             notes += (f"{config_path.name} describes another car than the map was solved for; the map is taken as it is",)
+        if own is not None and own.tightening != config.tightening == Tightening():
+            config = config.model_copy(update={"tightening": own.tightening})  # it belongs to the map
         return Chosen(config, config_path.name, notes)
     if own is not None:
         return Chosen(own, "map")

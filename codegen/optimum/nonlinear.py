@@ -331,7 +331,8 @@ ABOVE = 100.0 * (1.0 + 1e-6)
 class SlipUse:
     """Slip angles at the middle of both axles, in percent of their bounds.
 
-    The bound is that of the steady-turn problem on the plant: the end of the linear range, at the latest short of the peak.
+    The bound is that of the steady-turn problem on the plant: the end of the linear range, at the latest short of the peak,
+    without `[tightening]`.
 
     Attributes:
         front, rear: (n, m) percent, NaN where the map is infeasible or the plant has no such turn.
@@ -351,7 +352,7 @@ def slip_use(reference_map: ReferenceMap) -> SlipUse | None:
     from codegen.optimum.nonlinear import NonlinearTurns
 
     try:
-        steady = NonlinearTurns.from_config(config, config.case(case))
+        steady = NonlinearTurns.from_config(config.with_whole_limits, config.case(case))
     except ConfigError:
         return None
     moving = reference_map.feasible & (reference_map.speed > 0.0)[:, np.newaxis]

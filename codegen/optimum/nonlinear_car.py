@@ -201,15 +201,21 @@ class SteadyCar:
     def from_config(cls, config: Config) -> Self:
         """The plant of a configuration on the road of its map. Raises ConfigError (see `MagicFormulaTyre.slip_bound`).
 
-        The slip bound of an axle is that of the linear tyre, at the latest PEAK_SHARE of the slip at which its force peaks.
+        The slip bound of an axle is that of the linear tyre, at the latest PEAK_SHARE of the slip at which its force peaks; of
+        it, the fraction in `[tightening]`.
         """
         tyres = AxleTyres.from_config(config)
         axles = (
-            Axle(replace(tyre, horizontal_shift=0.0, vertical_shift=0.0), transfer, min(bound, PEAK_SHARE * tyre.peak_slip))
-            for tyre, transfer, bound in zip(
+            Axle(
+                replace(tyre, horizontal_shift=0.0, vertical_shift=0.0),
+                transfer,
+                fraction * min(bound, PEAK_SHARE * tyre.peak_slip),
+            )
+            for tyre, transfer, bound, fraction in zip(
                 (tyres.front, tyres.rear),
                 load_transfer_per_lateral_acceleration(config),
                 (tyres.front_slip_bound, tyres.rear_slip_bound),
+                (config.tightening.front_slip_max, config.tightening.rear_slip_max),
                 strict=True,
             )
         )

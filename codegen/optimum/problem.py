@@ -62,11 +62,11 @@ class SteadyTurnProblem:
 
     @classmethod
     def from_config(cls, config: Config, case: Case) -> SteadyTurnProblem:
-        """The problem of one case. Raises ConfigError where the tyre has no end to its linear range."""
+        """The problem of one case, with `[tightening]`. Raises ConfigError where the tyre has no end to its linear range."""
         tyres = AxleTyres.from_config(config)
         car = SingleTrack.from_config(config, tyres)
         capacity, rear_slip = _envelope(config, tyres.rear) if case.envelope else (math.inf, math.inf)
-        return cls(
+        whole = cls(
             car=car,
             sideslip_max=config.limits.sideslip_max,
             lateral_acceleration_max=config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2,
@@ -78,6 +78,8 @@ class SteadyTurnProblem:
             envelope_rear_slip_max=rear_slip,
             law=law_of(case, car, config.grid.last_speed_km_h * KM_H),
         )
+        tightened: dict[str, Any] = {bound.limit: fraction_of(config, bound) * whole.limit_of(bound) for bound in BOUNDS}
+        return replace(whole, **tightened)
 
     @property
     def given(self) -> RearLaw | None:
@@ -104,6 +106,11 @@ class SteadyTurnProblem:
         slip_front = -lateral_acceleration * self.car.front_slip_per_lateral_acceleration
         slip_rear = -lateral_acceleration * self.car.rear_slip_per_lateral_acceleration
         return TurnQuantities(speed, front_angle, yaw_rate, sideslip, slip_front, slip_rear, rear_angle)
+
+
+def fraction_of(config: Config, bound: Bound) -> float:
+    """Return the fraction of a limit that `[tightening]` leaves to the map; 1 for a bound without a key there."""
+    return float(getattr(config.tightening, bound.limit, 1.0))
 
 
 def _envelope(config: Config, rear: MagicFormulaTyre) -> tuple[float, float]:

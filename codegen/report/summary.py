@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.map_file.bounds import binding_text
+from codegen.map_file.bounds import BOUNDS, binding_text
 from codegen.map_file.longitudinal import like_friction
 from codegen.map_file.map import ReferenceMap
 from codegen.units import KM_H
@@ -53,6 +53,7 @@ class MapSummary:
 
     `tyre_model` is that of the optimisation; None for a bare map.
     `friction` is that of the map itself; None without a configuration. `stack` contains the lower ones, rising.
+    `tightening` is the table `[tightening]` of its configuration; None where that leaves the limits as they are.
     """
 
     case: str | None
@@ -71,12 +72,15 @@ class MapSummary:
     friction: float | None
     stack: tuple[LayerSummary, ...]
     acceleration_stack: tuple[AccelerationSummary, ...]
+    tightening: dict[str, Any] | None
 
     def to_dict(self) -> dict[str, Any]:
         """Return name -> value, for JSON."""
         facts = asdict(self)
         if not self.acceleration_stack:
             del facts["acceleration_stack"]
+        if self.tightening is None:
+            del facts["tightening"]
         return facts
 
     @property
@@ -96,6 +100,24 @@ class MapSummary:
     def tyre_line(self) -> str:
         """Description of the tyre of the optimisation; "" if the map has none."""
         return f"{TYRE}: {self.tyre_model}" if self.tyre_model else ""
+
+    @property
+    def tightening_line(self) -> str:
+        """Description of the tightened limits; "" if there are none."""
+        if self.tightening is None:
+            return ""
+        used = ", ".join(
+            f"{bound.label} {100.0 * fraction:.1f} %"
+            for bound in BOUNDS
+            if (fraction := self.tightening.get(bound.limit, 1.0)) < 1.0
+        )
+        line = f"limits tightened to {used or '100 %'}"
+        share, cars, lost = (self.tightening[key] for key in ("share", "cars", "lost"))
+        return (
+            line
+            if share is None
+            else f"{line}; {lost} of {cars} drawn cars exceed a limit ({100.0 * share:g} % must keep them)"
+        )
 
     @property
     def axis_rows(self) -> list[tuple[str, ...]]:
@@ -200,7 +222,13 @@ def map_summary(reference_map: ReferenceMap) -> MapSummary:
             )
             for layer in reference_map.acceleration_layers
         ),
+        tightening=_tightening(reference_map),
     )
+
+
+def _tightening(reference_map: ReferenceMap) -> dict[str, Any] | None:
+    config = reference_map.config
+    return None if config is None or config.with_whole_limits is config else config.tightening.model_dump()
 
 
 def _lateral_acceleration_max(reference_map: ReferenceMap) -> float:

@@ -151,7 +151,7 @@ def drive(
         plant: car at its start.
         measured: function that returns the fields of a measurement at a sample, in SI units; called once a sample.
     """
-    inputs, driver = scenario.inputs(config), scenario.driver(config)
+    inputs, driver, commands = scenario.inputs(config), scenario.driver(config), scenario.rear_angle_commands(config)
     controller = None if software is None else software.controller(parameters=controller_parameters)
     period = config.controller.sampling_time_s
     per_sample = round(period / config.plant.sampling_time_s)
@@ -170,6 +170,8 @@ def drive(
             if controller is not None:
                 answer = controller.step(Measurement(**measured(car), **car.recorded, friction=estimate, inhibit=bool(inhibit)))
                 command, reference, status = answer.rear_angle, answer.yaw_rate_reference, answer.status
+                if commands is not None:
+                    command = float(commands[index])
             row[1:] = (
                 *(plant.speed, car.front_angle, car.yaw_rate, reference, car.sideslip_angle, car.lateral_acceleration),
                 *(command, car.rear_angle, car.slip_front, car.slip_rear, *car.recorded_values(), status),

@@ -110,6 +110,39 @@ def test_help_and_completion_import_nothing_heavy(words: str) -> None:
     assert result.returncode == 0, result.stderr
 
 
+def test_a_map_for_a_share_of_the_cars_is_written_beside_the_nominal_one(run: Run, refused: Refused, here: Path) -> None:
+    keys = "['vehicle.yaw_inertia_kg_m2', 'tyre.rear.cornering_stiffness_n_per_rad']"
+    identified = f"\n[identified]\nkeys = {keys}\nstandard_deviations = [50, 4000]\ncorrelations = [[1, 0.3], [0.3, 1]]\n"
+    text = configuration.preset_text().replace("speed_points = 101", "speed_points = 8")
+    Path("car.toml").write_text(
+        text.replace("front_angle_points = 100", "front_angle_points = 9") + identified, encoding="utf-8"
+    )
+    options = ("solve", "--config", "car.toml", "--case", "4ws-2", "-o", "own.npz", "--uncertain", "0.5")
+    told = run(*options)
+    line = r"limits tightened to .*rear angle [\d.]+ %.*; \d+ of 40 drawn cars exceed a limit \(50 % must keep them\)"
+    assert told.code == 0 and re.search(f"map: {line}\n", told.out)
+    found = re.search(
+        r"own-nominal.npz: the map with the whole limits, which (\d+) % of the cars exceed; its yaw rate is ", told.out
+    )
+    assert found is not None
+    facts = json.loads(run(*options, "--json").out)
+    assert facts["tightening"]["share"] == 0.5 and round(facts["nominal"]["lost_percent"]) == int(found[1]) > 50
+    assert facts["nominal"]["yaw_rate_max_deg_s"] > 0.0
+    assert re.search(f"^{line}$", run("show", "own.npz").out, re.MULTILINE)
+    assert "tightened" not in run("show", "own-nominal.npz").out
+    # The map builds without the file and with it.
+    assert (
+        run("build", "--map", "own.npz", "-o", "a").code
+        == run("build", "--map", "own.npz", "-o", "b", "--config", "car.toml").code
+        == 0
+    )
+    sources = [Path(folder, "src/ars_calibration.c").read_bytes() for folder in "ab"]
+    assert sources[0] == sources[1]
+    for other in (("--friction", "0.5,0.9"), ("--longitudinal-acceleration", "-4,0"), ("--method", "ipopt")):
+        assert f"{other[0]}: cannot be combined with --uncertain; leave one" in refused(*options, *other).replace(" ipopt", "")
+    assert "no identified keys" in refused("solve", "--case", "4ws-2", "-o", "own.npz", "--uncertain", "0.9")
+
+
 def test_a_stack_over_acceleration_is_solved_and_shown_but_not_built(run: Run, refused: Refused, here: Path) -> None:
     options = ("solve", "--case", "4ws-2", "-o", "moving.npz", "--longitudinal-acceleration", "-4,0,3")
     told = run(*options)

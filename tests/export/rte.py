@@ -41,6 +41,7 @@ typedef struct {
 } Rte_TransformerError;
 
 #define RTE_E_OK 0u
+#define RTE_E_INVALID 1u
 #define RTE_E_LOST_DATA 64u
 #define RTE_E_NO_DATA 131u
 #define RTE_E_NEVER_RECEIVED 133u
@@ -68,9 +69,12 @@ LAST = """
 Std_ReturnType Rte_Read_{port}_{element}({type} *data, Rte_TransformerError *error)
 {{
     *data = rte_{port};
-    error->errorCode = rte_{port}_code;
-    error->transformerClass = RTE_TRANSFORMER_SAFETY;
-    return (rte_{port}_code == 0u) ? RTE_E_OK : RTE_E_SOFT_TRANSFORMER_ERROR;
+    if (rte_{port}_code != 0u) {{
+        error->errorCode = rte_{port}_code;
+        error->transformerClass = RTE_TRANSFORMER_SAFETY;
+        return RTE_E_SOFT_TRANSFORMER_ERROR;
+    }}
+    return (rte_{port}_is_invalid != 0u) ? RTE_E_INVALID : RTE_E_OK;
 }}
 """
 
@@ -219,8 +223,8 @@ class Rte:
         (option,) = (each for each in options if one(each, "PORT-REF/@").path == port.path)
         assert text(option, "ERROR-HANDLING") == "TRANSFORMER-ERROR-HANDLING"
         self.declare(f"Std_ReturnType Rte_Read_{name}_{element.item_name}({of.item_name} *data, Rte_TransformerError *error)")
-        self.stub.append(f"extern {of.item_name} rte_{name}; extern uint8 rte_{name}_code;")
-        self.source.append(f"{of.item_name} rte_{name}; uint8 rte_{name}_code = 0x25u;")
+        self.stub.append(f"extern {of.item_name} rte_{name}; extern uint8 rte_{name}_code, rte_{name}_is_invalid;")
+        self.source.append(f"{of.item_name} rte_{name}; uint8 rte_{name}_code = 0x25u, rte_{name}_is_invalid;")
         self.source.append(LAST.format(port=name, element=element.item_name, type=of.item_name))
 
     def _written(self, runnable: str, port: str, element: Element) -> None:
@@ -314,6 +318,9 @@ class Com:
                 codes, record = message.decode(data, scaling=False, decode_choices=False), getattr(self._lib, f"rte_{name}")
                 for signal in set(codes) & set(dir(record)):
                     setattr(record, signal, codes[signal])
+                # handleInvalid KEEP: the data are passed, with RTE_E_INVALID while one of the signals has its invalid value.
+                is_invalid = any(each.invalid is not None and codes[each.name] == each.raw_invalid for each in message.signals)
+                setattr(self._lib, f"rte_{name}_is_invalid", is_invalid)
 
     def send(self) -> tuple[int, bytes]:
         """Return identifier and data of the frame that the component has written."""

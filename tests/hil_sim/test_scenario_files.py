@@ -3,15 +3,18 @@
 import math
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
 from codegen.errors import CodegenError
-from codegen.sil.software import Software
-from hil_sim import scenario_files
-from hil_sim.bench import run
+from codegen.sil.software import RECORD_COLUMNS, Software
+from hil_sim import scenario_files, third_plant
+from hil_sim.bench import run, run_in_process, run_through_can
+from hil_sim.codec import Codec, Frame, RearSteerCommand
 from hil_sim.faults import Fault
-from hil_sim.logs import save_csv
+from hil_sim.logs import BusLog, save_csv
+from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import Scenario, find
 from hil_sim.suite.cells import changed
 from tests import builds
@@ -53,6 +56,29 @@ def test_a_user_s_recording_is_reproduced(software: Software) -> None:
     # The front angle passes the steering's lag of 5 ms a second time: 0.1 deg at 22.5 deg/s.
     np.testing.assert_allclose(again[:, 2], first[:, 2], atol=math.radians(0.15))
     np.testing.assert_allclose(again[-100:, 3], first[-100:, 3], rtol=1e-3)
+
+
+def test_a_rear_angle_replaces_the_command_of_the_controller_in_every_loop(software: Software) -> None:
+    rows = [f"{0.01 * k:.2f},25,{0.002 * k},{0.01 if k >= 20 else -0.01}" for k in range(50)]
+    scenario = find(written("\n".join([f"{HEADER},rear_angle_override_rad", *rows])))
+    expected = np.where(np.arange(50) >= 20, 0.01, -0.01)
+    command, angle = (RECORD_COLUMNS.index(f"rear_angle_{name}") for name in ("command_rad", "rad"))
+    direct = run(software, scenario)
+    assert direct[:, command].tolist() == expected.tolist()
+    assert not run(software, scenario, controlled=False)[:, [command, angle]].any()
+    for record in (run_through_can(software, scenario).record, third_plant.run(software, software.config, scenario)):
+        assert record[:, command] == pytest.approx(expected, abs=1e-6)
+    # The log has the command as the actuator receives it.
+    node = PlantNode(software.config, scenario)
+    with BusLog(Path("run.log")) as log:
+        run_in_process(node, software, log=log)
+    codec = Codec(software.config.can, "single")
+    with can.LogReader("run.log") as frames:
+        logged = [codec.decode(frame.arbitration_id, bytes(frame.data)) for frame in frames]
+    angles = [each.rear_angle for each in logged if isinstance(each, RearSteerCommand)]
+    assert angles == pytest.approx(expected, abs=1e-6)
+    damaged = Frame(software.config.can.rear_steer_command.id, bytes(8))
+    assert node.bypass(0, damaged) == damaged
 
 
 def test_values_between_rows_are_linear_and_flags_are_held() -> None:

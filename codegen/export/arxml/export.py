@@ -13,7 +13,6 @@ from xml.etree import ElementTree
 from codegen import __version__, configuration
 from codegen.configuration import Config
 from codegen.configuration.can import NODES
-from codegen.configuration.signals import MEASURED
 from codegen.emit.build import NUMBERS, BuildView
 from codegen.emit.can_view import Cause, can_view, task_view
 from codegen.emit.folder import MANIFEST, Folder, read_files, verify_hashes
@@ -167,7 +166,7 @@ def _context(manifest: Mapping[str, Any], config: Config, calibration: str, prot
         "real": c_type(precision),
         **{name: literal(value, precision) for name, value in NUMBERS.items()},
         "map": {"bits_type": f"uint{bits}_t", "magnitude_bits": magnitude_bits(bits)},
-        "measured": MEASURED,
+        "measured": config.can.measured,
         "by_transformer": by_transformer,
         "can": can,
         "e2e": config.can.e2e,

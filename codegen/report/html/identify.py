@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
+from codegen.configuration.population import draw
+from codegen.errors import CodegenError
+from codegen.identify.map_spread import COVERAGE, map_spread
 from codegen.identify.run import Identification
 from codegen.identify.summary import (
     QUANTITY_HEADER,
@@ -22,14 +26,18 @@ from codegen.identify.summary import (
 )
 from codegen.identify.validation import Reached, Validation
 from codegen.report.html.blocks import MUTED, Block, Chart, Gallery, Section, Table, Text, axis, layout, line, numbers, scale_of
-from codegen.report.style import BLUE, VERMILION
-from codegen.units import DEGREE
+from codegen.report.style import BLUE, GREEN, VERMILION
+from codegen.units import DEGREE, KM_H
 from codegen.vehicle.tyre import AxleTyres
 
 POINTS_MAX = 3_000
 """Points of a line over time: more do not show."""
 CURVE_POINTS = 200
 CURVE_END_DEG = 12.0
+BAND_CARS = 1_000
+"""Cars that are drawn for the bands of the tyre curves."""
+BANDS = ((BLUE, "rgba(0, 114, 178, 0.25)"), (VERMILION, "rgba(213, 94, 0, 0.25)"), (GREEN, "rgba(0, 158, 115, 0.25)"))
+"""Colour of the line and of the band for each speed."""
 
 
 def identify_sections(
@@ -45,8 +53,50 @@ def identify_sections(
         Section("values", "Identified values", list(_values(found, one)), is_open=True),
         Section("prediction", "Prediction of drives", list(_prediction(validations, is_held_out)), is_open=True),
         Section("tyres", "Tyre curves", [Gallery(_curves(found, identified, one))], is_open=True),
+        Section("map", "Spread of the map", list(_spread(identified)), is_open=True),
         Section("correlation", "Correlation", [_correlation(found)]),
     ]
+
+
+def _spread(identified: Config) -> Iterator[Block]:
+    try:
+        spread = map_spread(identified)
+    except CodegenError as error:
+        yield Text(f"There is no map of the identified car: {error}.", "notice")
+        return
+    if spread is None:
+        yield Text("No case steers the rear wheels, or nothing was determined.", "notice")
+        return
+    if spread.failed:
+        yield Text(f"{spread.failed} of {spread.cars} drawn cars have no map on this grid.", "notice")
+    data: list[dict[str, Any]] = []
+    angle = spread.front_angle / DEGREE
+    for speed, nominal, low, high, (colour, shade) in zip(
+        spread.speed, spread.nominal, spread.low, spread.high, cycle(BANDS), strict=False
+    ):
+        known = np.isfinite(low)
+        name = f"{speed / KM_H:.0f} km/h"
+        edge = {"legendgroup": name, "showlegend": False, "hoverinfo": "skip", "width": 0}
+        data += [
+            line(angle[known], low[known] / DEGREE, name, colour, **edge),
+            line(angle[known], high[known] / DEGREE, name, colour, fill="tonexty", fillcolor=shade, **edge),
+            line(angle, nominal / DEGREE, name, colour, legendgroup=name),
+        ]
+    look = layout(xaxis=axis("Front angle (deg)"), yaxis=axis("Optimal yaw rate (deg/s)", rangemode="tozero"))
+    caption = (
+        f"Optimal yaw rate of the case {spread.case}. Lines: the identified car. Bands: {100.0 * COVERAGE:g} % of "
+        f"{spread.cars} cars drawn from the values, standard deviations and correlations above. A line ends where its car has "
+        "no feasible turn, a band where half of the cars have none."
+    )
+    yield Chart("spread", {"data": data, "layout": look}, caption, caption)
+    width = (spread.high - spread.low) / DEGREE
+    rows = [
+        (f"{speed / KM_H:.0f}", *(f"{value:.2f}" for value in (np.nanmax(each), np.nanmean(each))))
+        for speed, each in zip(spread.speed, width, strict=True)
+        if np.isfinite(each).any()
+    ]
+    yield Table("Width of the bands", ("speed (km/h)", "largest (deg/s)", "mean (deg/s)"), rows, words=())
+    yield Text("`codegen solve --uncertain 0.99` solves a map whose limits 99 % of such cars keep.")
 
 
 def _values(found: Identification, one: Reached) -> Sequence[Block]:
@@ -110,6 +160,7 @@ def _run_chart(one: Validation, name: str) -> Chart:
 
 def _curves(found: Identification, identified: Config, one: Reached) -> list[Chart]:
     before, after = AxleTyres.from_config(found.config), AxleTyres.from_config(identified)
+    drawn = [AxleTyres.from_config(car) for car in draw(identified, BAND_CARS, 1)] if identified.identified.keys else []
     charts = []
     for axle, slip in zip(("front", "rear"), one.slip, strict=True):
         slips = np.linspace(0.0, max(CURVE_END_DEG * DEGREE, 1.2 * slip), CURVE_POINTS)
@@ -118,7 +169,15 @@ def _curves(found: Identification, identified: Config, one: Reached) -> list[Cha
             result: FloatArray = 2e-3 * getattr(tyres, axle).force(slips)
             return result
 
-        data: list[dict[str, Any]] = [
+        data: list[dict[str, Any]] = []
+        if drawn:
+            low, high = np.quantile([force(tyres) for tyres in drawn], (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE)), axis=0)
+            look = {"fill": "toself", "fillcolor": BANDS[0][1], "hoverinfo": "skip", "width": 0}
+            edges = np.concatenate([low, high[::-1]])
+            data.append(
+                line(np.concatenate([slips, slips[::-1]]) / DEGREE, edges, f"{100.0 * COVERAGE:g} % band", BLUE, **look)
+            )
+        data += [
             line(slips / DEGREE, force(after), "identified", BLUE),
             line(slips / DEGREE, force(before), "configured", VERMILION, dash="dot"),
         ]
@@ -126,6 +185,8 @@ def _curves(found: Identification, identified: Config, one: Reached) -> list[Cha
         shapes = [{**edge, "line": {"color": MUTED, "width": 1, "dash": "dash"}}]
         look = layout(xaxis=axis("Slip angle (deg)"), yaxis=axis("Side force (kN)", rangemode="tozero"), shapes=shapes)
         caption = f"Side force of the {axle} axle at static load. The dashed line is the largest slip of the drives."
+        if drawn:
+            caption += " The band has the curves of 95 % of the cars that the drives leave possible, at each slip."
         charts.append(Chart(f"curve-{axle}", {"data": data, "layout": look}, caption, caption))
     return charts
 

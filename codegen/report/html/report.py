@@ -263,6 +263,8 @@ def _axes(material: Material) -> Iterator[Block]:
     yield Text(f"{material.map.name}: {summary.headline}.")
     if summary.tyre_line:
         yield Text(f"{summary.tyre_line.capitalize()}.")
+    if summary.tightening_line:
+        yield Text(f"{summary.tightening_line.capitalize()}.")
     yield Table("Axes", ("", "from", "to", "unit", "points"), summary.axis_rows, words=(0, 3))
     yield Table("Values, where feasible", ("", "from", "to", "unit"), summary.value_rows, words=(0, 3))
     if summary.binding_rows:

@@ -1,0 +1,77 @@
+"""Spread of the optimal map over the cars that the measured drives leave possible."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from codegen.arrays import FloatArray
+from codegen.configuration import Config
+from codegen.configuration.population import draw
+from codegen.errors import CodegenError
+from codegen.optimum.problem import breakpoints
+from codegen.optimum.turns import turns_of
+from codegen.units import KM_H
+
+CARS = 60
+SEED = 1
+SPEEDS_KM_H = (40.0, 70.0, 100.0)
+FRONT_ANGLES = 41
+COVERAGE = 0.95
+"""Share of the cars inside the band."""
+FEASIBLE_MIN = 0.5
+"""The band ends where fewer of the cars have a feasible turn."""
+
+
+@dataclass(frozen=True)
+class MapSpread:
+    """Optimal yaw rates over front angles (m,) in rad at speeds (n,) in m/s, in rad/s.
+
+    Attributes:
+        case: name of the case.
+        nominal: (n, m) of the identified car; NaN where infeasible.
+        low, high: (n, m) ends of the band with COVERAGE of the cars that have a feasible turn; NaN where few have one.
+        cars: number of cars. failed: cars without a map on this grid.
+    """
+
+    case: str
+    speed: FloatArray
+    front_angle: FloatArray
+    nominal: FloatArray
+    low: FloatArray
+    high: FloatArray
+    cars: int
+    failed: int
+
+
+def map_spread(identified: Config) -> MapSpread | None:
+    """Solve the last optimised case with rear steering for cars drawn from `[identified]`; None without such a case or key.
+
+    Raises:
+        CodegenError: no car can be drawn, or the identified car has no map.
+    """
+    cases = [name for name, case in identified.cases.items() if case.rear_steering and case.reference == "optimum"]
+    if not cases or not identified.identified.keys:
+        return None
+    speeds, angles = breakpoints(identified)
+    inside = [value * KM_H for value in SPEEDS_KM_H if speeds[0] <= value * KM_H <= speeds[-1]]
+    speed = np.array(inside or [speeds[-1]])
+    front_angle = np.linspace(angles[0], angles[-1], FRONT_ANGLES)
+
+    def optimum(car: Config) -> FloatArray:
+        breakpoints(car)  # a car that becomes unstable on this grid has no map
+        solution = turns_of(car, car.case(cases[-1])).solve(speed, front_angle)
+        return np.where(solution.feasible, solution.yaw_rate, np.nan)
+
+    nominal, found, failed = optimum(identified), [], 0
+    for car in draw(identified, CARS, SEED):
+        try:
+            found.append(optimum(car))
+        except CodegenError:
+            failed += 1
+    tables = np.array(found or [np.full_like(nominal, np.nan)])
+    wide = np.isfinite(tables).mean(axis=0) >= FEASIBLE_MIN
+    ends = np.full((2, *nominal.shape), np.nan)
+    ends[:, wide] = np.nanquantile(tables[:, wide], (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE)), axis=0)
+    return MapSpread(cases[-1], speed, front_angle, nominal, ends[0], ends[1], CARS, failed)
