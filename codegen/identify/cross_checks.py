@@ -90,7 +90,8 @@ def _constant(drive: Drive, key: str) -> list[slice]:
 def _parts(flags: BoolArray, shortest: int) -> list[slice]:
     """Return the runs of at least `shortest` true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0]))))
-    return [slice(start, stop) for start, stop in zip(edges[::2], edges[1::2], strict=True) if stop - start >= shortest]
+    pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    return [slice(start, stop) for start, stop in pairs if stop - start >= shortest]
 
 
 def _some_move(others: Mapping[str, FloatArray], part: slice, late: int, share: float) -> bool:

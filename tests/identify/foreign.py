@@ -15,7 +15,7 @@ from codegen.identify.drive import Drive
 from codegen.sil.plant import PlantInput, PlantSample
 from codegen.units import KM_H
 from codegen.vehicle.tyre import CURVES, TyreCurve
-from hil_sim.second_plant.plant import PUBLISHED, MultiBodyPlant, car_of, published
+from hil_sim.second_plant.plant import GRAVITY, PUBLISHED, ROLL, MultiBodyPlant, car_of, published
 from hil_sim.suite.cells import changed
 from hil_sim.third_plant import RollPlant
 from tests.identify.drives import SENSOR, Course, Part, drive
@@ -40,6 +40,15 @@ class LeaningPlant(RollPlant):
         """Return the current outputs, the lateral acceleration as measured."""
         found = super().sample(acting)
         return replace(found, lateral_acceleration=found.lateral_acceleration + self._gravity * math.sin(self.roll))
+
+
+class LeaningMultiBodyPlant(MultiBodyPlant):
+    """The third-party car, whose accelerometer rolls with the body."""
+
+    def sample(self, acting: PlantInput) -> PlantSample:
+        """Return the current outputs, the lateral acceleration as measured."""
+        found = super().sample(acting)
+        return replace(found, lateral_acceleration=found.lateral_acceleration + GRAVITY * math.sin(self._state[ROLL]))
 
 
 def _unused(*_: Any) -> Any:
@@ -99,7 +108,7 @@ def _leaning(title: str, curve: TyreCurve | None = None) -> ForeignCar:
 def _multi_body(number: int) -> ForeignCar:
     config = car_of(published(number), _base())
     title = f"third-party multi-body car, {PUBLISHED[number]}"
-    return ForeignCar(title, config, lambda speed: MultiBodyPlant(config, speed, published(number)), 9.0)
+    return ForeignCar(title, config, lambda speed: LeaningMultiBodyPlant(config, speed, published(number)), 9.0)
 
 
 CARS: dict[str, Callable[[], ForeignCar]] = {

@@ -171,7 +171,7 @@ def test_stiffnesses_and_inertia_are_taken_together(share: float, is_taken: bool
 def test_a_car_with_roll_that_the_model_does_not_contain_is_predicted_and_its_slip_angles_are_right() -> None:
     config = configured_car(true_car(SEED)[0])
     course = Course(config)
-    fitted = (course.turns(40.0), course.turns(80.0), course.front_sweep(60.0), course.rear_sweep(60.0))
+    fitted = (course.turns(40.0, duration=15.0), course.turns(80.0, duration=15.0), course.front_sweep(60.0))
     drives = [
         drive(config, parts, k, plant=LeaningPlant(config), signals=(*SENSOR, "delta_r_command", "sideslip"))
         for k, parts in enumerate((fitted, course.hold_out()))
