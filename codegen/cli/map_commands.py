@@ -80,7 +80,7 @@ def init(folder: Path, preset: str) -> None:
     "--longitudinal-acceleration",
     "acceleration_list",
     metavar="LIST",
-    help="Solve a stack over longitudinal acceleration in m/s^2, such as -4,0,3; 0 is the map itself. It cannot be built yet.",
+    help="Solve a stack over longitudinal acceleration in m/s^2, such as -4,0,3; 0 is the map itself.",
 )
 @click.option(
     "--uncertain",
@@ -164,9 +164,9 @@ def solve(
         console.say(f"map: {summary.tightening_line}")
         cost = _cost(uncertain)
         console.say(
-            f"{nominal_path}: the map with the whole limits, which {cost['lost_percent']:.0f} % of the cars exceed; its yaw "
-            f"rate is {cost['yaw_rate_mean_deg_s']:.2g} deg/s larger on average, at most {cost['yaw_rate_max_deg_s']:.2g} "
-            f"(at {cost['at']}), and {cost['cells']} more of its cells are feasible"
+            f"{nominal_path}: the map with the whole limits; {cost['lost_percent']:.0f} % of the cars exceed one. Its "
+            f"yaw rate is {cost['yaw_rate_mean_deg_s']:.2f} deg/s larger on average, at most {cost['yaw_rate_max_deg_s']:.2f} "
+            f"deg/s at {cost['at']}, and {cost['cells']} more cells are feasible"
         )
 
 

@@ -14,8 +14,8 @@ operations is part of the contract, because in floating point it decides the las
 4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above, and the rear angle rises by what the linear car
    needs for that, up to the sideslip bound (`capped_rear_angle`). A friction below the lowest layer's scales ay_cap; above
    it, ay_cap is interpolated. With a stack over acceleration the interpolated ay_cap is divided by map_friction and
-   multiplied by the friction up to that. Where grip leaves a share of ay_cap, that is looked up like the others, on its own
-   axes, and multiplies ay_cap where it is below one (and by zero where below zero). The front angle's sign comes back last.
+   multiplied by the friction up to that. Where grip leaves a share of ay_cap, it is looked up like the others, on its own axes,
+   and multiplies ay_cap where it is below one (and by zero where below zero). The sign of the front angle comes back last.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from codegen.configuration import Config
 from codegen.identify.drive import Drive
 from codegen.identify.model import OUTPUTS
 from codegen.identify.parameters import configured
-from codegen.identify.shooting import DriveSamples, Problem, Segments, actuator_problem, vehicle_problem
+from codegen.identify.shooting import DriveSamples, Problem, Segments, actuator_problem, lagged, vehicle_problem
 from codegen.units import DEGREE, KM_H
 from codegen.vehicle.single_track import SingleTrack
 
@@ -221,7 +221,7 @@ def _simulated(config: Config, drafts: Sequence[_Draft], scales: FloatArray) -> 
         front = scale * draft.front
         zero = np.zeros(front.size)
         signals = {"vx": draft.speed, "steering_wheel_angle": config.steering.ratio * front, "yaw_rate": zero, "delta_r": zero}
-        signals |= {"delta_f": _lagged(front, period, lag), "delta_r_command": scale * draft.rear}
+        signals |= {"delta_f": lagged(front, period, lag), "delta_r_command": scale * draft.rear}
         drives.append(Drive(draft.manoeuvre.name, np.arange(front.size) * period, signals))
     samples = DriveSamples.of(drives)
     values = {**configured(config), "steering_ratio": 1.0}  # the angle is that of the road wheels
@@ -236,18 +236,6 @@ def _simulated(config: Config, drafts: Sequence[_Draft], scales: FloatArray) -> 
         replace(drive, signals={**drive.signals, **{name: parts[k] for name, parts in split.items()}})
         for k, drive in enumerate(drives)
     ]
-
-
-def _lagged(signal: FloatArray, step: float, lag: float) -> FloatArray:
-    """Return the response of a first-order lag, exact for a signal that is linear between samples."""
-    fall = math.exp(-step / lag)
-    mean = (1.0 - fall) * lag / step
-    result = np.empty(signal.size)
-    state = result[0] = float(signal[0])
-    for k in range(1, signal.size):
-        state = fall * state + (mean - fall) * float(signal[k - 1]) + (1.0 - mean) * float(signal[k])
-        result[k] = state
-    return result
 
 
 def _undelayed(problem: Problem, values: dict[str, float]) -> FloatArray:

@@ -26,6 +26,10 @@ BENCH_SIGNALS = ("vx", "yaw_rate", "lateral_acceleration", "delta_f", "delta_r",
 HIGHER_FACTORS = (1.25, 1.5, 2.0, 3.0)
 """Lateral accelerations, as multiples of the limit, that are tried for what the programme does not determine."""
 
+NEEDED_SHARE = 0.7 * SHARE_MAX
+"""Largest standard deviation, as a fraction of that before, with a drive that is named as needed: the identification estimates
+it with some scatter."""
+
 
 @dataclass(frozen=True)
 class Predicted:
@@ -207,7 +211,7 @@ def _needs(
     missing = [k for k in range(len(names)) if shares_of(total)[deciding[k]] > SHARE_MAX]
     found: dict[str, str] = {}
     with_all = shares_of(total + information.each.sum(axis=0))
-    found |= {names[k]: "more time" for k in missing if with_all[deciding[k]] <= SHARE_MAX}
+    found |= {names[k]: "more time" for k in missing if with_all[deciding[k]] <= NEEDED_SHARE}
     grip = config.road.friction * config.road.gravity_m_s2
     limits = [factor * lateral_acceleration_max for factor in HIGHER_FACTORS if factor * lateral_acceleration_max < grip]
     for limit in (*limits, grip):
@@ -218,7 +222,7 @@ def _needs(
         shares = shares_of(total + more.each)
         for k in open_:
             best = int(np.argmin(shares[:, deciding[k]]))
-            if shares[best, deciding[k]] <= SHARE_MAX:
+            if shares[best, deciding[k]] <= NEEDED_SHARE:
                 one = candidates[best]
                 acceleration = f"{one.largest_acceleration:.1f} m/s^2"
                 found[names[k]] = f"{one.manoeuvre.title} at {one.speed / KM_H:.0f} km/h up to {acceleration}"

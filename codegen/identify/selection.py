@@ -1,10 +1,10 @@
 """Choice of drives for a measurement programme.
 
 The criterion is Bayesian D_s-optimality (A. C. Atkinson, A. N. Donev, R. D. Tobias, Optimum Experimental Designs, with SAS,
-sections 10.3 and 18.2): the determinant of the covariance of the car's own quantities, those with a key in ars.toml, is least.
+chapters 10 and 18): the determinant of the covariance of the car's own quantities, those with a key in ars.toml, is least.
 The errors of the sensors only count as far as they blur these. Unlike the trace of the covariance, the determinant does not
-depend on the scale of the quantities, and half the uncertainty of any quantity counts alike. With the trace, quantities that no
-drive within the limits determines would outweigh all others.
+depend on the scale of the quantities, and half the uncertainty of any quantity counts alike. The trace is dominated
+by the quantities that no drive within the limits determines.
 """
 
 from __future__ import annotations

@@ -15,9 +15,10 @@ import autosar_data
 import cantools
 
 from codegen.configuration.can import E2e
+from codegen.configuration.e2e_profiles import DataId, ProfileName
 from hil_sim.e2e import E2eState, E2eStatus, Receiver, Supervision, next_counter, protect
 
-Element = Any
+Element = Message = Any
 
 PRELUDE = """
 #ifndef RTE_ARS_H
@@ -266,14 +267,27 @@ _CHECKS |= {E2eStatus.REPEATED: 1, E2eStatus.SYNC: 2, E2eStatus.WRONG_SEQUENCE: 
 _STATES = {E2eState.VALID: 0x00, E2eState.NO_DATA: 0x20, E2eState.INIT: 0x30, E2eState.INVALID: 0x40}
 
 
+_PROFILES: Mapping[tuple[str, str], ProfileName] = {
+    ("PROFILE_01", "ALL-16-BIT"): "1A",
+    ("PROFILE_01", "ALTERNATING-8-BIT"): "1B",
+    ("PROFILE_01", "LOWER-12-BIT"): "1C",
+    ("PROFILE_02", ""): "2",
+    ("PROFILE_05", "ALL-16-BIT"): "5",
+    ("PROFILE_11", "ALL-16-BIT"): "11A",
+    ("PROFILE_11", "LOWER-12-BIT"): "11C",
+}
+"""Profile of the bench by its name in the ARXML and the mode of its data id."""
+
+
 class Transformer:
     """E2E transformer of a received message: code of E2EXf_Inv for each cycle.
 
     In a cycle without a frame, an RTE passes no data, or with `checks_again` the last data.
     """
 
-    def __init__(self, data_id: int, settings: E2e, checks_again: bool) -> None:
-        self._data_id, self._receiver, self._supervision = data_id, Receiver(settings), Supervision(settings)
+    def __init__(self, message: Message, settings: E2e, checks_again: bool) -> None:
+        self._data_id = data_id_of(message)
+        self._receiver, self._supervision = Receiver(settings, message.length), Supervision(settings)
         self._checks_again, self._last = checks_again, None
 
     def code(self, data: bytes | None) -> int:
@@ -288,10 +302,20 @@ class Transformer:
 def settings_of(model: Any) -> E2e:
     """Return the settings of the E2E transformer in the ARXML."""
     (each,) = (each for _, each in model.elements_dfs if each.element_name == "END-TO-END-TRANSFORMATION-DESCRIPTION")
-    of_profile_1 = E2e.model_fields.keys() - {"profile", "max_delta_counter"}
-    names = {name: name.upper().replace("_", "-") for name in of_profile_1}
-    names |= {"max_delta_counter_init": "MAX-DELTA-COUNTER", "window_size": "WINDOW-SIZE-VALID"}
-    return E2e(**{name: int(text(each, tag)) for name, tag in names.items()})
+    mode = [str(found.character_data) for found in find(each, "DATA-ID-MODE")]
+    profile = _PROFILES[text(each, "PROFILE-NAME"), *(mode or [""])]
+    step, other = "max_delta_counter_init", "max_delta_counter"
+    if profile in ("5", "11A", "11C"):
+        step, other = other, step
+    names = {name: name.upper().replace("_", "-") for name in E2e.model_fields.keys() - {"profile", other}}
+    names |= {step: "MAX-DELTA-COUNTER", "window_size": "WINDOW-SIZE-VALID"}
+    return E2e(profile=profile, **{name: int(text(each, tag)) for name, tag in names.items()})
+
+
+def data_id_of(message: Message) -> DataId:
+    """Return the data id of a message in the ARXML, or its list of data ids."""
+    ids = message.autosar.e2e.data_ids
+    return ids[0] if len(ids) == 1 else bytes(ids)
 
 
 class Com:
@@ -301,8 +325,9 @@ class Com:
         self._lib = library
         self._database = cantools.database.load_file(arxml)
         settings = settings_of(model)
+        self._profile = settings.definition
         self._transformers = {
-            message.name: Transformer(message.autosar.e2e.data_ids[0], settings, checks_again)
+            message.name: Transformer(message, settings, checks_again)
             for message in self._database.messages
             if message.senders == ["Car"]
         }
@@ -327,6 +352,6 @@ class Com:
         (message,) = (each for each in self._database.messages if each.senders != ["Car"])
         record = getattr(self._lib, f"rte_{message.name}")
         codes = {each.name: int(getattr(record, each.name, 0)) for each in message.signals}
-        data = protect(message.autosar.e2e.data_ids[0], self._counter, message.encode(codes, scaling=False))
-        self._counter = next_counter(self._counter)
+        data = protect(data_id_of(message), self._counter, message.encode(codes, scaling=False), self._profile)
+        self._counter = next_counter(self._counter, self._profile)
         return message.frame_id, data

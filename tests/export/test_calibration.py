@@ -418,7 +418,7 @@ def test_a_map_of_the_set_builds_the_same_map(name: str, tmp_path: Path) -> None
     speed, angle = np.float32(written.map.speed), np.float32(written.map.front_angle)
     for friction in build.manifest["map"]["frictions"]:
         sets = ((build, build.values), (again, again.values))
-        one, two = (each.looked_up(values, speed, angle, friction, with_rear_angle=with_rear) for each, values in sets)
+        one, two = (each.looked_up(values, speed, angle, (friction,), with_rear_angle=with_rear) for each, values in sets)
         for first, second in zip(one, two, strict=True):
             # Five roundings to single precision of numbers up to 2.
             assert np.abs(first - second).max() < 5 * 2 * np.finfo(np.float32).eps

@@ -87,7 +87,8 @@ def test_values_between_rows_are_linear_and_flags_are_held() -> None:
         "a,3.0,10,0.0,0.9,,0,0\r\n"
         'b,3.1,20,1.0,0.5,nan,100,1\r\n"c, d",3.3,20,1.0,0.5,0.6,100,0\r\n\r\n'
     )
-    speed, wheel, friction, estimate, moment, inhibit = find(written(text)).inputs(CONFIG).T
+    speed, wheel, friction, estimate, moment, inhibit, acceleration = find(written(text)).inputs(CONFIG).T
+    assert acceleration[50] == pytest.approx(100.0)  # 10 m/s in 0.1 s
     # Rows at 0, slightly over 0.1 (3.1 - 3.0) and 0.3 s; the last one is held for one row interval, at most 0.1 s.
     assert (speed[50], wheel[50], friction[50], moment[50]) == pytest.approx((15.0, 0.5, 0.7, 50.0))
     assert speed[300:].tolist() == [20.0] * 100

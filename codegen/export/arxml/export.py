@@ -19,6 +19,7 @@ from codegen.emit.folder import MANIFEST, Folder, read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.map_view import magnitude_bits
 from codegen.emit.render import decimal, render
+from codegen.emit.take_over import TakeOver
 from codegen.emit.text import NONE, UNITS, c_type, comment_text, literal, numpy_type
 from codegen.errors import BuildError
 from codegen.export.arxml.view import (
@@ -194,7 +195,10 @@ def _context(manifest: Mapping[str, Any], config: Config, calibration: str, prot
         "timeout": decimal(period * config.can.e2e.window_size),
         "baudrate": can.baudrate,
         "version": (re.findall(r"\d+", str(manifest["version"])) + ["0"] * 3)[:3],
-        "sources": (f"src/{prefix}_swc.c", *(path for path in manifest["files"] if path.startswith("src/"))),
+        "sources": (
+            f"src/{prefix}_swc.c",
+            *TakeOver.of(prefix, (path for path in manifest["files"] if path.startswith("src/"))).sources,
+        ),
     }
 
 
