@@ -9,22 +9,20 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from benchmarks.tables import CountReport, Row
-from codegen.configuration import Config, preset
 from codegen.identify.drive import Drive
 from codegen.identify.parameters import BY_NAME
 from codegen.identify.run import identify
 from codegen.identify.summary import CONFIDENCE
 from codegen.identify.validation import validate
 from codegen.units import DEGREE
-from hil_sim.second_plant.plant import MultiBodyPlant, car_of, published
 from hil_sim.suite.background import Background
-from hil_sim.third_plant import RollPlant
-from tests.identify.drives import SENSOR, Course, Part, configured_car, drive, true_car, truth
+from tests.identify.drives import SENSOR, Course, configured_car, drive, true_car, truth
+from tests.identify.foreign import CARS as FOREIGN
+from tests.identify.foreign import drives as foreign_drives
 
 CARS, QUICK_CARS = 40, 4
 FIRST_SEED = 100
@@ -102,50 +100,28 @@ def ten_minutes() -> float:
     return time.perf_counter() - begin
 
 
-def _roll() -> tuple[Config, Callable[[], Any]]:
-    config = preset("recommended")
-    return config, lambda: RollPlant(config)
-
-
-START = Part(0.1, 60.0 / 3.6)
-"""The multi-body car starts at this speed."""
-
-
-def _multi_body() -> tuple[Config, Callable[[], Any]]:
-    config = car_of(published(), preset("recommended"))
-    return config, lambda: MultiBodyPlant(config, START.speed)
-
-
-FOREIGN = {"roll, relaxation, second-order actuator": _roll, "third-party multi-body car": _multi_body}
-
-
-def foreign_row(name: str) -> Row:
-    """Return the errors of a held-out drive of a plant that the model does not contain."""
-    config, plant = FOREIGN[name]()
-    course = Course(config)
-    parts = (
-        (START, course.turns(50.0), course.rear_steps(50.0), course.front_sweep(50.0), course.rear_sweep(50.0)),
-        (START, course.front_sweep(80.0), course.rear_sweep(80.0), course.limit(60.0, 7.0)),
-        (START, *course.hold_out()),
-    )
-    drives = [drive(config, part, k, name=f"drive {k}", signals=SIGNALS, plant=plant()) for k, part in enumerate(parts)]
-    found = validate(identify(configured_car(config), drives[:2]), drives[2])
+def foreign_row(name: str, sideslip: bool) -> Row:
+    """Return the errors of a held-out drive of a car that the model does not describe."""
+    car = FOREIGN[name]()
+    *fitted, held_out = foreign_drives(car, sideslip=sideslip)
+    found = validate(identify(configured_car(car.config), fitted), held_out)
     figures = [
         f"{each / DEGREE:.3f}"
         for run in (found.identified, found.configured)
         for each in (run.yaw_rate_error, run.one_step_error)
     ]
     is_better = found.identified.yaw_rate_error < found.configured.yaw_rate_error
-    return Row((name, *figures, f"{found.identified.yaw_rate_size / DEGREE:.2f}"), is_better)
+    title = f"{car.title}, {'with' if sideslip else 'without'} sideslip"
+    return Row((title, *figures, f"{found.identified.yaw_rate_size / DEGREE:.2f}"), is_better)
 
 
 def run(quick: bool, say: Callable[[str], None]) -> CountReport:
-    """Identify forty cars; `quick` takes four and leaves out the multi-body car."""
+    """Identify forty cars; `quick` takes four, and only the first of the foreign cars."""
     count = QUICK_CARS if quick else CARS
     names = list(FOREIGN)[: 1 if quick else None]
     with Background() as background:
         waiting = [background.call(examine, FIRST_SEED + k) for k in range(count)]
-        foreign = [background.call(foreign_row, name) for name in names]
+        foreign = [background.call(foreign_row, name, sideslip) for name in names for sideslip in (True, False)]
         results = []
         for number, job in enumerate(waiting, start=1):
             results.append(job.get())

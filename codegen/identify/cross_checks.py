@@ -18,6 +18,8 @@ from codegen.identify.quantities import QUANTITIES
 TINY = float(np.finfo(np.float64).tiny)
 FROZEN_S = 1.0
 """Shortest time in s that a frozen signal is constant."""
+RESPONSE_S = 0.3
+"""Time in s within which a sound signal responds: what changes so late in a constant part is what ends it."""
 MOVES_FRACTION = 0.2
 """Change of another signal, as a fraction of its largest magnitude in the drive, that shows that the car moves."""
 MOVES_STEPS = 5.0
@@ -62,7 +64,8 @@ def without_frozen(drive: Drive) -> tuple[Drive, list[Finding]]:
         if key not in signals or not others:
             continue
         share = max(MOVES_FRACTION, MOVES_STEPS * _step(signals[key]) / _size(signals[key]))
-        parts = [part for part in _constant(drive, key) if moving[part].all() and _some_move(others, part, share)]
+        late = _count(drive, RESPONSE_S)
+        parts = [part for part in _constant(drive, key) if moving[part].all() and _some_move(others, part, late, share)]
         if not parts:
             continue
         values = signals[key].copy()
@@ -71,7 +74,8 @@ def without_frozen(drive: Drive) -> tuple[Drive, list[Finding]]:
         signals[key] = values
         longest = max(parts, key=lambda part: part.stop - part.start)
         seconds, start = _seconds(drive, longest)
-        text = f"constant for {seconds:.3g} s at {start:.3f} s although {' and '.join(others)} change"
+        verb = "change" if len(others) > 1 else "changes"
+        text = f"constant for {seconds:.3g} s at {start:.3f} s although {' and '.join(others)} {verb}"
         text += f", and {len(parts) - 1} more times" if len(parts) > 1 else ""
         found.append(Finding(drive.name, key, FROZEN, text, sum(part.stop - part.start for part in parts)))
     return Drive(drive.name, drive.time, signals), found
@@ -86,13 +90,16 @@ def _constant(drive: Drive, key: str) -> list[slice]:
 def _parts(flags: BoolArray, shortest: int) -> list[slice]:
     """Return the runs of at least `shortest` true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0]))))
-    return [slice(start, stop) for start, stop in zip(edges[::2], edges[1::2], strict=True) if stop - start >= shortest]
+    pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    return [slice(start, stop) for start, stop in pairs if stop - start >= shortest]
 
 
-def _some_move(others: Mapping[str, FloatArray], part: slice, share: float) -> bool:
-    """Return whether some other signal changes in a part by a share of its typical largest magnitude."""
+def _some_move(others: Mapping[str, FloatArray], part: slice, late: int, share: float) -> bool:
+    """Return whether some other signal changes in a part, but for its `late` last steps, by a share of its typical largest
+    magnitude."""
     for values in others.values():
-        inside = values[part][np.isfinite(values[part])]
+        inside = values[part.start : part.stop - late]
+        inside = inside[np.isfinite(inside)]
         if inside.size and np.ptp(inside) > share * _size(values):
             return True
     return False

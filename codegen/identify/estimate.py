@@ -2,7 +2,8 @@
 
 The cost is sum rho((y - measured) / noise) + |z|^2 / 2 with Huber's rho and z the scaled parameters (`parameters.Prior`). The
 free initial states of each segment are eliminated from the normal equations (Schur complement). The noise of each output is
-estimated from the residuals.
+estimated from the residuals of each segment: a manoeuvre that the model cannot follow, such as a fast sweep of a car that
+rolls, then counts less than one that it can.
 
 The covariance is the sandwich H^-1 (M + I) H^-1. H is the curvature of the cost: residuals that count linearly have none. M is
 the long-run covariance of the gradient over samples (W. K. Newey, K. D. West, A simple, positive semi-definite,
@@ -40,9 +41,11 @@ DECREMENT_ROUND = 0.1
 """The same while the noise is not known."""
 NOISE_QUANTILE, NOISE_QUANTILE_SIZE = 0.8, 1.2816
 """Fraction of the errors from which the noise follows: a fifth may be outliers; and its quantile for normal noise of one."""
+FLOOR_QUANTILE, NOISE_RATIO_MAX = 0.25, 20.0
+"""Least noise of a segment, as a quantile over all of them; and the largest, as a multiple of it."""
 NOISE_ROUNDS_MAX = 5
 NOISE_CHANGE, NOISE_CHANGE_FIRST = 0.03, 0.2
-"""Relative change of the noise at which these rounds end; and for a first estimate."""
+"""Mean relative change of the noise at which these rounds end; and for a first estimate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +56,7 @@ class Fit:
         problem: problem of the fit.
         values: (k,) SI, in the order of the prior. starts: (m, starts).
         free: (k,) whether a parameter was estimated.
-        noise: (outputs,) robust standard deviation of the residuals; NaN for an output without measurements.
+        noise: (m, outputs) robust standard deviation of the residuals of each segment; 1 where nothing is compared.
         residuals: (rows, outputs) measured minus simulated, NaN where not compared.
         information: (k, k) of the data alone, in units of the prior: its curvature after elimination of the initial states.
         covariance: (k, k) of z, prior included; zero for parameters that are not free.
@@ -75,8 +78,8 @@ class Fit:
         return result
 
     def cost(self, noise: FloatArray) -> float:
-        """Return the robust cost of the residuals for a noise (outputs,), without the prior."""
-        size = np.abs(self.problem.averaged(self.residuals) / noise)
+        """Return the robust cost of the residuals for a noise (m, outputs), without the prior."""
+        size = np.abs(self.problem.averaged(self.residuals) / self.problem.of_blocks(noise))
         return float(np.nansum(np.where(size <= HUBER, 0.5 * size**2, HUBER * (size - 0.5 * HUBER))))
 
     def named(self) -> dict[str, float]:
@@ -190,6 +193,7 @@ class _Solver:
         Their sum of squares is the cost to first order; their product is the gradient of each block.
         """
         problem, values, count = self.problem, self.values(here.z), len(self.free)
+        noise = problem.of_blocks(noise)
         output, slope = problem.simulation(values, here.starts).slopes()
         scaled = np.nan_to_num(problem.averaged(output - problem.measured) / noise)
         robust = np.sqrt(HUBER / np.maximum(np.abs(scaled), HUBER))
@@ -240,28 +244,33 @@ class _Solver:
 
 
 def noise_of(problem: Problem, errors: FloatArray) -> FloatArray:
-    """Return the robust standard deviation (outputs,) of the averaged errors of a problem; 1 for an output without any.
+    """Return the robust standard deviation (m, outputs) of the averaged errors of each segment; 1 where there are none.
 
-    It follows from the quantile NOISE_QUANTILE of their size. A segment counts by the variance of what was measured in it:
-    driving straight for long would otherwise make every error of a manoeuvre an outlier.
+    It follows from the quantile NOISE_QUANTILE of their size. No segment has less noise than the quantile FLOOR_QUANTILE over
+    the segments has, for which a segment counts by the variance of what was measured in it: driving straight for long would
+    otherwise make every error of a manoeuvre an outlier. None has more than NOISE_RATIO_MAX of it.
 
     Args:
         errors: (rows, outputs) simulated minus measured, NaN where not compared.
     """
     _, offsets = problem.blocks
-    averaged = problem.averaged(errors)
-    result = np.ones(errors.shape[1])
+    averaged = np.abs(problem.averaged(errors))
+    result = np.ones((len(offsets) - 1, errors.shape[1]))
     for k in range(errors.shape[1]):
-        known = np.isfinite(averaged[:, k])
+        known = np.add.reduceat(np.isfinite(averaged[:, k]), offsets[:-1], dtype=np.int64) > 0
         if not known.any():
             continue
         parts = np.split(problem.measured[:, k], problem.segments.offsets[1:-1])
-        moved = [float(np.nanvar(part)) if np.isfinite(part).any() else 0.0 for part in parts]
-        weights = np.repeat(np.array(moved) + 1e-9 * max(moved) + 1e-30, np.diff(offsets))[known]
-        size = np.abs(averaged[known, k])
-        order = np.argsort(size)
-        place = np.searchsorted(np.cumsum(weights[order]), NOISE_QUANTILE * weights.sum())
-        result[k] = max(float(size[order[min(place, size.size - 1)]]) / NOISE_QUANTILE_SIZE, 1e-12)
+        moved = np.array([float(np.nanvar(part)) if is_known else 0.0 for part, is_known in zip(parts, known, strict=True)])
+        blocks = np.split(averaged[:, k], offsets[1:-1])
+        sizes = [
+            float(np.nanquantile(block, NOISE_QUANTILE)) for block, is_known in zip(blocks, known, strict=True) if is_known
+        ]
+        noise, weights = np.array(sizes) / NOISE_QUANTILE_SIZE, (moved + 1e-9 * moved.max() + 1e-30)[known]
+        order = np.argsort(noise)
+        place = np.searchsorted(np.cumsum(weights[order]), FLOOR_QUANTILE * weights.sum())
+        floor = max(float(noise[order[min(place, noise.size - 1)]]), 1e-12)
+        result[known, k] = np.clip(noise, floor, NOISE_RATIO_MAX * floor)
     return result
 
 
@@ -282,7 +291,7 @@ def fit(
         values: (k,) SI: start of the free parameters, and values of the others.
         free: (k,) parameters to estimate.
         starts: first guess of the initial states; None takes the problem's.
-        noise: (outputs,) of an earlier fit of nearly the same problem; None for a first fit.
+        noise: (m, outputs) of an earlier fit of nearly the same problem; None for a first fit.
     """
     solver = _Solver(problem, free, values)
     z = np.clip(problem.prior.scaled(values)[free], solver.low, solver.high)
@@ -291,9 +300,10 @@ def fit(
         every = len(starts) // PART_SEGMENTS
         part = _Solver(problem.part(every), free, values) if every > 1 else solver
         z, part_starts, noise = _first(part, z)
-        starts = part_starts if part is solver else starts
-    known = solver.known.any(axis=0)
-    noise = np.where(known, noise, 1.0)
+        if part is solver:
+            starts = part_starts
+        else:
+            noise = np.repeat(np.median(noise, axis=0)[None], len(starts), axis=0)
     z, starts, noise = _settled(solver, z, starts, noise, NOISE_CHANGE)
     here = solver.minimise(z, starts, noise, DECREMENT_MIN)
     z, starts = here.z, here.starts
@@ -314,7 +324,7 @@ def fit(
         solver.values(z),
         starts,
         free,
-        np.where(known, noise, math.nan),
+        noise,
         -solver.errors(z, starts),
         information,
         covariance,
@@ -328,9 +338,9 @@ def _first(solver: _Solver, z: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     """
     starts = solver.problem.starts
     error = solver.problem.averaged(solver.errors(z, starts))
-    noise = np.ones(error.shape[1])
+    noise = np.ones((len(starts), error.shape[1]))
     for k in np.flatnonzero(solver.known.any(axis=0)):
-        noise[k] = max(float(np.sqrt(np.nanmean(error[:, k] ** 2))), 1e-12)
+        noise[:, k] = max(float(np.sqrt(np.nanmean(error[:, k] ** 2))), 1e-12)
     return _settled(solver, z, starts, noise, NOISE_CHANGE_FIRST)
 
 
@@ -342,7 +352,7 @@ def _settled(
         here = solver.minimise(z, starts, noise, DECREMENT_ROUND)
         z, starts = here.z, here.starts
         before, noise = noise, noise_of(solver.problem, solver.errors(z, starts))
-        if bool((np.abs(np.log(noise / before)) < change).all()):
+        if bool((np.abs(np.log(noise / before)).mean(axis=0) < change).all()):
             break
     return z, starts, noise
 

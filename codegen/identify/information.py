@@ -140,7 +140,7 @@ def _vehicle(
 def _is_free(name: str, samples: DriveSamples, is_wheel: bool) -> bool:
     if name == "steering_ratio":
         return is_wheel
-    output = next((each for each in OUTPUTS if name in (f"{each}_offset", f"{each}_delay")), None)
+    output = next((each for each in OUTPUTS if name.startswith(f"{each}_")), None)
     return output is None or samples.has(output)
 
 

@@ -40,6 +40,7 @@ VEHICLE_PARAMETERS = (
     "front_offset",
     "speed_factor",
     "speed_offset",
+    "lateral_acceleration_factor",
     *(f"{output}_offset" for output in OUTPUTS),
     *(f"{output}_delay" for output in OUTPUTS),
 )
@@ -179,7 +180,8 @@ def _vehicle_model(plant: ParametricModel, is_relaxed: bool, curves: tuple[str, 
     seen = dict(zip(PLANT_OUTPUTS, ca.vertsplit(plant.output(*given)), strict=True))
 
     # Each output is seen late; what whole samples leave of the delay is small, and a tangent follows it.
-    true = {"yaw_rate": x[1], "lateral_acceleration": seen["lateral_acceleration"], "sideslip": seen["sideslip_angle"]}
+    acceleration = parameter["lateral_acceleration_factor"] * seen["lateral_acceleration"]
+    true = {"yaw_rate": x[1], "lateral_acceleration": acceleration, "sideslip": seen["sideslip_angle"]}
     outputs = ca.vertcat(
         *(
             value

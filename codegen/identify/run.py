@@ -24,6 +24,10 @@ RELAXATION_START_M = 0.2
 RATE_COST_MIN = 20.0
 """Least rise of the cost without a rate limit with which the limit counts as reached: that of 6 standard deviations. Up to the
 limit, the cost does not depend on it, so its curvature at the largest rate that was reached proves nothing."""
+NO_SIDESLIP = (
+    "no drive has sideslip: the common level of cornering stiffnesses and yaw inertia rests on the model, which leaves out "
+    "roll; measure sideslip if a map is to keep its slip bounds exactly"
+)
 ROUNDS_MAX = 3
 """Fits of the car with shifts and integration steps that follow from the last one."""
 
@@ -117,6 +121,8 @@ def identify(config: Config, drives: Sequence[Drive]) -> Identification:
         deviation = math.hypot(front.standard_deviation, BY_NAME["rear_offset"].spread)
         note = "less that of the rear angle, which is not known: no rear angle command was measured"
         found["front_offset"] = replace(front, standard_deviation=deviation, note=note)
+    if not samples.has("sideslip"):
+        notes.append(NO_SIDESLIP)
     used = vehicle.problem.segments.first
     for name, low, high in zip(samples.names, samples.begin[:-1], samples.begin[1:], strict=True):
         if not ((used >= low) & (used < high)).any():
@@ -272,7 +278,7 @@ def _free(problem: Problem, samples: DriveSamples, is_wheel: bool) -> BoolArray:
     free = np.ones(len(problem.prior.names), dtype=bool)
     for index, name in enumerate(problem.prior.names):
         for output in OUTPUTS:
-            if name in (f"{output}_offset", f"{output}_delay"):
+            if name.startswith(f"{output}_"):
                 free[index] = samples.has(output)
     free[problem.prior.names.index("steering_ratio")] = is_wheel
     return free

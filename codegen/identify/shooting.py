@@ -252,6 +252,10 @@ class Problem:
         within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], counts)
         return np.repeat(self.segments.offsets[:-1], counts) + self.average * within, offsets
 
+    def of_blocks(self, values: FloatArray) -> FloatArray:
+        """Return values (m, ...) of the segments for each block of averaged samples (blocks, ...)."""
+        return np.repeat(values, np.diff(self.blocks[1]), axis=0)
+
     def averaged(self, errors: FloatArray) -> FloatArray:
         """Return the mean errors (blocks, outputs) times the root of their number; NaN where nothing is compared.
 

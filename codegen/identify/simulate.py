@@ -101,17 +101,18 @@ class Simulation:
         """Return cost and normal equations.
 
         Args:
-            measured: (rows, outputs), NaN where not compared. weight: (outputs,) 1 / noise.
+            measured: (rows, outputs), NaN where not compared. weight: (outputs,) or (m, outputs) 1 / noise.
             scale: (k,) factor of the derivatives by the parameters.
             huber: multiple of the noise beyond which an error counts linearly.
             average: number of samples whose mean error counts.
         """
         count, columns = len(self.first), len(self.model.parameters) + len(self.model.starts)
         found = Normal(np.empty(count), np.empty((count, columns)), np.empty((count, columns, columns)))
-        measured, weight, scale = (np.ascontiguousarray(each) for each in (measured, weight, scale))
-        given = weight, scale, huber, average
+        measured, scale = np.ascontiguousarray(measured), np.ascontiguousarray(scale)
+        weight = np.ascontiguousarray(np.broadcast_to(weight, (count, len(self.model.outputs))))
+        given = scale, huber, average
         results = found.cost, found.gradient, found.hessian
-        self._run("shooting_normal", lambda row, k: (measured[row:], *given, *(each[k:] for each in results)))
+        self._run("shooting_normal", lambda row, k: (measured[row:], weight[k:], *given, *(each[k:] for each in results)))
         return found
 
     def _run(self, name: str, rest: Callable[[int, int], tuple[Any, ...]]) -> None:

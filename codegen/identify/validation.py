@@ -171,6 +171,7 @@ def reached(fitted: Fit, config: Config) -> Reached:
     """Return what the drives of a fit of the car reached, as simulated. Peaks are those of 99.9 % of the samples."""
     problem, vehicle = fitted.problem, config.vehicle
     values = {**fitted.named(), **{f"{output}_{kind}": 0.0 for output in OUTPUTS for kind in ("offset", "delay")}}
+    values["lateral_acceleration_factor"] = 1.0
     count = problem.model.constants.index("friction") + 1
     constants = problem.constants.copy()
     constants[count:] = 0.0
@@ -196,8 +197,10 @@ def reached(fitted: Fit, config: Config) -> Reached:
         (vehicle.mass_kg * output[:, 1] * arms[0] - turning) / vehicle.wheelbase,
     )
 
+    compared = np.isfinite(problem.measured[:, 0])  # without the first samples of a segment, whose initial state is free
+
     def peak(signal: FloatArray) -> float:
-        return float(np.quantile(np.abs(signal), 0.999))
+        return float(np.quantile(np.abs(signal[compared]), 0.999))
 
     loads = static_wheel_loads(config)
     return Reached(

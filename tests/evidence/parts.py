@@ -150,11 +150,14 @@ TOOLCHAINS = (
 )
 IPOPT = "IPOPT and a brute-force search find the same optimum, on whole grids and for random cars"
 DRIVES = "long closed-loop suites, a second plant and campaigns give the expected results"
+FOREIGN = "the map from an identified car keeps its slip and sideslip bounds on cars that the model does not describe"
 UNCERTAIN = "10,000 cars drawn afresh keep the limits with a map for 99 % of the cars, in at least this share"
 LOADERS = "damaged files of every kind are read, or rejected in one line"
+LOGS = "codegen identify reads damaged and wrong logs or rejects them in one line, and no file is lost"
 INSTALL = "wheel, source distribution and make targets work in a fresh environment"
 BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*", *C, *CONFIG)
 DRIVEN = ("codegen/sweep/**/*", "codegen/report/paper.py", "hil_sim/**/*", "generated/4ws2*/src/*", *TUNING, *CONFIG)
+IDENTIFIED = ("codegen/identify/*", "templates/identify/*", "hil_sim/second_plant/*", "hil_sim/third_plant.py", *MAPS)
 FIRMWARE = ("make", "arm-none-eabi-gcc", "qemu-system-arm")
 PAGES = ("codegen/report/**/*", "codegen/explore/**/*", "templates/report/*", "templates/explore/*", *TUNING, *CONFIG)
 PACKAGE = "tests.evidence"
@@ -179,10 +182,12 @@ PARTS = (
     Part("ipopt", IPOPT, (*MAPS, "codegen/design/*")),
     Part("uncertain", UNCERTAIN, MAPS, f"{PACKAGE}.uncertain.share"),
     Part("drives", DRIVES, DRIVEN, runs=SIL),
+    Part("foreign", FOREIGN, IDENTIFIED, f"{PACKAGE}.foreign.plants", SIL),
     Part(
         "vcan", "the bench works on real SocketCAN", BENCH, runs=SIL, worker_count=0
     ),  # one guest for all tests, which use its clock
     Part("loaders", LOADERS, COMMANDS, f"{PACKAGE}.loaders.cases"),
+    Part("logs", LOGS, COMMANDS, f"{PACKAGE}.logs.cases"),
     Part("browser", "report and explorer work in a browser", PAGES, tools=("chromium",)),
     Part(
         "guide",

@@ -312,6 +312,14 @@ def test_a_rear_angle_that_does_not_follow_its_command(tmp_path: Path) -> None:
     assert kinds(reading) == [("delta_r", FROZEN)]
 
 
+def test_a_rear_angle_that_follows_its_command_late_is_sound(tmp_path: Path) -> None:
+    def ramp(late: float) -> Wave:
+        return lambda time: np.clip(0.1 * (time - 4.0 - late), 0.0, 0.03)
+
+    reading = read(tmp_path, columns(delta_r=ramp(0.1), delta_r_command=ramp(0.0)))
+    assert FROZEN not in [kind for _, kind in kinds(reading)]
+
+
 # --- offsets and signs ---------------------------------------------------------------------------------------------------
 
 

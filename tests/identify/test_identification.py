@@ -16,8 +16,9 @@ from codegen.identify.run import Identification, Quantity, identify, judge
 from codegen.identify.validation import reached, validate, whiteness
 from codegen.units import DEGREE
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim.third_plant import RollPlant
+from hil_sim.third_plant import DEFAULT
 from tests.identify.drives import SENSOR, Course, Part, configured_car, drive, true_car, truth
+from tests.identify.foreign import LeaningPlant
 
 SEED = 3
 DEVIATIONS_MAX = 3.5
@@ -167,18 +168,26 @@ def test_stiffnesses_and_inertia_are_taken_together(share: float, is_taken: bool
     assert each.note.startswith("weakly determined") == (share == 0.5)
 
 
-def test_a_car_with_roll_that_the_model_does_not_contain_is_predicted_better_than_before() -> None:
+def test_a_car_with_roll_that_the_model_does_not_contain_is_predicted_and_its_slip_angles_are_right() -> None:
     config = configured_car(true_car(SEED)[0])
     course = Course(config)
+    fitted = (course.turns(40.0, duration=15.0), course.turns(80.0, duration=15.0), course.front_sweep(60.0))
     drives = [
-        drive(config, parts, k, plant=RollPlant(config), signals=(*SENSOR, "delta_r_command"))
-        for k, parts in enumerate(((course.front_sweep(60.0), course.rear_sweep(60.0), course.turns(80.0)), course.hold_out()))
+        drive(config, parts, k, plant=LeaningPlant(config), signals=(*SENSOR, "delta_r_command", "sideslip"))
+        for k, parts in enumerate((fitted, course.hold_out()))
     ]
     found = identify(config, drives[:1])
     prediction = validate(found, drives[1])
     assert prediction.identified.yaw_rate_error < 0.5 * prediction.configured.yaw_rate_error
     assert not prediction.whiteness["yaw_rate"].is_white
     assert reached(found.vehicle, config).lateral_acceleration == pytest.approx(4.0, abs=1.5)
+    # The accelerometer rolls with the body: 4 deg/g. The slopes of the tyres are those of the third plant.
+    assert found.values()["lateral_acceleration_factor"] == pytest.approx(
+        1.0 + DEFAULT.roll_per_lateral_acceleration * 9.81, rel=0.01
+    )
+    for axle, percent in zip(("front", "rear"), DEFAULT.stiffness_percent, strict=True):
+        true = configured(config)[f"{axle}_stiffness"] * (1.0 + 0.01 * percent)
+        assert found.values()[f"{axle}_stiffness"] == pytest.approx(true, rel=0.03), axle
 
 
 def test_what_is_missing_is_named() -> None:
@@ -198,6 +207,7 @@ def test_what_is_missing_is_named() -> None:
     assert "drive 3 is not used for the car" in " ".join(found.notes)
     found = identify(known, [without(drives[2], "delta_r", "delta_r_command")])
     assert "the rear wheels count as straight" in " ".join(found.notes)
+    assert "no drive has sideslip" in " ".join(found.notes)
 
 
 @pytest.mark.parametrize("degrees", [0.5, 2.0])

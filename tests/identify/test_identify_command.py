@@ -36,6 +36,15 @@ def test_check_prints_signals_findings_and_a_names_toml(run: Run, tmp_path: Path
     assert found["findings"] == []
 
 
+def test_a_frozen_signal_is_reported_as_json_too(run: Run, tmp_path: Path) -> None:
+    time = np.arange(0.0, 8.0, 0.01)
+    wave = np.sin(np.pi * time)
+    table = {"time_s": time, "vx_m_s": np.full(time.size, 20.0), "yaw_rate_rad_s": 0.1 * np.where(time < 4.0, wave, 0.0)}
+    pd.DataFrame({**table, "delta_f_rad": 0.02 * wave}).to_csv(tmp_path / "drive.csv", index=False)
+    found = json.loads(run("identify", "--log", tmp_path / "drive.csv", "--check", "--json").out)
+    assert [(each["kind"], each["lost"]) for each in found["findings"]] == [("frozen", 400)]
+
+
 def test_the_library_and_the_command_agree(run: Run, tmp_path: Path) -> None:
     path = write_bus(tmp_path / "drive.log", frames())
     reading = read_drives([path], [tmp_path / "car.dbc"])

@@ -91,12 +91,13 @@ def test_normal_equations_are_sums_over_the_samples(samples: DriveSamples, avera
     problem = replace(problem, average=average)
     simulation = problem.simulation(values, problem.starts)
     output, slopes = simulation.slopes()
-    noise, scale = np.array([0.01, 0.2, 0.01]), np.linspace(0.5, 2.0, len(values))
+    scale, count = np.linspace(0.5, 2.0, len(values)), len(problem.segments.first)
+    noise = np.array([0.01, 0.2, 0.01]) * np.linspace(1.0, 3.0, count)[:, None]
     measured = problem.measured.copy()
     measured[100, 0] += 1.0  # an outlier, 100 times the noise
     found = simulation.normal(measured, 1.0 / noise, scale, 2.0, average)
-    error = problem.averaged(output - measured) / noise
-    rows = slopes / noise[:, None] * np.append(scale, [1.0, 1.0])
+    error = problem.averaged(output - measured) / problem.of_blocks(noise)
+    rows = slopes / np.repeat(noise, problem.segments.length, axis=0)[:, :, None] * np.append(scale, [1.0, 1.0])
     for k, (low, high) in enumerate(pairwise(problem.segments.offsets)):
         cost, gradient, hessian, place = 0.0, np.zeros(rows.shape[2]), np.zeros(2 * rows.shape[2:]), problem.blocks[1][k]
         for block, begin in enumerate(range(low, high, average)):
@@ -104,7 +105,7 @@ def test_normal_equations_are_sums_over_the_samples(samples: DriveSamples, avera
                 chosen = [row for row in range(begin, min(begin + average, high)) if np.isfinite(measured[row, column])]
                 if not chosen:
                     continue
-                each = float((output - measured)[chosen, column].sum()) / (noise[column] * math.sqrt(len(chosen)))
+                each = float((output - measured)[chosen, column].sum()) / (noise[k, column] * math.sqrt(len(chosen)))
                 assert error[place + block, column] == pytest.approx(each, abs=1e-12)
                 slope = rows[chosen, column].sum(axis=0) / math.sqrt(len(chosen))
                 weight = min(2.0 / max(abs(each), 1e-300), 1.0)
