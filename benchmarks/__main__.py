@@ -27,10 +27,22 @@ NAMES = {
     "stability": "stability",
     "response": "response",
     "identify": "identify",
+    "plan": "drive_plan",
 }
 """Name of a benchmark on the command line -> its module."""
 
-ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement", "minimal-error", "signal-faults", "stability", "response", "identify")
+ON_REQUEST = (
+    "can",
+    "cortex-m",
+    "newcomer",
+    "agreement",
+    "minimal-error",
+    "signal-faults",
+    "stability",
+    "response",
+    "identify",
+    "plan",
+)
 """Only where named: they need what not every machine has, or measure no time."""
 
 READING = "Times: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side."

@@ -50,7 +50,7 @@ class Loops:
         return cls(Software(library, "ars", "single", CONFIG))
 
     def generated(self, inputs: FloatArray) -> Run:
-        """Run the project's loop from zero; inputs (10 n, 6), columns INPUT_COLUMNS."""
+        """Run the project's loop from zero; inputs (10 n, 7), columns INPUT_COLUMNS."""
         self._loop.reset()
         record = self._loop.run(inputs)
         return record, self._loop.state.plant

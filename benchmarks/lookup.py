@@ -27,10 +27,10 @@ def run(quick: bool, say: Callable[[str], None]) -> Report:
     generator = np.random.default_rng(0)
     speed = generator.uniform(0.0, total.speed[-1], count).astype(np.float32)
     front_angle = generator.uniform(0.0, total.front_angle[-1], count).astype(np.float32)
-    friction = np.full(count, np.nan, dtype=np.float32)
+    friction, acceleration = np.full(count, np.nan, dtype=np.float32), np.zeros(count, dtype=np.float32)
     result = np.empty(count, dtype=np.float32)
     ffi, lib = software.ffi, software.compiled.lib
-    buffers = [ffi.cast("float *", ffi.from_buffer(array)) for array in (speed, front_angle, friction, result)]
+    buffers = [ffi.cast("float *", ffi.from_buffer(array)) for array in (speed, front_angle, friction, acceleration, result)]
     reference = Lookup.from_map(total)
     interpolator = RegularGridInterpolator((total.speed, total.front_angle), total.yaw_rate)
     points = np.column_stack([speed, front_angle]).astype(np.float64)

@@ -147,7 +147,7 @@ def run_in_process(
                 task.on_can_frame(frame.id, frame.data)
         for elapsed in node.task_starts[cycle] if running else ():
             node.advance(cycle, elapsed)
-            answer = frame_of(node.can, *task.run())
+            answer = node.bypass(cycle, frame_of(node.can, *task.run()))
             _note(log, answer, now + elapsed, received=True)
             node.receive(answer)
         recorder.close_cycle(cycle, 0.0, np.nan)
@@ -183,6 +183,7 @@ def run_in_lock_step(node: PlantNode, bus: Bus, *, log: BusLog | None = None, ob
                 if time.monotonic() < deadline:
                     continue
                 raise _no_answer(bus, now)
+            received = node.bypass(cycle, received)
             _note(log, received, now, received=True)
             if node.receive(received):
                 break
@@ -232,6 +233,7 @@ def run_in_real_time(
                 if received is None:
                     continue
                 now = time.monotonic()
+                received = node.bypass(cycle, received)
                 _note(log, received, now - start, received=True)
                 if node.receive(received) and np.isnan(response):
                     response = now - sent
@@ -298,7 +300,10 @@ def run(software: Software, scenario: Scenario, *, controlled: bool = True) -> n
         refuse_bus(scenario)
     loop = ClosedLoop(software, LoopOptions(controlled=controlled))
     driver, inputs = scenario.driver(software.config), scenario.inputs(software.config)
-    return loop.run(inputs) if driver is None else loop.run_stepped(inputs, driver.steer)
+    commands = scenario.rear_angle_commands(software.config)
+    if driver is None and commands is None:
+        return loop.run(inputs)
+    return loop.run_stepped(inputs, None if driver is None else driver.steer, commands)
 
 
 def refuse_bus(scenario: Scenario) -> None:

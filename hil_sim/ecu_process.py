@@ -45,12 +45,13 @@ def command(build: Path, interface: str, *, lock_step: bool = False, parent: int
         xcp: whether a master can measure and calibrate.
 
     Raises:
-        BuildError: see `compile_ecu`; a build without XCP, or with XCP on CAN FD or with 29-bit identifiers.
+        BuildError: see `compile_ecu`; a build without XCP.
         CodegenError: frames of CAN FD on an interface of classical CAN.
     """
     if xcp:
         _require_xcp(build)
-    if configuration.parse(read_build(build)["configuration"], build).can.is_fd:
+    config = configuration.parse(read_build(build)["configuration"], build)
+    if config.can.is_fd or (xcp and config.xcp.is_fd):
         require_fd(interface)
     options = ["--lock-step"] if lock_step else []
     options += ["--xcp"] if xcp else []
@@ -63,13 +64,6 @@ def _require_xcp(build: Path) -> None:
     source = "linux/ars_xcp.c"
     if source not in read_files(build, manifest, FOLDERS):
         raise BuildError(f"the build has no {source}", where=build, remedy="build again with `codegen build`")
-    xcp, where = configuration.parse(manifest["configuration"], build).xcp, f"{build}: xcp"
-    if xcp.extended_ids:
-        what = "XCP of the native ECU has no 29-bit identifiers"
-        raise BuildError(what, where=where, remedy="build with extended_ids = false in [xcp]")
-    if xcp.data_bitrate_kbit_s is not None:
-        what = "XCP of the native ECU has no CAN FD"
-        raise BuildError(what, where=where, remedy="build without data_bitrate_kbit_s in [xcp]")
 
 
 def section_flag(prefix: str) -> str:

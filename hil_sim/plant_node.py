@@ -7,17 +7,18 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from codegen.configuration import Config, Sensor, Sensors
+from codegen.configuration.can import RealSignal
 from codegen.configuration.signals import RECORDED, signals_of
 from codegen.emit.text import Precision
 from codegen.sil.plant import Plant, PlantInput, PlantSample
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim.codec import Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion, frame_of, is_configured
-from hil_sim.e2e import E2eStatus, Receiver, next_counter, protect
+from hil_sim.e2e import E2eStatus, Receiver, next_counter, protect, received_counter
 from hil_sim.faults import Injector
 from hil_sim.scenarios import Scenario
 
@@ -103,6 +104,7 @@ class PlantNode:
         self.cycles = len(inputs) // self._per_sample
         self._rows = inputs[: self.cycles * self._per_sample].tolist()
         self._driver = scenario.driver(config)
+        self._rear_angle_commands = scenario.rear_angle_commands(config)
         self._plant = Plant(config)
         self._codec = Codec(config.can, precision)
         self._sensors = SensorModel(config.sensors, seed) if sensors else None
@@ -158,7 +160,7 @@ class PlantNode:
         self._was_off = off
         if off:
             return self.injector.outgoing(cycle, [])
-        speed, _, _, estimate, _, inhibit = self._rows[cycle * self._per_sample]
+        speed, _, _, estimate, _, inhibit, acceleration = self._rows[cycle * self._per_sample]
         sample = self._sample
         measured = {
             name: self._sensors.measure(name, value) if self._sensors else value
@@ -170,7 +172,7 @@ class PlantNode:
                 "lateral_acceleration": sample.lateral_acceleration,
             }.items()
         }
-        measured |= {"friction": estimate, **sample.recorded}
+        measured |= {"friction": estimate, "longitudinal_acceleration": acceleration, **sample.recorded}
         frames = [self._motion(cycle, measured), self._conditions(cycle, measured, inhibit != 0.0)]
         return self.injector.outgoing(cycle, frames)
 
@@ -185,12 +187,25 @@ class PlantNode:
 
     def _conditions(self, cycle: int, measured: dict[str, float], inhibit: bool) -> Frame:
         message = self.can.vehicle_conditions
-        names = [signal.role for signal in signals_of("vehicle_conditions") if signal.is_real]
+        names = [name for name, signal in message.signals().items() if isinstance(signal, RealSignal)]
         values = self.injector.signals(cycle, message.name, {name: measured.get(name, math.nan) for name in names})
         data = self._codec.encode(VehicleConditions(**values, inhibit=inhibit))
         data = protect(message.e2e_data_id, self._conditions_counter, data, self._profile)
         self._conditions_counter = next_counter(self._conditions_counter, self._profile)
         return frame_of(self.can, message.id, data)
+
+    def bypass(self, cycle: int, frame: Frame) -> Frame:
+        """Return a frame from the bus as the actuator receives it: a command with the rear angle of the scenario, if it has
+        one. Other frames, and damaged ones, are unchanged."""
+        message, profile = self.can.rear_steer_command, self._profile
+        if self._rear_angle_commands is None or not is_configured(self.can, frame) or frame.id != message.id:
+            return frame
+        if Receiver(self.can.e2e, self.can.frame_bytes).check(message.e2e_data_id, frame.data) != E2eStatus.INITIAL:
+            return frame
+        decoded = self._codec.decode(message.id, frame.data)
+        assert isinstance(decoded, RearSteerCommand)  # the payload of this message
+        data = self._codec.encode(replace(decoded, rear_angle=float(self._rear_angle_commands[cycle])))
+        return replace(frame, data=protect(message.e2e_data_id, received_counter(frame.data, profile), data, profile))
 
     def receive(self, frame: Frame) -> bool:
         """Process a frame from the bus. Return whether it was a command, valid or not; other frames are ignored."""
@@ -277,7 +292,7 @@ class PlantNode:
         return Status.STANDBY if self.command is None else self.command.status
 
     def _acting(self, row: int, rear_angle_command: float) -> PlantInput:
-        speed, wheel, friction, _, moment, _ = self._rows[row]
+        speed, wheel, friction, _, moment, *_ = self._rows[row]
         return PlantInput(speed, wheel, rear_angle_command, friction, moment)
 
 

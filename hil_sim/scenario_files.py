@@ -22,6 +22,7 @@ import io
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -207,9 +208,10 @@ MAX_DURATION = 3600.0
 MIN_DURATION = 0.1
 
 STEERING_COLUMNS = ("steering_wheel_angle_rad", "front_angle_rad")
-OPTIONAL_COLUMNS = ("friction", "friction_estimate", "yaw_moment_n_m", "inhibit")
+OVERRIDE_COLUMN = "rear_angle_override_rad"
+OPTIONAL_COLUMNS = ("friction", "friction_estimate", "yaw_moment_n_m", "inhibit", OVERRIDE_COLUMN)
 """Optional columns: peak friction of the road; friction estimate for the controller (empty or nan: unknown); yaw moment in
-N m; 0 or 1 (ESC or ABS acts)."""
+N m; 0 or 1 (ESC or ABS acts); rear angle command that replaces the controller's."""
 
 RANGES = {
     "time_s": Range(-1e9, 1e9, "s"),
@@ -220,6 +222,7 @@ RANGES = {
     "friction_estimate": Range(0.0, 2.0),
     "yaw_moment_n_m": Range(-1e6, 1e6, "N m"),
     "inhibit": Range(0.0, 1.0),
+    OVERRIDE_COLUMN: Range(-1.1, 1.1, "rad"),
 }
 
 
@@ -248,9 +251,13 @@ class Recording:
             if column in self.columns:
                 driven[name] = resampled(column)
         if "inhibit" in self.columns:
-            row = np.searchsorted(recorded, time + 1e-9, side="right") - 1
-            driven["inhibit"] = self.columns["inhibit"][np.maximum(row, 0)]
+            driven["inhibit"] = self.held("inhibit", time)
         return driven
+
+    def held(self, name: str, time: FloatArray) -> FloatArray:
+        """Return the values of a column at times (n,) in s; each row holds until the next one."""
+        row = np.searchsorted(self.columns["time_s"], time + 1e-9, side="right") - 1
+        return self.columns[name][np.maximum(row, 0)]
 
 
 def _from_csv(text: str, path: Path) -> Scenario:
@@ -295,6 +302,7 @@ def _of_columns(columns: Mapping[str, FloatArray], path: Path) -> Scenario:
             where=f"{path}, column time_s",
             remedy="check that time is in seconds, or cut the recording",
         )
+    recording = Recording(columns)
     return Scenario(
         name=path.name,
         subject=f"Recording {path.name}",
@@ -303,8 +311,9 @@ def _of_columns(columns: Mapping[str, FloatArray], path: Path) -> Scenario:
         duration=duration,
         steer_time=0.0,
         kind="recording",
-        drive=Recording(columns).drive,
+        drive=recording.drive,
         adjustable=frozenset(),
+        rear_angle=partial(recording.held, OVERRIDE_COLUMN) if OVERRIDE_COLUMN in columns else None,
     )
 
 

@@ -6,7 +6,7 @@ Each names its source. Inputs are arrays with a row for each plant step; columns
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -54,6 +54,7 @@ class Scenario:
         faults: faults on the bus.
         clocks: clocks of car and ECU.
         path: path of a driver; None if `drive` turns the steering wheel.
+        rear_angle: rear angle commands (n,) in rad at times (n,) in s, instead of the controller's; None for the controller's.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Scenario:
     faults: tuple[Fault, ...] = ()
     clocks: Clocks = IN_STEP
     path: PathOf | None = None
+    rear_angle: Callable[[FloatArray], FloatArray] | None = None
 
     @property
     def step_time(self) -> float | None:
@@ -103,8 +105,17 @@ class Scenario:
             return None
         return PreviewDriver(config, path, self.settings.speed, config.controller.sampling_time_s)
 
+    def rear_angle_commands(self, config: Config) -> FloatArray | None:
+        """Return the rear angle commands (samples,) in rad that replace those of the controller; None if there are none."""
+        if self.rear_angle is None:
+            return None
+        period = config.controller.sampling_time_s
+        return self.rear_angle(np.arange(max(round(self.duration / period), 1), dtype=np.float64) * period)
+
     def inputs(self, config: Config) -> FloatArray:
-        """Return the inputs (steps, 6) of the whole scenario for a car, columns INPUT_COLUMNS.
+        """Return the inputs (steps, 7) of the whole scenario for a car, columns INPUT_COLUMNS.
+
+        The longitudinal acceleration is that of the speed.
 
         Raises:
             CodegenError: the car cannot drive it, or it has more than MAX_STEPS steps.
@@ -127,6 +138,8 @@ class Scenario:
         inputs = np.zeros((steps, len(INPUT_COLUMNS)))
         for name, values in columns.items():
             inputs[:, INPUT_COLUMNS.index(name)] = values
+        speed = inputs[:, INPUT_COLUMNS.index("speed")]
+        inputs[:, INPUT_COLUMNS.index("longitudinal_acceleration")] = np.gradient(speed, step)
         return inputs
 
 

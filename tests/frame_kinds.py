@@ -4,7 +4,7 @@ import functools
 from pathlib import Path
 from typing import Any
 
-from codegen.configuration import parse
+from codegen.configuration import Xcp, parse
 from tests import builds, shared
 
 IDS = {"vehicle_motion": 0x18FF0101, "vehicle_conditions": 0x102, "rear_steer_command": 0x1FFFFFFF}
@@ -45,6 +45,24 @@ KINDS: dict[str, dict[str, Any]] = {
     },
     "FD, 8 bytes": {"data_bitrate_kbit_s": 4000.0},
 }
+
+
+XCP_FD = {
+    "receive_id": 0x18DA10F1,
+    "transmit_id": 0x18DAF110,
+    "extended_ids": True,
+    "data_bitrate_kbit_s": 2000.0,
+    "frame_bytes_max": 64,
+    "max_cto": 64,
+    "max_dto": 48,
+}
+"""XCP in frames of CAN FD with 29-bit identifiers, beside the default frames of the task."""
+
+
+def xcp_folder() -> Path:
+    """Return the paper's build with such an XCP, on disk. Tests must not write to it."""
+    config = builds.CONFIG.model_copy(update={"xcp": Xcp.model_validate(XCP_FD)})
+    return shared.written("build folder XCP FD", lambda: builds.render(builds.paper_map(), config))
 
 
 @functools.cache

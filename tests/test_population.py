@@ -10,7 +10,7 @@ from codegen.configuration import Config
 from codegen.configuration.population import draw
 from codegen.errors import ConfigError
 
-COUNT = 2_000
+COUNT = 1_000
 STIFFNESS, INERTIA, DELAY = (
     "tyre.front.cornering_stiffness_n_per_rad",
     "vehicle.yaw_inertia_kg_m2",
@@ -47,6 +47,14 @@ def test_a_car_that_no_file_may_have_is_drawn_again() -> None:
     config = identified([DELAY], [1.0], [[1.0]])
     low = min(car.plant.command_delay_samples for car in draw(config, 100, 1))
     assert low == 0  # a fifth of the draws is below
+
+
+def test_a_value_with_no_possible_neighbour_stays() -> None:
+    """The preset's tyres have no relaxation length, and a short one is refused."""
+    config = identified([INERTIA, "plant.relaxation_length_m"], [90.0, 0.009], [[1.0, 0.5], [0.5, 1.0]])
+    cars = draw(config, 20, 1)
+    assert {car.plant.relaxation_length_m for car in cars} == {0.0}
+    assert len({car.vehicle.yaw_inertia_kg_m2 for car in cars}) == 20
 
 
 @pytest.mark.parametrize(

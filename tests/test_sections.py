@@ -143,6 +143,7 @@ def test_the_table_in_the_preset_matches_the_code() -> None:
         ("[xcp]\nreceive_id = 0x18DA00F1", "xcp: receive_id is 0x18DA00F1, beyond 11 bits"),
         ("[can]\nxcp_receive_id = 1\n[xcp]\nreceive_id = 2", "can.xcp_receive_id and xcp.receive_id differ"),
         ("[xcp]\nframe_bytes_max = 64", "xcp: frame_bytes_max is 64 without CAN FD"),
+        ("[xcp]\ndata_bitrate_kbit_s = 499.0", "xcp.data_bitrate_kbit_s is 499, below the bit rate of 500"),
         ("[xcp]\nmax_dto = 9", "xcp: max_dto is 9, more than frame_bytes_max, 8"),
         ('[xcp]\ncommands = ["SET_MTO"]', "xcp.commands.0: 'SET_MTO' is no command of XCP"),
         ('[xcp]\ncommands = ["CONNECT"]', "xcp.commands.0: every slave has CONNECT"),

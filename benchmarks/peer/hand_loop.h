@@ -27,6 +27,7 @@ typedef struct {
     double friction_estimate; /* for the controller; NaN: none */
     double yaw_moment; /* N m, from outside */
     double inhibit; /* not zero: ESC or ABS is acting */
+    double longitudinal_acceleration; /* m/s^2; not read */
 } hand_input_t;
 
 /* One row for each 10 ms. */

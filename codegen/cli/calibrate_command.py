@@ -80,8 +80,11 @@ def calibrate(
     _refuse(output, image_path, addresses, config_path, plot, len(files))
     if output is not None:
         suffix = output.suffix.lower()
-        is_set = suffix in WRITTEN_ENDINGS or image_path is None
-        check_output(output, suffix if is_set or image_path is None else image_path.suffix.lower(), inputs)
+        if suffix in WRITTEN_ENDINGS or image_path is None:
+            wanted = suffix
+        else:  # a program on Linux has no extension; its copy may be named .elf
+            wanted = image_path.suffix.lower() or (IMAGE_ENDINGS[0] if suffix else "")
+        check_output(output, wanted, inputs)
     check_output(plot, ".png", inputs)
     with console.status(f"compiling {build_path}"):
         build = BuildCalibration.load(build_path)
@@ -246,7 +249,11 @@ def _draw(build: BuildCalibration, found: list[Difference], sets: tuple[Calibrat
 
     first, second = sets
     with console.status("drawing"):
-        values = [ValueChange(each.object.name, each.first, each.second) for each in found if each.object.kind == "VALUE"]
+        values = [
+            ValueChange(each.object.name, each.object.unit, each.first, each.second)
+            for each in found
+            if each.object.kind == "VALUE"
+        ]
         curves = [CurveChange(*each) for each in curves_of(found, first.values, second.values, build.layout)]
         maps = None
         if any(each.object in build.layout.map_objects for each in found):

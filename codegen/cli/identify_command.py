@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,15 +12,18 @@ import click
 
 from codegen import console
 from codegen.cli.base import cli, example, json_option
-from codegen.cli.options import FileType, configuration_file, report_to_write
+from codegen.cli.options import FileType, FiniteRange, configuration_file, folder_to_write, report_to_write
 from codegen.errors import CodegenError
 from codegen.text_table import text_table
 
 if TYPE_CHECKING:
+    from codegen.identify.drive_plan import DrivePlan
     from codegen.identify.reading import Reading
     from codegen.identify.run import Identification
     from codegen.identify.validation import Reached, Validation
 
+ACCELERATION_DEFAULT, DURATION_DEFAULT = 4.0, 180.0
+"""Limits of --plan: m/s^2, the range in which the car is about linear; and s."""
 DRIVE_ENDINGS = (".mf4", ".blf", ".asc", ".log", ".csv", ".tsv", ".txt", ".dat", ".parquet")
 
 
@@ -28,14 +31,14 @@ DRIVE_ENDINGS = (".mf4", ".blf", ".asc", ".log", ".csv", ".tsv", ".txt", ".dat",
     short_help="Identify a car from measured drives.",
     epilog=example(
         "codegen identify --log drive1.mf4 --log drive2.blf --dbc car.dbc --signals names.toml --check\n"
-        "  codegen identify --config ars.toml --log drive1.mf4 --hold-out drive2.mf4 -o identified.toml --report identify.html"
+        "  codegen identify --config ars.toml --log drive1.mf4 --hold-out drive2.mf4 -o identified.toml --report found.html\n"
+        "  codegen identify --config ars.toml --plan plan --lateral-acceleration-max 4 --report plan.html"
     ),
 )
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml: known values, and a guess of the others.")
 @click.option(
     "--log",
     "logs",
-    required=True,
     multiple=True,
     type=FileType(DRIVE_ENDINGS),
     metavar="FILE",
@@ -73,6 +76,25 @@ DRIVE_ENDINGS = (".mf4", ".blf", ".asc", ".log", ".csv", ".tsv", ".txt", ".dat",
 )
 @click.option("--report", "report_path", type=report_to_write, metavar="HTML", help="Also write a report.")
 @click.option("--check", "check_only", is_flag=True, help="Only read the drives and report what was found in them.")
+@click.option(
+    "--plan",
+    "plan_path",
+    type=folder_to_write,
+    metavar="DIR",
+    help="Instead of identifying, propose drives, and write them into this folder as scenarios of the bench.",
+)
+@click.option(
+    "--lateral-acceleration-max",
+    type=FiniteRange(min=0.5, max=20.0),
+    metavar="M/S2",
+    help=f"Largest lateral acceleration of the drives of --plan; by default {ACCELERATION_DEFAULT:g}.",
+)
+@click.option(
+    "--duration",
+    type=FiniteRange(min=1.0, max=3600.0),
+    metavar="S",
+    help=f"Largest duration of the drives of --plan together; by default {DURATION_DEFAULT:g}.",
+)
 @json_option
 def identify(
     config_path: Path | None,
@@ -83,6 +105,9 @@ def identify(
     output: Path | None,
     report_path: Path | None,
     check_only: bool,
+    plan_path: Path | None,
+    lateral_acceleration_max: float | None,
+    duration: float | None,
     as_json: bool,
 ) -> None:
     """Identify tyres, yaw inertia, steering and rear actuator of a car from measured drives.
@@ -90,6 +115,9 @@ def identify(
     The drives are read first: signals, gaps, offsets, faults; --check stops there. Samples of faults have no value in what
     follows. A quantity that the drives do not determine keeps its configured value, and the missing manoeuvre is named.
     Standard deviations and correlations are written into [identified]. The guide describes names.toml.
+
+    With --plan, no drive is read. The drives that determine the configured car best, within a lateral acceleration and a
+    duration, are chosen and written as scenarios, and the standard deviations are predicted.
     """
     from codegen.configuration import CONFIG_BYTES_MAX, load
     from codegen.emit.outputs import check_output
@@ -98,6 +126,15 @@ def identify(
     from codegen.identify.names import load_names
     from codegen.identify.reading import read_drives
 
+    _check_options(
+        plan_path is not None,
+        {"--log": logs, "--hold-out": held_out, "--dbc": databases, "--output": output, "--check": check_only},
+        {"--lateral-acceleration-max": lateral_acceleration_max, "--duration": duration},
+    )
+    if plan_path is not None:
+        largest = lateral_acceleration_max or ACCELERATION_DEFAULT, duration or DURATION_DEFAULT
+        _plan(plan_path, config_path, largest, names_path, report_path, as_json)
+        return
     if not check_only and (config_path is None or output is None):
         missing = "--config" if config_path is None else "--output"
         raise CodegenError("is missing", where=f"codegen identify {missing}", remedy="give --config and -o, or --check")
@@ -143,6 +180,73 @@ def identify(
         return
     _print_result(reading, found, limits, validations, is_held_out=bool(others))
     console.say("", f"written: {output}", *([] if report_path is None else [f"report: {report_path}"]))
+
+
+def _check_options(is_plan: bool, for_drives: Mapping[str, object], for_plan: Mapping[str, object]) -> None:
+    """Reject options of the other use of the command. Raises CodegenError."""
+    for option, value in (for_drives if is_plan else for_plan).items():
+        if value not in (None, (), False):
+            what = "it cannot be combined with --plan" if is_plan else "it belongs to --plan"
+            raise CodegenError(what, where=f"codegen identify {option}", remedy="leave it out" if is_plan else "add --plan DIR")
+    if not is_plan and not for_drives["--log"]:
+        raise CodegenError("is missing", where="codegen identify --log", remedy="name a measured drive, or give --plan DIR")
+
+
+def _plan(
+    folder: Path,
+    config_path: Path | None,
+    limits: tuple[float, float],
+    names_path: Path | None,
+    report_path: Path | None,
+    as_json: bool,
+) -> None:
+    """Write a measurement programme. `limits`: lateral acceleration in m/s^2, duration in s."""
+    from codegen.configuration import load
+    from codegen.emit.folder import Folder
+    from codegen.emit.outputs import check_output, refuse_folder
+    from codegen.emit.write import check_target, write_folder
+    from codegen.errors import within
+    from codegen.files import write_atomically
+    from codegen.identify.drive_plan import plan_drives, signals_of
+    from codegen.identify.names import load_names
+    from codegen.identify.plan_output import MANIFEST_WHAT, files_of, to_dict
+
+    if config_path is None:
+        raise CodegenError("is missing", where="codegen identify --config", remedy="name the ars.toml of the car")
+    check_target(folder)
+    refuse_folder(folder, MANIFEST_WHAT, "a measurement programme")
+    check_output(report_path, ".html", (config_path, names_path))
+    if report_path is not None:
+        from codegen.report.html.page import require_plotly
+
+        require_plotly("identify")
+    signals = signals_of(None if names_path is None else load_names(names_path))
+    config = load(config_path)
+    with within(config_path), console.status("choosing drives"):
+        plan = plan_drives(config, *limits, signals)
+    facts = to_dict(plan)
+    if report_path is not None:
+        from codegen.report.html.drive_plan import plan_sections
+        from codegen.report.html.page import render
+
+        write_atomically(report_path, render("Measurement programme", plan_sections(plan)))
+    write_folder(Folder(files_of(plan), {"what": MANIFEST_WHAT, "plan": facts}), folder)
+    if as_json:
+        files = {"folder": str(folder), "report": None if report_path is None else str(report_path)}
+        console.print_json({**facts, **files})
+        return
+    _print_plan(plan)
+    console.say("", f"written: {folder}", *([] if report_path is None else [f"report: {report_path}"]))
+    console.say(f"try a drive: codegen sil --build DIR --scenario {folder / plan.names[0]}.csv")
+
+
+def _print_plan(plan: DrivePlan) -> None:
+    from codegen.identify.plan_output import DRIVE_HEADER, PREDICTED_HEADER, drive_rows, need_lines, predicted_rows
+
+    console.say(text_table(DRIVE_HEADER, drive_rows(plan), left=2), "")
+    console.say(text_table(PREDICTED_HEADER, predicted_rows(plan)))
+    if lines := need_lines(plan):
+        console.say("", "not determined, and what it needs:", *(f"  {line}" for line in lines))
 
 
 def _write_report(

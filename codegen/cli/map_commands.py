@@ -80,7 +80,7 @@ def init(folder: Path, preset: str) -> None:
     "--longitudinal-acceleration",
     "acceleration_list",
     metavar="LIST",
-    help="Solve a stack over longitudinal acceleration in m/s^2, such as -4,0,3; 0 is the map itself. It cannot be built yet.",
+    help="Solve a stack over longitudinal acceleration in m/s^2, such as -4,0,3; 0 is the map itself.",
 )
 @click.option(
     "--uncertain",

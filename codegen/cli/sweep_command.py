@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from contextlib import closing, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,11 +24,22 @@ if TYPE_CHECKING:
     from codegen.sweep.plan import Plan
     from codegen.sweep.summary import Summary
 
-EXAMPLE = "codegen sweep --spec sweep.toml -o campaign\n  codegen sweep --spec sweep.toml --replay 4711 --plot run.png"
+EXAMPLE = (
+    "codegen sweep --spec sweep.toml -o campaign\n  codegen sweep --spec sweep.toml --replay 4711 --plot run.png\n"
+    "  codegen sweep --from identified.toml -o campaign"
+)
 
 
 @cli.command(short_help="Simulate thousands of cars, roads and manoeuvres.", epilog=example(EXAMPLE))
-@click.option("--spec", "spec_path", required=True, type=configuration_file, metavar="TOML", help="What varies; see the guide.")
+@click.option("--spec", "spec_path", type=configuration_file, metavar="TOML", help="What varies; see the guide.")
+@click.option(
+    "--from",
+    "measured_path",
+    type=configuration_file,
+    metavar="TOML",
+    help="Draw the cars from the uncertainty that codegen identify wrote into this file. Without --spec: 1000 cars, step steer "
+    "and sine with dwell, with the controller made for this car and without.",
+)
 @click.option(
     "-o",
     "--output",
@@ -51,7 +63,8 @@ EXAMPLE = "codegen sweep --spec sweep.toml -o campaign\n  codegen sweep --spec s
 )
 @json_option
 def sweep(
-    spec_path: Path,
+    spec_path: Path | None,
+    measured_path: Path | None,
     output: Path | None,
     scheduler: str | None,
     workers: int | None,
@@ -66,23 +79,56 @@ def sweep(
     Every sample is simulated with every controller in every scenario. DIR receives runs.parquet with a row for each run, a
     summary and pictures. After Ctrl-C or a kill, the same command resumes. Same spec and seed: same bytes, with any engine.
     """
-    from codegen.sweep import plan as planning
-
+    if spec_path is None and measured_path is None:
+        raise CodegenError(
+            "nothing says what varies", where="--spec", remedy="give --spec sweep.toml or --from identified.toml"
+        )
+    given = Given(spec_path, measured_path)
     if replay is not None:
         _refuse("--replay", {"--scheduler": scheduler, "--workers": workers})
-        plan = planning.read(spec_path, isa)
+        plan = given.read(isa)
         if output is not None:
             from codegen.sweep.store import check_same
 
             check_same(output, plan)
-        _replay(plan, replay, plot, run_path, spec_path, as_json)
+        _replay(plan, replay, plot, run_path, given, as_json)
         return
     _refuse("a campaign", {"--plot": plot, "--run": run_path})
     if output is None:
         raise CodegenError("no folder is named", where="-o", remedy="name one for the campaign, or give --replay RUN")
     if scheduler is not None and workers is not None:
         raise CodegenError("the cluster has its own workers", where="--workers", remedy="leave it out")
-    _campaign(planning.read(spec_path, isa), output, scheduler, workers, spec_path, as_json)
+    _campaign(given.read(isa), output, scheduler, workers, given, as_json)
+
+
+@dataclass(frozen=True)
+class Given:
+    """Files of a campaign: `sweep.toml`, and the measured car of --from."""
+
+    spec: Path | None
+    measured: Path | None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files that were given."""
+        return tuple(path for path in (self.spec, self.measured) if path is not None)
+
+    def read(self, isa: Isa | None) -> Plan:
+        """Return the plan. Raises CodegenError."""
+        from codegen.sweep import plan as planning
+
+        if self.measured is None:
+            return planning.read(self.spec, isa)
+        with console.progress(f"controller for {self.measured}") as progress:
+            return planning.read(self.spec, isa, self.measured, progress)
+
+    def command(self, *, with_folders: bool) -> str:
+        """Return the beginning of the command that reads these files."""
+        named = (("--spec", self.spec), ("--from", self.measured))
+        words = [
+            word for option, path in named if path is not None for word in (option, str(path) if with_folders else path.name)
+        ]
+        return f"codegen sweep {shlex.join(words)}"
 
 
 def _refuse(what: str, given: dict[str, Any]) -> None:
@@ -91,7 +137,7 @@ def _refuse(what: str, given: dict[str, Any]) -> None:
             raise CodegenError(f"it cannot be combined with {what}", where=option, remedy="leave it out")
 
 
-def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | None, spec: Path, as_json: bool) -> None:
+def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | None, given: Given, as_json: bool) -> None:
     from codegen.sweep.engine import Dask, Threads, run_campaign
     from codegen.sweep.summary import summarise
 
@@ -102,19 +148,44 @@ def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | No
         path = run_campaign(plan, folder, chosen, progress)
     with console.status("counting"):
         summary = summarise(path, plan)
-    replay = f"codegen sweep --spec {shlex.quote(str(spec))} -o {shlex.quote(str(folder))} --isa {plan.isa} --replay"
-    written = _write(folder, summary, f"codegen sweep --spec {shlex.quote(spec.name)} --isa {plan.isa} --replay")
+    replay = f"{given.command(with_folders=True)} -o {shlex.quote(str(folder))} --isa {plan.isa} --replay"
+    written = _write(folder, summary, f"{given.command(with_folders=False)} --isa {plan.isa} --replay")
+    written_map = _write_map(folder, plan)
     if as_json:
-        facts = {"spec": str(spec), "runs_file": str(path), "replay": replay}
+        facts: dict[str, Any] = {"spec": None if given.spec is None else str(given.spec)}
+        if plan.measured is not None:
+            facts |= {
+                "from": str(given.measured),
+                "varied_keys": list(plan.measured.population.keys),
+                "notes": list(plan.notes),
+            }
+            facts |= {} if written_map is None else {"map": str(written_map)}
+        facts |= {"runs_file": str(path), "replay": replay}
         console.print_json({**facts, **summary.to_dict(), "pictures": [str(one) for one in written]})
         return
     from codegen.report.campaign import again, sections
 
+    console.note(*plan.notes)
     console.say(f"{path}: {summary.runs} runs, {plan.spec.sample_count} samples, instruction set {plan.isa}")
+    if plan.measured is not None:
+        console.say(f"cars drawn from {plan.measured.name}: {', '.join(plan.measured.population.keys)}")
+    if written_map is not None:
+        console.say(f"controller: that of {written_map}")
     for heading, text in sections(summary):
         console.say(f"\n{heading}\n\n{text}")
     console.say(f"\n{again(replay)}\n")
     console.say(*(f"picture: {one}" for one in written))
+
+
+def _write_map(folder: Path, plan: Plan) -> Path | None:
+    """Write the map of the controller that was made for the measured car. Return its path; None without one."""
+    from codegen.map_file import map as npz
+
+    for controller in plan.controllers:
+        if controller.own_map is not None:
+            npz.save(controller.own_map, folder / f"{controller.own_map.case}.npz")
+            return folder / f"{controller.own_map.case}.npz"
+    return None
 
 
 def _write(folder: Path, summary: Summary, replay: str) -> list[Path]:
@@ -131,16 +202,16 @@ def _write(folder: Path, summary: Summary, replay: str) -> list[Path]:
     return written
 
 
-def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec: Path, as_json: bool) -> None:
+def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, given: Given, as_json: bool) -> None:
     from codegen.emit.outputs import check_output
     from codegen.export import runs as exported
     from codegen.report.style import save
     from codegen.sweep.chunk import replay
 
-    check_output(plot, ".png", (spec,))
+    check_output(plot, ".png", given.files)
     if run_path is not None:
         exported.check_formats((run_path,))
-        check_output(run_path, run_path.suffix.lower(), (spec,))
+        check_output(run_path, run_path.suffix.lower(), given.files)
     with console.status(f"run {run}"):
         found = replay(plan, run)
     if run_path is not None:
@@ -158,6 +229,7 @@ def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec
         for name, value in found.row.items()
         if name != "run"
     ]
+    console.note(*plan.notes)
     console.say(f"run {run}: {found.profile.name}, {found.controller}")
     console.say(text_table(("", "value"), rows))
     for name, path in (("plot", plot), ("recording", run_path)):

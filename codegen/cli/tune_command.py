@@ -74,6 +74,8 @@ def _table(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str
 def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) -> None:
     """Design the gains over speed such that the whole family of [tuning] keeps its margins, and store them in the map.
 
+    Deviations that codegen identify measured replace those of [tuning].
+
     For a solved map, step responses of the simulated car determine the lead of the front angle and the response gain, and
     simulated losses of all signals determine the rate of the fail-safe. For a map of the nonlinear tyre, the trim is raised
     until its slip bounds are kept in steady state.
@@ -101,7 +103,7 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     with within(config_path or map_path), console.progress("tuning") as progress:
         tuned = tune_map(reference_map, chosen.config, progress, config_path or map_path)
     config, made = tuned.config, tuned.design
-    npz.save(npz.with_config(reference_map, config), output)
+    npz.save(reference_map.with_config(config), output)
     least = weakest(config, gains_of(made.schedule))
     trim = _trim_facts(tuned, chosen.config.controller.tracking.trim_max_percent)
     warnings = [*car_warnings(config), *schedule_warnings(config), *map_warnings(reference_map, config)]
@@ -209,17 +211,21 @@ def _rows(made: Design) -> list[dict[str, Any]]:
 
 
 def _to_dict(config: Config, made: Design, least: Weakest) -> dict[str, Any]:
+    from codegen.design.family import origin
+
     tuning = config.tuning
     return {
         "demands": {key: getattr(tuning, key) for key in ("gain_margin_db", "phase_margin_deg", "sensitivity_max")},
         "delay_samples": tuning.delay_samples,
         "family": made.family_size,
+        **({"family_from": told} if (told := origin(config)) else {}),
         "breakpoints": _rows(made),
         "configured_car": {**dataclasses.asdict(least), "enough": least.enough},
     }
 
 
 def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
+    from codegen.design.family import origin
     from codegen.units import KM_H
 
     tuning = config.tuning
@@ -228,6 +234,7 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
         f"{tuning.gain_margin_db:g} dB, {tuning.phase_margin_deg:g} deg, and a peak sensitivity of at most "
         f"{tuning.sensitivity_max:g}"
     )
+    console.say(*(f"family: {told}" for told in (origin(config),) if told))
     console.say(
         "Up to the last speed of the grid, every car meets these requirements. At higher speeds they apply only to the cars "
         "counted in the table: the configured car, and those that are stable with their rear wheels held."

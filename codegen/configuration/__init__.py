@@ -179,6 +179,17 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
+    def _data_phase_is_faster(self) -> Self:
+        for table, rate in (("can", self.can.bitrate_kbit_s), ("xcp", self.xcp.bitrate_kbit_s or self.can.bitrate_kbit_s)):
+            data_rate = getattr(self, table).data_bitrate_kbit_s
+            if data_rate is not None and data_rate < rate:
+                raise ValueError(
+                    f"{table}.data_bitrate_kbit_s is {data_rate:g}, below the bit rate of {rate:g}; "
+                    "raise it: the data phase of CAN FD is at least as fast"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _consistent(self) -> Self:
         samples = self.controller.sampling_time_s / self.plant.sampling_time_s
         if abs(samples - round(samples)) > 1e-9 * samples or round(samples) < 1:

@@ -19,10 +19,10 @@ LOOKUP, SECOND_TABLE = 86, 60
 """Instructions of a lookup over even breakpoints, and of a second table for the rear angle."""
 
 SEARCH_ROUND, FRICTIONS, FRICTION, GRIP, GRIP_FRICTIONS = 10, 60, 10, 60, 30
-"""Additional instructions, in this order: for each round of a search over uneven breakpoints, for tables of several frictions,
-for each of these frictions, for a grip table, and for grip tables of several frictions."""
+"""Additional instructions, in this order: for each round of a search over uneven breakpoints, for tables of several layers,
+for each of these layers, for a grip table, and for grip tables of several layers."""
 CARS, RAW = 20, 15
-"""Additional instructions for the rear angle of a capped yaw rate between two frictions, and for a table of raw numbers."""
+"""Additional instructions for the rear angle of a capped yaw rate between two layers, and for a table of raw numbers."""
 
 FRAME_BYTE = 16
 """Additional instructions of a period for each byte of a frame above the eight of classical CAN: three frames, and about five
@@ -30,6 +30,9 @@ instructions for a byte of each."""
 
 GRIP_STACK = 48
 """Bytes of stack for a grip table."""
+
+MOVING_STACK, MOVING_BYTES = 16, 8
+"""Bytes of stack and of state for a longitudinal acceleration."""
 
 CARRIED_BYTES = 4 * len(CARRIED)
 """Bytes of state for the signals that the controller only forwards."""
@@ -66,15 +69,17 @@ class MapShape:
 
     Attributes:
         search_rounds: rounds of the search over all axes; an even axis needs none.
-        frictions: number of frictions of the map.
+        frictions: number of frictions or accelerations of the map.
         with_grip: whether there is a grip table.
         is_raw: whether the tables hold raw numbers.
+        moving: whether the stack is over longitudinal acceleration.
     """
 
     search_rounds: int = 0
     frictions: int = 1
     with_grip: bool = False
     is_raw: bool = False
+    moving: bool = False
 
     @property
     def instructions(self) -> int:
@@ -127,5 +132,6 @@ class Budgets(Section):
         }
         found["step_instructions_max"] += more
         found["task_instructions_max"] += more + FRAME_BYTE * (frame_bytes - FRAME_BYTES)
-        found["task_stack_bytes_max"] += GRIP_STACK if shape.with_grip else 0
+        found["task_stack_bytes_max"] += (GRIP_STACK if shape.with_grip else 0) + (MOVING_STACK if shape.moving else 0)
+        found["state_bytes_max"] += MOVING_BYTES if shape.moving else 0
         return found | {key: value for key, value in self.model_dump().items() if value is not None}

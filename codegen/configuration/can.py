@@ -10,13 +10,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from itertools import combinations
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
 from codegen.configuration.e2e_profiles import DATA_ID_COUNT, DEFAULT, PROFILES, DataId, Profile, ProfileName
 from codegen.configuration.section import Meaning, Range, Section
-from codegen.configuration.signals import signals_of
+from codegen.configuration.signals import MEASURED, SignalDefinition, signals_of
 
 FRAME_BYTES = 8
 """Bytes of a frame of classical CAN."""
@@ -114,12 +114,21 @@ class RealSignal(Signal):
         return self.raw_high * self.factor + self.offset
 
 
+def default_layout(definition: SignalDefinition) -> Signal:
+    """Return the default position of a signal in its frame."""
+    place: dict[str, Any] = {"name": definition.name, "start_bit": definition.start_bit, "length": definition.length}
+    if definition.factor is None:
+        return Signal(**place)
+    return RealSignal(**place, factor=definition.factor, signed=definition.signed)
+
+
 class Message(Section):
     """A frame, sent in every sampling time and protected by an AUTOSAR E2E profile.
 
     A subclass names its role in the table of signals, such as `role="vehicle_motion"`, and gets a field for each signal of it.
     """
 
+    _role: ClassVar[str]
     name: Annotated[DbcName, Meaning("name in the DBC")]
     id: Annotated[Identifier, Meaning("also the data id of the protection, unless data_id is given")]
     cycle_time_ms: Annotated[
@@ -156,10 +165,14 @@ class Message(Section):
         """Add the fields, before pydantic collects them."""
         super().__init_subclass__(**keywords)
         for each in sorted(signals_of(role), key=lambda each: each.start_bit):
-            place: dict[str, Any] = {"name": each.name, "start_bit": each.start_bit, "length": each.length}
-            default = Signal(**place) if each.factor is None else RealSignal(**place, factor=each.factor, signed=each.signed)
-            cls.__annotations__[each.role] = Annotated[type(default), Meaning(each.layout_comment)]
-            setattr(cls, each.role, default)
+            kind, default = Signal if each.factor is None else RealSignal, default_layout(each)
+            if each.is_extra:
+                cls.__annotations__[each.role] = Annotated[kind | None, Meaning(each.layout_comment)]
+                setattr(cls, each.role, Field(default=None, exclude_if=lambda signal: signal is None))
+            else:
+                cls.__annotations__[each.role] = Annotated[kind, Meaning(each.layout_comment)]
+                setattr(cls, each.role, default)
+        cls._role = role
 
     def real(self, role: str) -> RealSignal:
         """Return the scaled signal of a role."""
@@ -179,6 +192,7 @@ class Message(Section):
         if not isinstance(data, dict):
             return data
         defaults = {role: field.default for role, field in cls.model_fields.items() if isinstance(field.default, Signal)}
+        defaults |= {each.role: default_layout(each) for each in signals_of(cls._role) if each.is_extra}
         given = {role: data[role] for role in defaults if isinstance(data.get(role), dict)}
         return {**data, **{role: {**defaults[role].model_dump(), **keys} for role, keys in given.items()}}
 
@@ -390,6 +404,20 @@ class Can(Section):
     vehicle_motion: VehicleMotion = VehicleMotion()
     vehicle_conditions: VehicleConditions = VehicleConditions()
     rear_steer_command: RearSteerCommand = RearSteerCommand()
+
+    @property
+    def measured(self) -> tuple[SignalDefinition, ...]:
+        """Signals from the car, in the order of the C struct."""
+        return tuple(each for each in MEASURED if each.role in self.messages()[each.message].signals())
+
+    def with_signal(self, role: str) -> Can:
+        """Return the configuration with an extra signal of the car, in its default place unless it has one. Not validated."""
+        definition = next(each for each in MEASURED if each.role == role)
+        message = self.messages()[definition.message]
+        if role in message.signals():
+            return self
+        changed = message.model_copy(update={role: default_layout(definition)})
+        return self.model_copy(update={definition.message: changed})
 
     def messages(self) -> dict[str, Message]:
         """Return the messages by their role."""

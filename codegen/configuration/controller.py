@@ -95,6 +95,16 @@ class Inputs(Section):
     friction_recovery_1_s: Annotated[
         float, Range(0.001, 10.0, "1/s"), Meaning("rate at which a lost estimate is forgotten")
     ] = 0.1
+    longitudinal_acceleration_max_m_s2: Annotated[
+        float,
+        Range(1.0, 20.0, "m/s^2"),
+        Meaning("largest valid braking or traction, for a map with a stack over longitudinal acceleration"),
+    ] = Field(default=12.0, exclude_if=lambda largest: largest == 12.0)
+    longitudinal_acceleration_loss_m_s3: Annotated[
+        float,
+        Range(0.01, 100.0, "m/s^3"),
+        Meaning("rate at which a lost longitudinal acceleration moves to the strongest braking of the stack"),
+    ] = Field(default=2.0, exclude_if=lambda rate: rate == 2.0)
 
 
 class FailSafe(Section):
@@ -216,7 +226,7 @@ class Tuning(Section):
     """The family of cars for which `codegen tune` designs the gains, and the margins that each must keep.
 
     All combinations of the listed deviations are members. The stiffnesses of front and rear axle vary independently, and the
-    yaw inertia changes in proportion to the mass.
+    yaw inertia changes in proportion to the mass. Deviations with an uncertainty in `[identified]` come from there instead.
     """
 
     speed_km_h: Annotated[

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +15,94 @@ from codegen.errors import ConfigError
 
 TRIES_MAX = 50
 """Draws for each car until one has values that an `ars.toml` may have."""
+TRIES_ALONE_MAX = 1000
+"""The same for a car with a random stream of its own, which the others cannot help out: one car in 20,000 misses a window that
+1 % of the draws meet."""
+SHRINKAGE_STEPS = 20
+"""Steps in which a point of the ellipsoid is moved to the mean until an `ars.toml` may have its values."""
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """Joint normal distribution of identified keys.
+
+    Attributes:
+        config: the identified car; keys that are not identified keep its values.
+        keys: dotted names, k of them.
+        mean: (k,) values of the car.
+        root: (k, k), matrix whose product with its transpose is the covariance; its columns are principal axes of the
+            correlations.
+    """
+
+    config: Config
+    keys: tuple[str, ...]
+    mean: FloatArray
+    root: FloatArray
+
+    @classmethod
+    def of(cls, config: Config, keys: Sequence[str] | None = None) -> Population:
+        """Return the distribution of the keys of `[identified]` that can vary, or of some of them.
+
+        Raises:
+            ConfigError: the correlations contradict each other.
+        """
+        identified = config.identified
+        chosen = varying_keys(config) if keys is None else tuple(keys)
+        places = [identified.keys.index(key) for key in chosen]
+        correlations = np.array(identified.correlations).reshape(len(identified.keys), -1)[np.ix_(places, places)]
+        values, vectors = np.linalg.eigh(correlations)
+        if values.min(initial=0.0) < -1e-4:  # correlations are written with seven digits
+            raise ConfigError(
+                "no distribution has these correlations",
+                where="identified.correlations",
+                remedy="take the table as `codegen identify` wrote it",
+            )
+        root = np.array(identified.standard_deviations)[places][:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+        return cls(config, chosen, np.array([value_of(config, key) for key in chosen]), root)
+
+    def car(self, generator: np.random.Generator) -> Config:
+        """Return one draw. Raises ConfigError if an `ars.toml` may not have its values."""
+        return with_values(self.config, self.keys, self.mean + self.root @ generator.standard_normal(len(self.mean)))
+
+    def possible_car(self, generator: np.random.Generator) -> Config:
+        """Return the first draw that an `ars.toml` may have. Raises ConfigError if there is hardly any."""
+        fault = None
+        for _ in range(TRIES_ALONE_MAX):
+            try:
+                return self.car(generator)
+            except ConfigError as error:
+                fault = error
+        raise _hardly_any(fault)
+
+    def values(self, car: Config) -> FloatArray:
+        """Return the values (k,) of a car."""
+        return np.array([value_of(car, key) for key in self.keys])
+
+    def axes(self, share: float) -> list[Config]:
+        """Return the cars at both ends of each principal axis of the ellipsoid that contains a share of all cars."""
+        identity = np.eye(len(self.keys))
+        return [self._on_ellipsoid(share, direction) for axis in identity for direction in (-axis, axis)]
+
+    def corners(self, share: float) -> list[Config]:
+        """Return the cars on the same ellipsoid half way between the axes: none for a single key."""
+        count = len(self.keys)
+        if count < 2:
+            return []
+        signs = itertools.product((-1.0, 1.0), repeat=count)
+        return [self._on_ellipsoid(share, np.array(each) / np.sqrt(count)) for each in signs]
+
+    def _on_ellipsoid(self, share: float, direction: FloatArray) -> Config:
+        """Return the car in a direction (k,) of length one, moved to the mean until an `ars.toml` may have its values."""
+        from scipy.special import gammaincinv
+
+        radius = float(np.sqrt(2.0 * gammaincinv(0.5 * len(self.keys), share)))  # chi-square distribution with k degrees
+        for step in range(SHRINKAGE_STEPS):
+            moved = radius * (1.0 - step / SHRINKAGE_STEPS) * self.root @ direction
+            try:
+                return with_values(self.config, self.keys, self.mean + moved)
+            except ConfigError:
+                continue
+        return self.config
 
 
 def draw(config: Config, count: int, seed: int) -> list[Config]:
@@ -22,20 +113,8 @@ def draw(config: Config, count: int, seed: int) -> list[Config]:
     Raises:
         ConfigError: there is no identified key, the correlations contradict each other, or hardly any draw is a possible car.
     """
-    identified = config.identified
-    if not identified.keys:
-        raise ConfigError(
-            "there are no identified keys", where="identified.keys", remedy="take the file that `codegen identify` wrote"
-        )
-    mean = np.array([_value(config, key) for key in identified.keys])
-    values, vectors = np.linalg.eigh(np.array(identified.correlations))
-    if values[0] < -1e-4:  # correlations are written with seven digits
-        raise ConfigError(
-            "no distribution has these correlations",
-            where="identified.correlations",
-            remedy="take the table as `codegen identify` wrote it",
-        )
-    root = np.array(identified.standard_deviations)[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    require_identified(config)
+    population = Population.of(config)
     generator = np.random.default_rng(seed)
     cars: list[Config] = []
     fault = None
@@ -43,32 +122,75 @@ def draw(config: Config, count: int, seed: int) -> list[Config]:
         if len(cars) == count:
             break
         try:
-            cars.append(_with(config, identified.keys, mean + root @ generator.standard_normal(len(mean))))
+            cars.append(population.car(generator))
         except ConfigError as error:
             fault = error
     if len(cars) < count:
-        assert fault is not None
-        raise ConfigError(
-            f"hardly any car within these standard deviations is possible: {fault.where} {fault.what}",
-            where="identified.standard_deviations",
-            remedy="measure with more excitation",
-        )
+        raise _hardly_any(fault)
     return cars
 
 
-def _value(config: Config, key: str) -> float:
+def require_identified(config: Config) -> None:
+    """Raise ConfigError if no key is identified."""
+    if not config.identified.keys:
+        raise ConfigError(
+            "there are no identified keys", where="identified.keys", remedy="take the file that `codegen identify` wrote"
+        )
+
+
+STEPS = (1.0, -1.0, 1e-3, -1e-3)
+"""Changes of a key, in standard deviations, of which an `ars.toml` may have at least one if the key can vary."""
+
+
+def varying_keys(config: Config) -> tuple[str, ...]:
+    """Return the identified keys that can differ from car to car.
+
+    A relaxation length of zero, which means none, cannot: only lengths far above its uncertainty are allowed beside it.
+    """
+    return tuple(key for key in config.identified.keys if changed_car(config, key) is not None)
+
+
+def changed_car(config: Config, key: str) -> Config | None:
+    """Return the car with another value of an identified key, within its uncertainty; None if no other value is possible."""
+    deviation = config.identified.standard_deviations[config.identified.keys.index(key)]
+    for step in STEPS:
+        try:
+            return with_values(config, [key], np.array([value_of(config, key) + step * deviation]))
+        except ConfigError:
+            continue
+    return None
+
+
+def _hardly_any(fault: ConfigError | None) -> ConfigError:
+    assert fault is not None
+    return ConfigError(
+        f"hardly any car within these standard deviations is possible: {fault.where} {fault.what}",
+        where="identified.standard_deviations",
+        remedy="measure with more excitation",
+    )
+
+
+def value_of(config: Config, key: str) -> float:
+    """Return the number of a dotted key."""
     value: Any = config
     for part in key.split("."):
         value = getattr(value, part)
     return float(value)
 
 
-def _with(config: Config, keys: list[str], values: FloatArray) -> Config:
-    data = config.model_dump(mode="json", exclude_none=True)
+def with_values(config: Config, keys: Sequence[str], values: FloatArray) -> Config:
+    """Return the car with values (k,) of dotted keys; those of whole-numbered keys are rounded.
+
+    Raises:
+        ConfigError: an `ars.toml` may not have them.
+    """
+    data: dict[str, Any] = {name: getattr(config, name) for name in Config.model_fields}  # only changed tables are read again
     for key, value in zip(keys, values.tolist(), strict=True):
         *tables, name = key.split(".")
         target = data
-        for table in tables:
-            target = target[table]
+        for part in tables:
+            if not isinstance(target[part], dict):
+                target[part] = target[part].model_dump(mode="json", exclude_none=True)
+            target = target[part]
         target[name] = round(value) if isinstance(target[name], int) else value
     return parse(data, "drawn car")

@@ -37,6 +37,7 @@ class SignalDefinition:
         source: source in the bench: "scenario.", "state." or "output." (of the plant), then the name there. With "", the bench
             sends "not available".
         is_used: whether the controller uses it. Other signals are only forwarded and recorded.
+        is_extra: whether only those builds have it whose `[can]` places it in a frame.
         in_measurement: comment in the controller's measurement struct; "" derives it from unit and meaning.
         in_layout: comment at its key in `[can]`; "" derives it from unit and meaning.
         message: role of its message; filled in from the payload class.
@@ -55,6 +56,7 @@ class SignalDefinition:
     values: tuple[str, ...] = ()
     source: str = ""
     is_used: bool = False
+    is_extra: bool = False
     in_measurement: str = ""
     in_layout: str = ""
     message: str = ""
@@ -167,8 +169,8 @@ class VehicleMotion:
 
 @dataclass(frozen=True)
 class VehicleConditions:
-    """Payload from the car: achieved rear angle (rad), peak friction and lateral acceleration (m/s^2), each NaN if unknown, and
-    whether ESC or ABS is acting."""
+    """Payload from the car: achieved rear angle (rad), peak friction, lateral and longitudinal acceleration (m/s^2), each NaN
+    if unknown, and whether ESC or ABS is acting."""
 
     rear_angle: Annotated[
         float,
@@ -228,6 +230,22 @@ class VehicleConditions:
             in_layout="ESC or ABS is acting",
         ),
     ] = False
+    longitudinal_acceleration: Annotated[
+        float,
+        SignalDefinition(
+            "LongitudinalAcceleration",
+            start_bit=40,
+            length=8,
+            factor=0.1,
+            unit="m/s^2",
+            meaning="longitudinal acceleration, negative while the car brakes",
+            source="scenario.longitudinal_acceleration",
+            is_used=True,
+            is_extra=True,
+            in_measurement="m/s^2, negative while the car brakes; NaN: not measured",
+            in_layout="m/s^2, for a map with a stack over it; not given: the frame has no such signal",
+        ),
+    ] = math.nan
 
 
 @dataclass(frozen=True)
@@ -306,7 +324,7 @@ SIGNALS = tuple(each for message, payload in PAYLOADS.items() for each in _defin
 """All signals, in the order of the messages and of their fields."""
 
 MEASURED = tuple(each for each in SIGNALS if each.message != "rear_steer_command")
-"""Signals from the car, in the order of `Measurement` and of the C struct."""
+"""Signals from the car, in the order of `Measurement` and of the C struct. `Can.measured` has those of one configuration."""
 
 CARRIED = tuple(each for each in MEASURED if not each.is_used)
 """Signals from the car that the controller only forwards."""

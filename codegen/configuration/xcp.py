@@ -1,4 +1,4 @@
-"""The table `[xcp]` of `ars.toml`: the XCP slave that the A2L describes, and the identifiers of the native ECU's slave.
+"""The table `[xcp]` of `ars.toml`: the XCP slave that the A2L describes, and the frames of the native ECU's slave.
 
 Names and codes of commands are those of ASAM MCD-1 XCP, protocol layer 1.1.
 """
@@ -82,14 +82,15 @@ Identifier = Annotated[int, Field(ge=0, le=0x1FFF_FFFF)]
 
 
 class Xcp(Section):
-    """XCP on CAN. The identifiers are those of the native ECU and of the A2L; the other keys only change the A2L.
+    """XCP on CAN. The native ECU follows the identifiers, the kind of frames and the sizes of packets.
 
-    The defaults describe the slave of the native ECU. For an ECU with its own slave, change the keys in which that one differs.
+    The other keys only change the A2L. The defaults describe the slave of the native ECU. For an ECU with its own slave, change
+    the keys in which that one differs.
     """
 
     receive_id: Annotated[Identifier, Meaning("identifier of the master's commands (CAN_ID_MASTER of the A2L)")] = 0x6A0
     transmit_id: Annotated[Identifier, Meaning("identifier of answers and measurements (CAN_ID_SLAVE)")] = 0x6A1
-    extended_ids: Annotated[bool, Meaning("whether both have 29 bits; the native ECU has 11")] = False
+    extended_ids: Annotated[bool, Meaning("whether both have 29 bits")] = False
     bitrate_kbit_s: Annotated[
         Annotated[float, Range(10.0, 1000.0, "kbit/s")] | None, Meaning("bit rate, by default that of `[can]`")
     ] = None

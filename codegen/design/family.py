@@ -1,4 +1,10 @@
-"""The family of cars that the feedback must suit: deviations from the configured car and their combinations."""
+"""The family of cars that the feedback must suit: deviations from the configured car and their combinations.
+
+Measured deviations come from `[identified]`, together and with their correlations: the ends of the principal axes of the
+ellipsoid that contains ELLIPSOID_SHARE of all cars, and the points half way between the axes. A figure that is linear in the
+deviations is then, for at least 99.5 % of the cars, no worse than for the worst of these points (five keys or fewer). The other
+deviations are those of `[tuning]`, in all combinations.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +13,13 @@ import math
 from dataclasses import dataclass
 
 from codegen.configuration import Config
+from codegen.configuration.population import Population, value_of, varying_keys
 from codegen.errors import ConfigError
 
 MEMBERS_MAX = 4096
 """Largest number of combinations that the design accepts, far above that of both ends and the middle of each deviation."""
+
+ELLIPSOID_SHARE = 0.99
 
 DEVIATIONS = ("actuator_lag_s", "mass_percent", "stiffness_percent", "relaxation_length_m")
 
@@ -25,6 +34,7 @@ class Member:
         front_stiffness_factor: factor on the cornering stiffness of the front axle.
         rear_stiffness_factor: factor on the cornering stiffness of the rear axle.
         relaxation_length: m, tyres of both axles; 0 where the force follows the slip at once.
+        yaw_inertia_factor: factor on the yaw inertia, on top of that of the mass.
     """
 
     actuator_lag: float
@@ -32,12 +42,14 @@ class Member:
     front_stiffness_factor: float = 1.0
     rear_stiffness_factor: float = 1.0
     relaxation_length: float = 0.0
+    yaw_inertia_factor: float = 1.0
 
     def __str__(self) -> str:
         """Return a short text for messages and tables: "lag 50 ms, mass +20 %, stiffness -20/+15 %, relaxation 0.6 m"."""
         stiffness = f"{_percent(self.front_stiffness_factor)}/{_percent(self.rear_stiffness_factor)} %"
+        inertia = "" if self.yaw_inertia_factor == 1.0 else f", yaw inertia {_percent(self.yaw_inertia_factor)} %"
         return (
-            f"lag {1e3 * self.actuator_lag:.4g} ms, mass {_percent(self.mass_factor)} %, stiffness {stiffness}, "
+            f"lag {1e3 * self.actuator_lag:.4g} ms, mass {_percent(self.mass_factor)} %{inertia}, stiffness {stiffness}, "
             f"relaxation {self.relaxation_length:.3g} m"
         )
 
@@ -52,27 +64,83 @@ def nominal(config: Config) -> Member:
     return Member(actuator_lag=config.rear_actuator.lag_s, relaxation_length=config.plant.relaxation_length_m)
 
 
+MEASURABLE = {
+    "rear_actuator.lag_s": "actuator_lag",
+    "vehicle.yaw_inertia_kg_m2": "yaw_inertia_factor",
+    "tyre.front.cornering_stiffness_n_per_rad": "front_stiffness_factor",
+    "tyre.rear.cornering_stiffness_n_per_rad": "rear_stiffness_factor",
+    "plant.relaxation_length_m": "relaxation_length",
+}
+"""Key of `[identified]` -> attribute of a member that it gives, as a value or as a factor on the configured value."""
+
+
+def measured_keys(config: Config) -> tuple[str, ...]:
+    """Return the keys of `[identified]` that give deviations of the family."""
+    return tuple(key for key in varying_keys(config) if key in MEASURABLE)
+
+
 def members(config: Config) -> tuple[Member, ...]:
     """Return all combinations of the deviations in `config.tuning`, each once, and the configured car.
 
-    The stiffnesses of front and rear axle vary independently; the yaw inertia goes with the mass.
+    The stiffnesses of front and rear axle vary independently; the yaw inertia goes with the mass. Measured deviations replace
+    those of `config.tuning`.
 
     Raises:
-        ConfigError: a list of deviations is empty, or there are more than MEMBERS_MAX combinations.
+        ConfigError: a list of deviations is empty, there are more than MEMBERS_MAX combinations, or the measured correlations
+            contradict each other.
     """
     tuning = config.tuning
     for key in DEVIATIONS:
         if not getattr(tuning, key):
             raise ConfigError("an empty list", where=f"tuning.{key}", remedy="list at least one value, 0 for no deviation")
     factors = [tuple(1.0 + value / 100.0 for value in values) for values in (tuning.mass_percent, tuning.stiffness_percent)]
-    axes = (tuning.actuator_lag_s, factors[0], factors[1], factors[1], tuning.relaxation_length_m)
-    distinct = [tuple(dict.fromkeys(axis)) for axis in axes]
-    count = math.prod(len(axis) for axis in distinct)
+    axes = {
+        "actuator_lag": tuning.actuator_lag_s,
+        "mass_factor": factors[0],
+        "front_stiffness_factor": factors[1],
+        "rear_stiffness_factor": factors[1],
+        "relaxation_length": tuning.relaxation_length_m,
+    }
+    measured = _measured(config)
+    distinct = {name: tuple(dict.fromkeys(axis)) for name, axis in axes.items() if name not in measured[0]}
+    count = len(measured) * math.prod(len(axis) for axis in distinct.values())
     if count > MEMBERS_MAX:
         raise ConfigError(
             f"{count} combinations of deviations; at most {MEMBERS_MAX} are taken",
             where="tuning",
             remedy="list fewer values: the ends and the middle of each deviation",
         )
-    family = dict.fromkeys(Member(*combination) for combination in itertools.product(*distinct))
+    combinations = (dict(zip(distinct, values, strict=True)) for values in itertools.product(*distinct.values()))
+    family = dict.fromkeys(Member(**combination, **point) for combination in combinations for point in measured)
     return tuple(family | {nominal(config): None})
+
+
+def _measured(config: Config) -> list[dict[str, float]]:
+    """Return the measured deviations: attributes of a member, none in the only entry if nothing was measured."""
+    keys = measured_keys(config)
+    if not keys:
+        return [{}]
+    population = Population.of(config, keys)
+    cars = (config, *population.axes(ELLIPSOID_SHARE), *population.corners(ELLIPSOID_SHARE))
+    return [{MEASURABLE[key]: _deviation(car, config, key) for key in keys} for car in cars]
+
+
+def _deviation(car: Config, config: Config, key: str) -> float:
+    value = value_of(car, key)
+    return value / value_of(config, key) if MEASURABLE[key].endswith("_factor") else value
+
+
+def origin(config: Config) -> str:
+    """Return where the deviations of the family come from, in words; "" if all are those of `[tuning]`."""
+    keys = measured_keys(config)
+    if not keys:
+        return ""
+    taken = {MEASURABLE[key] for key in keys}
+    others = {
+        "lag": "actuator_lag" in taken,
+        "mass": False,
+        "stiffness": taken >= {"front_stiffness_factor", "rear_stiffness_factor"},
+        "relaxation": "relaxation_length" in taken,
+    }
+    rest = ", ".join(name for name, is_measured in others.items() if not is_measured)
+    return f"{', '.join(keys)} from [identified] ({100.0 * ELLIPSOID_SHARE:g} % of the cars); {rest} from [tuning]"

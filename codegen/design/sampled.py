@@ -174,12 +174,19 @@ def _continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> 
     car = SingleTrack.from_config(config)
     columns = np.array(
         [
-            (m.actuator_lag, m.mass_factor, m.front_stiffness_factor, m.rear_stiffness_factor, m.relaxation_length)
+            (
+                m.actuator_lag,
+                m.mass_factor,
+                m.front_stiffness_factor,
+                m.rear_stiffness_factor,
+                m.relaxation_length,
+                m.yaw_inertia_factor,
+            )
             for m in family
         ]
     ).T[..., np.newaxis]
-    lag, mass_factor, front_factor, rear_factor, sigma = columns
-    mass, inertia = car.mass * mass_factor, car.yaw_inertia * mass_factor
+    lag, mass_factor, front_factor, rear_factor, sigma, inertia_factor = columns
+    mass, inertia = car.mass * mass_factor, car.yaw_inertia * mass_factor * inertia_factor
     lf, lr = car.front_arm, car.rear_arm
     relaxed = sigma > 0.0
 

@@ -23,7 +23,7 @@ import numpy as np
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config, Schedule
 from codegen.configuration.controller import SCHEDULE_POINTS_MAX
-from codegen.design.family import Member, members, nominal
+from codegen.design.family import Member, measured_keys, members, nominal
 from codegen.design.margins import concatenate, worst_of
 from codegen.design.sampled import SampledCar, frequency_grid, sample
 from codegen.design.search import Cars, Demands, Shortfall, best_gains
@@ -184,7 +184,7 @@ class _Designer:
             if short is None:
                 return
             if not point.beyond:
-                raise _unmet(short)
+                raise _unmet(self.config, short)
             point.counted = Counted(point.counted - 1)
 
     def _try(self, place: int, reserves: int) -> Shortfall | None:
@@ -222,7 +222,7 @@ class _Designer:
             return mended
         last = self.points[first + 1]
         if not last.beyond:
-            raise _unmet(short, (self.points[first].speed_km_h, last.speed_km_h))
+            raise _unmet(self.config, short, (self.points[first].speed_km_h, last.speed_km_h))
         last.counted, last.reserves = Counted(last.counted - 1), 1
         self.design(first + 1)
         return [first + 1]
@@ -263,7 +263,7 @@ class _Designer:
         return Design(schedule, tuple(limiting), tuple(counted), len(self.family))
 
 
-def _unmet(short: Shortfall, ends: tuple[float, float] | None = None) -> ConfigError:
+def _unmet(config: Config, short: Shortfall, ends: tuple[float, float] | None = None) -> ConfigError:
     """Return the error, with the breakpoints at both ends where the gains between them fail."""
     if ends is not None:
         return ConfigError(
@@ -272,8 +272,9 @@ def _unmet(short: Shortfall, ends: tuple[float, float] | None = None) -> ConfigE
             where="tuning.speed_km_h",
             remedy="list a breakpoint between them",
         )
+    narrow = "drive with more excitation, remove [identified]" if measured_keys(config) else "narrow the family"
     return ConfigError(
         f"no gains meet the demands at {short.speed_km_h:.4g} km/h: the car with {short.member} {short.reached}",
         where="[tuning]",
-        remedy="lower gain_margin_db or phase_margin_deg, raise sensitivity_max, narrow the family, or end the grid sooner",
+        remedy=f"lower gain_margin_db or phase_margin_deg, raise sensitivity_max, {narrow}, or end the grid sooner",
     )

@@ -20,7 +20,8 @@ rear wheels would then steer in phase just where the driver wants to turn.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +31,9 @@ from codegen.configuration import Config
 from codegen.ecu_map.lookup import SteeringConstants, capped_rear_angle
 from codegen.ecu_map.total import RULE_TEXT, CapSteering, Rule, TotalMap
 from codegen.errors import MapError
+from codegen.map_file.longitudinal import axle_shares
 from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import ACCELERATION, FRICTION
 from codegen.optimum.solve import layer_configs
 from codegen.optimum.turns import Edge, SteadyTurns, turns_behind
 from codegen.vehicle.single_track import SingleTrack
@@ -57,11 +60,9 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
         front_angle_stop: rad, the mechanical stop to reach; by default the configuration's.
 
     Raises:
-        MapError: no cell is feasible, the car of the configuration is unstable at a speed of the map, or the map has a stack
-            that cannot be built.
+        MapError: no cell is feasible, the car of the configuration is unstable at a speed of the map.
     """
     config = reference_map.config or config
-    reference_map.require_buildable()
     if not reference_map.feasible.any():
         raise MapError("no cell is feasible", where="feasible", remedy="relax the limits or check the vehicle data")
     speed, front_angle = reference_map.speed, reference_map.front_angle
@@ -83,11 +84,17 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
         lateral_acceleration_cap=_lateral_acceleration_cap(reference_map, turns, edges),
         friction=config.road.friction,
         steering=steering,
-        layers=tuple(
-            extend(layer.map, road, stop)
-            for layer, road in zip(reference_map.layers, layer_configs(reference_map, config), strict=True)
-        ),
+        layers=tuple(_layers(reference_map, config, stop)),
     )
+
+
+def _layers(reference_map: ReferenceMap, config: Config, stop: float) -> Iterator[TotalMap]:
+    stack, layers = reference_map.stack or (FRICTION, ())
+    for (value, of_layer), car in zip(layers, layer_configs(reference_map, config), strict=True):
+        total = extend(of_layer, car, stop)
+        if stack is ACCELERATION:
+            total = replace(total, acceleration=value, axle_shares=axle_shares(config, value))
+        yield total
 
 
 @dataclass(frozen=True)

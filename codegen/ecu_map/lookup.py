@@ -9,16 +9,19 @@ operations is part of the contract, because in floating point it decides the las
    u = (x - x_i) / (x_{i+1} - x_i), clamped to 0 to 1.
 3. a = t00 + u (t10 - t00), b = t01 + u (t11 - t01), r = a + w (b - a), u along speed and w along the front angle.
    The rear angle likewise from its own table. With a stack of layers: both layers around the friction, then p + s (q - p).
+   With a stack over longitudinal acceleration: around a / max(g, 1/16), g = friction / map_friction up to 1; the same
+   acceleration takes more of the grip of a slippery road. Beyond the stack, and for NaN the first, the end layers.
 4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above, and the rear angle rises by what the linear car
    needs for that, up to the sideslip bound (`capped_rear_angle`). A friction below the lowest layer's scales ay_cap; above
-   it, ay_cap is interpolated. Where grip leaves a share of ay_cap, that is looked up like the others, on its own axes, and
-   multiplies ay_cap where it is below one (and by zero where below zero). The sign of the front angle comes back last.
+   it, ay_cap is interpolated. With a stack over acceleration the interpolated ay_cap is divided by map_friction and
+   multiplied by the friction up to that. Where grip leaves a share of ay_cap, it is looked up like the others, on its own axes,
+   and multiplies ay_cap where it is below one (and by zero where below zero). The sign of the front angle comes back last.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -28,8 +31,12 @@ import numpy.typing as npt
 from codegen.arrays import FloatArray
 from codegen.ecu_map.storage import Axis
 from codegen.ecu_map.total import CapSteering, TotalMap
+from codegen.map_file.tables import ACCELERATION
 
 Real = type[np.float32] | type[np.float64]
+
+GRIP_LEAST = 1.0 / 16.0
+"""Smallest friction, as a fraction of the map's own, by which an acceleration is divided."""
 
 
 def cap_in_precision(lateral_acceleration_cap: float, real: Real) -> Any:
@@ -161,9 +168,12 @@ class Lookup:
     """Yaw rate (rad/s) and rear angle (rad) of a total map at any speed (m/s) and front angle (rad), in the target's precision.
 
     Attributes:
-        tables, rear_tables: (k, n, m), of the lowest friction first; k is 1 for a map without a stack.
-        frictions, caps: (k,) the layers' friction and ay_cap in m/s^2.
+        tables, rear_tables: (k, n, m), rising by friction or acceleration; k is 1 for a map without a stack.
+        frictions: (k,) of the layers; (1,) of the map itself with a stack over acceleration.
+        caps: (k,) ay_cap in m/s^2.
         lateral_acceleration_cap_per_friction: m/s^2, of the lowest layer: below its friction the cap shrinks in proportion.
+        accelerations: (k,) longitudinal, m/s^2; (1,) zero without a stack over it.
+        axle_shares: (k, 2) `TotalMap.axle_shares`, likewise.
         cars: (k,) of the layers.
         grip: shares of the caps; None where the caps are the same everywhere.
     """
@@ -178,52 +188,87 @@ class Lookup:
     cars: tuple[SteeringConstants, ...]
     real: Real
     grip: GripConstants | None = None
+    accelerations: npt.NDArray[Any] = field(default_factory=lambda: np.zeros(1))
+    axle_shares: npt.NDArray[Any] = field(default_factory=lambda: np.ones((1, 2)))
 
     @classmethod
     def from_map(cls, total: TotalMap, real: Real = np.float32) -> Lookup:
         """Return the lookup of a total map."""
-        lowest, stack = total.stack[0], total.stack
+        stack, moving = total.stack, total.quantity is ACCELERATION
+        lowest, roads = total if moving else stack[0], (total,) if moving else stack
+        speeds = stack if moving else (total,)
         return cls(
             speed_axis=AxisConstants(Axis.from_breakpoints(total.speed), real),
             front_axis=AxisConstants(Axis.from_breakpoints(total.front_angle), real),
             tables=np.stack([layer.yaw_rate for layer in stack]).astype(real),
             rear_tables=np.stack([layer.rear_angle for layer in stack]).astype(real),
-            frictions=np.array([layer.friction for layer in stack], dtype=real),
+            frictions=np.array([layer.friction for layer in roads], dtype=real),
             caps=np.array([cap_in_precision(layer.lateral_acceleration_cap, real) for layer in stack], dtype=real),
             lateral_acceleration_cap_per_friction=cap_in_precision(lowest.lateral_acceleration_cap / lowest.friction, real),
             cars=tuple(SteeringConstants.of(layer.steering, real) for layer in stack),
             real=real,
             grip=GripConstants.of(total, real),
+            accelerations=np.array([layer.acceleration for layer in speeds], dtype=real),
+            axle_shares=np.array([layer.axle_shares for layer in speeds], dtype=real),
         )
 
     @property
+    def is_moving(self) -> bool:
+        """Whether the stack is over longitudinal acceleration."""
+        return self.accelerations.size > 1
+
+    @property
+    def own(self) -> int:
+        """Index of the map itself in the stack."""
+        return int(np.flatnonzero(self.accelerations == 0.0)[0]) if self.is_moving else self.frictions.size - 1
+
+    @property
+    def strongest_braking(self) -> float:
+        """Smallest acceleration of the stack in m/s^2."""
+        return float(self.accelerations[0])
+
+    @property
+    def values(self) -> npt.NDArray[Any]:
+        """Frictions or accelerations (k,) of the stack."""
+        return self.accelerations if self.is_moving else self.frictions
+
+    def layer_at(self, index: int) -> tuple[float, float]:
+        """Return friction (NaN: the map's own) and acceleration of a layer, the last arguments of `reference`."""
+        if self.is_moving:
+            return math.nan, float(self.accelerations[index])
+        return (float(self.frictions[index]) if self.frictions.size > 1 else math.nan), 0.0
+
+    @property
     def table(self) -> npt.NDArray[Any]:
-        """Yaw rates (n, m) in rad/s at the map's own friction."""
-        table: npt.NDArray[Any] = self.tables[-1]
+        """Yaw rates (n, m) in rad/s of the map itself."""
+        table: npt.NDArray[Any] = self.tables[self.own]
         return table
 
     @property
     def lateral_acceleration_cap(self) -> Any:
-        """Cap in m/s^2 at the map's own friction."""
-        return self.caps[-1]
+        """Cap in m/s^2 of the map itself."""
+        return self.caps[self.own]
 
     @property
     def friction(self) -> Any:
         """Friction of the map."""
         return self.frictions[-1]
 
-    def __call__(self, speed: npt.ArrayLike, front_angle: npt.ArrayLike, friction: float = math.nan) -> npt.NDArray[Any]:
+    def __call__(
+        self, speed: npt.ArrayLike, front_angle: npt.ArrayLike, friction: float = math.nan, acceleration: float = 0.0
+    ) -> npt.NDArray[Any]:
         """Return the yaw rate in rad/s, in `real`, in the broadcast shape of the arguments.
 
         Args:
             speed: m/s, any value, NaN and infinity too.
             front_angle: rad, any value.
             friction: estimated peak friction; NaN, and more than the map assumes, count as the map's own.
+            acceleration: longitudinal, m/s^2, any value; NaN counts as the strongest braking of the stack.
         """
-        return self.reference(speed, front_angle, friction)[0]
+        return self.reference(speed, front_angle, friction, acceleration)[0]
 
     def reference(
-        self, speed: npt.ArrayLike, front_angle: npt.ArrayLike, friction: float = math.nan
+        self, speed: npt.ArrayLike, front_angle: npt.ArrayLike, friction: float = math.nan, acceleration: float = 0.0
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         """Return yaw rate in rad/s and rear angle in rad; arguments as in `__call__`."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
@@ -234,10 +279,10 @@ class Lookup:
             row = self.speed_axis.locate(v)
             magnitude = np.where(angle < zero, np.negative(angle), angle)
             column = self.front_axis.locate(magnitude)
-            layer, cap = self._road(self.real(friction))
-            yaw_rate, rear_angle = (self._over_friction(table, layer, row, column) for table in (self.tables, self.rear_tables))
+            layer, cap = self._road(self.real(friction), self.real(acceleration))
+            yaw_rate, rear_angle = (self._over_stack(table, layer, row, column) for table in (self.tables, self.rear_tables))
             if self.grip is not None:
-                share = self._over_friction(self.grip.shares, layer, *self.grip.locate(v, magnitude))
+                share = self._over_stack(self.grip.shares, layer, *self.grip.locate(v, magnitude))
                 cap = cap * np.where(share < self.real(1.0), np.maximum(share, self.real(0.0)), self.real(1.0))
             capped = yaw_rate * v > cap
             car = self._car(layer)
@@ -246,12 +291,32 @@ class Lookup:
             left = ~(angle < zero)
             return np.where(left, yaw_rate, -yaw_rate), np.where(left, rear_angle, -rear_angle)
 
-    def lateral_acceleration(self, friction: float) -> Any:
-        """Return the lateral acceleration cap in m/s^2 at an estimated friction (NaN: the map's own), in `real`."""
-        return self._road(self.real(friction))[1]
+    def lateral_acceleration(self, friction: float, acceleration: float = 0.0) -> Any:
+        """Return the lateral acceleration cap in m/s^2, in `real`; arguments as in `__call__`."""
+        return self._road(self.real(friction), self.real(acceleration))[1]
 
-    def _road(self, friction: Any) -> tuple[tuple[int, Any], Any]:
-        """Return the layer, the position above it, and ay_cap at a friction estimate (NaN: none)."""
+    def axle_shares_at(self, friction: float, acceleration: float) -> npt.NDArray[Any]:
+        """Return `TotalMap.axle_shares` (2,) between the layers, in `real`; only with a stack over acceleration."""
+        (layer, share), _ = self._road(self.real(friction), self.real(acceleration))
+        result: npt.NDArray[Any] = self.axle_shares[layer] + share * (self.axle_shares[layer + 1] - self.axle_shares[layer])
+        return result
+
+    def _moving(self, friction: Any, acceleration: Any) -> tuple[tuple[int, Any], Any]:
+        """Return the same as `_road` for a stack over acceleration."""
+        values, caps = self.accelerations, self.caps
+        friction = max(friction, self.real(0.0)) if friction < self.friction else self.friction
+        with np.errstate(over="ignore"):
+            on_stack = acceleration / max(friction / self.friction, self.real(GRIP_LEAST))
+        on_stack = on_stack if on_stack > values[0] else values[0]
+        on_stack = min(on_stack, values[-1])
+        layer = int(np.count_nonzero(on_stack >= values[1:-1]))
+        share = (on_stack - values[layer]) / (values[layer + 1] - values[layer])
+        return (layer, share), (caps[layer] + share * (caps[layer + 1] - caps[layer])) / self.friction * friction
+
+    def _road(self, friction: Any, acceleration: Any) -> tuple[tuple[int, Any], Any]:
+        """Return the layer, the position above it, and ay_cap at a friction estimate (NaN: none) and an acceleration."""
+        if self.is_moving:
+            return self._moving(friction, acceleration)
         frictions, caps = self.frictions, self.caps
         if not friction < frictions[-1]:
             friction = frictions[-1]
@@ -271,7 +336,7 @@ class Lookup:
         index, share = layer
         return self.cars[0] if len(self.cars) == 1 else self.cars[index].towards(self.cars[index + 1], share)
 
-    def _over_friction(self, tables: npt.NDArray[Any], layer: tuple[int, Any], row: Any, column: Any) -> npt.NDArray[Any]:
+    def _over_stack(self, tables: npt.NDArray[Any], layer: tuple[int, Any], row: Any, column: Any) -> npt.NDArray[Any]:
         index, share = layer
         slippery = _interpolate(tables[index], row, column)
         if len(tables) == 1:
@@ -315,12 +380,16 @@ def error_bound(total: TotalMap, real: Real = np.float32) -> float:
 
 
 def _stack_bound(total: TotalMap, unit: float) -> float:
-    """Return the bound along the friction axis: position and interpolation of yaw rate and cap between layers."""
+    """Return the bound along the axis of the stack: position and interpolation of yaw rate and cap between layers. An
+    acceleration is divided by the grip first, 3 u more, and the cap multiplied by it, which the last term covers."""
     stack = total.stack
     bound = 0.0
     for lower, upper in pairwise(stack):
         rise = float(np.abs(upper.yaw_rate - lower.yaw_rate).max())
-        bound = max(bound, 6.0 * unit * upper.friction * rise / (upper.friction - lower.friction))
+        largest, step = upper.friction, upper.friction - lower.friction
+        if total.quantity is ACCELERATION:
+            largest, step = max(map(abs, (lower.acceleration, upper.acceleration))), upper.acceleration - lower.acceleration
+        bound = max(bound, (9.0 if total.quantity is ACCELERATION else 6.0) * unit * largest * rise / step)
     return bound + (16.0 * unit * float(total.yaw_rate.max()) if len(stack) > 1 else 0.0)
 
 

@@ -19,6 +19,7 @@ from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.storage import Real
 from codegen.ecu_map.total import TotalMap
 from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import ACCELERATION
 from codegen.optimum.solve import layer_configs
 from codegen.optimum.turns import turns_of
 from codegen.units import KM_H
@@ -40,12 +41,13 @@ COARSE = "a finer [grid], or codegen build --max-error, brings what is interpola
 
 @dataclass(frozen=True)
 class Excess:
-    """Largest excess over a map as a fraction of its yaw rate, and its operating point: m/s, rad, friction."""
+    """Largest excess over a map as a fraction of its yaw rate, and its operating point: m/s, rad, friction, m/s^2."""
 
     share: float
     speed: float
     front_angle: float
     friction: float
+    acceleration: float = 0.0
 
     @property
     def percent(self) -> float:
@@ -59,7 +61,7 @@ class Excess:
 
 
 def model_excess(reference_map: ReferenceMap, total: TotalMap, config: Config, real: Real = np.float32) -> Excess:
-    """Return the largest excess over a solved map and the lower frictions of its stack, by the lookup of a build.
+    """Return the largest excess over a solved map and the layers of its stack, by the lookup of a build.
 
     Args:
         total: the map of the build. real: its number type.
@@ -69,17 +71,20 @@ def model_excess(reference_map: ReferenceMap, total: TotalMap, config: Config, r
     Raises:
         MapError: a steady turn is not found.
     """
-    lookup = Lookup.from_map(total, real)
-    return max(
-        (_on_one_road(reference_map, lookup, road) for road in (*layer_configs(reference_map, config), config)),
-        key=lambda found: found.share,
-    )
+    lookup, cars = Lookup.from_map(total, real), layer_configs(reference_map, config)
+    if reference_map.stack is not None and reference_map.stack[0] is ACCELERATION:
+        layers = [(car, config, value) for car, (value, _) in zip(cars, reference_map.stack[1], strict=True)]
+    else:
+        layers = [(car, car, 0.0) for car in cars]
+    found = (_on_one_layer(reference_map, lookup, *layer) for layer in (*layers, (config, config, 0.0)))
+    return max(found, key=lambda one: one.share)
 
 
-def _on_one_road(reference_map: ReferenceMap, lookup: Lookup, config: Config) -> Excess:
+def _on_one_layer(reference_map: ReferenceMap, lookup: Lookup, car: Config, config: Config, acceleration: float) -> Excess:
+    """Return the excess over one layer. `car` is solved for it; the model is that of `config` with the grip of the layer."""
     assert reference_map.case is not None  # a solved map has one
-    case = config.case(reference_map.case)
-    turns = turns_of(config, case)
+    case = car.case(reference_map.case)
+    turns = turns_of(car, case)
     moving = reference_map.speed[reference_map.speed > 0.0]
     speeds = np.linspace(moving[0], moving[-1], SPEEDS)
     last = float(reference_map.front_angle[-1])
@@ -88,11 +93,12 @@ def _on_one_road(reference_map: ReferenceMap, lookup: Lookup, config: Config) ->
     speed, front_angle = np.repeat(speeds, len(EDGE_SHARES)), np.outer(edge, EDGE_SHARES).ravel()
     optimum = turns.at(speed, front_angle)
     friction = config.road.friction
-    yaw_rate, rear_angle = lookup.reference(speed, front_angle, friction)
-    wanted, largest = yaw_rate.astype(np.float64), lookup.cars[-1].rear_angle_max  # the laws hold the rear angle there
+    yaw_rate, rear_angle = lookup.reference(speed, front_angle, friction, acceleration)
+    wanted, largest = yaw_rate.astype(np.float64), lookup.cars[lookup.own].rear_angle_max  # the laws hold the rear angle there
     inputs = np.array([speed, front_angle, rear_angle, np.full(speed.size, friction), wanted, _response_gain(config, speed)])
     state = np.array([optimum.sideslip, wanted])
-    derivative = single_track(config, "load-transfer").derivative
+    shares = lookup.axle_shares_at(friction, acceleration).tolist() if acceleration else (1.0, 1.0)
+    derivative = single_track(config, "load-transfer", shares).derivative
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 6)
     rear = ca.fmax(ca.fmin(u[2] - u[5] * (u[4] - x[1]), largest), -largest)
     rate = derivative(x, ca.vertcat(u[0], u[1], rear, u[3]))
@@ -106,7 +112,7 @@ def _on_one_road(reference_map: ReferenceMap, lookup: Lookup, config: Config) ->
     excess -= np.tile(np.where(np.array(EDGE_SHARES) == 1.0, EDGE_ALLOWANCE, 0.0), SPEEDS) * wanted
     share = np.where(settled & (wanted > 0.0), excess / np.where(wanted > 0.0, wanted, 1.0), -math.inf)
     worst = int(share.argmax())
-    return Excess(float(share[worst]), float(speed[worst]), float(front_angle[worst]), friction)
+    return Excess(float(share[worst]), float(speed[worst]), float(front_angle[worst]), friction, acceleration)
 
 
 def _response_gain(config: Config, speed: FloatArray) -> FloatArray:

@@ -434,12 +434,11 @@ class Maker:
             max(float(np.abs(getattr(new, key) - getattr(old, key)).max()) for old, new in zip(stack, stored, strict=True))
             for key in ("yaw_rate", "rear_angle")
         ]
-        return replace(stored[-1], layers=tuple(stored[:-1])), (rounding[0], rounding[1])
+        return TotalMap.of_stack(stored), (rounding[0], rounding[1])
 
 
 def _total(surface: ReferenceSurface, axes: Axes, grips: Sequence[GripTable | None]) -> TotalMap:
-    layers = [_layer(surface, layer, axes, grip) for layer, grip in zip(surface.layers, grips, strict=True)]
-    return replace(layers[-1], layers=tuple(layers[:-1]))
+    return TotalMap.of_stack(_layer(surface, layer, axes, grip) for layer, grip in zip(surface.layers, grips, strict=True))
 
 
 def _layer(surface: ReferenceSurface, layer: SurfaceLayer, axes: Axes, grip: GripTable | None) -> TotalMap:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass, fields
 
@@ -45,7 +44,7 @@ class MeasuredError:
 
 
 class ErrorEstimator:
-    """Estimator of the error of total maps on the same axes against a surface, at the friction of each layer. The lookup
+    """Estimator of the error of total maps on the same axes against a surface, at each layer. The lookup
     computes in `real`. The rear angle is clipped to its range, as in the laws."""
 
     def __init__(self, surface: ReferenceSurface, axes: Axes, real: Real) -> None:
@@ -103,8 +102,8 @@ class ErrorEstimator:
     def _differences(self, lookup: Lookup, index: int, axes: Axes, truth: Pair) -> list[FloatArray]:
         """Return the error of each channel, increased by the error of the layer's surfaces."""
         layer, speed = self.surface.layers[index], axes[0][:, np.newaxis]
-        friction = _lowest(lookup) if index == 0 else float(lookup.frictions[index])
-        yaw_rate, rear_angle = (each.astype(np.float64) for each in lookup.reference(speed, axes[1][np.newaxis, :], friction))
+        found = lookup.reference(speed, axes[1][np.newaxis, :], *lookup.layer_at(index))
+        yaw_rate, rear_angle = (each.astype(np.float64) for each in found)
         largest = layer.total.steering.rear_angle_max
         turned = np.abs(np.clip(rear_angle, -largest, largest) - truth[1])
         by_turning = turned * gain_of(layer.total.steering, above_zero(speed))
@@ -115,10 +114,6 @@ class ErrorEstimator:
 def _narrower(window: tuple[float, float], centre: float) -> tuple[float, float]:
     half = 0.5 * CLOSER * (window[1] - window[0])
     return max(window[0], centre - half), min(window[1], centre + half)
-
-
-def _lowest(lookup: Lookup) -> float:
-    return math.nan if lookup.frictions.size == 1 else float(lookup.frictions[0])
 
 
 def _within(axis: FloatArray, ends: tuple[float, float]) -> npt.NDArray[np.bool_]:

@@ -31,7 +31,7 @@ from codegen.map_file.tables import PLAUSIBLE
 from codegen.optimum import exact
 from codegen.optimum.nonlinear import NonlinearTurns
 from codegen.optimum.problem import SteadyTurnProblem
-from codegen.optimum.solve import layer_configs
+from codegen.optimum.solve import stack_of
 from codegen.optimum.turns import Edge, LinearTurns, Solution, SteadyTurns, passively_feasible, turns_of
 
 Pair = tuple[FloatArray, FloatArray]
@@ -102,7 +102,7 @@ class SurfaceLayer:
 
 @dataclass(frozen=True)
 class ReferenceSurface:
-    """The continuous total map, the layer of the lowest friction first.
+    """The continuous total map, the layers rising by friction or acceleration.
 
     Attributes:
         origin: "optimum": solved anew at every point; "surfaces": solved on a fine grid (`placement_grip`), with a `gap`
@@ -123,7 +123,7 @@ class ReferenceSurface:
     @property
     def total(self) -> TotalMap:
         """Total map of a build without placed breakpoints, with its layers."""
-        return replace(self.layers[-1].total, layers=tuple(layer.total for layer in self.layers[:-1]))
+        return TotalMap.of_stack(layer.total for layer in self.layers)
 
 
 def capped(
@@ -151,9 +151,8 @@ def reference_surface_of(reference_map: ReferenceMap, config: Config) -> Referen
     """
     config = reference_map.config or config
     total = extend(reference_map, config, config.steering.front_angle_stop)
-    maps = [*(layer.map for layer in reference_map.layers), reference_map]
-    configs = [*layer_configs(reference_map, config), config]
-    layers = tuple(optimum_of(*of) for of in zip(maps, configs, total.stack, strict=True))
+    stack = zip(stack_of(reference_map, config), total.stack, strict=True)
+    layers = tuple(optimum_of(of_layer, car, extended) for (_, of_layer, car), extended in stack)
     known = tuple(layer for layer in layers if layer is not None)
     origin: Origin = "table"
     if len(known) == len(layers):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.storage import Scales
+from codegen.map_file.tables import ACCELERATION, FRICTION, Stack
 from codegen.vehicle.single_track import SingleTrack
 
 
@@ -96,8 +98,10 @@ class TotalMap:
         rule: (n, m) of `Rule` letters.
         lateral_acceleration_cap: ay_cap, m/s^2.
         friction: the road friction that the map assumes.
+        acceleration: the longitudinal acceleration that it assumes, m/s^2, negative while the car brakes.
+        axle_shares: lateral peaks of the front and of the rear axle, as fractions of those at constant speed.
         steering: constants of the lookup where the cap removes yaw rate.
-        layers: the total maps of lower frictions on the same axes, the lowest first.
+        layers: the total maps of lower frictions, or of other accelerations, on the same axes.
         grip: the share of ay_cap that grip leaves, where that is not the same everywhere; of a stack on the same axes.
         scales: of tables that are stored as int16, whose numbers here are then the stored ones; None for real numbers.
     """
@@ -113,8 +117,23 @@ class TotalMap:
     layers: tuple[TotalMap, ...] = ()
     scales: Scales | None = None
     grip: GripTable | None = None
+    acceleration: float = 0.0
+    axle_shares: tuple[float, float] = (1.0, 1.0)
 
     @property
     def stack(self) -> tuple[TotalMap, ...]:
-        """All total maps: the lowest friction first, this one last."""
-        return (*self.layers, self)
+        """All total maps, rising by friction or by acceleration."""
+        return tuple(sorted((*self.layers, self), key=lambda layer: (layer.friction, layer.acceleration)))
+
+    @property
+    def quantity(self) -> Stack | None:
+        """Quantity of the stack; None without layers."""
+        if not self.layers:
+            return None
+        return ACCELERATION if any(layer.acceleration for layer in self.layers) else FRICTION
+
+    @classmethod
+    def of_stack(cls, maps: Iterable[TotalMap]) -> TotalMap:
+        """Return the map at constant speed on the road of the highest friction, with the others as its layers."""
+        *layers, own = sorted(maps, key=lambda layer: (layer.acceleration == 0.0, layer.friction))
+        return replace(own, layers=tuple(layers))

@@ -221,8 +221,8 @@ class _Lists:
         return made
 
     def map(self, view: MapView) -> list[Axis | Adjustable]:
-        """Return the axes of the map, and a MAP for each table and friction."""
-        prefix, frictions = self.prefix, view.frictions_text.split(", ")
+        """Return the axes of the map, and a MAP for each table and layer."""
+        prefix = self.prefix
         tops = (_plain(top) for top in view.axis_tops)
         quantities = (f"{prefix}.checked.speed", f"{prefix}.checked.front_angle")
         axes = [
@@ -242,8 +242,8 @@ class _Lists:
         maps = [
             Adjustable(
                 name=f"{prefix}.map.{table.name.removeprefix(f'{prefix}_map_').removesuffix('_table')}"
-                + (f".friction_{frictions[k]}" if view.stacked else ""),
-                text=f"{table.unit}, at a road friction of {frictions[k]}",
+                + (f".{view.layer_names[k]}" if view.stacked else ""),
+                text=f"{table.unit}, at a {'' if view.moving else 'road '}{view.layer_texts[k]}",
                 type="MAP",
                 record=f"{self.prefix}_RAW_FUNCTION" if table.scale else f"{self.prefix}_FUNCTION",
                 conversion=self.raw(table) if table.scale else self.conversion(unit_of_comment(table.unit)),

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from codegen import __version__
-from codegen.configuration import Config, check_name
-from codegen.configuration.signals import CARRIED, MEASURED
+from codegen.configuration import Config, check_name, parse
+from codegen.configuration.signals import CARRIED
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import Lookup, error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
@@ -41,6 +41,7 @@ from codegen.emit.write import Folder
 from codegen.emit.xcp_view import xcp_view
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import ACCELERATION
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
@@ -169,6 +170,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     Raises:
         BuildError, MapError: see `extend` and `check_prefix`.
     """
+    config = with_signals(reference_map, config)
     code = _code(reference_map, config, options, inputs)
     evidence = Evidence.of(reference_map, code.parts.total, config, numpy_type(options.precision))
     context, prefix = {**code.context, "readme": _readme_facts(code.parts, evidence)}, options.prefix
@@ -197,8 +199,21 @@ def build_code(reference_map: ReferenceMap, config: Config, options: BuildOption
     Raises:
         BuildError, MapError: as `build`.
     """
-    code = _code(reference_map, config, options, inputs)
+    code = _code(reference_map, with_signals(reference_map, config), options, inputs)
     return Folder(code.files, code.facts)
+
+
+def with_signals(reference_map: ReferenceMap, config: Config) -> Config:
+    """Return the configuration with the signal that a stack over longitudinal acceleration needs in its frame.
+
+    Raises:
+        ConfigError: the default place of the signal is taken.
+    """
+    can = config.can.with_signal(ACCELERATION.key) if reference_map.acceleration_layers else config.can
+    if can is config.can:
+        return config
+    changed = {**config.model_dump(mode="json"), "can": can.model_dump(mode="json")}
+    return parse(changed, "a stack over longitudinal acceleration needs its signal")
 
 
 def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, inputs: BuildInputs) -> _Code:
@@ -221,7 +236,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         sources=tuple(f"src/{options.prefix}_{source}.c" for source in sources),
     )
     lookup = Lookup.from_map(total, numpy_type(options.precision))
-    table = map_view(total, lookup, options.precision, options.prefix, with_rear_angle=law.uses_rear_angle)
+    table = map_view(total, lookup, config, options.precision, options.prefix)
     constants = constants_of(config, total, lookup)
     dynamics = dynamics_view(config, options.precision)
     context: dict[str, Any] = {
@@ -232,10 +247,10 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "law": law,
         "inputs": inputs_view(config, options.prefix, options.precision, real),
         "limiter": limiter_view(config, options.prefix, options.precision, real),
-        "model": reference_model_view(config, options.precision) if law.uses_reference_model else None,
+        "model": (reference_model_view(config, options.precision, per_axle=table.moving) if law.uses_reference_model else None),
         "dynamics": dynamics,
         "can": can_view(config, options.precision),
-        "measured": MEASURED,
+        "measured": config.can.measured,
         "carried": CARRIED,
         "task": task_view(config),
         "xcp": xcp_view(config, task_view(config).function),
@@ -366,6 +381,17 @@ def _readme_facts(parts: _Parts, evidence: Evidence) -> dict[str, Any]:
     }
 
 
+def _stack_facts(total: TotalMap) -> dict[str, Any]:
+    """Return the values of the layers, rising."""
+    if total.quantity is not ACCELERATION:
+        return {"frictions": [layer.friction for layer in total.stack]}
+    return {
+        "frictions": [total.friction],
+        "longitudinal_accelerations": [layer.acceleration for layer in total.stack],
+        "lateral_acceleration_caps_m_s2": [layer.lateral_acceleration_cap for layer in total.stack],
+    }
+
+
 def _margin_range(config: Config) -> str:
     controller = config.controller
     return f"{controller.enable_speed_km_h:g} to {controller.inputs.speed_max_km_h:g} km/h"
@@ -405,7 +431,7 @@ def _facts(parts: _Parts, dynamics: DynamicsView, checksum: ChecksumView, identi
             "lateral_acceleration_cap_m_s2": total.lateral_acceleration_cap,
             "friction": total.friction,
             "lookup_error_bound_rad_s": parts.error_bound,
-            "frictions": [layer.friction for layer in total.stack],
+            **_stack_facts(total),
             "flash_bytes": table.flash_bytes,
             "checksum_crc32": f"{table.checksum_value:08x}",
             "rules": {rule.value: {"cells": count, "text": RULE_TEXT[rule]} for rule, count in rule_counts(total).items()},

@@ -11,7 +11,7 @@ import numpy as np
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup, Real
 from codegen.ecu_map.total import TotalMap
-from codegen.emit.laws import law_of
+from codegen.emit.laws import Law, law_of
 from codegen.vehicle.single_track import SingleTrack
 
 
@@ -21,7 +21,7 @@ class Constant:
 
     Attributes:
         name: name of the member.
-        value: value in SI units; a tuple has a number for each friction of a stack.
+        value: value in SI units; a tuple has a number for each layer of a stack.
         unit: symbol of the unit, "" for a ratio.
         meaning: text for the comment in C.
     """
@@ -42,7 +42,7 @@ def constants_of(config: Config, total: TotalMap, lookup: Lookup) -> tuple[Const
     law = law_of(config)
     return (
         *_scales(total, with_rear_angle=law.uses_rear_angle),
-        *_caps(lookup, stacked=bool(total.layers)),
+        *_caps(lookup, law, stacked=bool(total.layers)),
         *(_vehicle(lookup, stacked=bool(total.layers)) if law.uses_rear_angle else ()),
         *(_reference_model(config, total, lookup.real) if law.uses_reference_model else ()),
     )
@@ -57,21 +57,29 @@ def _scales(total: TotalMap, *, with_rear_angle: bool) -> Iterator[Constant]:
             yield Constant("grip_share_scale", total.grip.scale, "", "a raw number 1 of the table")
 
 
-def _caps(lookup: Lookup, *, stacked: bool) -> Iterator[Constant]:
+def _caps(lookup: Lookup, law: Law, *, stacked: bool) -> Iterator[Constant]:
     """Yield the caps, rounded down so that they never exceed the bound."""
     meaning = "largest steady one that the constraints allow"
-    if stacked:
+    if lookup.is_moving:
+        yield Constant("longitudinal_accelerations", _numbers(lookup.accelerations, stacked), "m/s^2", "of each layer")
+    elif stacked:
         yield Constant("frictions", _numbers(lookup.frictions, stacked), "", "friction of each layer")
+    if stacked:
         meaning = "largest that the constraints allow, on each layer"
     yield Constant(f"lateral_acceleration_cap{'s' * stacked}", _numbers(lookup.caps, stacked), "m/s^2", meaning)
     per_friction = float(lookup.lateral_acceleration_cap_per_friction)
-    yield Constant("lateral_acceleration_cap_per_friction", per_friction, "m/s^2", "for a friction of 1, on slippery roads")
+    if not lookup.is_moving:
+        yield Constant("lateral_acceleration_cap_per_friction", per_friction, "m/s^2", "for a friction of 1, on slippery roads")
+    elif law.uses_reference_model:
+        for axle, shares in zip(("front", "rear"), lookup.axle_shares.T, strict=True):
+            meaning = f"lateral peak of the {axle} axle as a fraction of that at constant speed, on each layer"
+            yield Constant(f"{axle}_shares", _numbers(shares, stacked), "", meaning)
     yield Constant("map_friction", float(lookup.friction), "", "friction of the road that the map assumes")
 
 
 def _vehicle(lookup: Lookup, *, stacked: bool) -> Iterator[Constant]:
     """Yield the constants of the map's linear vehicle, from which the lookup computes the rear angle of a capped yaw rate."""
-    own, plural = lookup.cars[-1], "s" * stacked
+    own, plural = lookup.cars[lookup.own], "s" * stacked
     understeer = _numbers((car.understeer_coefficient for car in lookup.cars), stacked)
     slip = _numbers((car.rear_slip for car in lookup.cars), stacked)
     yield Constant("wheelbase", float(own.wheelbase), "m", "")

@@ -42,8 +42,9 @@ INPUT_NUMBERS = (
     "yaw_rate_offset",
     "beyond_linear",
     "friction",
+    "longitudinal_acceleration",
 )
-"""Real numbers in the state of the monitoring of the inputs."""
+"""Real numbers in the state of the monitoring of the inputs; the last one only where the signal exists."""
 
 ACTUATOR_SAMPLES_MAX = 60_000
 """Largest value of `actuator_samples_max`. The counter reaches one more and must not overflow."""
@@ -185,7 +186,8 @@ def controller_view(
         state.insert(1, Field(f"{prefix}_grip_t", "grip", "of the road"))
         numbers += [f"law.model.{name}" for name in ("sideslip_angle", "yaw_rate", "rear_angle")]
         numbers += [f"grip.{field.name}" for field in _GRIP_STATE]
-    numbers += [f"inputs.{name}" for name in INPUT_NUMBERS]
+    signals = {signal.role for signal in config.can.measured if signal.is_extra}
+    numbers += [f"inputs.{name}" for name in INPUT_NUMBERS if name != "longitudinal_acceleration" or name in signals]
     numbers += [f"limiter.{name}" for name in ("rear_angle", "speed", "front_angle")]
     state.append(Field(f"{prefix}_measurement_t", "sample", "last sample after monitoring"))
     state.append(Field(f"{prefix}_inputs_t", "inputs", "first in the chain"))
@@ -220,13 +222,13 @@ def controller_view(
 
 
 def _known_values(total: TotalMap, lookup: Lookup, precision: Precision) -> tuple[str, ...]:
-    """Return rows of speed, front angle, friction and yaw rate: corners, inner points, points beyond the edges, both signs, and
-    slippery roads.
+    """Return rows of speed, front angle, friction, with a stack over it acceleration, and yaw rate: corners, inner points,
+    points beyond the edges, both signs, slippery roads, and each layer.
 
     Each constant of the lookup affects at least one row. At small angles and low speeds the cap does not act.
     """
     top_speed, top_angle, friction = float(total.speed[-1]), float(total.front_angle[-1]), total.friction
-    points = [
+    points: list[tuple[float, ...]] = [
         (0.0, 0.0, friction),
         (0.0, top_angle, friction),
         (top_speed, 0.0, friction),
@@ -242,12 +244,16 @@ def _known_values(total: TotalMap, lookup: Lookup, precision: Precision) -> tupl
         (1.5 * top_speed, top_angle, 1.02 * friction),
         (top_speed, top_angle, 0.4 * friction),
     ]
+    if lookup.is_moving:
+        layers = lookup.accelerations.tolist()
+        corners = [(*corner, friction, layer) for layer in layers for corner in (points[5][:2], points[3][:2])]
+        points = [*((*point, 0.5 * layers[0]) for point in points), *corners]
     known = {}
-    for road in dict.fromkeys(road for _, _, road in points):
-        speeds, angles = np.array([point[:2] for point in points if point[2] == road]).T
-        known[road] = iter(lookup(speeds, angles, road))
+    for road in dict.fromkeys(tuple(point[2:]) for point in points):
+        speeds, angles = np.array([point[:2] for point in points if point[2:] == road]).T
+        known[road] = iter(lookup(speeds, angles, *road))
     rows = []
-    for speed, angle, road in points:
-        numbers = (speed, angle, road, next(known[road]).item())
+    for point in points:
+        numbers = (*point, next(known[tuple(point[2:])]).item())
         rows.append(", ".join(literal(number, precision) for number in numbers))
     return tuple(rows)

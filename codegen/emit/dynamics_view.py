@@ -161,6 +161,7 @@ class ReferenceModelView:
     actuator_share: str
     actuator_step_max: str
     rear_arm: str
+    per_axle: bool
 
 
 @dataclass(frozen=True)
@@ -214,10 +215,10 @@ def rounded_up(value: float) -> str:
     return f"{math.ceil(value / 10.0 ** (exponent - 1)) * 10.0 ** (exponent - 1):.1e}"
 
 
-def reference_model_view(config: Config, precision: Precision) -> ReferenceModelView:
-    """Return the view of a car's reference model."""
+def reference_model_view(config: Config, precision: Precision, *, per_axle: bool = False) -> ReferenceModelView:
+    """Return the view of a car's reference model, with `per_axle` for a friction of each axle."""
     period = config.controller.sampling_time_s
-    model, tyres = single_track_step(config, period), AxleTyres.from_config(config)
+    model, tyres = single_track_step(config, period, per_axle=per_axle), AxleTyres.from_config(config)
     losses = load_transfer_losses(config)
     car, inputs, actuator = SingleTrack.from_config(config), config.controller.inputs, config.rear_actuator
 
@@ -240,6 +241,7 @@ def reference_model_view(config: Config, precision: Precision) -> ReferenceModel
         actuator_share=text(1.0 - math.exp(-period / (actuator.lag_s + period))),
         actuator_step_max=text(math.radians(actuator.rate_max_deg_s) * period),
         rear_arm=text(car.rear_arm),
+        per_axle=per_axle,
     )
 
 

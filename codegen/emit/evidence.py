@@ -168,6 +168,7 @@ class Evidence:
             "at_km_h": round(found.speed / KM_H, 1),
             "at_front_angle_deg": round(math.degrees(found.front_angle), 2),
             "at_friction": found.friction,
+            **({"at_longitudinal_acceleration_m_s2": found.acceleration} if found.acceleration else {}),
             "trim_max_percent": self.config.controller.tracking.trim_max_percent,
             "enough": found.percent <= self.config.controller.tracking.trim_max_percent,
         }

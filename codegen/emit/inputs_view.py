@@ -36,6 +36,15 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
     car = SingleTrack.from_config(config)
     wheelbase, understeer = car.wheelbase, car.understeer_coefficient
     of_key = functools.partial(configured, inputs)
+    moving = (
+        of_key("longitudinal_acceleration_max", "longitudinal_acceleration_max_m_s2", "m/s^2, range"),
+        of_key(
+            "longitudinal_acceleration_loss",
+            "longitudinal_acceleration_loss_m_s3",
+            "m/s^2, change of a lost acceleration in a sample",
+            period,
+        ),
+    )
     return (
         of_key("speed_max", "speed_max_km_h", "m/s, range", KM_H, 200.0),
         of_key("front_angle_max", "front_angle_max_deg", "rad, range", DEGREE, 1.5),
@@ -109,6 +118,7 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
         ),
         of_key("speed_fall", "speed_fall_m_s2", "m/s, decrease of a lost speed in a sample", period, 1.0),
         of_key("friction_recovery", "friction_recovery_1_s", "increase of a lost estimate in a sample", period, 1.0),
+        *(moving if config.can.vehicle_conditions.signals().get("longitudinal_acceleration") else ()),
         Parameter(
             "missing_samples_max",
             fail_safe.degraded_samples_max,

@@ -37,6 +37,8 @@ class _Map(_Read):
     front_angle_rad: Numbers
     friction: float
     frictions: Numbers
+    longitudinal_accelerations: Numbers | None = None
+    lateral_acceleration_caps_m_s2: Numbers | None = None
     lateral_acceleration_cap_m_s2: float
     lookup_error_bound_rad_s: float
     solved: bool

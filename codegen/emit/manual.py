@@ -97,6 +97,7 @@ class MapView:
     cap: str
     friction: str
     frictions: tuple[str, ...]
+    accelerations: tuple[str, ...]
 
 
 def manual(record: Figures, manifest: Figures, titles: Mapping[str, str]) -> str:
@@ -172,6 +173,7 @@ def _map(manifest: Figures) -> MapView:
         cap=f"{table['lateral_acceleration_cap_m_s2']:.4g}",
         friction=f"{table['friction']:g}",
         frictions=tuple(f"{value:g}" for value in table["frictions"]),
+        accelerations=tuple(f"{value:g}" for value in table.get("longitudinal_accelerations", ())),
     )
 
 

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from codegen.configuration import Config
 from codegen.ecu_map.extend import TotalMap
-from codegen.ecu_map.lookup import AxisConstants, Lookup
+from codegen.ecu_map.lookup import GRIP_LEAST, AxisConstants, Lookup
 from codegen.ecu_map.storage import Axis, raw_of
+from codegen.emit.laws import law_of
 from codegen.emit.text import Precision, c_type, lines_of, literal
 from codegen.errors import MapError
-from codegen.map_file.tables import PLAUSIBLE
+from codegen.map_file.tables import ACCELERATION, FRICTION, PLAUSIBLE, Stack
 from codegen.units import KM_H
 
 MAGNITUDE = "front_angle_magnitude"
@@ -80,8 +82,24 @@ class RowView:
 
 
 @dataclass(frozen=True)
+class StackView:
+    """Axis of a stack: `one` and `many` of its quantity, C expressions of its values and of their number, and the values.
+
+    `strongest` is the strongest braking of a stack over acceleration, the value of one that is unknown.
+    """
+
+    one: str
+    many: str
+    values: str
+    points: str
+    text: str
+    grip_least: str
+    strongest: str
+
+
+@dataclass(frozen=True)
 class LayerView:
-    """One friction of a table."""
+    """One layer of a stack, or the only table."""
 
     text: str
     rows: tuple[RowView, ...]
@@ -137,9 +155,16 @@ class MapView:
     table_size: str
     with_rear_angle: bool
     is_raw: bool
-    stacked: bool
+    stack: StackView | None
+    moving: bool
+    takes_acceleration: bool
+    with_axle_shares: bool
+    more_parameter: str
+    more_argument: str
+    more_of_sample: str
+    layer_names: tuple[str, ...]
+    layer_texts: tuple[str, ...]
     layer_count: int
-    frictions_text: str
     grip: GripView | None
     rear_angle_max_text: str
     cap_text: str
@@ -152,6 +177,11 @@ class MapView:
     magnitude_bits: str
     flash_bytes: int
 
+    @property
+    def stacked(self) -> bool:
+        """Whether there is a table for each layer of a stack."""
+        return self.stack is not None
+
 
 @dataclass(frozen=True)
 class _Options:
@@ -159,8 +189,8 @@ class _Options:
     prefix: str
 
 
-def map_view(total: TotalMap, lookup: Lookup, precision: Precision, prefix: str, *, with_rear_angle: bool) -> MapView:
-    """Return the view of a total map and its lookup; `with_rear_angle` if the law looks up the optimal rear angle.
+def map_view(total: TotalMap, lookup: Lookup, config: Config, precision: Precision, prefix: str) -> MapView:
+    """Return the view of a total map and its lookup, with the tables that the configured law looks up.
 
     Raises:
         MapError: breakpoints are equal in the target's precision.
@@ -169,7 +199,10 @@ def map_view(total: TotalMap, lookup: Lookup, precision: Precision, prefix: str,
     options = _Options(precision, prefix)
     for key, constants in (("vx", lookup.speed_axis), ("delta_f", lookup.front_axis)):
         _check_apart(key, constants)
-    stacked = bool(total.layers)
+    law, moving = law_of(config), lookup.is_moving
+    with_rear_angle = law.uses_rear_angle
+    takes_acceleration = ACCELERATION.key in config.can.vehicle_conditions.signals()
+    quantity, values = total.quantity or FRICTION, _values(total)
     tables = tuple(_tables(total, lookup, options, with_rear_angle))
     numbers = [*_calibration(total, lookup, with_rear_angle), *_grip_numbers(total, lookup)]
     bits = lookup.table.dtype.itemsize * 8
@@ -188,9 +221,16 @@ def map_view(total: TotalMap, lookup: Lookup, precision: Precision, prefix: str,
         table_size=_size(total, speed.points, front_angle.points, prefix),
         with_rear_angle=with_rear_angle,
         is_raw=total.scales is not None,
-        stacked=stacked,
-        layer_count=len(lookup.frictions),
-        frictions_text=", ".join(f"{layer.friction:g}" for layer in total.stack),
+        stack=_stack_view(total.quantity, values, options) if total.quantity else None,
+        moving=moving,
+        with_axle_shares=moving and law.uses_reference_model,
+        takes_acceleration=takes_acceleration,
+        more_parameter=f", {c_type(precision)} {ACCELERATION.key}" if takes_acceleration else "",
+        more_argument=f", {ACCELERATION.key}" if moving else "",
+        more_of_sample=f", sample->{ACCELERATION.key}" if takes_acceleration else "",
+        layer_names=tuple(f"{quantity.key}_{value:g}".replace("-", "minus_") for value in values),
+        layer_texts=tuple(quantity.text(value, " of") for value in values),
+        layer_count=len(values),
         grip=grip,
         rear_angle_max_text=_with_unit(total.steering.rear_angle_max, "rad"),
         cap_text=f"{total.lateral_acceleration_cap:.4g} m/s^2",
@@ -212,8 +252,32 @@ def magnitude_bits(bits: int) -> str:
 
 def _size(total: TotalMap, speeds: int | str, front_angles: int | str, prefix: str) -> str:
     """Return the size of a table in C; a stack has one more dimension."""
-    layers = f"[{prefix.upper()}_MAP_FRICTION_POINTS]" if total.layers else ""
+    layers = f"[{_points(total.quantity, prefix)}]" if total.quantity else ""
     return f"{layers}[{speeds}][{front_angles}]"
+
+
+def _points(quantity: Stack, prefix: str) -> str:
+    return f"{prefix}_MAP_{quantity.key}_POINTS".upper()
+
+
+def _values(total: TotalMap) -> list[float]:
+    """Return the friction or acceleration of each layer."""
+    moving = total.quantity is ACCELERATION
+    return [layer.acceleration if moving else layer.friction for layer in total.stack]
+
+
+def _stack_view(quantity: Stack, values: Sequence[float], options: _Options) -> StackView:
+    name = f"{options.prefix}_constants.{quantity.key}s"
+    text = ", ".join(f"{value:g}" for value in values)
+    return StackView(
+        one=quantity.one,
+        many=quantity.many,
+        values=name,
+        points=_points(quantity, options.prefix),
+        text=f"{text}{' ' if quantity.unit else ''}{quantity.unit}",
+        grip_least=literal(GRIP_LEAST, options.precision),
+        strongest=literal(min(values), options.precision),
+    )
 
 
 def _grip_view(total: TotalMap, lookup: Lookup, options: _Options) -> GripView | None:
@@ -288,10 +352,10 @@ def _stored(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list[tupl
 
 def _calibration(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list[npt.NDArray[Any]]:
     """Return the numbers of the checksum in its order, without the grip table, which comes last."""
-    frictions = [lookup.frictions] if lookup.frictions.size > 1 else []
+    values = [lookup.values] if lookup.values.size > 1 else []
     stored = _stored(total, lookup, with_rear_angle)
     scales = [np.array([scale], dtype=lookup.real) for _, scale in stored if scale is not None]
-    return [*(table for table, _ in stored), *scales, *frictions, lookup.speed_axis.table, lookup.front_axis.table]
+    return [*(table for table, _ in stored), *scales, *values, lookup.speed_axis.table, lookup.front_axis.table]
 
 
 def _layers(
@@ -299,13 +363,13 @@ def _layers(
 ) -> tuple[LayerView, ...]:
     return tuple(
         LayerView(
-            text=f"{layer.friction:g}",
+            text=(total.quantity or FRICTION).text(value),
             rows=tuple(
                 RowView(f"{speed / KM_H:.4g} km/h", lines_of([_number(value, precision) for value in row]))
                 for speed, row in zip(speeds, table, strict=True)
             ),
         )
-        for layer, table in zip(total.stack, tables, strict=True)
+        for value, table in zip(_values(total), tables, strict=True)
     )
 
 

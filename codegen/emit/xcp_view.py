@@ -99,6 +99,12 @@ class XcpView:
         return self.options.bus_id(self.options.receive_id), self.options.bus_id(self.options.transmit_id)
 
     @property
+    def frames_text(self) -> str:
+        """Kind of the frames, in words."""
+        bits = 29 if self.options.extended_ids else 11
+        return f"{'CAN FD' if self.options.is_fd else 'classical CAN'} with {bits}-bit identifiers"
+
+    @property
     def has_measuring(self) -> bool:
         """Whether the slave sends lists of measurements."""
         return self.options.has("WRITE_DAQ")

@@ -71,7 +71,7 @@ class Calibration:
         lookup = Lookup.from_map(total, np.float32)
         tables = {"yaw_rate_table": lookup.table}
         if law.uses_rear_angle:
-            tables["rear_angle_table"] = lookup.rear_tables[-1]
+            tables["rear_angle_table"] = lookup.rear_tables[lookup.own]
         view = controller_view(config, total, lookup, PREFIX, "single", "float")
         inputs = inputs_view(config, PREFIX, "single", "float")
         limiter = limiter_view(config, PREFIX, "single", "float")

@@ -287,19 +287,24 @@ def front_signal(samples: DriveSamples, config: Config) -> tuple[FloatArray, boo
             "no drive has delta_f or steering_wheel_angle", where="identify", remedy="name one of them in the signals"
         )
     wheel = samples.signal("steering_wheel_angle")
-    fall = math.exp(-samples.step / config.steering.lag_s)
-    # Exact for an input that is linear between samples.
-    mean = (1.0 - fall) * config.steering.lag_s / samples.step
     result = np.full(len(samples), math.nan)
     for low, high in pairwise(samples.begin):
-        values, lagged = filled(wheel[low:high]), np.empty(high - low)
-        state = values[0]
-        for k, value in enumerate(values.tolist()):
-            if k:
-                state = fall * state + (mean - fall) * values[k - 1] + (1.0 - mean) * value
-            lagged[k] = state
-        result[low:high] = lagged
+        result[low:high] = lagged(filled(wheel[low:high]), samples.step, config.steering.lag_s)
     return np.where(np.isfinite(wheel), result, math.nan), True
+
+
+def lagged(signal: FloatArray, step: float, lag: float) -> FloatArray:
+    """Return the response of a first-order lag (s) from rest at the first sample, exact for a signal that is linear between
+    samples of `step` s."""
+    fall = math.exp(-step / lag)
+    mean = (1.0 - fall) * lag / step
+    result = np.empty(signal.size)
+    before = state = float(signal[0])
+    for k, value in enumerate(signal.tolist()):
+        if k:
+            state = fall * state + (mean - fall) * before + (1.0 - mean) * value
+        result[k], before = state, value
+    return result
 
 
 def vehicle_problem(

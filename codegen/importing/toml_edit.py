@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import reduce
-from operator import getitem
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import tomlkit
+from tomlkit.container import Container
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AoT, Comment, Item, Key, Null, Table
 
@@ -41,10 +40,10 @@ def replace_values(text: str, table: str, values: Mapping[str, Any], renamed: Ma
     try:
         if not _has(document, parts):
             document = tomlkit.parse(f"{text.rstrip()}\n\n[{table}]\n")
-        target: Any = reduce(getitem, parts, document)
+        target = next((each for each in _tables(document, parts) if not each.is_super_table()), None)
     except (TOMLKitError, TypeError):
         target = None
-    if type(target) is not Table or target.is_super_table():
+    if target is None:
         raise ImportFault(
             f"[{table}] is written in a way that cannot be edited",
             where=f"[{table}]",
@@ -60,6 +59,13 @@ def _has(document: Any, parts: Sequence[str]) -> bool:
             return False
         document = document[part]
     return True
+
+
+def _tables(container: Container, parts: Sequence[str]) -> Iterator[Table]:
+    """Yield the parts of a table, which is in several if other tables are between its head and the tables inside it."""
+    for key, item in container.body:
+        if key is not None and key.key == parts[0] and type(item) is Table:
+            yield from _tables(item.value, parts[1:]) if len(parts) > 1 else (item,)
 
 
 def _edited(body: list[Entry], values: Mapping[str, Any], renamed: Mapping[str, str], remark: str) -> list[Entry]:

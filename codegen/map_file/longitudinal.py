@@ -65,9 +65,17 @@ def like_friction(config: Config, acceleration: float) -> float:
 
     Raises ConfigError: see `under_acceleration`.
     """
+    return float(config.road.friction * min(axle_shares(config, acceleration)))
+
+
+def axle_shares(config: Config, acceleration: float) -> tuple[float, float]:
+    """Return the lateral peak of the front and of the rear axle as fractions of those at constant speed.
+
+    Raises ConfigError: see `under_acceleration`.
+    """
     changed = under_acceleration(config, acceleration)
-    shares = (getattr(changed.tyre, axle).peak_factor_p1 / getattr(config.tyre, axle).peak_factor_p1 for axle in AXLES)
-    return float(config.road.friction * min(shares))
+    front, rear = (getattr(changed.tyre, axle).peak_factor_p1 / getattr(config.tyre, axle).peak_factor_p1 for axle in AXLES)
+    return front, rear
 
 
 def load_transfer(config: Config, acceleration: float) -> float:

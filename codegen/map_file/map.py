@@ -18,7 +18,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -63,6 +63,16 @@ def on_road(config: Config, friction: float) -> Config:
     return parse(changed.model_dump(mode="json"), f"on a road of friction {friction:g}")
 
 
+def changed(config: Config, stack: tables.Stack, value: float) -> Config:
+    """Return the configuration of a layer of a stack. Raises ConfigError: see `on_road` and `under_acceleration`."""
+    return under_acceleration(config, value) if stack is tables.ACCELERATION else on_road(config, value)
+
+
+def own_value(config: Config, stack: tables.Stack) -> float:
+    """Return the value of a stack's quantity for which the map itself is."""
+    return 0.0 if stack is tables.ACCELERATION else config.road.friction
+
+
 __all__ = [
     "AccelerationLayer",
     "Binding",
@@ -74,7 +84,6 @@ __all__ = [
     "make_meta",
     "save",
     "to_bytes",
-    "with_config",
 ]
 
 SCHEMA_VERSION = 1
@@ -143,17 +152,18 @@ class ReferenceMap:
 
     def __post_init__(self) -> None:
         if self.layers:
-            roads = tuple(FrictionLayer(one.friction, self._of_this_car(one.map, on_road, one.friction)) for one in self.layers)
+            stack = tables.FRICTION
+            roads = tuple(FrictionLayer(one.friction, self._of_this_car(one.map, stack, one.friction)) for one in self.layers)
             object.__setattr__(self, "layers", roads)
         if self.acceleration_layers:
             moving = tuple(
-                AccelerationLayer(one.acceleration, self._of_this_car(one.map, under_acceleration, one.acceleration))
+                AccelerationLayer(one.acceleration, self._of_this_car(one.map, tables.ACCELERATION, one.acceleration))
                 for one in self.acceleration_layers
             )
             object.__setattr__(self, "acceleration_layers", moving)
 
-    def _of_this_car(self, of_layer: ReferenceMap, change: Callable[[Config, float], Config], value: float) -> ReferenceMap:
-        config = None if self.config is None else change(self.config, value)
+    def _of_this_car(self, of_layer: ReferenceMap, stack: tables.Stack, value: float) -> ReferenceMap:
+        config = None if self.config is None else changed(self.config, stack, value)
         changes = {} if config is None else {"configuration": config.model_dump(mode="json")}
         meta = {**self.meta, **changes}
         return replace(of_layer, config=config, case=self.case, meta=meta, layers=(), acceleration_layers=())
@@ -167,14 +177,11 @@ class ReferenceMap:
             return tables.ACCELERATION, tuple((layer.acceleration, layer.map) for layer in self.acceleration_layers)
         return None
 
-    def require_buildable(self) -> None:
-        """Raise MapError for a stack over longitudinal acceleration, which the generated C does not have."""
-        if self.acceleration_layers:
-            raise MapError(
-                "the generated C has no stack over longitudinal acceleration",
-                where=tables.ACCELERATION.key,
-                remedy="solve the case without --longitudinal-acceleration, or with --friction, whose stack can be built",
-            )
+    def with_config(self, config: Config) -> ReferenceMap:
+        """Return the map with another configuration; the rest of its `meta` is kept."""
+        meta: dict[str, Any] = {"schema_version": SCHEMA_VERSION, **self.meta}
+        meta["configuration"] = config.model_dump(mode="json")
+        return replace(self, config=config, meta=meta)
 
     @property
     def solved(self) -> bool:
@@ -200,12 +207,6 @@ def make_meta(config: Config, case: str, method: str) -> dict[str, Any]:
         "active_bits": {str(bound.flag.name).lower(): int(bound.flag) for bound in bounds},
         "tools": {"codegen": __version__, "numpy": np.__version__},
     }
-
-
-def with_config(reference_map: ReferenceMap, config: Config) -> ReferenceMap:
-    """Return the map with another configuration; the rest of its `meta` is kept."""
-    meta = {"schema_version": SCHEMA_VERSION, **reference_map.meta, "configuration": config.model_dump(mode="json")}
-    return replace(reference_map, config=config, meta=meta)
 
 
 def load(path: Path) -> ReferenceMap:

@@ -29,22 +29,32 @@ OPTIONAL_TABLES = ("beta", "delta_r", "active")
 
 
 class Stack(NamedTuple):
-    """Quantity of a stack: the key of its values (k,), the least step between them, and its words for messages."""
+    """Quantity of a stack: the key of its values (k,), the least step between them, its words for messages, and its unit."""
 
     key: str
     step: float
     one: str
     many: str
+    unit: str = ""
 
     @property
     def prefix(self) -> str:
         """Prefix of the keys of its tables."""
         return f"{self.key}_"
 
+    @property
+    def title(self) -> str:
+        """Name in words."""
+        return self.key.replace("_", " ")
+
+    def text(self, value: float, of: str = "") -> str:
+        """Return a value with its name and unit."""
+        return f"{self.title}{of} {value:g}{' ' if self.unit else ''}{self.unit}"
+
 
 FRICTION = Stack("friction", 0.01, "friction", "frictions")
 """Step: the resolution of an estimate, and large enough to interpolate in single precision."""
-ACCELERATION = Stack("longitudinal_acceleration", 0.5, "acceleration", "accelerations")
+ACCELERATION = Stack("longitudinal_acceleration", 0.5, "acceleration", "accelerations", "m/s^2")
 """m/s^2; negative while the car brakes. Step: the grip of the preset's car changes by 1.5 %."""
 STACKS = (FRICTION, ACCELERATION)
 KEYS = (*UNITS, *(key for stack in STACKS for key in (stack.key, *(stack.prefix + table for table in TABLES))), "meta")

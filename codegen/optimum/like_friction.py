@@ -1,7 +1,7 @@
 """How well a map for a lower friction stands in for one under longitudinal acceleration.
 
-The generated C interpolates a stack over friction, but none over longitudinal acceleration. An ECU that lowers its friction
-estimate while it brakes comes near to the latter: the weaker axle limits both.
+An ECU without a stack over longitudinal acceleration comes near to it by lowering its friction estimate while it brakes: the
+weaker axle limits both.
 """
 
 from __future__ import annotations

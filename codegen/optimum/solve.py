@@ -19,8 +19,7 @@ import numpy.typing as npt
 from codegen.configuration import Config
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.map_file import archive, tables
-from codegen.map_file.longitudinal import under_acceleration
-from codegen.map_file.map import AccelerationLayer, FrictionLayer, ReferenceMap, make_meta, on_road
+from codegen.map_file.map import AccelerationLayer, FrictionLayer, ReferenceMap, changed, make_meta, on_road, own_value
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import Solution, passively_feasible, turns_of
 
@@ -91,7 +90,7 @@ def _keep(solution: Solution, kept: npt.NDArray[np.bool_]) -> Solution:
     return replace(solution, yaw_rate=yaw_rate, sideslip=sideslip, rear_angle=rear_angle, feasible=kept, active=active)
 
 
-__all__ = ["layer_configs", "lower_frictions", "on_road", "solve_acceleration_stack", "solve_stack"]
+__all__ = ["layer_configs", "lower_frictions", "on_road", "solve_acceleration_stack", "solve_stack", "stack_of"]
 
 CELL_BYTES = 3 * 8 + 2
 """Size of a solved cell in a file: three tables of float64 and two of one byte."""
@@ -121,7 +120,7 @@ def solve_stack(
         MapError: no operating point of the grid is feasible at one of the frictions, or the file would be too large.
     """
     lower = lower_frictions(config, friction)
-    base, *layers = _solve_layers(config, case, tables.FRICTION, OPTION, lower, on_road, method, progress)
+    base, *layers = _solve_layers(config, case, tables.FRICTION, OPTION, lower, method, progress)
     return replace(base, layers=tuple(FrictionLayer(*pair) for pair in zip(lower, layers, strict=True)))
 
 
@@ -143,8 +142,7 @@ def solve_acceleration_stack(
         MapError: as `solve_stack`.
     """
     moving = moving_accelerations(acceleration)
-    stack = tables.ACCELERATION
-    base, *layers = _solve_layers(config, case, stack, ACCELERATION_OPTION, moving, under_acceleration, method, progress)
+    base, *layers = _solve_layers(config, case, tables.ACCELERATION, ACCELERATION_OPTION, moving, method, progress)
     return replace(base, acceleration_layers=tuple(AccelerationLayer(*pair) for pair in zip(moving, layers, strict=True)))
 
 
@@ -154,7 +152,6 @@ def _solve_layers(
     stack: tables.Stack,
     option: str,
     values: Sequence[float],
-    change: Callable[[Config, float], Config],
     method: Method,
     progress: Callable[[int, int], None] | None,
 ) -> list[ReferenceMap]:
@@ -169,7 +166,7 @@ def _solve_layers(
     solved = [solve_case(config, case, method, part(0))]
     for index, value in enumerate(values, start=1):
         try:
-            solved.append(solve_case(change(config, value), case, method, part(index)))
+            solved.append(solve_case(changed(config, stack, value), case, method, part(index)))
         except CodegenError as error:
             remedy = f"{error.remedy}, or leave this {stack.one} out"
             raise type(error)(error.what, where=f"{stack.one} {value:g}: {error.where}", remedy=remedy) from error
@@ -231,19 +228,27 @@ def moving_accelerations(acceleration: Sequence[float]) -> tuple[float, ...]:
     return tuple(value for value in rising if value != 0.0)
 
 
-def roads(config: Config, frictions: Sequence[float]) -> list[Config]:
-    """Return the configuration for each friction; the last is its own. Raises ConfigError: see `on_road`."""
-    return [*(on_road(config, friction) for friction in frictions[:-1]), config]
-
-
 def layer_configs(reference_map: ReferenceMap, config: Config) -> tuple[Config, ...]:
-    """The configuration of each layer: its own, or for a map that brings none the car of `config` on the layer's road.
+    """The configuration of each layer: its own, or for a map that brings none the car of `config` as the layer has it.
 
     Raises:
         MapError: a layer is not below the friction of `config`.
-        ConfigError: see `on_road`.
+        ConfigError: see `on_road` and `under_acceleration`.
     """
     chosen = reference_map.config or config
-    friction = np.array([layer.friction for layer in reference_map.layers], dtype=np.float64)
-    tables.check_below_design(friction, chosen.road.friction, "the map")
-    return tuple(on_road(chosen, layer.friction) for layer in reference_map.layers)
+    if reference_map.stack is None:
+        return ()
+    stack, layers = reference_map.stack
+    if stack is tables.FRICTION:
+        values = np.array([value for value, _ in layers], dtype=np.float64)
+        tables.check_below_design(values, chosen.road.friction, "the map")
+    return tuple(changed(chosen, stack, value) for value, _ in layers)
+
+
+def stack_of(reference_map: ReferenceMap, config: Config) -> tuple[tuple[float, ReferenceMap, Config], ...]:
+    """Return value, map and configuration of each layer, rising, and of the map itself. Raises: see `layer_configs`."""
+    chosen = reference_map.config or config
+    stack, layers = reference_map.stack or (tables.FRICTION, ())
+    of_layers = zip(layers, layer_configs(reference_map, config), strict=True)
+    own = (own_value(chosen, stack), reference_map, chosen)
+    return tuple(sorted([*((*layer, of) for layer, of in of_layers), own], key=lambda one: one[0]))

@@ -25,7 +25,7 @@ from codegen.configuration.population import draw
 from codegen.configuration.tightening import FRACTION_MIN, SHARE_MAX, SHARE_MIN
 from codegen.errors import ConfigError, MapError
 from codegen.map_file.bounds import BOUNDS
-from codegen.map_file.map import ReferenceMap, with_config
+from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.optimum.turns import turns_of
 
@@ -165,7 +165,7 @@ def solve_uncertain(config: Config, case: str, share: float, progress: Progress 
         )
     factor, tightest, lost = found
     record = {"share": share, "cars": count, "lost": lost, "seed": SEED}
-    return UncertainMap(with_config(tightest, _tightened(whole, factor * spread, record)), nominal, lost_by_nominal)
+    return UncertainMap(tightest.with_config(_tightened(whole, factor * spread, record)), nominal, lost_by_nominal)
 
 
 def _widest(

@@ -24,9 +24,10 @@ MARKED_POINTS_MAX = 32
 
 @dataclass(frozen=True)
 class ValueChange:
-    """A value in both sets."""
+    """A value in both sets, in its unit."""
 
     name: str
+    unit: str
     first: float
     second: float
 
@@ -75,7 +76,7 @@ def calibration_figure(
         figure = new_figure(MAPS_SIZE[0], sum(heights))
         parts = iter(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0])
         if values:
-            _draw_values(next(parts).subplots(), values)
+            _draw_values(next(parts).subplots(), values, names)
         if curves:
             part = next(parts)
             panels = part.subplots(rows, min(len(curves), COLUMNS), squeeze=False).ravel()
@@ -91,14 +92,14 @@ def calibration_figure(
     return figure
 
 
-def _draw_values(axes: Axes, values: Sequence[ValueChange]) -> None:
+def _draw_values(axes: Axes, values: Sequence[ValueChange], names: tuple[str, str]) -> None:
     places = range(len(values))
     axes.barh(places, [each.percent for each in values], color=BLUE, height=0.6)
-    axes.set_yticks(places, [f"{each.name}: {each.first:.4g} → {each.second:.4g}" for each in values])
+    axes.set_yticks(places, [f"{each.name}: {each.first:.4g} → {each.second:.4g} {each.unit}".rstrip() for each in values])
     axes.invert_yaxis()
     axes.axvline(0.0, color=GREY, linewidth=0.7)
-    axes.set_xlabel("change (% of the larger)")
-    axes.set_title("Values, first to second")
+    axes.set_xlabel("change (% of the larger magnitude)")
+    axes.set_title(f"Values, first ({plain(names[0])}) to second ({plain(names[1])})")
 
 
 def _draw_curve(axes: Axes, curve: CurveChange) -> None:

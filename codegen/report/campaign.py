@@ -89,8 +89,11 @@ def sections(summary: Summary) -> Iterator[tuple[str, str]]:
 
 
 def factors_of(row: Mapping[str, float]) -> str:
-    """Describe the factors of a run besides speed, steering and road: "mass +12.3 %, delay 2 samples" from its row."""
-    told = []
+    """Describe the factors of a run besides speed, steering and road: "mass +12.3 %, delay 2 samples" from its row.
+
+    The keys of a measured car, which have a dot, are not listed.
+    """
+    told = ["drawn car"] if any("." in key for key in row) else []
     for key in FACTORS:
         if key in row and key not in DRIVEN and key not in IN_TITLE:
             name, unit = next((key.removesuffix(f"_{ending}"), unit) for ending, unit in UNITS if key.endswith(f"_{ending}"))

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from codegen import configuration
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
+from codegen.configuration.can import Can
 from codegen.configuration.signals import CARRIED, RECORDED
 from codegen.emit.casadi_c import staged_body
 from codegen.emit.folder import read_files, verify_hashes
@@ -49,8 +50,8 @@ _UNRECORDED = ("position_x", "position_y", "heading")
 _SOURCES = {each.source for each in RECORDED}
 
 
-def batch_sources(config: Config, prefix: str, precision: Precision) -> dict[str, bytes]:
-    """Return the C files of the batch for a controller of this prefix and precision.
+def batch_sources(config: Config, prefix: str, precision: Precision, can: Can) -> dict[str, bytes]:
+    """Return the C files of the batch for a controller of this prefix and precision, with the signals of its `can`.
 
     The configuration only decides whether the tyres have a relaxation length; the car of each run is data.
     """
@@ -60,6 +61,7 @@ def batch_sources(config: Config, prefix: str, precision: Precision) -> dict[str
         "real": c_type(precision),
         "zero": literal(0.0, precision),
         "carried": CARRIED,
+        "takes_acceleration": any(signal.is_extra for signal in can.measured),
         "recorded": RECORDED,
         "batch": {"lanes": LANES, "columns": RECORD_COLUMNS, "parameters": model.parameters},
         "plant": _plant_view(model),
@@ -197,7 +199,7 @@ class BatchSoftware:
         """Simulate all runs in this thread, with the interpreter lock released.
 
         Args:
-            profile: (samples * steps_per_sample, 6), columns INPUT_COLUMNS: the scenario that all runs share. Speed above zero.
+            profile: (samples * steps_per_sample, 7), columns INPUT_COLUMNS: the scenario that all runs share. Speed above zero.
             lanes: values that differ between the runs.
             parameters: controller parameters from `parameters`; None uses the build's.
             columns: subset of RECORD_COLUMNS to compute and store.
@@ -319,13 +321,14 @@ def compile_batch(
     Raises:
         BuildError: as `load_batch`.
     """
-    config = config or configuration.parse(manifest["configuration"], "manifest.json: configuration")
+    built_for = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+    config = config or built_for
     prefix, precision = manifest["options"]["prefix"], manifest["options"]["precision"]
     # The ECU's vehicle model is not used here. `is_vectorised` would reject its scalar calls.
     left_out = {f"include/{prefix}_dynamics.h", f"src/{prefix}_dynamics.c"}
     taken = {path: content for path, content in files.items() if path.startswith(("include/", "src/")) and path not in left_out}
     public = [path for path in taken if path.startswith("include/") and path != f"include/{prefix}_sections.h"]
-    sources = {**taken, **batch_sources(config, prefix, precision)}
+    sources = {**taken, **batch_sources(config, prefix, precision, built_for.can)}
     if isa is not None:
         _require(isa)
     for level in ISAS[ISAS.index(best_isa()) :] if isa is None else (isa,):

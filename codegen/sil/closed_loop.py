@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 
 from codegen.arrays import FloatArray
-from codegen.configuration.signals import MEASURED, RECORDED, SignalDefinition
+from codegen.configuration.signals import RECORDED, SignalDefinition
 from codegen.sil.software import RECORD_COLUMNS, Software
 
-INPUT_COLUMNS = ("speed", "steering_wheel_command", "friction", "friction_estimate", "yaw_moment", "inhibit")
+INPUT_COLUMNS = (
+    *("speed", "steering_wheel_command", "friction", "friction_estimate", "yaw_moment", "inhibit"),
+    "longitudinal_acceleration",
+)
 """Columns of a scenario with one row for each plant step: m/s, rad, -, - (NaN: no estimate), N m, 0 or 1."""
 
 
@@ -71,7 +74,7 @@ class ClosedLoop:
         """Run the loop entirely in C.
 
         Args:
-            inputs: (samples * steps_per_sample, 6), columns INPUT_COLUMNS.
+            inputs: (samples * steps_per_sample, 7), columns INPUT_COLUMNS.
 
         Returns:
             (samples, columns), RECORD_COLUMNS.
@@ -89,12 +92,15 @@ class ClosedLoop:
         )
         return record
 
-    def run_stepped(self, inputs: FloatArray, driver: Driver | None = None) -> FloatArray:
+    def run_stepped(
+        self, inputs: FloatArray, driver: Driver | None = None, rear_angle_commands: FloatArray | None = None
+    ) -> FloatArray:
         """Run the loop in Python, which calls controller and plant step by step. The results equal those of `run`.
 
         Args:
             inputs: as for `run`.
             driver: sets the steering wheel in each sample and replaces its column of the inputs.
+            rear_angle_commands: (samples,) rad, instead of the controller's command; not for the passive car.
         """
         inputs, samples = self._checked(inputs)
         ffi, lib, software = self._software.ffi, self._lib, self._software
@@ -106,7 +112,7 @@ class ClosedLoop:
         rows = []
         for sample in range(samples):
             steps = inputs[sample * self.steps_per_sample : (sample + 1) * self.steps_per_sample]
-            speed, wheel, friction, _, moment, _ = (float(value) for value in steps[0])
+            speed, wheel, friction, _, moment, _, _ = (float(value) for value in steps[0])
             plant_input[0] = (speed, wheel, 0.0, friction, moment)
             lib.plant_output(plant, plant_input, output)
             if driver is not None:
@@ -115,10 +121,12 @@ class ClosedLoop:
             rear_angle, reference, status = 0.0, 0.0, 2
             if setup.controlled:
                 scenario = dict(zip(INPUT_COLUMNS, steps[0].tolist(), strict=True))
-                for signal in MEASURED:
+                for signal in software.measured:
                     setattr(measurement, signal.role, _value(signal, scenario, plant, output))
                 command = software.function("controller_step")(controller, self._parameters, measurement)
                 rear_angle, reference, status = command.rear_angle, command.yaw_rate_reference, command.status
+                if rear_angle_commands is not None:
+                    rear_angle = float(rear_angle_commands[sample])
             rows.append(
                 (
                     *(sample * self.sampling_time, speed, output.front_angle, plant.yaw_rate, reference),
@@ -129,7 +137,7 @@ class ClosedLoop:
             )
             waiting.append(rear_angle)
             acting = waiting.pop(0)
-            for speed, wheel, friction, _, moment, _ in steps:
+            for speed, wheel, friction, _, moment, _, _ in steps:
                 plant_input[0] = (speed, wheel, acting, friction, moment)
                 lib.plant_step(plant, plant_input, setup.plant_step)
         for index, command in enumerate(waiting):

@@ -9,7 +9,8 @@ import enum
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ import numpy.typing as npt
 
 from codegen import configuration
 from codegen.configuration import Config
-from codegen.configuration.signals import MEASURED, RECORDED
+from codegen.configuration.signals import MEASURED, RECORDED, SignalDefinition
 from codegen.configuration.signals import Measurement as Measurement
 from codegen.emit.can_view import task_name, task_view
 from codegen.emit.folder import read_files, verify_hashes
@@ -102,6 +103,17 @@ class Software:
         """NumPy type of the controller's numbers."""
         return numpy_type(self.precision)
 
+    @cached_property
+    def measured(self) -> tuple[SignalDefinition, ...]:
+        """Signals from the car in the struct of a measurement."""
+        names = {name for name, _ in self.ffi.typeof(f"{self.prefix}_measurement_t").fields}
+        return tuple(signal for signal in MEASURED if signal.role in names)
+
+    def fill(self, struct: Any, measurement: Measurement) -> None:
+        """Fill a measurement struct of the C."""
+        for signal in self.measured:
+            setattr(struct, signal.role, getattr(measurement, signal.role))
+
     def selftest(self) -> bool:
         """Run the generated self-test."""
         return bool(self.function("selftest")())
@@ -122,10 +134,15 @@ class Software:
         return parameters
 
     def map_yaw_rate(
-        self, speed: npt.ArrayLike, front_angle: npt.ArrayLike, friction: npt.ArrayLike = math.nan
+        self,
+        speed: npt.ArrayLike,
+        front_angle: npt.ArrayLike,
+        friction: npt.ArrayLike = math.nan,
+        acceleration: npt.ArrayLike = 0.0,
     ) -> npt.NDArray[Any]:
-        """Look up the yaw rate (rad/s) in C for broadcast arrays of m/s, rad and friction (NaN: the map's friction)."""
-        arrays = np.broadcast_arrays(*(np.asarray(values, dtype=self.real) for values in (speed, front_angle, friction)))
+        """Look up the yaw rate (rad/s) in C for broadcast arrays of m/s, rad, friction (NaN: the map's friction) and m/s^2."""
+        given = (speed, front_angle, friction, acceleration)
+        arrays = np.broadcast_arrays(*(np.asarray(values, dtype=self.real) for values in given))
         flat = [np.ascontiguousarray(array).ravel() for array in arrays]
         result = np.empty(flat[0].size, dtype=self.real)
         pointer = f"{c_type(self.precision)} *"
@@ -164,8 +181,7 @@ class Controller:
 
     def step(self, measurement: Measurement) -> Command:
         """Run one sample."""
-        for field in fields(measurement):
-            setattr(self._measurement, field.name, getattr(measurement, field.name))
+        self._software.fill(self._measurement, measurement)
         command = self._step(self.state, self.parameters, self._measurement)
         return Command(command.rear_angle, command.yaw_rate_reference, Status(command.status))
 
@@ -175,8 +191,7 @@ class Controller:
         samples = ffi.new(f"{prefix}_measurement_t[]", len(measurements))
         commands = ffi.new(f"{prefix}_command_t[]", len(measurements))
         for sample, measurement in zip(samples, measurements, strict=True):
-            for field in fields(measurement):
-                setattr(sample, field.name, getattr(measurement, field.name))
+            self._software.fill(sample, measurement)
         self._software.compiled.lib.loop_controller(self.state, self.parameters, samples, commands, len(measurements))
         return [Command(command.rear_angle, command.yaw_rate_reference, Status(command.status)) for command in commands]
 
@@ -220,21 +235,28 @@ def compile_build(
     built_for = configuration.parse(manifest["configuration"], "manifest.json: configuration")
     prefix, precision = manifest["options"]["prefix"], manifest["options"]["precision"]
     sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
-    sources.update(bench_sources(config or built_for, prefix, precision))
+    sources.update(bench_sources(config or built_for, prefix, precision, built_for.can.measured))
     public = [path for path in sources if path.startswith("include/") and path != f"include/{prefix}_sections.h"]
     headers = [*public, "bench/plant.h", "bench/loop.h"]
     library = compile_library(f"{prefix}_sil", sources, headers, include_folders=("include", "bench"), flags=flags, mode=mode)
     return Software(library, prefix, precision, config or built_for, edited)
 
 
-def bench_sources(config: Config, prefix: str, precision: Precision) -> dict[str, bytes]:
-    """Return the C of the plant and of the closed loop around a controller of this prefix and precision."""
+def bench_sources(
+    config: Config, prefix: str, precision: Precision, measured: Sequence[SignalDefinition] | None = None
+) -> dict[str, bytes]:
+    """Return the C of the plant and of the closed loop around a controller of this prefix and precision.
+
+    `measured` are the signals of its measurement, by default those of the configuration.
+    """
+    measured = config.can.measured if measured is None else measured
     context = {
         "build": {"prefix": prefix, "PREFIX": prefix.upper()},
         "real": c_type(precision),
         "zero": literal(0.0, precision),
         "loop": {"columns": RECORD_COLUMNS},
-        "measured": MEASURED,
+        "measured": measured,
+        "takes_acceleration": any(signal.is_extra for signal in measured),
         "recorded": RECORDED,
         "task": task_view(config),
     }

@@ -17,7 +17,7 @@ from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.sil.vector import best_isa, machine_runs
 from codegen.sweep import lanes
-from codegen.sweep.lanes import Profile, draw
+from codegen.sweep.lanes import Drawn, Profile
 from codegen.sweep.metrics import COLUMNS, Figures, Runs, figures
 from codegen.sweep.plan import Controller, Plan, RunKey
 from codegen.sweep.spec import MAX_CONTROLLERS
@@ -29,7 +29,7 @@ Table = dict[str, npt.NDArray[Any]]
 """Column name -> values, one row for each run, by run number."""
 
 DRIVEN = ("speed_km_h", "steering_wheel_angle_deg", "friction", "friction_estimate")
-MASS = PLANT_PARAMETERS.index("mass")
+MASS, STEERING_RATIO = (PLANT_PARAMETERS.index(name) for name in ("mass", "steering_ratio"))
 
 _LOCK = threading.Lock()
 _COMPILED: dict[tuple[str, str, str], BatchSoftware] = {}
@@ -80,11 +80,11 @@ def run_chunk(plan: Plan, chunk: int) -> Table:
         CodegenError: the car cannot do a scenario at a drawn speed, or the C does not compile.
     """
     samples = plan.samples_of(chunk)
-    factors = draw(plan.spec, samples)
+    drawn = _draw(plan, samples)
     tables = []
     for place, profile in enumerate(plan.profiles):
-        driven = lanes.conditions(plan.config, profile, factors, len(samples))
-        every = lanes.lanes(plan.spec, samples, place, profile, plan.config, factors, driven)
+        driven = lanes.conditions(plan.config, profile, drawn.factors, len(samples))
+        every = lanes.lanes(plan.spec, samples, place, profile, plan.config, drawn, driven)
         for index, controller in enumerate(plan.controllers):
             batch = replace(every, controlled=controller.controlled)
             record = software(plan, controller).run(profile.inputs, batch, columns=COLUMNS)
@@ -95,11 +95,16 @@ def run_chunk(plan: Plan, chunk: int) -> Table:
                     "sample": np.arange(samples.start, samples.stop),
                     "scenario": np.full(len(samples), place),
                     "controller": np.full(len(samples), index),
-                    **_varied(factors, driven),
+                    **_varied(drawn.factors, driven),
                     **_figures(plan, profile, record, batch, _map_yaw_rate(plan, controller, driven, record)),
                 }
             )
     return _joined(tables)
+
+
+def _draw(plan: Plan, samples: range) -> Drawn:
+    population = None if plan.measured is None else plan.measured.population
+    return lanes.draw_samples(plan.spec, samples, plan.config, population)
 
 
 def _varied(factors: Mapping[str, FloatArray], driven: lanes.Conditions) -> Table:
@@ -120,7 +125,7 @@ def _figures(plan: Plan, profile: Profile, record: FloatArray, batch: Lanes, map
         time=np.arange(record.shape[1], dtype=np.float64) * plan.config.controller.sampling_time_s,
         signals=dict(zip(COLUMNS, record, strict=True)),
         steer_time=profile.steer_time,
-        steering_ratio=plan.config.steering.ratio,
+        steering_ratio=batch.cars[:, STEERING_RATIO],
         mass=batch.cars[:, MASS],
         slip_bounds=slip_bounds(plan.config),
         map_yaw_rate=map_yaw_rate,
@@ -163,10 +168,10 @@ def replay(plan: Plan, run: int) -> Replayed:
     key = plan.key(run)
     samples = plan.samples_of(key.sample // plan.samples_per_chunk)
     at = key.sample - samples.start
-    factors = draw(plan.spec, samples)
+    drawn = _draw(plan, samples)
     profile, own = plan.profiles[key.scenario], plan.controllers[key.controller]
-    driven = lanes.conditions(plan.config, profile, factors, len(samples))
-    every = lanes.lanes(plan.spec, samples, key.scenario, profile, plan.config, factors, driven)
+    driven = lanes.conditions(plan.config, profile, drawn.factors, len(samples))
+    every = lanes.lanes(plan.spec, samples, key.scenario, profile, plan.config, drawn, driven)
     # Two runs, because NumPy sums a single column in another order than one of several.
     alone_at = [at, (at + 1) % len(samples)] if len(samples) > 1 else [at]
     alone = lanes.only(every, alone_at)
@@ -181,7 +186,7 @@ def replay(plan: Plan, run: int) -> Replayed:
             of_map = _map_yaw_rate(plan, controller, both, record[places])
             figures_of_run = _figures(plan, profile, record[places], batch, of_map)
     row = {"run": float(run), "sample": float(key.sample)}
-    row |= {name: float(values[at]) for name, values in _varied(factors, driven).items()}
+    row |= {name: float(values[at]) for name, values in _varied(drawn.factors, driven).items()}
     row |= {name: float(values[0]) for name, values in figures_of_run.items()}
     return Replayed(key, own.name, records, {name: value for name, value in row.items() if not np.isnan(value)}, profile)
 

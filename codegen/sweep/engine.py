@@ -19,7 +19,8 @@ from typing import Any, Protocol
 from codegen.errors import BuildError, CheckFailed, CodegenError
 from codegen.sweep import store
 from codegen.sweep.chunk import Work, software
-from codegen.sweep.plan import Plan, versions
+from codegen.sweep.plan import Plan
+from codegen.sweep.versions import versions
 
 ADDRESS, PORT_MAX = re.compile(r"[a-z]+://[^\s/]+:(?P<port>\d{1,9})\Z"), 65_535
 AHEAD = 2

@@ -1,8 +1,9 @@
 """Samples of a campaign (cars and roads), and their factors as inputs of the batch.
 
-A sample depends only on the spec and its number, so each can be drawn alone. It is the same for all controllers and scenarios.
-Factors change only what they name. A change of the tyre peak keeps the slope at zero slip, as in `hil_sim.suite.cells`.
-All runs share the input profile of a scenario; each run scales its speed and steering amplitude.
+The car of a sample is the configured one, or one that the uncertainty of a measured car leaves possible. A sample depends only
+on the spec and its number, so each can be drawn alone. It is the same for all controllers and scenarios. Factors change only
+what they name. A change of the tyre peak keeps the slope at zero slip, as in `hil_sim.suite.cells`. All runs share the input
+profile of a scenario; each run scales its speed and steering amplitude.
 """
 
 from __future__ import annotations
@@ -16,18 +17,25 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
+from codegen.configuration.population import Population
 from codegen.errors import CodegenError, ConfigError
 from codegen.sil.batch import Lanes
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sweep.spec import FACTORS, NOISE, Spec, Values
 from codegen.units import KM_H
-from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
+from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters, varied_cars
 from hil_sim.scenarios import Kind, Scenario
+
+Factors = Mapping[str, FloatArray]
+
+MASS_KEY = "vehicle.mass_kg"
+DELAY_KEY = "plant.command_delay_samples"
+"""Key of a measured car that is no parameter of the plant but an input of the batch."""
 
 BLOCK = 1024
 """Samples that share a random stream of a factor. Creating one stream for each sample would take longer than drawing."""
-_NOISE_STREAM = 1_000_000
-"""First stream number for noise; the stream number of a factor is its index in FACTORS."""
+_NOISE_STREAM, _CAR_STREAM = 1_000_000, 2_000_000
+"""First stream number for noise, and that of a measured car; the stream number of a factor is its index in FACTORS."""
 
 
 def draw(spec: Spec, samples: range) -> dict[str, FloatArray]:
@@ -54,6 +62,36 @@ def noise(spec: Spec, samples: range, scenario: int, steps: int) -> FloatArray:
     for row, sample in zip(found, samples, strict=True):
         _stream(spec, sample, _NOISE_STREAM + scenario).standard_normal(out=row)
     return np.ascontiguousarray(np.moveaxis(found, 0, -1))
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Samples: the values of what varies, and their cars.
+
+    Attributes:
+        factors: factor, or key of a measured car -> values (n,), in the unit of its name.
+        cars: (n, k), rows of PLANT_PARAMETERS.
+    """
+
+    factors: Factors
+    cars: FloatArray
+
+
+def draw_samples(spec: Spec, samples: range, config: Config, population: Population | None = None) -> Drawn:
+    """Return the samples of a campaign around the configured car, or around cars of a population.
+
+    A car of the population depends only on the sample's number, the seed and the population.
+
+    Raises:
+        ConfigError: hardly any car of the population is possible; see also `cars`.
+    """
+    factors, count = draw(spec, samples), len(samples)
+    if population is None:
+        return Drawn(factors, cars(config, factors, count))
+    measured = [population.possible_car(_stream(spec, sample, _CAR_STREAM)) for sample in samples]
+    values = np.array([population.values(car) for car in measured]).T
+    factors |= dict(zip(population.keys, values, strict=True))
+    return Drawn(factors, cars(config, factors, count, np.array([plant_parameters(car) for car in measured])))
 
 
 def _stream(spec: Spec, block: int, number: int) -> np.random.Generator:
@@ -108,7 +146,7 @@ class Profile:
 
     Attributes:
         scenario: the scenario.
-        inputs: (steps, 6), columns INPUT_COLUMNS, at the scenario's own speed and REFERENCE_ANGLE_DEG.
+        inputs: (steps, 7), columns INPUT_COLUMNS, at the scenario's own speed and REFERENCE_ANGLE_DEG.
         steer_time: start of steering in `inputs`, in s.
         speed: in m/s.
         friction: road friction of the scenario.
@@ -196,8 +234,6 @@ def profile_of(scenario: Scenario, config: Config, lead: float, length: float | 
     )
 
 
-Factors = Mapping[str, FloatArray]
-
 FRICTION_ESTIMATE_MIN = 0.02
 """Lower bound of the friction estimate after its error is added."""
 
@@ -212,8 +248,12 @@ class Conditions:
     friction_estimate: FloatArray
 
 
-def cars(config: Config, factors: Factors, count: int) -> FloatArray:
-    """Return rows (count, k) of PLANT_PARAMETERS. Raises ConfigError if a centre of gravity comes too near an axle."""
+def cars(config: Config, factors: Factors, count: int, base: FloatArray | None = None) -> FloatArray:
+    """Return rows (count, k) of PLANT_PARAMETERS: the configured car, or cars `base` (count, k), changed by factors.
+
+    Raises:
+        ConfigError: a centre of gravity comes too near an axle.
+    """
 
     def factor(key: str) -> FloatArray:
         return 1.0 + _of(factors, key, count) / 100.0
@@ -234,6 +274,7 @@ def cars(config: Config, factors: Factors, count: int) -> FloatArray:
         tyre_peak=factor("tyre_peak_percent"),
         front_stiffness=factor("front_stiffness_percent"),
         rear_stiffness=factor("rear_stiffness_percent"),
+        base=base,
     )
     if "rear_lag_s" in factors:
         table[:, PLANT_PARAMETERS.index("rear_lag")] = factors["rear_lag_s"]
@@ -259,19 +300,20 @@ def lanes(
     scenario: int,
     profile: Profile,
     config: Config,
-    factors: Factors,
+    drawn: Drawn,
     driven: Conditions,
 ) -> Lanes:
     """Return batch inputs for sample numbers in one scenario (index in the spec), for any controller."""
-    count = driven.speed_km_h.size
+    factors, count = drawn.factors, driven.speed_km_h.size
+    delay = factors.get(DELAY_KEY, _of(factors, "delay_samples", count))
     period = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
     return Lanes(
-        cars=cars(config, factors, count),
+        cars=drawn.cars,
         speed_factor=driven.speed_km_h * KM_H / profile.speed,
         wheel_factor=driven.steering_wheel_angle_deg / REFERENCE_ANGLE_DEG,
         friction=driven.friction,
         friction_estimate=driven.friction_estimate,
-        delay_samples=np.round(_of(factors, "delay_samples", count)).astype(np.int64),
+        delay_samples=np.round(delay).astype(np.int64),
         noise=_noise(spec, samples, scenario, profile.inputs.shape[0] // period, factors),
     )
 

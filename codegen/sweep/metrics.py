@@ -42,7 +42,7 @@ class Runs:
         time: (samples,) s.
         signals: column of COLUMNS -> (samples, n), SI.
         steer_time: s, start of steering.
-        steering_ratio: ratio of steering wheel to road wheel.
+        steering_ratio: (n,) ratio of steering wheel to road wheel.
         mass: (n,) kg.
         slip_bounds: rad, of front and rear axle of the configured car; None for tyres without bounds.
         map_yaw_rate: (n,) rad/s, the map's steady yaw rate at the end of the run; None if unknown.
@@ -51,7 +51,7 @@ class Runs:
     time: FloatArray
     signals: Mapping[str, FloatArray]
     steer_time: float
-    steering_ratio: float
+    steering_ratio: FloatArray
     mass: FloatArray
     slip_bounds: tuple[float, float] | None = None
     map_yaw_rate: FloatArray | None = None

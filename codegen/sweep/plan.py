@@ -8,36 +8,28 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from codegen import __version__, configuration
+from codegen import configuration
 from codegen.configuration import Config
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, ConfigError, suggestion, within
+from codegen.map_file.map import ReferenceMap
 from codegen.sil.batch import Isa, best_isa
+from codegen.sweep import measured
 from codegen.sweep import spec as specification
 from codegen.sweep.lanes import Profile, cars, profile_of
+from codegen.sweep.measured import MeasuredCar
 from codegen.sweep.metrics import MEASURES
-from codegen.sweep.spec import Spec
+from codegen.sweep.spec import PASSIVE, Spec
 from codegen.units import KM_H
 from hil_sim.scenarios import SCENARIOS, Scenario, find
-
-PACKAGES = ("numpy", "scipy", "casadi")
-
-
-@cache
-def versions() -> dict[str, str]:
-    """Return name -> version of this package and of PACKAGES."""
-    return {"codegen": __version__, **{name: version(name) for name in PACKAGES}}
-
 
 RUNS_PER_CHUNK_MAX = 512
 """Approximate runs in a chunk: enough to hide the interpreter's overhead, few enough to repeat after an interruption."""
@@ -62,6 +54,7 @@ class Controller:
         controlled: False for the passive car.
         folder: build folder, for messages.
         edited: files of the build that were changed after generation.
+        own_map: the map of a controller that was made for a measured car.
     """
 
     name: str
@@ -71,6 +64,7 @@ class Controller:
     controlled: bool = True
     folder: str = ""
     edited: tuple[str, ...] = ()
+    own_map: ReferenceMap | None = None
 
 
 @dataclass(frozen=True)
@@ -88,9 +82,12 @@ class Plan:
 
     Attributes:
         spec: the specification of the campaign.
-        config: configuration of the first controller's build, which defines car and bench.
+        config: configuration that defines car and bench: that of the first controller's build, or of the measured car.
         controllers, profiles: in the order of the spec.
         isa: vector instructions of the batch.
+        measured: the car whose uncertainty gives the car of each sample; None if all samples are the configured car with
+            factors. It then replaces the car of `config`.
+        notes: remarks for the user.
     """
 
     spec: Spec
@@ -98,6 +95,8 @@ class Plan:
     controllers: tuple[Controller, ...]
     profiles: tuple[Profile, ...]
     isa: Isa
+    measured: MeasuredCar | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def samples_per_chunk(self) -> int:
@@ -134,6 +133,7 @@ class Plan:
         """Return all inputs of the results, for JSON. Builds and scenarios are identified by digest, not by path."""
         return {
             "spec": self.spec.model_dump(mode="json", exclude_none=True, exclude={"controllers", "scenarios"}),
+            **({} if self.measured is None else {"measured_car": self.measured.digest}),
             "controllers": {controller.name: controller.digest for controller in self.controllers},
             "scenarios": {profile.name: profile.digest for profile in self.profiles},
             "isa": self.isa,
@@ -142,64 +142,118 @@ class Plan:
         }
 
 
-def read(path: Path, isa: Isa | None = None) -> Plan:
+def read(
+    path: Path | None,
+    isa: Isa | None = None,
+    measured_path: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Plan:
     """Read the plan of a `sweep.toml`; build paths are relative to its folder.
 
+    Args:
+        path: `sweep.toml`; None: the default campaign of a measured car.
+        isa: vector instructions; None: the best of this machine.
+        measured_path: file that `codegen identify` wrote, whose uncertainty gives the cars. Without controllers in the spec,
+            its own one is made, beside the passive car.
+        progress: called with (done, in all) while that controller is made.
+
     Raises:
-        CodegenError: the spec, a build or a scenario cannot be used.
+        CodegenError: the spec, a build, a scenario or the measured car cannot be used.
     """
-    spec = specification.load(path)
+    car = None if measured_path is None else measured.load(measured_path)
+    tables = dict(measured.SPEC) if path is None else specification.read_tables(path)
+    place = path or measured_path
+    assert place is not None  # the command requires one of them
+    own: dict[str, Controller] = {}
+    if car is not None and "controllers" not in tables:
+        own = {car.config.controller.kind: _own(car, progress)}
+        tables["controllers"] = {name: controller.folder for name, controller in own.items()} | {PASSIVE: ""}
+    spec = specification.parse(tables, place)
+    builds = own or _builds(spec, place)
+    first = next(iter(builds.values()))
+    config, notes = configuration.parse(first.manifest["configuration"], f"{first.name}: manifest.json: configuration"), []
+    if car is not None:
+        car.check_spec(spec, place)
+        config = car.config
+        notes = [f"{key} cannot vary within a campaign; it keeps its value" for key in car.held]
+        notes += [_TOO_WIDE for controller in own.values() if not controller.manifest["configuration"].get("identified")]
+    for controller in builds.values():
+        notes += _check_car(config, controller, place, car)
+    controllers = tuple(
+        builds.get(name) or Controller(name, first.files, first.manifest, first.digest, controlled=False)
+        for name in spec.controllers
+    )
+    profiles = tuple(_profile(spec, name, config, place) for name in spec.scenarios)
+    names = [profile.name for profile in profiles]
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ConfigError(
+            f"two of them are called {twice!r}", where=f"{place}: scenarios", remedy="give one another name in its file"
+        )
+    if "cg_shift_m" in spec.factors:
+        with within(place):
+            cars(config, {"cg_shift_m": np.array(spec.factors["cg_shift_m"].extremes)}, 2)  # rejects shifts beyond an axle
+    return Plan(spec, config, controllers, profiles, best_isa() if isa is None else isa, car, tuple(notes))
+
+
+_TOO_WIDE = (
+    "no gains keep their margins for the family of [identified]; the controller is tuned for that of [tuning]. Drive with more "
+    "excitation"
+)
+
+
+def _own(car: MeasuredCar, progress: Callable[[int, int], None] | None) -> Controller:
+    """Return the controller of the measured car's own map."""
+    reference_map = measured.solve_map(car, progress)
+    files, manifest = measured.code_of(reference_map)
+    name = f"the map of {car.name}, case {reference_map.case}"
+    return Controller(car.config.controller.kind, files, manifest, _digest(manifest, files), folder=name, own_map=reference_map)
+
+
+def _builds(spec: Spec, path: Path) -> dict[str, Controller]:
     builds = {}
     for name, folder in spec.controllers.items():
         if folder:
             with within(f"{path}: controllers.{name}"):
                 builds[name] = _build(name, path, folder)
-    first = next(iter(builds.values()))
-    config = configuration.parse(first.manifest["configuration"], f"{first.name}: manifest.json: configuration")
-    for controller in builds.values():
-        _check_same_car(config, controller, path)
-    controllers = tuple(
-        builds.get(name) or Controller(name, first.files, first.manifest, first.digest, controlled=False)
-        for name in spec.controllers
-    )
-    profiles = tuple(_profile(spec, name, config, path) for name in spec.scenarios)
-    names = [profile.name for profile in profiles]
-    if len(set(names)) != len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ConfigError(
-            f"two of them are called {twice!r}", where=f"{path}: scenarios", remedy="give one another name in its file"
-        )
-    if "cg_shift_m" in spec.factors:
-        with within(path):
-            cars(config, {"cg_shift_m": np.array(spec.factors["cg_shift_m"].extremes)}, 2)  # rejects shifts beyond an axle
-    return Plan(spec, config, controllers, profiles, best_isa() if isa is None else isa)
+    return builds
 
 
 def _build(name: str, path: Path, folder: str) -> Controller:
     place = path.parent / folder
     manifest = read_build(place)
     files = read_files(place, manifest, ("include/", "src/"))
+    return Controller(name, files, manifest, _digest(manifest, files), folder=str(place), edited=tuple(verify_hashes(place)))
+
+
+def _digest(manifest: Mapping[str, Any], files: Mapping[str, bytes]) -> str:
     digest = hashlib.sha256(json.dumps(manifest["configuration"], sort_keys=True).encode())
     for file in sorted(files):
         digest.update(file.encode() + b"\0" + files[file] + b"\0")
-    return Controller(name, files, manifest, digest.hexdigest(), folder=str(place), edited=tuple(verify_hashes(place)))
+    return digest.hexdigest()
 
 
-def _check_same_car(config: Config, controller: Controller, path: Path) -> None:
+def _check_car(config: Config, controller: Controller, path: Path, car: MeasuredCar | None) -> list[str]:
+    """Check that a build suits the campaign's car. Return notes: with a measured car, the build may be another car's."""
     own = configuration.parse(controller.manifest["configuration"], f"{controller.name}: manifest.json: configuration")
-    for table in ("vehicle", "tyre", "road", "steering"):
-        if getattr(own, table) != getattr(config, table):
-            raise ConfigError(
-                f"its build has another [{table}] than that of the first controller",
-                where=f"{path}: controllers.{controller.name}",
-                remedy="build both for one car, or use two campaigns",
-            )
+    reference = "the first controller" if car is None else car.name
     if own.controller.sampling_time_s != config.controller.sampling_time_s:
         raise ConfigError(
-            "its build has another controller.sampling_time_s than that of the first controller",
+            f"its build has another controller.sampling_time_s than that of {reference}",
             where=f"{path}: controllers.{controller.name}",
             remedy="build both with one sampling time",
         )
+    for table in ("vehicle", "tyre", "road", "steering"):
+        if getattr(own, table) == getattr(config, table):
+            continue
+        if car is not None:
+            return [f"controllers.{controller.name} is built for another [{table}] than that of {car.name}"]
+        raise ConfigError(
+            f"its build has another [{table}] than that of the first controller",
+            where=f"{path}: controllers.{controller.name}",
+            remedy="build both for one car, or use two campaigns",
+        )
+    return []
 
 
 def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:

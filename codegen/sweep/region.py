@@ -353,7 +353,7 @@ def _is_stable(
 
 
 def _pulse(config: Config) -> FloatArray:
-    """Return inputs (steps, 6), columns INPUT_COLUMNS: a speed of 1 m/s, to be scaled, and a pulse at the steering wheel."""
+    """Return inputs (steps, 7), columns INPUT_COLUMNS: a speed of 1 m/s, to be scaled, and a pulse at the steering wheel."""
     step = config.plant.sampling_time_s
     time = (
         np.arange(round(LATE[1] / config.controller.sampling_time_s) * round(config.controller.sampling_time_s / step)) * step

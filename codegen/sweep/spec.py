@@ -51,6 +51,7 @@ class Factor:
         default: value if a spec does not name it; None: that of the car, the scenario or the road.
         what: description for tables.
         whole: whether only whole numbers make sense.
+        keys: keys of `ars.toml` that it changes. If they vary as in `[identified]`, a campaign cannot have the factor too.
     """
 
     low: float
@@ -58,22 +59,43 @@ class Factor:
     default: float | None
     what: str
     whole: bool = False
+    keys: tuple[str, ...] = ()
+
+
+def _of_tyres(name: str, *axles: str) -> tuple[str, ...]:
+    return tuple(f"tyre.{axle}.{name}" for axle in axles)
 
 
 FACTORS: Mapping[str, Factor] = {
-    "mass_percent": Factor(-60.0, 150.0, 0.0, "mass, the yaw inertia with it"),
-    "yaw_inertia_percent": Factor(-60.0, 150.0, 0.0, "yaw inertia, on top of what the mass brings"),
-    "cg_shift_m": Factor(-2.0, 2.0, 0.0, "centre of gravity, forward"),
-    "front_stiffness_percent": Factor(-80.0, 300.0, 0.0, "cornering stiffness of the front tyres"),
-    "rear_stiffness_percent": Factor(-80.0, 300.0, 0.0, "cornering stiffness of the rear tyres"),
-    "tyre_peak_percent": Factor(-60.0, 100.0, 0.0, "peak force of all tyres, at the same stiffness"),
+    "mass_percent": Factor(-60.0, 150.0, 0.0, "mass, the yaw inertia with it", keys=("vehicle.mass_kg",)),
+    "yaw_inertia_percent": Factor(
+        -60.0, 150.0, 0.0, "yaw inertia, on top of what the mass brings", keys=("vehicle.yaw_inertia_kg_m2",)
+    ),
+    "cg_shift_m": Factor(
+        -2.0, 2.0, 0.0, "centre of gravity, forward", keys=("vehicle.cg_to_front_axle_m", "vehicle.cg_to_rear_axle_m")
+    ),
+    "front_stiffness_percent": Factor(
+        -80.0, 300.0, 0.0, "cornering stiffness of the front tyres", keys=_of_tyres("cornering_stiffness_n_per_rad", "front")
+    ),
+    "rear_stiffness_percent": Factor(
+        -80.0, 300.0, 0.0, "cornering stiffness of the rear tyres", keys=_of_tyres("cornering_stiffness_n_per_rad", "rear")
+    ),
+    "tyre_peak_percent": Factor(
+        -60.0,
+        100.0,
+        0.0,
+        "peak force of all tyres, at the same stiffness",
+        keys=_of_tyres("peak_factor_p1", "front", "rear"),
+    ),
     "friction": Factor(0.05, 1.5, None, "peak friction of the road"),
     "friction_estimate_error": Factor(-1.0, 1.0, None, "friction estimate minus friction; without it, as in the scenario"),
     "speed_km_h": Factor(5.0, 400.0, None, "speed"),
     "steering_wheel_angle_deg": Factor(0.5, 1_500.0, None, "amplitude at the steering wheel"),
     "steering_percent": Factor(1.0, 500.0, 100.0, "of the scenario's own amplitude at that speed"),
-    "rear_lag_s": Factor(0.002, 1.0, None, "lag of the rear actuator"),
-    "delay_samples": Factor(0.0, 20.0, 1.0, "samples from computing a command to its acting", whole=True),
+    "rear_lag_s": Factor(0.002, 1.0, None, "lag of the rear actuator", keys=("rear_actuator.lag_s",)),
+    "delay_samples": Factor(
+        0.0, 20.0, 1.0, "samples from computing a command to its acting", whole=True, keys=("plant.command_delay_samples",)
+    ),
     "speed_noise_m_s": Factor(0.0, 10.0, 0.0, "standard deviation of the measured speed"),
     "front_angle_noise_deg": Factor(0.0, 5.0, 0.0, "standard deviation of the measured front angle"),
     "yaw_rate_noise_deg_s": Factor(0.0, 20.0, 0.0, "standard deviation of the measured yaw rate"),
@@ -243,9 +265,14 @@ class Spec(Section):
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+def read_tables(path: Path) -> dict[str, Any]:
+    """Return the tables of a `sweep.toml`, for `parse`. Raises ConfigError."""
+    return parse_toml(read_text(path, SPEC_BYTES_MAX, "name a sweep.toml", ConfigError), path, ConfigError)
+
+
 def load(path: Path) -> Spec:
     """Read and check a `sweep.toml`. Raises ConfigError with the file and the key."""
-    return parse(parse_toml(read_text(path, SPEC_BYTES_MAX, "name a sweep.toml", ConfigError), path, ConfigError), path)
+    return parse(read_tables(path), path)
 
 
 def parse(data: Mapping[str, Any], where: object) -> Spec:

@@ -25,7 +25,8 @@ from codegen.files import read_file, replace_durably, require_regular, write_ato
 from codegen.interrupts import deferred
 from codegen.sil.vector import ISAS
 from codegen.sweep.chunk import Table
-from codegen.sweep.plan import Plan, versions
+from codegen.sweep.plan import Plan
+from codegen.sweep.versions import versions
 
 WHOLE = ("run", "sample")
 YES_NO = ("settled", "meets_fmvss_126")

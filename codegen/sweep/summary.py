@@ -17,10 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.arrays import FloatArray
-from codegen.sweep.lanes import cars
+from codegen.sweep.lanes import MASS_KEY
 from codegen.sweep.plan import Plan
 from codegen.sweep.store import YES_NO, read_batches
-from codegen.vehicle.plant_car import PLANT_PARAMETERS
 from hil_sim.metrics.sine_with_dwell import DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY, HEAVY_MASS, RATIO_TIMES
 
 Group = tuple[str, str]
@@ -215,8 +214,8 @@ def _count_failures(failed_by: dict[str, int], table: Mapping[str, npt.NDArray[A
     """Count the failures by criterion of `hil_sim.metrics.sine_with_dwell` (FMVSS 126, S5.2); a run that spins counts as a
     spin only."""
     spun = table["spun_at_s"]
-    factors = {name: values for name, values in table.items() if name == "mass_percent"}
-    heavy = cars(plan.config, factors, spun.size)[:, PLANT_PARAMETERS.index("mass")] > HEAVY_MASS
+    mass = table.get(MASS_KEY, np.full(spun.size, plan.config.vehicle.mass_kg))
+    heavy = mass * (1.0 + table.get("mass_percent", np.zeros(spun.size)) / 100.0) > HEAVY_MASS
     fails = {"spin": ~np.isnan(spun)}
     for after, most in RATIO_TIMES:
         name = f"yaw_rate_ratio_{after:.2f}_s".replace(".", "_", 1)

@@ -19,6 +19,8 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config, Schedule
 from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
+from codegen.configuration.population import Population
+from codegen.design.family import ELLIPSOID_SHARE, measured_keys
 from codegen.design.loss import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.map_file.map import ReferenceMap
@@ -27,7 +29,7 @@ from codegen.optimum.turns import turns_of
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.units import KM_H
-from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
+from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters, varied_cars
 
 OVERSHOOT_PERCENT, SETTLING_S = 1.3, 1.05
 """Targets for the configured car."""
@@ -36,6 +38,10 @@ OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 4.3, 1.09
 DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, LAG_OVERSHOOT_PERCENT = 3.0, 15.0, 5.0
 """Limits of overshoot in the family: mass or tyres of both axles, tyres of the rear axle alone, or the lag differ."""
 LAG_FACTORS = (0.4, 2.0)
+LAG_KEY = "rear_actuator.lag_s"
+"""Key of `[identified]` whose uncertainty replaces LAG_FACTORS."""
+STIFFNESS_KEYS = frozenset(f"tyre.{axle}.cornering_stiffness_n_per_rad" for axle in ("front", "rear"))
+"""Keys of which one at least replaces the deviations of the tyres."""
 STATIC_OVERSHOOT_FACTOR = 0.6
 """The limit of a car with another lag is at least this factor times its overshoot without lead and response gain: rear wheels
 that follow late leave the beginning of a step to the front wheels."""
@@ -333,30 +339,46 @@ def _crossing(share: FloatArray, level: float) -> FloatArray:
 
 
 def family_of(config: Config) -> tuple[FloatArray, FloatArray]:
-    """Return cars (n, k) and their limits of overshoot (n,) in percent: the configured one, then one deviation each."""
-    tuning = config.tuning
+    """Return cars (n, k) and their limits of overshoot (n,) in percent: the configured one, then one deviation each.
+
+    Measured deviations replace those of `config.tuning` and LAG_FACTORS, as in `design.family`: of the lag, and of tyres and
+    yaw inertia together where a stiffness was measured. They are both ends of each principal axis.
+    """
+    tuning, measured = config.tuning, set(measured_keys(config))
     masses = sorted({min(tuning.mass_percent), max(tuning.mass_percent)} - {0.0})
     slopes = sorted({min(tuning.stiffness_percent), max(tuning.stiffness_percent)} - {0.0})
     rows, limits = [varied_cars(config)[0]], [OVERSHOOT_PERCENT]
+
+    def add(row: FloatArray, limit: float) -> None:
+        rows.append(row)
+        limits.append(limit)
+
+    def add_measured(keys: set[str], limit: float) -> None:
+        ordered = [key for key in config.identified.keys if key in keys]
+        for car in Population.of(config, ordered).axes(ELLIPSOID_SHARE):
+            add(plant_parameters(car), limit)
+
     for mass in masses:
-        rows.append(varied_cars(config, mass=1.0 + mass / 100.0)[0])
-        limits.append(DEVIATION_OVERSHOOT_PERCENT)
-    for slope in slopes:
-        factor = 1.0 + slope / 100.0
-        rows.append(varied_cars(config, front_stiffness=factor, rear_stiffness=factor)[0])
-        limits.append(DEVIATION_OVERSHOOT_PERCENT)
-    if slopes and slopes[0] < 0.0:
-        rows.append(varied_cars(config, rear_stiffness=1.0 + slopes[0] / 100.0)[0])
-        limits.append(REAR_AXLE_OVERSHOOT_PERCENT)
-    for factor in LAG_FACTORS:
-        rows.append(varied_cars(config)[0])
-        rows[-1][PLANT_PARAMETERS.index("rear_lag")] *= factor
-        limits.append(LAG_OVERSHOOT_PERCENT)
+        add(varied_cars(config, mass=1.0 + mass / 100.0)[0], DEVIATION_OVERSHOOT_PERCENT)
+    if measured & STIFFNESS_KEYS:
+        add_measured(measured - {LAG_KEY}, DEVIATION_OVERSHOOT_PERCENT)
+    else:
+        for slope in slopes:
+            factor = 1.0 + slope / 100.0
+            add(varied_cars(config, front_stiffness=factor, rear_stiffness=factor)[0], DEVIATION_OVERSHOOT_PERCENT)
+        if slopes and slopes[0] < 0.0:
+            add(varied_cars(config, rear_stiffness=1.0 + slopes[0] / 100.0)[0], REAR_AXLE_OVERSHOOT_PERCENT)
+    if LAG_KEY in measured:
+        add_measured({LAG_KEY}, LAG_OVERSHOOT_PERCENT)
+    else:
+        for factor in LAG_FACTORS:
+            add(varied_cars(config)[0], LAG_OVERSHOOT_PERCENT)
+            rows[-1][PLANT_PARAMETERS.index("rear_lag")] *= factor
     return np.array(rows), np.array(limits)
 
 
 def unit_step(config: Config, begin: float, duration: float) -> FloatArray:
-    """Return the inputs (steps, 6), INPUT_COLUMNS, of a step of the steering wheel of 1 rad at 1 m/s; times in s.
+    """Return the inputs (steps, 7), INPUT_COLUMNS, of a step of the steering wheel of 1 rad at 1 m/s; times in s.
 
     Each run of a batch multiplies it by its own angle and speed.
     """

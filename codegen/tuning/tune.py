@@ -222,7 +222,7 @@ class _Drives:
         return ~held.all(axis=0), np.degrees(np.nan_to_num(np.abs(sideslip[lost_from:]), nan=math.pi).max(axis=0))
 
     def _profile(self, driver: Driver) -> FloatArray:
-        """Return the inputs (steps, 6), INPUT_COLUMNS, of a front angle of 1 rad / steering ratio at 1 m/s."""
+        """Return the inputs (steps, 7), INPUT_COLUMNS, of a front angle of 1 rad / steering ratio at 1 m/s."""
         profile = unit_step(self.config, STEER_TIME, DURATION)
         time: FloatArray = np.arange(profile.shape[0], dtype=np.float64) * self.config.plant.sampling_time_s
         share = np.clip((time - STEER_TIME) / STEER_DURATION, 0.0, 1.0)
@@ -275,9 +275,8 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
     Raises:
         ConfigError: no gains meet the demands, see `design`.
         BuildError: no C compiler.
-        MapError: see `model_excess`, and `ReferenceMap.require_buildable`.
+        MapError: see `model_excess`.
     """
-    reference_map.require_buildable()
     made = design(config, progress)
     config = with_tracking(config, {"schedule": made.schedule.model_dump(mode="json")}, where)
     config, excess = _with_trim(reference_map, config, where)

@@ -13,6 +13,7 @@ Every function is pure SX: `emit.casadi_c` turns it into C.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -283,11 +284,13 @@ class SingleTrackStep:
     change: Any
 
 
-def single_track(config: Config, tyre_model: TyreModel) -> Model:
+def single_track(config: Config, tyre_model: TyreModel, axle_shares: Sequence[float] = (1.0, 1.0)) -> Model:
     """The bicycle model of the paper's equation 1, forces of both tyres of an axle, at static wheel loads.
 
     States [beta (rad), r (rad/s)], inputs [vx (m/s, above zero), delta_f (rad), delta_r (rad), friction]. With linear tyres
     the friction has no effect.
+
+    `axle_shares` multiply the peaks of front and rear axle, only with "load-transfer".
 
     "load-transfer" has in steady turns the yaw rate of the two-track car, within 1 % of it: the curve of an axle
     includes what load transfer costs it, and of two steered wheels the one that carries more pulls its axle back by more. That
@@ -307,10 +310,10 @@ def single_track(config: Config, tyre_model: TyreModel) -> Model:
         force_front, force_rear = (
             -2.0
             * (
-                tyre.peak(tyre.static_load, 1.0) * friction * axle_curve(tyre, curve_argument(tyre, slip), loss)
+                share * tyre.peak(tyre.static_load, 1.0) * friction * axle_curve(tyre, curve_argument(tyre, slip), loss)
                 + tyre.vertical_shift
             )
-            for (tyre, slip), loss in zip(both, load_transfer_losses(config), strict=True)
+            for (tyre, slip), loss, share in zip(both, load_transfer_losses(config), axle_shares, strict=True)
         )
         acceleration = (force_front + force_rear) / vehicle.mass_kg
         shorter = (front * acceleration, -rear * acceleration)
@@ -339,20 +342,20 @@ def _arm_losses(config: Config) -> tuple[float, float]:
     return 0.5 * config.vehicle.track_m * front, 0.5 * config.vehicle.track_m * rear
 
 
-def single_track_step(config: Config, step: float) -> SingleTrackStep:
+def single_track_step(config: Config, step: float, *, per_axle: bool = False) -> SingleTrackStep:
     """Return the step over `step` seconds of the model of `single_track(config, "load-transfer")`.
 
     The change d of the state solves (I - step/2 J) d = step f(x): the linearly implicit midpoint rule, a Rosenbrock method of
     one stage (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section IV.7). It is of second order, needs one
     evaluation of each tyre curve, and damps whatever the car damps at any speed, as long as no slope is negative. J leaves out
-    what load transfer does, which is slow and small.
+    what load transfer does, which is slow and small. With `per_axle`, u has a friction for each axle.
     """
     tyres, vehicle = AxleTyres.from_config(config), config.vehicle
     mass, inertia = vehicle.mass_kg, vehicle.yaw_inertia_kg_m2
     front_arm, rear_arm = vehicle.cg_to_front_axle_m, vehicle.cg_to_rear_axle_m
-    x, u, value, slope = (ca.SX.sym(name, size) for name, size in (("x", 2), ("u", 4), ("curve", 2), ("slope", 2)))
+    x, u, value, slope = (ca.SX.sym(name, size) for name, size in (("x", 2), ("u", 4 + per_axle), ("curve", 2), ("slope", 2)))
     beta, yaw_rate = x[0], x[1]
-    slowness, front, rear, friction = u[0], u[1], u[2], u[3]
+    slowness, front, rear, frictions = u[0], u[1], u[2], (u[3], u[3 + per_axle])
     turning = yaw_rate * slowness
     arguments = (
         curve_argument(tyres.front, beta + front_arm * turning - front),
@@ -362,7 +365,7 @@ def single_track_step(config: Config, step: float) -> SingleTrackStep:
     force, stiffness = [], []
     for k, tyre in enumerate((tyres.front, tyres.rear)):
         scale = 2.0 * step / mass
-        peak = scale * tyre.peak(tyre.static_load, 1.0) * friction
+        peak = scale * tyre.peak(tyre.static_load, 1.0) * frictions[k]
         force.append(peak * value[k] + scale * tyre.vertical_shift)
         stiffness.append(0.5 * tyre.stiffness_factor * peak * slope[k])
     sum_of_forces = force[0] + force[1]  # the lateral acceleration, times -step

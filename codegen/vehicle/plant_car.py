@@ -119,6 +119,7 @@ def varied_cars(
     tyre_peak: npt.ArrayLike = 1.0,
     front_stiffness: npt.ArrayLike = 1.0,
     rear_stiffness: npt.ArrayLike = 1.0,
+    base: FloatArray | None = None,
 ) -> FloatArray:
     """Return cars that differ from the configured one: rows (n, k) in the order of PLANT_PARAMETERS.
 
@@ -129,18 +130,19 @@ def varied_cars(
         mass, yaw_inertia, tyre_peak, front_stiffness, rear_stiffness: factors, (n,) or a number; the yaw inertia's on top of
             the mass's, which it goes with.
         cg_shift: m forward; less than either arm.
+        base: (n, k), cars to change instead of the configured one.
     """
     given = (mass, yaw_inertia, cg_shift, tyre_peak, front_stiffness, rear_stiffness)
     m, inertia, shift, peak, *stiffness = np.broadcast_arrays(*(np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in given))
-    table = np.repeat(plant_parameters(config)[np.newaxis], m.size, axis=0)
+    table = np.repeat(plant_parameters(config)[np.newaxis], m.size, axis=0) if base is None else base.copy()
     at = {name: table[:, index] for index, name in enumerate(PLANT_PARAMETERS)}
+    arms = at["cg_to_rear_axle"].copy(), at["cg_to_front_axle"].copy()
     at["mass"] *= m
     at["yaw_inertia"] *= m * inertia
     at["cg_to_front_axle"] -= shift
     at["cg_to_rear_axle"] += shift
     at["load_transfer_front"] *= m
     at["load_transfer_rear"] *= m
-    arms = config.vehicle.cg_to_rear_axle_m, config.vehicle.cg_to_front_axle_m
     for axle, sign, arm, slope in zip(("front", "rear"), (1.0, -1.0), arms, stiffness, strict=True):
         load = m * (1.0 + sign * shift / arm)  # a front wheel carries m g lr/(2 L)
         at[f"{axle}_static_load"] *= load

@@ -32,9 +32,9 @@ from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import SCENARIOS
 
 Samples = npt.NDArray[np.float32]
-"""Consecutive samples, (samples, 7) by COLUMNS: the fields of `Measurement`, `inhibit` as 0 or 1."""
+"""Consecutive samples, (samples, 7) by COLUMNS: the fields of `Measurement` that every build has, `inhibit` as 0 or 1."""
 
-COLUMNS = tuple(each.role for each in MEASURED if each.is_used)
+COLUMNS = tuple(each.role for each in MEASURED if each.is_used and not each.is_extra)
 
 DELAY_SAMPLES = 1
 """Computing delay in the recordings: an ECU sends its command one period after sampling."""
@@ -219,7 +219,7 @@ SPECIAL = (0.0, -0.0, 1e-45, -1e-38, 1e-30, 1e30, -3e38, np.inf, -np.inf, np.nan
 
 
 def loops(config: Config) -> Iterator[tuple[str, FloatArray]]:
-    """Yield name and inputs, (steps, 6) by INPUT_COLUMNS, of every built-in scenario that this car can drive, without
+    """Yield name and inputs, (steps, 7) by INPUT_COLUMNS, of every built-in scenario that this car can drive, without
     faults."""
     for name, run in SCENARIOS.items():
         try:

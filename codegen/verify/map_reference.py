@@ -19,7 +19,8 @@ from codegen.ecu_map.storage import Axis
 from codegen.ecu_map.total import CapSteering
 from codegen.emit.laws import LAWS
 from codegen.errors import BuildError
-from codegen.optimum.solve import roads
+from codegen.map_file.map import changed, own_value
+from codegen.map_file.tables import ACCELERATION, FRICTION
 from codegen.sil.software import Software
 from codegen.verify.check import Subject
 
@@ -38,12 +39,16 @@ def lookup_of(subject: Subject, software: Software) -> Lookup:
         BuildError: the C has no such table or constant, or one of another size.
     """
     facts, kind, real = subject.manifest["map"], LAWS[subject.kind], software.real
-    count = len(facts["frictions"])
+    moving = facts.get("longitudinal_accelerations")
+    stack, values = (ACCELERATION, moving) if moving else (FRICTION, facts["frictions"])
+    count = len(values)
     speed_axis, front_axis, shape = _axes(facts, software)
     yaw_rate = _table(software, "yaw_rate", (count, *shape))
     rear_angle = _table(software, "rear_angle", (count, *shape)) if kind.uses_rear_angle else yaw_rate
-    cars = [CapSteering.from_config(config) for config in roads(subject.config, facts["frictions"])]
-    grip = None
+    own = own_value(subject.config, stack)
+    configs = (subject.config if value == own else changed(subject.config, stack, value) for value in values)
+    cars = [CapSteering.from_config(config) for config in configs]
+    grip, per_friction = None, "lateral_acceleration_cap_per_friction"
     if "grip" in facts:
         grip_speed, grip_front, shape = _axes(facts["grip"], software)
         grip = GripConstants(grip_speed, grip_front, _table(software, "grip_share", (count, *shape)))
@@ -60,11 +65,21 @@ def lookup_of(subject: Subject, software: Software) -> Lookup:
         rear_tables=rear_angle,
         frictions=np.array(facts["frictions"], dtype=real),
         caps=_constant(software, "lateral_acceleration_cap", count),
-        lateral_acceleration_cap_per_friction=_constant(software, "lateral_acceleration_cap_per_friction")[0],
+        lateral_acceleration_cap_per_friction=None if moving else _constant(software, per_friction)[0],
         cars=steering,
         real=real,
         grip=grip,
+        **(_moving(software, moving, with_shares=kind.uses_reference_model) if moving else {}),
     )
+
+
+def _moving(software: Software, values: list[float], *, with_shares: bool) -> dict[str, npt.NDArray[Any]]:
+    """Return the numbers of a stack over longitudinal acceleration."""
+    found = {"accelerations": np.array(values, dtype=software.real)}
+    if with_shares:
+        shares = [_constant(software, f"{axle}_share", len(values)) for axle in ("front", "rear")]
+        found["axle_shares"] = np.stack(shares, axis=1)
+    return found
 
 
 def _axes(facts: Mapping[str, Any], software: Software) -> tuple[AxisConstants, AxisConstants, tuple[int, int]]:

@@ -37,7 +37,9 @@ FAULT = 0.15
 def frames_of(can: Can, codec: Codec, counter: int, sample: Measurement) -> Cycle:
     """Return the protected frames of a cycle, with the signals that the controller uses."""
     motion = VehicleMotion(sample.speed, sample.front_angle, sample.yaw_rate)
-    conditions = VehicleConditions(sample.rear_angle, sample.friction, sample.lateral_acceleration, sample.inhibit)
+    conditions = VehicleConditions(
+        sample.rear_angle, sample.friction, sample.lateral_acceleration, sample.inhibit, sample.longitudinal_acceleration
+    )
     sent = ((can.vehicle_motion, motion), (can.vehicle_conditions, conditions))
     return tuple(
         Frame(each.id, protect(each.e2e_data_id, counter, codec.encode(contents), can.e2e.definition))

@@ -16,8 +16,9 @@ from codegen.configuration import Config
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim.scenarios import Scenario
 
-LookUp = Callable[[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike], npt.NDArray[Any]]
-"""The map's steady yaw rate (rad/s) as a function of speed (m/s), front angle (rad) and friction estimate (NaN: unknown)."""
+LookUp = Callable[[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike, npt.ArrayLike], npt.NDArray[Any]]
+"""The map's steady yaw rate (rad/s) as a function of speed (m/s), front angle (rad), friction estimate (NaN: unknown) and
+longitudinal acceleration (m/s^2)."""
 
 SPIN_SIDESLIP = math.radians(10.0)
 """Sideslip angle beyond which a car spins: no driver holds it, and later metrics are meaningless."""
@@ -108,7 +109,9 @@ class Run:
             return None
         estimate = self.scenario.settings.friction_estimate
         friction = math.nan if estimate is None else estimate
-        return self.look_up(self["speed_m_s"], self["front_angle_rad"], friction).astype(np.float64)
+        speed = self["speed_m_s"]
+        acceleration = np.gradient(speed, self.step) if len(speed) > 1 else 0.0
+        return self.look_up(speed, self["front_angle_rad"], friction, acceleration).astype(np.float64)
 
     @cached_property
     def after(self) -> BoolArray:

@@ -151,7 +151,7 @@ def drive(
         plant: car at its start.
         measured: function that returns the fields of a measurement at a sample, in SI units; called once a sample.
     """
-    inputs, driver = scenario.inputs(config), scenario.driver(config)
+    inputs, driver, commands = scenario.inputs(config), scenario.driver(config), scenario.rear_angle_commands(config)
     controller = None if software is None else software.controller(parameters=controller_parameters)
     period = config.controller.sampling_time_s
     per_sample = round(period / config.plant.sampling_time_s)
@@ -161,22 +161,25 @@ def drive(
     command, reference, status = 0.0, 0.0, Status.STANDBY
     for index, row in enumerate(record):
         steps = inputs[index * per_sample : (index + 1) * per_sample].tolist()
-        speed, wheel, friction, estimate, moment, inhibit = steps[0]
+        speed, wheel, friction, estimate, moment, inhibit, acceleration = steps[0]
         try:
             car = plant.sample(PlantInput(speed, wheel, 0.0, friction, moment))
             if driver is not None:
                 wheel = driver.steer(plant.position, car.sideslip_angle, car.yaw_rate)
                 steps = [[step[0], wheel, *step[2:]] for step in steps]
             if controller is not None:
-                answer = controller.step(Measurement(**measured(car), **car.recorded, friction=estimate, inhibit=bool(inhibit)))
+                sample = {**measured(car), **car.recorded, "friction": estimate, "longitudinal_acceleration": acceleration}
+                answer = controller.step(Measurement(**sample, inhibit=bool(inhibit)))
                 command, reference, status = answer.rear_angle, answer.yaw_rate_reference, answer.status
+                if commands is not None:
+                    command = float(commands[index])
             row[1:] = (
                 *(plant.speed, car.front_angle, car.yaw_rate, reference, car.sideslip_angle, car.lateral_acceleration),
                 *(command, car.rear_angle, car.slip_front, car.slip_rear, *car.recorded_values(), status),
             )
             waiting.append(command)
             acting = waiting.popleft()
-            plant.advance(PlantInput(v, angle, acting, mu, torque) for v, angle, mu, _, torque, _ in steps)
+            plant.advance(PlantInput(v, angle, acting, mu, torque) for v, angle, mu, _, torque, *_ in steps)
         except LeftModelError:
             record[index:, -1] = status
             break

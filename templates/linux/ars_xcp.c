@@ -188,8 +188,8 @@ static uint8_t on_connect(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_p
     clear_lists(self);
     answer->data[1] = (uint8_t)RESOURCE_CAL_PAG | (uint8_t)RESOURCE_DAQ;
     answer->data[2] = byte_order() | (uint8_t)COMM_MODE_OPTIONAL;
-    answer->data[3] = (uint8_t)ARS_XCP_LENGTH_MAX;
-    put_word(&answer->data[4], (uint16_t)ARS_XCP_LENGTH_MAX);
+    answer->data[3] = (uint8_t)ARS_XCP_COMMAND_MAX;
+    put_word(&answer->data[4], (uint16_t)ARS_XCP_MEASUREMENT_MAX);
     answer->data[6] = 1u; /* version of the protocol layer */
     answer->data[7] = 1u; /* and of the transport layer */
     answer->length = 8u;
@@ -985,7 +985,7 @@ bool ars_xcp_command(ars_xcp_t *self, const uint8_t *in, uint8_t length, ars_xcp
     (void)memset(answer, 0, sizeof *answer);
     answer->data[0] = (uint8_t)POSITIVE;
     answer->length = 1u;
-    if ((length > 0u) && (length <= (uint8_t)ARS_XCP_LENGTH_MAX)) {
+    if ((length > 0u) && (length <= (uint8_t)ARS_XCP_COMMAND_MAX)) {
         (void)memcpy(packet.data, in, length);
         packet.length = length;
         if (was_connected || (packet.data[0] == (uint8_t)CMD_CONNECT)) {

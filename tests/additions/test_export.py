@@ -82,13 +82,13 @@ def parameters(build_path: Path, output: Path, as_json: bool) -> None:
 
 SYNOPSIS = "codegen parameters --build DIR -o CSV               name, value, range and unit of each parameter of a build\n"
 
-IMPORTED = "    exchange_commands,\n    map_commands,\n    parameters_command,"
+IMPORTED = "    map_commands,\n    parameters_command,"
 
 
 def test_an_export_touches_at_most_four_files(tree: Copy) -> None:
     tree.add("codegen/export/parameter_table.py", EXPORT)
     tree.add("codegen/cli/parameters_command.py", COMMAND)
-    tree.replace("codegen/cli/commands.py", "    exchange_commands,\n    map_commands,", IMPORTED)
+    tree.replace("codegen/cli/commands.py", "    map_commands,", IMPORTED)
     tree.replace("docs/interface.md", "codegen verify DIR [--quick]", f"{SYNOPSIS}codegen verify DIR [--quick]")
 
     build, output = ROOT / "generated" / "4ws2", tree.root / "parameters.csv"

@@ -71,8 +71,8 @@ ffi, prefix = software.ffi, software.prefix
 assert "float lateral_speed;" in files["include/ars_inputs.h"] and "float lateral_speed;" in files["include/ars_can.h"]
 sent = VehicleConditions(rear_angle=0.01, friction=0.8, lateral_acceleration=1.0, lateral_speed=-2.3, reverse_gear=True)
 signals, back, data = software.new("vehicle_conditions"), software.new("vehicle_conditions"), ffi.new("uint8_t[8]")
-for name, value in vars(sent).items():
-    setattr(signals, name, value)
+for name in software.config.can.vehicle_conditions.signals():
+    setattr(signals, name, getattr(sent, name))
 software.function("can_pack_vehicle_conditions")(signals, data)
 software.function("can_unpack_vehicle_conditions")(data, back)
 assert abs(back.lateral_speed + 2.3) < 1e-6 and back.reverse_gear

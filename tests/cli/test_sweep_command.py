@@ -3,8 +3,15 @@
 import json
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
+from codegen import configuration
+from codegen.importing.toml_edit import whole
+from codegen.map_file import map as npz
+from codegen.sweep import measured, store
+from codegen.sweep import plan as planning
+from tests import builds
 from tests.sweep.conftest import write_spec
 
 from .conftest import Answer, Refused, Run, edit, everything_in
@@ -72,6 +79,34 @@ def test_replay_of_a_worst_run(driven: tuple[Path, Answer], run: Run, spec: Path
 )
 def test_bad_options(refused: Refused, spec: Path, arguments: tuple[object, ...], words: str) -> None:
     assert words in refused("sweep", "--spec", spec, *arguments)
+
+
+def test_a_measured_car_needs_no_spec(run: Run, refused: Refused, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The controller is made from the car's own map; kind "pi" needs no tuning."""
+    monkeypatch.setattr(measured, "SPEC", {**measured.SPEC, "samples": 6})
+    table = {"keys": ["vehicle.yaw_inertia_kg_m2"], "standard_deviations": [100.0], "correlations": [[1.0]]}
+    data = {**builds.CONFIG.model_dump(mode="json", exclude_none=True), "identified": table}
+    (here / "identified.toml").write_text(whole(configuration.parse(data, "test"), "a test"), encoding="utf-8")
+    before = everything_in(here)
+    assert "--spec: nothing says what varies; give --spec sweep.toml or" in refused("sweep", "-o", "out")
+    assert everything_in(here) == before
+    answer = run("sweep", "--from", "identified.toml", "-o", "out")
+    assert answer.code == 0, answer
+    assert "out/runs.parquet: 24 runs, 6 samples" in answer.out
+    assert "\ncars drawn from identified.toml: vehicle.yaw_inertia_kg_m2\ncontroller: that of out/4ws-2.npz\n" in answer.out
+    assert "codegen sweep --from identified.toml -o out --isa" in answer.out
+    assert "codegen sweep --from identified.toml --isa" in (here / "out/summary.md").read_text()
+    assert npz.load(here / "out/4ws-2.npz").config == configuration.load(here / "identified.toml")
+    found = json.loads(run("sweep", "--from", "identified.toml", "-o", "out", "--replay", 20, "--json").out)
+    assert (
+        found["vehicle.yaw_inertia_kg_m2"] == pq.read_table(here / "out/runs.parquet")["vehicle.yaw_inertia_kg_m2"][20].as_py()
+    )
+    # The build of the written map is the same controller, and the spec says the same.
+    assert run("build", "--map", "out/4ws-2.npz", "-o", "own").code == 0
+    spec = 'samples = 6\nseed = 1\nscenarios = ["step-steer", "sine-with-dwell"]\n[controllers]\npi = "own"\npassive = ""\n'
+    (here / "sweep.toml").write_text(spec, encoding="utf-8")
+    plan = planning.read(here / "sweep.toml", measured_path=here / "identified.toml")
+    assert store.facts_text(plan) == (here / "out/campaign.json").read_text()
 
 
 def test_an_impossible_spec_is_rejected(refused: Refused, here: Path) -> None:

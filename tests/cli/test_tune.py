@@ -24,6 +24,12 @@ stiffness_percent = [-20.0, 15.0]
 relaxation_length_m = [0.0, 0.6]
 speed_km_h = [15.0, 42.5, 80.0, 120.0]
 """
+IDENTIFIED = """
+[identified]
+keys = ["rear_actuator.lag_s"]
+standard_deviations = [0.001]
+correlations = [[1.0]]
+"""
 NONLINEAR = '\n[cases.nonlinear]\nrear_steering = true\nsideslip_weight_per_s2 = 3000.0\ntyre_model = "magic-formula"\n'
 
 
@@ -42,8 +48,8 @@ def solve(config: Path, case: str = "4ws-2") -> Path:
 
 @pytest.fixture
 def solved(here: Path) -> Path:
-    """Solve a small map in the current folder, with the paper's PI."""
-    return solve(write_config())
+    """Solve a small map in the current folder, with the paper's PI and a measured lag."""
+    return solve(write_config(more=IDENTIFIED))
 
 
 def stored(path: Path) -> Config:
@@ -64,6 +70,9 @@ def test_only_the_gains_of_the_map_change(run: Run, solved: Path) -> None:
     controller = after.config.controller
     assert controller.kind == "tracking"
     assert controller.tracking.schedule.lead_s and max(controller.tracking.schedule.response_gain_s) > 0.0
+    # Two ends and the car, two stiffnesses of each axle, two relaxation lengths; and the configured stiffness.
+    assert answer.out.startswith("tuned.npz: 25 cars, ")
+    assert "\nfamily: rear_actuator.lag_s from [identified] (99 % of the cars); mass, stiffness, relaxation from" in answer.out
     assert "\n42.5 " in answer.out.partition("response gain s")[2]
     assert weakest(after.config, gains_of(controller.tracking.schedule)).enough
     assert f"\ncontroller.fail_safe.rate_deg_s: {controller.fail_safe.rate_deg_s:g}" in answer.out

@@ -15,7 +15,8 @@ def sampled_car(config: Config, member: Member, speed: float, delay: int) -> con
     forces.
     """
     car = SingleTrack.from_config(config)
-    mass, inertia = car.mass * member.mass_factor, car.yaw_inertia * member.mass_factor
+    mass = car.mass * member.mass_factor
+    inertia = car.yaw_inertia * member.mass_factor * member.yaw_inertia_factor
     lf, lr = car.front_arm, car.rear_arm
     # Side forces in; steady slip angles (wheels straight ahead) and yaw rate out.
     body = control.ss(

@@ -18,7 +18,7 @@ from .oracle import loop, sampled_car
 CARS = [
     Member(0.05),
     Member(0.02, 0.8, 0.8, 1.15, 0.6),
-    Member(0.1, 1.2, 1.15, 0.8, 0.3),
+    Member(0.1, 1.2, 1.15, 0.8, 0.3, 1.1),
     Member(0.002, 1.0, 1.0, 1.0, 0.05),
 ]
 SPEEDS = np.array([12.0, 42.5, 120.0, 400.0]) / 3.6

@@ -33,7 +33,7 @@ FROM_SIL = {
     "yaw_moment": "yaw_moment_n_m",
     "inhibit": "inhibit",
 }
-"""Columns of a scenario and the FMU inputs they become, except friction_estimate."""
+"""Columns of a scenario and the FMU inputs they become, except friction_estimate and those of extra signals."""
 
 OUTPUTS = tuple(name for name in RECORD_COLUMNS if name not in ("time_s", "speed_m_s"))
 """Columns of a run that a loop computes."""
@@ -72,7 +72,7 @@ def loop_inputs(row: Iterable[float]) -> dict[str, float]:
     given = dict(zip(INPUT_COLUMNS, row, strict=True))
     estimate = given.pop("friction_estimate")
     known = bool(np.isfinite(estimate))
-    named = {FROM_SIL[name]: float(value) for name, value in given.items()}
+    named = {FROM_SIL[name]: float(value) for name, value in given.items() if name in FROM_SIL}
     return {**named, "friction_estimate_available": float(known), **({"friction_estimate": estimate} if known else {})}
 
 

@@ -15,9 +15,10 @@ import autosar_data
 import cantools
 
 from codegen.configuration.can import E2e
+from codegen.configuration.e2e_profiles import DataId, ProfileName
 from hil_sim.e2e import E2eState, E2eStatus, Receiver, Supervision, next_counter, protect
 
-Element = Any
+Element = Message = Any
 
 PRELUDE = """
 #ifndef RTE_ARS_H
@@ -41,6 +42,7 @@ typedef struct {
 } Rte_TransformerError;
 
 #define RTE_E_OK 0u
+#define RTE_E_INVALID 1u
 #define RTE_E_LOST_DATA 64u
 #define RTE_E_NO_DATA 131u
 #define RTE_E_NEVER_RECEIVED 133u
@@ -68,9 +70,12 @@ LAST = """
 Std_ReturnType Rte_Read_{port}_{element}({type} *data, Rte_TransformerError *error)
 {{
     *data = rte_{port};
-    error->errorCode = rte_{port}_code;
-    error->transformerClass = RTE_TRANSFORMER_SAFETY;
-    return (rte_{port}_code == 0u) ? RTE_E_OK : RTE_E_SOFT_TRANSFORMER_ERROR;
+    if (rte_{port}_code != 0u) {{
+        error->errorCode = rte_{port}_code;
+        error->transformerClass = RTE_TRANSFORMER_SAFETY;
+        return RTE_E_SOFT_TRANSFORMER_ERROR;
+    }}
+    return (rte_{port}_is_invalid != 0u) ? RTE_E_INVALID : RTE_E_OK;
 }}
 """
 
@@ -219,8 +224,8 @@ class Rte:
         (option,) = (each for each in options if one(each, "PORT-REF/@").path == port.path)
         assert text(option, "ERROR-HANDLING") == "TRANSFORMER-ERROR-HANDLING"
         self.declare(f"Std_ReturnType Rte_Read_{name}_{element.item_name}({of.item_name} *data, Rte_TransformerError *error)")
-        self.stub.append(f"extern {of.item_name} rte_{name}; extern uint8 rte_{name}_code;")
-        self.source.append(f"{of.item_name} rte_{name}; uint8 rte_{name}_code = 0x25u;")
+        self.stub.append(f"extern {of.item_name} rte_{name}; extern uint8 rte_{name}_code, rte_{name}_is_invalid;")
+        self.source.append(f"{of.item_name} rte_{name}; uint8 rte_{name}_code = 0x25u, rte_{name}_is_invalid;")
         self.source.append(LAST.format(port=name, element=element.item_name, type=of.item_name))
 
     def _written(self, runnable: str, port: str, element: Element) -> None:
@@ -262,14 +267,27 @@ _CHECKS |= {E2eStatus.REPEATED: 1, E2eStatus.SYNC: 2, E2eStatus.WRONG_SEQUENCE: 
 _STATES = {E2eState.VALID: 0x00, E2eState.NO_DATA: 0x20, E2eState.INIT: 0x30, E2eState.INVALID: 0x40}
 
 
+_PROFILES: Mapping[tuple[str, str], ProfileName] = {
+    ("PROFILE_01", "ALL-16-BIT"): "1A",
+    ("PROFILE_01", "ALTERNATING-8-BIT"): "1B",
+    ("PROFILE_01", "LOWER-12-BIT"): "1C",
+    ("PROFILE_02", ""): "2",
+    ("PROFILE_05", "ALL-16-BIT"): "5",
+    ("PROFILE_11", "ALL-16-BIT"): "11A",
+    ("PROFILE_11", "LOWER-12-BIT"): "11C",
+}
+"""Profile of the bench by its name in the ARXML and the mode of its data id."""
+
+
 class Transformer:
     """E2E transformer of a received message: code of E2EXf_Inv for each cycle.
 
     In a cycle without a frame, an RTE passes no data, or with `checks_again` the last data.
     """
 
-    def __init__(self, data_id: int, settings: E2e, checks_again: bool) -> None:
-        self._data_id, self._receiver, self._supervision = data_id, Receiver(settings), Supervision(settings)
+    def __init__(self, message: Message, settings: E2e, checks_again: bool) -> None:
+        self._data_id = data_id_of(message)
+        self._receiver, self._supervision = Receiver(settings, message.length), Supervision(settings)
         self._checks_again, self._last = checks_again, None
 
     def code(self, data: bytes | None) -> int:
@@ -284,10 +302,20 @@ class Transformer:
 def settings_of(model: Any) -> E2e:
     """Return the settings of the E2E transformer in the ARXML."""
     (each,) = (each for _, each in model.elements_dfs if each.element_name == "END-TO-END-TRANSFORMATION-DESCRIPTION")
-    of_profile_1 = E2e.model_fields.keys() - {"profile", "max_delta_counter"}
-    names = {name: name.upper().replace("_", "-") for name in of_profile_1}
-    names |= {"max_delta_counter_init": "MAX-DELTA-COUNTER", "window_size": "WINDOW-SIZE-VALID"}
-    return E2e(**{name: int(text(each, tag)) for name, tag in names.items()})
+    mode = [str(found.character_data) for found in find(each, "DATA-ID-MODE")]
+    profile = _PROFILES[text(each, "PROFILE-NAME"), *(mode or [""])]
+    step, other = "max_delta_counter_init", "max_delta_counter"
+    if profile in ("5", "11A", "11C"):
+        step, other = other, step
+    names = {name: name.upper().replace("_", "-") for name in E2e.model_fields.keys() - {"profile", other}}
+    names |= {step: "MAX-DELTA-COUNTER", "window_size": "WINDOW-SIZE-VALID"}
+    return E2e(profile=profile, **{name: int(text(each, tag)) for name, tag in names.items()})
+
+
+def data_id_of(message: Message) -> DataId:
+    """Return the data id of a message in the ARXML, or its list of data ids."""
+    ids = message.autosar.e2e.data_ids
+    return ids[0] if len(ids) == 1 else bytes(ids)
 
 
 class Com:
@@ -297,8 +325,9 @@ class Com:
         self._lib = library
         self._database = cantools.database.load_file(arxml)
         settings = settings_of(model)
+        self._profile = settings.definition
         self._transformers = {
-            message.name: Transformer(message.autosar.e2e.data_ids[0], settings, checks_again)
+            message.name: Transformer(message, settings, checks_again)
             for message in self._database.messages
             if message.senders == ["Car"]
         }
@@ -314,12 +343,15 @@ class Com:
                 codes, record = message.decode(data, scaling=False, decode_choices=False), getattr(self._lib, f"rte_{name}")
                 for signal in set(codes) & set(dir(record)):
                     setattr(record, signal, codes[signal])
+                # handleInvalid KEEP: the data are passed, with RTE_E_INVALID while one of the signals has its invalid value.
+                is_invalid = any(each.invalid is not None and codes[each.name] == each.raw_invalid for each in message.signals)
+                setattr(self._lib, f"rte_{name}_is_invalid", is_invalid)
 
     def send(self) -> tuple[int, bytes]:
         """Return identifier and data of the frame that the component has written."""
         (message,) = (each for each in self._database.messages if each.senders != ["Car"])
         record = getattr(self._lib, f"rte_{message.name}")
         codes = {each.name: int(getattr(record, each.name, 0)) for each in message.signals}
-        data = protect(message.autosar.e2e.data_ids[0], self._counter, message.encode(codes, scaling=False))
-        self._counter = next_counter(self._counter)
+        data = protect(data_id_of(message), self._counter, message.encode(codes, scaling=False), self._profile)
+        self._counter = next_counter(self._counter, self._profile)
         return message.frame_id, data

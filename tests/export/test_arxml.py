@@ -320,7 +320,10 @@ def on_raw_frames(name: str, cycles: list[tuple[Frame, ...]]) -> list[tuple[int,
 
 @pytest.mark.parametrize(
     ("on_rte", "name"),
-    [*itertools.product((through_transformer, on_raw_frames), BUILDS), *itertools.product((on_raw_frames,), FRAME_KINDS)],
+    [
+        *itertools.product((through_transformer,), (*BUILDS, *FRAME_KINDS[1:])),
+        *itertools.product((on_raw_frames,), (*BUILDS, *FRAME_KINDS)),
+    ],
 )
 def test_a_whole_scenario_on_the_rte_has_the_bits_of_the_sil(name: str, on_rte: Any) -> None:
     cycles, sent = drive(name)
@@ -460,6 +463,16 @@ def compiled(source: Path, folders: list[Path], out: Path) -> dict[str, bytes]:
     with out.open("rb") as file:
         allocated = 2  # SHF_ALLOC
         return {each.name: each.data() for each in ELFFile(file).iter_sections() if each["sh_flags"] & allocated}
+
+
+def test_the_implementation_names_the_sources_that_the_component_needs() -> None:
+    """All of the build, and the adapter, without the dynamics."""
+    model, _ = rte.load(written("4ws2"))
+    (implementation,) = rte.named(model, "SWC-IMPLEMENTATION").values()
+    artifacts = "CODE-DESCRIPTORS/CODE/ARTIFACT-DESCRIPTORS/AUTOSAR-ENGINEERING-OBJECT/SHORT-LABEL"
+    found = {str(each.character_data) for each in rte.find(implementation, artifacts)}
+    sources = {path for path in read_manifest(build_of("4ws2"))["files"] if path.startswith("src/")}
+    assert found == sources - {"src/ars_dynamics.c"} | {"src/ars_swc.c"}
 
 
 def test_sources_between_sections_compile_to_the_same_objects(tmp_path: Path) -> None:

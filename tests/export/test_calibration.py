@@ -15,6 +15,7 @@ import bincopy
 import numpy as np
 import pytest
 from dcmReader.dcm_reader import DcmReader
+from matplotlib.axes import Axes
 
 from codegen import configuration
 from codegen.emit.controller_view import controller_parameters
@@ -28,6 +29,7 @@ from codegen.export.calibration.images import Image
 from codegen.export.calibration.labels import number_text
 from codegen.export.calibration.layout import Values
 from codegen.export.calibration.sets import READERS, merged, read_set
+from codegen.report.calibration_plots import ValueChange, calibration_figure
 from codegen.verify.target import CORTEX_M4F, POWERPC_BE, Core, Processor, compile_image
 from tests import builds, shared
 from tests.calibrations import addressed, records_of
@@ -232,10 +234,34 @@ DAMAGES: dict[str, tuple[str, str, str, str]] = {
     ),
     "fraction": (".dcm", "WERT 73\n", "WERT 73.5\n", "not whole numbers from 0 to 65535"),
     "no END": (".dcm", "END\n\nFESTWERT ars.limiter.rear_rate_max", "\nFESTWERT ars.limiter.rear_rate_max", "has no END"),
+    "no END of another's": (
+        ".dcm",
+        "FORMAT 2.0\n",
+        "FORMAT 2.0\nFESTWERT other.value\n  TEXT abc\n",
+        "FESTWERT other.value has no END",
+    ),
+    "unit": (
+        ".dcm",
+        'standby below"\n   EINHEIT_W "m/s"',
+        'standby below"\n   EINHEIT_W "km/h"',
+        "in km/h in the file, in m/s in the",
+    ),
+    "unit of an axis": (
+        ".dcm",
+        'integrated error"\n   EINHEIT_X "m/s"',
+        'integrated error"\n   EINHEIT_X "km/h"',
+        "breakpoints of ars.parameters.schedule_speed in km/h in the file, in m/s in the build",
+    ),
     "size": (".dcm", f"KENNLINIE {GAIN} 14", f"KENNLINIE {GAIN} 13", "size 13 in the file, 14 in the build"),
     "keyword": (".dcm", "FESTWERT ars.limiter.speed_max", "KENNWERT ars.limiter.speed_max", "unknown keyword KENNWERT"),
     "kind": (".dcm", "FESTWERT ars.limiter.speed_max", "KENNLINIE ars.limiter.speed_max 1", "a curve in the file, a value in"),
     "format": (".dcm", "KONSERVIERUNG_FORMAT 2.0", "KONSERVIERUNG_FORMAT 1.0", "does not begin with KONSERVIERUNG_FORMAT 2.0"),
+    "unit in CDF": (
+        ".cdfx",
+        ">m/s</UNIT-DISPLAY-NAME>\n              <SW-VALUES-PHYS>\n                <V>3.3333333<",
+        ">km/h</UNIT-DISPLAY-NAME>\n              <SW-VALUES-PHYS>\n                <V>3.3333333<",
+        "in km/h in the file, in m/s in the",
+    ),
     "entity": (".cdfx", '.dtd">', '.dtd" [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]>', "declares an entity"),
     "end": (".cdfx", "</SW-SYSTEMS>", "</SW-SYSTEM>", "not well-formed XML"),
     "category": (".cdfx", "<CATEGORY>CDF20</CATEGORY>", "<CATEGORY>MDX</CATEGORY>", "no MSRSW of category CDF20"),
@@ -272,8 +298,16 @@ FESTWERT other.value
   EINHEIT_W "°C"
   WERT abc
 END
+FESTWERT other.mode
+  TEXT "on"
+END
+KENNLINIE other.curve
+  ST_TX/X "a" "b"
+  WERT 1 2
+END
 FESTWERT {DISABLE}
   LANGNAME "a ""b"" c"
+  EINHEIT_W ""
   VAR a=1
   WERT 3.25
 END
@@ -291,7 +325,8 @@ END
     held = "<SW-VALUE-CONT><SW-VALUES-PHYS><V>3.2500000000000000</V></SW-VALUES-PHYS></SW-VALUE-CONT>"
     variant = "SW-INSTANCE-PROPS-VARIANT"
     for content in (held, f"<{variant}S><{variant}>{held}</{variant}></{variant}S>"):
-        tree = f"<SW-INSTANCE-TREE><SW-INSTANCE>{value}{content}</SW-INSTANCE></SW-INSTANCE-TREE>"
+        others = f"<SW-INSTANCE>{value.replace(DISABLE, 'other.value')}</SW-INSTANCE>"
+        tree = f"<SW-INSTANCE-TREE>{others}<SW-INSTANCE>{value}{content}</SW-INSTANCE></SW-INSTANCE-TREE>"
         inside = f"<SW-INSTANCE-SPEC>{tree}</SW-INSTANCE-SPEC>"
         text = f"<MSRSW><CATEGORY>CDF20</CATEGORY><SW-SYSTEMS><SW-SYSTEM>{inside}</SW-SYSTEM></SW-SYSTEMS></MSRSW>"
         (tmp_path / "set.cdfx").write_text(text)
@@ -360,6 +395,18 @@ def test_comments_stay_and_values_without_a_key_are_rejected(tmp_path: Path) -> 
         toml_of(changed(inputs__wheelbase=3.0), build, None)
 
 
+@pytest.mark.parametrize(("name", "preset"), [("4ws2-paper", "paper"), ("4ws2", "recommended")])
+def test_a_set_goes_into_the_file_of_codegen_init(name: str, preset: configuration.Preset, tmp_path: Path) -> None:
+    """The file keeps its comments. That of kind "tracking" has no gains yet; those of the set are added."""
+    build, path = loaded(name), tmp_path / "ars.toml"
+    path.write_text(configuration.preset_text(preset), encoding="utf-8")
+    values = dict(build.values) | {DISABLE: np.float32(11.5 / 3.6)}
+    written = toml_of(values, build, path)
+    assert "disable_speed_km_h = 11.5     # control ends below this speed\n" in written.text
+    path.write_text(written.text, encoding="utf-8")
+    assert not toml_of(values, build, path).changed  # every parameter is that of the set
+
+
 @pytest.mark.parametrize("name", ["4ws2", "4ws2-paper", "uneven stack", "int16"])
 def test_a_map_of_the_set_builds_the_same_map(name: str, tmp_path: Path) -> None:
     """The lookup of a build of the written map returns that of the set at its own breakpoints."""
@@ -371,7 +418,7 @@ def test_a_map_of_the_set_builds_the_same_map(name: str, tmp_path: Path) -> None
     speed, angle = np.float32(written.map.speed), np.float32(written.map.front_angle)
     for friction in build.manifest["map"]["frictions"]:
         sets = ((build, build.values), (again, again.values))
-        one, two = (each.looked_up(values, speed, angle, friction, with_rear_angle=with_rear) for each, values in sets)
+        one, two = (each.looked_up(values, speed, angle, (friction,), with_rear_angle=with_rear) for each, values in sets)
         for first, second in zip(one, two, strict=True):
             # Five roundings to single precision of numbers up to 2.
             assert np.abs(first - second).max() < 5 * 2 * np.finfo(np.float32).eps
@@ -535,6 +582,13 @@ def test_the_command_writes_compares_and_converts(run: Run, tmp_path: Path) -> N
     assert all(found[name].tobytes() == value.tobytes() for name, value in recalibrated().items())
 
 
+def test_the_picture_names_both_sets_and_units() -> None:
+    figure = calibration_figure([ValueChange(DISABLE, "m/s", 10.0 / 3.0, 3.25)], [], None, ("first.dcm", "second.cdfx"))
+    (axes,) = figure.findobj(Axes)
+    assert axes.get_title(loc="left") == "Values, first (first.dcm) to second (second.cdfx)"
+    assert [label.get_text() for label in axes.get_yticklabels()] == [f"{DISABLE}: 3.333 → 3.25 m/s"]
+
+
 def test_unsuitable_arguments_are_rejected(refused: Refused, tmp_path: Path) -> None:
     good, image = write(loaded().values, tmp_path / "set.dcm"), tmp_path / "ecu.s19"
     image.write_text("S9030000FC\n")
@@ -549,6 +603,7 @@ def test_unsuitable_arguments_are_rejected(refused: Refused, tmp_path: Path) -> 
         ((good, "--addresses", good), "--addresses: has no effect here"),
         ((good, "--config", good, "-o", "a.dcm"), "--config: has no effect here"),
         ((good, "--image", image, "-o", "a.s19"), "give its ELF, or the A2L of codegen a2l, with --addresses"),
+        ((good, "--image", tmp_path / "program", "-o", "a.s19"), "only .elf is written; name it a.elf"),
         ((good, "--image", good, "-o", "a.dcm"), "neither ELF, S-record nor Intel HEX"),
         ((other,), "contains no value of this build"),
         ((tmp_path / "none.dcm",), "cannot be read"),

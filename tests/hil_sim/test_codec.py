@@ -65,6 +65,7 @@ class Variant:
         self.codec = Codec(config.can, self.software.precision)
         self.message = config.can.messages()[role]
         self.signals = self.message.signals()
+        self.fields = [name for name in self.signals if name != "qualifier"]
         self.reals = {name: signal for name, signal in self.signals.items() if isinstance(signal, RealSignal)}
         database = cantools.database.load_string(built.folder.files["ars.dbc"].decode("ascii"), "dbc", strict=True)
         self.known = database.get_message_by_name(self.message.name)
@@ -100,15 +101,15 @@ class Variant:
 
     def c_encode(self, payload: Payload) -> bytes:
         struct, data = self.software.new(self.role), self.software.ffi.new("uint8_t[8]", bytes([0xFF] * 8))
-        for name, value in dataclasses.asdict(payload).items():
-            setattr(struct, name, value)
+        for name in self.fields:
+            setattr(struct, name, getattr(payload, name))
         self.software.function(f"can_pack_{self.role}")(struct, data)
         return bytes(data)
 
     def c_decode(self, data: bytes) -> Payload:
         struct = self.software.new(self.role)
         self.software.function(f"can_unpack_{self.role}")(data, struct)
-        return self.payload(**{field.name: getattr(struct, field.name) for field in dataclasses.fields(self.payload)})
+        return self.payload(**{name: getattr(struct, name) for name in self.fields})
 
     def check_encoding(self, payload: Payload) -> None:
         assert self.codec.encode(payload) == self.c_encode(payload) == self.oracle_encode(payload), payload

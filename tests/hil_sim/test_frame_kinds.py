@@ -148,6 +148,7 @@ def test_identifiers_that_do_not_fit_are_rejected() -> None:
     [
         ({"frame_bytes": 12}, "frame_bytes is 12 without CAN FD; give data_bitrate_kbit_s, or 8 bytes"),
         ({**FD, "frame_bytes": 13}, "can.frame_bytes"),
+        ({**FD, "bitrate_kbit_s": 1000.0, "data_bitrate_kbit_s": 999.0}, "is 999, below the bit rate of 1000; raise it"),
         ({**FD, "frame_bytes": 32}, "E2E profile 1, variant 1A protects up to 30 bytes; give fewer, or another profile"),
         ({**FD, "vehicle_motion": {"speed": {"start_bit": 90}}}, "Speed reaches beyond the 12 bytes of its frame"),
     ],

@@ -3,15 +3,18 @@
 import math
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
 from codegen.errors import CodegenError
-from codegen.sil.software import Software
-from hil_sim import scenario_files
-from hil_sim.bench import run
+from codegen.sil.software import RECORD_COLUMNS, Software
+from hil_sim import scenario_files, third_plant
+from hil_sim.bench import run, run_in_process, run_through_can
+from hil_sim.codec import Codec, Frame, RearSteerCommand
 from hil_sim.faults import Fault
-from hil_sim.logs import save_csv
+from hil_sim.logs import BusLog, save_csv
+from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import Scenario, find
 from hil_sim.suite.cells import changed
 from tests import builds
@@ -55,13 +58,37 @@ def test_a_user_s_recording_is_reproduced(software: Software) -> None:
     np.testing.assert_allclose(again[-100:, 3], first[-100:, 3], rtol=1e-3)
 
 
+def test_a_rear_angle_replaces_the_command_of_the_controller_in_every_loop(software: Software) -> None:
+    rows = [f"{0.01 * k:.2f},25,{0.002 * k},{0.01 if k >= 20 else -0.01}" for k in range(50)]
+    scenario = find(written("\n".join([f"{HEADER},rear_angle_override_rad", *rows])))
+    expected = np.where(np.arange(50) >= 20, 0.01, -0.01)
+    command, angle = (RECORD_COLUMNS.index(f"rear_angle_{name}") for name in ("command_rad", "rad"))
+    direct = run(software, scenario)
+    assert direct[:, command].tolist() == expected.tolist()
+    assert not run(software, scenario, controlled=False)[:, [command, angle]].any()
+    for record in (run_through_can(software, scenario).record, third_plant.run(software, software.config, scenario)):
+        assert record[:, command] == pytest.approx(expected, abs=1e-6)
+    # The log has the command as the actuator receives it.
+    node = PlantNode(software.config, scenario)
+    with BusLog(Path("run.log")) as log:
+        run_in_process(node, software, log=log)
+    codec = Codec(software.config.can, "single")
+    with can.LogReader("run.log") as frames:
+        logged = [codec.decode(frame.arbitration_id, bytes(frame.data)) for frame in frames]
+    angles = [each.rear_angle for each in logged if isinstance(each, RearSteerCommand)]
+    assert angles == pytest.approx(expected, abs=1e-6)
+    damaged = Frame(software.config.can.rear_steer_command.id, bytes(8))
+    assert node.bypass(0, damaged) == damaged
+
+
 def test_values_between_rows_are_linear_and_flags_are_held() -> None:
     text = (
         "\ufeffnote,time_s,speed_m_s,steering_wheel_angle_rad,friction,friction_estimate,yaw_moment_n_m,inhibit\r\n"
         "a,3.0,10,0.0,0.9,,0,0\r\n"
         'b,3.1,20,1.0,0.5,nan,100,1\r\n"c, d",3.3,20,1.0,0.5,0.6,100,0\r\n\r\n'
     )
-    speed, wheel, friction, estimate, moment, inhibit = find(written(text)).inputs(CONFIG).T
+    speed, wheel, friction, estimate, moment, inhibit, acceleration = find(written(text)).inputs(CONFIG).T
+    assert acceleration[50] == pytest.approx(100.0)  # 10 m/s in 0.1 s
     # Rows at 0, slightly over 0.1 (3.1 - 3.0) and 0.3 s; the last one is held for one row interval, at most 0.1 s.
     assert (speed[50], wheel[50], friction[50], moment[50]) == pytest.approx((15.0, 0.5, 0.7, 50.0))
     assert speed[300:].tolist() == [20.0] * 100

@@ -32,8 +32,9 @@ def test_each_scenario_runs_and_has_its_figures(name: str, software: Software) -
     scenario = replace(find(name), faults=())
     inputs = scenario.inputs(CONFIG)
     assert inputs.shape == (round(scenario.duration * 1000), len(INPUT_COLUMNS))
-    speed, wheel, friction, estimate, moment, inhibit = inputs.T
-    assert np.isfinite(inputs[:, [0, 1, 2, 4, 5]]).all()
+    speed, wheel, friction, estimate, moment, inhibit, acceleration = inputs.T
+    assert np.isfinite(inputs[:, [0, 1, 2, 4, 5, 6]]).all()
+    assert np.cumsum(acceleration[:-1])[-1] * 1e-3 == pytest.approx(speed[-1] - speed[0], abs=0.01)  # a kink takes half a step
     assert ((speed > 0.0) & (speed < 60.0)).all()
     assert (np.abs(wheel) <= CONFIG.steering.front_angle_stop * CONFIG.steering.ratio).all()
     assert ((friction >= 0.3) & (friction <= 0.9)).all()

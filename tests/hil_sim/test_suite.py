@@ -80,7 +80,7 @@ def test_a_cell_is_a_step_at_the_steering_wheel() -> None:
     assert len(inputs) == round(DURATION / 1e-3)
     before, after = inputs[round(STEER_TIME / 1e-3) - 1], inputs[round(STEER_TIME / 1e-3)]
     assert after == pytest.approx(
-        [80.0 * KM_H, math.radians(40.0), 0.6, 0.8, 0.0, 0.0]
+        [80.0 * KM_H, math.radians(40.0), 0.6, 0.8, 0.0, 0.0, 0.0]
     )  # 3 deg at the wheels: 40 at the steering wheel
     assert before[1] == 0.0
     assert np.isnan(Cell(80.0, 3.0).scenario(CONFIG).inputs(CONFIG)[0, 3])

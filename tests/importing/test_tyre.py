@@ -134,6 +134,13 @@ def test_new_keys_and_tables_keep_comments_with_their_table() -> None:
     assert toml_edit.replace_values(text, "a.c", {"x": 1}, {}, "made by hand") == f"{text}\n[a.c]\n# made by hand\nx = 1\n"
 
 
+def test_a_table_with_others_before_its_own_tables_is_edited() -> None:
+    text = "[a]\nx = 1\n\n[b]\ny = 2\n\n[a.c]\nz = 3\n"
+    edited = toml_edit.replace_values(text, "a", {"x": 4}, {}, "made by hand")
+    assert edited == "[a]\n# made by hand\nx = 4\n\n[b]\ny = 2\n\n[a.c]\nz = 3\n"
+    assert toml_edit.replace_values(edited, "a.c", {"z": 5}, {}, "made by hand").endswith("[a.c]\n# made by hand\nz = 5\n")
+
+
 BAD_FILES = [
     ("mf61.tir", "PKY2 =  1.72", "", "PKY2 is missing; add it to [LATERAL_COEFFICIENTS]"),
     ("mf61.tir", "NOMPRES  = 250000", "NOMPRES = 2.5", "INFLPRES 230000 is too far from NOMPRES 2.5"),

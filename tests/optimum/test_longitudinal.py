@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.configuration import Config, preset
-from codegen.ecu_map.extend import extend
+from codegen.configuration import Config
+from codegen.ecu_map.extend import TotalMap, extend
 from codegen.errors import ConfigError, MapError
 from codegen.map_file import map as npz
 from codegen.map_file.longitudinal import like_friction, under_acceleration
 from codegen.map_file.map import AccelerationLayer, ReferenceMap, on_road
+from codegen.map_file.tables import ACCELERATION
 from codegen.optimum.like_friction import friction_errors
 from codegen.optimum.problem import SteadyTurnProblem
-from codegen.optimum.solve import solve_acceleration_stack, solve_case, solve_stack
+from codegen.optimum.solve import solve_acceleration_stack, solve_case, solve_stack, stack_of
 from codegen.report.summary import map_summary
-from codegen.tuning.tune import tune
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 from tests.map_file.test_map import TABLES, Change, cell, drop, put
 from tests.optimum.cars import CASE, PAPER, changed, random_config
@@ -182,12 +182,14 @@ def test_an_acceleration_without_grip_is_refused(tables: dict[str, Any], acceler
         solve_acceleration_stack(config, "4ws-2", (acceleration, 0.0))
 
 
-def test_it_cannot_be_built() -> None:
-    for use in (lambda: extend(STACKED, CONFIG), lambda: tune(STACKED, preset("recommended"))):
-        with pytest.raises(
-            MapError, match=r"^longitudinal_acceleration: the generated C has no stack .*; solve the case without"
-        ):
-            use()
+def test_the_layers_of_the_total_map_rise_around_the_map_itself() -> None:
+    total = extend(STACKED, CONFIG)
+    assert [layer.acceleration for layer in total.stack] == [-4.0, 0.0, 3.0]
+    assert total.quantity is ACCELERATION and total.acceleration == 0.0 and total.axle_shares == (1.0, 1.0)
+    for layer in total.layers:
+        assert CONFIG.road.friction * min(layer.axle_shares) == like_friction(CONFIG, layer.acceleration)
+    assert TotalMap.of_stack(reversed(total.stack)).acceleration == 0.0
+    assert [value for value, _, _ in stack_of(STACKED, CONFIG)] == [-4.0, 0.0, 3.0]
 
 
 # --- the file ---------------------------------------------------------------------------------------------------------

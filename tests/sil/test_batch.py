@@ -170,7 +170,7 @@ def stepped(scenario: FloatArray, noise: FloatArray) -> FloatArray:
     found = []
     for index, added in enumerate(noise):
         steps = scenario[index * STEPS : (index + 1) * STEPS]
-        speed, wheel, friction, _, moment, _ = steps[0]
+        speed, wheel, friction, _, moment, *_ = steps[0]
         acting[0] = (speed, wheel, 0.0, friction, moment)
         lib.plant_output(plant, acting, output)
         measured = np.array([speed, output.front_angle, plant.yaw_rate]) + added
@@ -178,7 +178,7 @@ def stepped(scenario: FloatArray, noise: FloatArray) -> FloatArray:
         sample = Measurement(*measured.tolist(), plant.rear_angle, lateral_acceleration=lateral)
         command = controller.step(sample).rear_angle
         found.append((plant.yaw_rate, command))
-        for speed, wheel, friction, _, moment, _ in steps:
+        for speed, wheel, friction, _, moment, *_ in steps:
             acting[0] = (speed, wheel, command, friction, moment)
             lib.plant_step(plant, acting, 1e-3)
     return np.array(found).T

@@ -2,20 +2,25 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
-from codegen.configuration import Schedule
+from codegen.configuration import Schedule, parse
 from codegen.tuning import transient
 from codegen.tuning.transient import (
+    DEVIATION_OVERSHOOT_PERCENT,
+    LAG_OVERSHOOT_PERCENT,
     LEADS_S,
     OVERSHOOT_PERCENT,
     SETTLING_S,
     SHARES,
     Response,
     compile_controller,
+    family_of,
     tune_response,
     with_response,
 )
 from codegen.tuning.tune import with_tracking
+from codegen.vehicle.plant_car import PLANT_PARAMETERS
 from hil_sim.suite.cells import NOMINAL, cells
 from hil_sim.suite.runs import drive, judge
 from hil_sim.suite.subjects import of_config
@@ -54,3 +59,22 @@ def test_the_first_sufficient_look_ahead_is_chosen(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(transient._Search, "of", lambda *_: None)
     config = builds.TRACKING_CONFIG
     assert tune_response(builds.paper_map(), config, config.controller.tracking.schedule, None, None)[0] == expected
+
+
+def test_measured_deviations_replace_stiffness_and_lag() -> None:
+    """Both ends of each axis; masses stay, and so does the order of the rows."""
+    keys = ["tyre.rear.cornering_stiffness_n_per_rad", "vehicle.yaw_inertia_kg_m2", "rear_actuator.lag_s"]
+    table = {"keys": keys, "standard_deviations": [2_000.0, 100.0, 0.002], "correlations": np.eye(3).tolist()}
+    data = builds.TRACKING_CONFIG.model_dump(mode="json", exclude_none=True)
+    own, limits = family_of(parse({**data, "identified": table}, "test"))
+    plain, plain_limits = family_of(builds.TRACKING_CONFIG)
+    assert np.array_equal(own[:3], plain[:3])
+    assert limits.tolist() == [*plain_limits[:3], *[DEVIATION_OVERSHOOT_PERCENT] * 4, *[LAG_OVERSHOOT_PERCENT] * 2]
+    inertia, lag = (PLANT_PARAMETERS.index(name) for name in ("yaw_inertia", "rear_lag"))
+    radius = chi2.ppf(0.99, 2) ** 0.5
+    apart = own[3:7] - own[0]
+    assert sorted(apart[:, inertia]) == pytest.approx([-100.0 * radius, 0.0, 0.0, 100.0 * radius], abs=1e-9)
+    stiffness = PLANT_PARAMETERS.index("rear_stiffness_factor")
+    slope = builds.TRACKING_CONFIG.tyre.rear.cornering_stiffness_n_per_rad
+    assert max(own[3:7, stiffness]) / own[0, stiffness] == pytest.approx(1.0 + 2_000.0 * radius / slope)
+    assert (own[7:, lag] - own[0, lag]).tolist() == pytest.approx([step * chi2.ppf(0.99, 1) ** 0.5 * 0.002 for step in (-1, 1)])

@@ -86,9 +86,13 @@ class Description:
 
     @property
     def bus(self) -> dict[str, int]:
-        """Identifiers and bit rate by the names of pyxcp."""
+        """Identifiers and bit rates by the names of pyxcp."""
         names = {"can_id_master": "CAN_ID_MASTER", "can_id_slave": "CAN_ID_SLAVE", "bitrate": "BAUDRATE"}
-        return {name: int(self.xcp["XCP_ON_CAN"].after(keyword)) for name, keyword in names.items()}
+        on_can = self.xcp["XCP_ON_CAN"]
+        found = {name: int(on_can.after(keyword)) for name, keyword in names.items()}
+        for fd in on_can.blocks("CAN_FD"):
+            found |= {"fd": True, "data_bitrate": int(fd.after("CAN_FD_DATA_TRANSFER_BAUDRATE"))}
+        return found
 
     @property
     def order(self) -> str:

@@ -1,7 +1,7 @@
 /*
  * The XCP slave alone, for tests. It reads records from standard input and writes a result for each to standard output.
  *
- * 'C' length bytes: a packet of the master. Result: answered, length and eight bytes of the answer.
+ * 'C' length bytes: a packet of the master. Result: answered, length and all bytes of the answer.
  * 'E':              a run of the task; the measurements' first byte counts the runs. Result: a count, and packets as above.
  *
  * Each result ends with the broken invariants, bit by bit (see `broken`). The first line of output is text with the offsets.
@@ -156,10 +156,10 @@ static size_t offset_of(const void *object)
 int main(void)
 {
     set_up();
-    (void)printf("size=%zu rear_angle_max=%zu enable_speed=%zu speeds=%zu table=%zu measurements=%zu\n",
+    (void)printf("size=%zu rear_angle_max=%zu enable_speed=%zu speeds=%zu table=%zu measurements=%zu packet=%zu\n",
         (size_t)setup.calibration_size, offset_of(&ars_parameters_default.rear_angle_max),
         offset_of(&ars_parameters_default.enable_speed), offset_of(ars_map_speed_breakpoints),
-        offset_of(ars_map_yaw_rate_table), sizeof(ars_task_t));
+        offset_of(ars_map_yaw_rate_table), sizeof(ars_task_t), sizeof answer->data);
     (void)fflush(stdout);
     for (int record = getchar(); record != EOF; record = getchar()) {
         if (record == 'C') {

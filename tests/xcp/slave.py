@@ -57,12 +57,12 @@ def dword(value: int) -> bytes:
     return struct.pack("<I", value)
 
 
-def compile_slave(at: Path) -> Path:
-    """Compile the committed build and the harness in a folder; return the program."""
+def compile_slave(at: Path, build: Path = BUILD) -> Path:
+    """Compile a build and the harness in a folder; return the program."""
     compiler = find_compiler().command
     flags = (*FLAGS, SANITIZERS, "-fno-pie", section_flag("ars"), "-Iinclude", "-Ilinux")
     for folder in ("include", "src", "linux"):
-        shutil.copytree(BUILD / folder, at / folder)
+        shutil.copytree(build / folder, at / folder)
     (at / "slave.c").write_bytes(HARNESS.read_bytes())
     # Not sanitized: it reads memory around the calibration, part of which belongs to the sanitizer.
     plain = [flag for flag in flags if flag != SANITIZERS]
@@ -76,7 +76,7 @@ class Slave:
     """A running slave; a context manager.
 
     Attributes:
-        places: offsets in the calibration by name, its `size`, and the size of the `measurements`.
+        places: offsets in the calibration by name, its `size`, that of the `measurements`, and that of a `packet`.
     """
 
     def __init__(self, program: Path) -> None:
@@ -136,8 +136,8 @@ class Slave:
         return self._read(size)
 
     def _packet(self) -> bytes:
-        record = self._read(9)
-        assert record[0] <= 8, f"a packet of {record[0]} bytes"
+        record = self._read(1 + self.places["packet"])
+        assert record[0] < len(record), f"a packet of {record[0]} bytes"
         return record[1 : 1 + record[0]]
 
     def _check_invariants(self) -> None:

@@ -21,6 +21,8 @@ REFERENCE_MAX_RAD_S = 20.0
 """Bound of the yaw rate that a law follows."""
 LATERAL_ACCELERATION_MAX_M_S2 = 4096.0
 """Bound of the lateral acceleration that is computed from checked signals."""
+LONGITUDINAL_ACCELERATION_MAX_M_S2 = 32.0
+"""Bound of the checked longitudinal acceleration, above every range and every stack."""
 SIGNALS_CHECKED = ("speed", "front_angle", "yaw_rate")
 """Signals that the inputs check and replace."""
 
@@ -139,7 +141,15 @@ class Conditions:
         for name, bound in bounds.items():
             yield Claim(f"{name} is within its range", self.within(f"{sample}{name}", bound))
         yield Claim("friction is within its range", self.between(f"{sample}friction", 0.0, FRICTION_UNKNOWN))
+        if self.takes_acceleration:
+            name = "longitudinal_acceleration"
+            yield Claim(f"{name} is within its range", self.within(f"{sample}{name}", LONGITUDINAL_ACCELERATION_MAX_M_S2))
         yield Claim("inhibit is true or false", f"is_flag({sample}inhibit)")
+
+    @property
+    def takes_acceleration(self) -> bool:
+        """Return whether the build has the signal of the longitudinal acceleration."""
+        return any(view.name == "longitudinal_acceleration_max" for view in self.inputs.parameters)
 
     def signals_in_range(self, frame: Frame, signals: str) -> Iterator[Claim]:
         """Yield the ranges of unpacked signals, one step wider for the rounding."""

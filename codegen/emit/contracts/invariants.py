@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 
 from codegen.configuration.signals import STATUSES
-from codegen.emit.contracts.conditions import REFERENCE_MAX_RAD_S, Conditions
+from codegen.emit.contracts.conditions import LONGITUDINAL_ACCELERATION_MAX_M_S2, REFERENCE_MAX_RAD_S, Conditions
 from codegen.emit.contracts.contract import Invariant
 from codegen.emit.controller_view import ACTUATOR_SAMPLES_MAX
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
@@ -102,6 +102,8 @@ class Invariants(Conditions):
         claims += [f"lies_between(value->{name}, {self.number(0.0)}, {twice})" for name in ("least", "least_of_front")]
         claims += [self.within("value->yaw_rate_offset", self.high("yaw_rate_offset_max"))]
         claims += [self.between("value->friction", 0.0, FRICTION_UNKNOWN)]
+        if self.takes_acceleration:
+            claims += [self.within("value->longitudinal_acceleration", LONGITUDINAL_ACCELERATION_MAX_M_S2)]
         claims += [f"is_flag(value->{name})" for name in ("lateral_is_known", "lateral_is_proven")]
         return Invariant(self.own("inputs_t"), tuple(claims))
 

@@ -30,7 +30,8 @@ class MapUnits(Conditions):
     def units(self) -> Iterator[Unit]:
         """Yield the contracts."""
         own, unit, view = self.own, self.own("map"), self.map
-        arguments = tuple(self.scalar(name) for name in ("speed", "front_angle", "friction"))
+        names = ("speed", "front_angle", "friction", *(["longitudinal_acceleration"] if view.takes_acceleration else []))
+        arguments = tuple(self.scalar(name) for name in names)
         missing: dict[str, Any] = {"open": "the lemmas on maps are for one table of real numbers without a table of grip"}
         yield self._map_valid() if self.has_plain_map else Unit(own("map_valid"), unit, (), "bool", **missing)
         more: dict[str, Any] = self._look_up() if self.has_plain_map else missing
@@ -49,7 +50,8 @@ class MapUnits(Conditions):
 
     def _mirrored(self, look_up: Unit) -> Unit:
         """Return the harness that the look-up is odd in the front angle."""
-        facts = f"const {look_up.result} mirrored = {look_up.function}(speed, -front_angle, friction);"
+        more = ", ".join(argument.name for argument in look_up.arguments[2:])
+        facts = f"const {look_up.result} mirrored = {look_up.function}(speed, -front_angle, {more});"
         names = [f".{name}" for name in ("yaw_rate", "rear_angle")] if look_up.result_is_struct else [""]
         turns = f"((front_angle < {self.number(0.0)}) || (front_angle > {self.number(0.0)}))"
         claims = (

@@ -13,13 +13,13 @@ from xml.etree import ElementTree
 from codegen import __version__, configuration
 from codegen.configuration import Config
 from codegen.configuration.can import NODES
-from codegen.configuration.signals import MEASURED
 from codegen.emit.build import NUMBERS, BuildView
 from codegen.emit.can_view import Cause, can_view, task_view
 from codegen.emit.folder import MANIFEST, Folder, read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.map_view import magnitude_bits
 from codegen.emit.render import decimal, render
+from codegen.emit.take_over import TakeOver
 from codegen.emit.text import NONE, UNITS, c_type, comment_text, literal, numpy_type
 from codegen.errors import BuildError
 from codegen.export.arxml.view import (
@@ -167,7 +167,7 @@ def _context(manifest: Mapping[str, Any], config: Config, calibration: str, prot
         "real": c_type(precision),
         **{name: literal(value, precision) for name, value in NUMBERS.items()},
         "map": {"bits_type": f"uint{bits}_t", "magnitude_bits": magnitude_bits(bits)},
-        "measured": MEASURED,
+        "measured": config.can.measured,
         "by_transformer": by_transformer,
         "can": can,
         "e2e": config.can.e2e,
@@ -195,7 +195,10 @@ def _context(manifest: Mapping[str, Any], config: Config, calibration: str, prot
         "timeout": decimal(period * config.can.e2e.window_size),
         "baudrate": can.baudrate,
         "version": (re.findall(r"\d+", str(manifest["version"])) + ["0"] * 3)[:3],
-        "sources": (f"src/{prefix}_swc.c", *(path for path in manifest["files"] if path.startswith("src/"))),
+        "sources": (
+            f"src/{prefix}_swc.c",
+            *TakeOver.of(prefix, (path for path in manifest["files"] if path.startswith("src/"))).sources,
+        ),
     }
 
 

@@ -24,6 +24,7 @@ from codegen.emit.parameters import Parameter
 from codegen.emit.render import decimal
 from codegen.emit.text import NONE, UNITS, Precision, Unit, literal, unit_of_comment
 from codegen.errors import BuildError
+from codegen.map_file.tables import ACCELERATION, FRICTION
 
 UNIT_BY_SYMBOL = {unit.symbol: unit for unit in UNITS}
 NOT_AVAILABLE = "not available"
@@ -284,12 +285,15 @@ def map_views(manifest: Mapping[str, Any], calibration: str, prefix: str, precis
         low, high = (max(min(bound, reach), -reach) for bound in TABLE_RANGES[quantity])
         shape = tuple(symbol["shape"])
         layers = shape[0] if len(shape) == 3 else 0
-        roads = ", ".join(f"{each:g}" for each in manifest["map"]["frictions"])
+        moving = manifest["map"].get("longitudinal_accelerations")
+        stack, values = (ACCELERATION, moving) if moving else (FRICTION, manifest["map"]["frictions"])
+        roads = f"{'' if moving else 'road '}{stack.title} of {', '.join(f'{each:g}' for each in values)}"
+        roads += f" {stack.unit}" if stack.unit else ""
         found.append(
             CalibrationView(
                 name=name,
                 member=name,
-                text=f"reference map: {quantity.replace('_', ' ')}, at a road friction of {roads}",
+                text=f"reference map: {quantity.replace('_', ' ')}, at a {roads}",
                 category="CUBOID" if layers else "MAP",
                 type="sint16" if factor else real_type(precision),
                 shape=shape,

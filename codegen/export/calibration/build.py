@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -102,23 +102,23 @@ class BuildCalibration:
                 raise BuildError("the self-test of the build fails with these values", where=self.folder, remedy="build again")
 
     def looked_up(
-        self, values: Values, speed: Numbers, front_angle: Numbers, friction: float, *, with_rear_angle: bool
+        self, values: Values, speed: Numbers, front_angle: Numbers, road: Sequence[float], *, with_rear_angle: bool
     ) -> list[FloatArray]:
         """Return the yaw rates (n, m) in rad/s, and the rear angles in rad if wanted, that the C looks up with a valid set.
 
         Args:
-            speed: (n,) m/s. front_angle: (m,) rad. friction: of the road.
+            speed: (n,) m/s. front_angle: (m,) rad. road: further arguments of the lookup.
             with_rear_angle: whether the kind of controller looks up rear angles.
         """
         with self._written(values):
             if with_rear_angle:
                 reference = self._function("map_reference")
-                found = [[reference(v, angle, friction) for angle in front_angle] for v in speed]
+                found = [[reference(v, angle, *road) for angle in front_angle] for v in speed]
                 return [
                     np.array([[getattr(each, name) for each in row] for row in found]) for name in ("yaw_rate", "rear_angle")
                 ]
             yaw_rate = self._function("map_yaw_rate_on_road")
-            return [np.array([[yaw_rate(v, angle, friction) for angle in front_angle] for v in speed])]
+            return [np.array([[yaw_rate(v, angle, *road) for angle in front_angle] for v in speed])]
 
     def _conflict(self, values: Values, origins: Mapping[str, object]) -> CodegenError:
         """Return the error for values that are valid alone, but not together."""

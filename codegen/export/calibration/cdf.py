@@ -23,14 +23,15 @@ _DOCTYPE = (
 )
 
 
-def read(content: bytes, path: Path) -> Iterator[Label]:
-    """Yield the values, axes, curves and maps of a file; other instances are skipped. Raises CodegenError: it is damaged."""
+def read(content: bytes, path: Path, start: str) -> Iterator[Label]:
+    """Yield the values, axes, curves and maps of a file whose names begin with `start`; other instances are skipped, whatever
+    they contain. Raises CodegenError: it is damaged."""
     root = _parsed(content, path)
     if root.tag != "MSRSW" or not _text(root, "CATEGORY").startswith("CDF2"):
         raise CodegenError("no MSRSW of category CDF20", where=path, remedy=READ_REMEDY)
     for instance in root.iter("SW-INSTANCE"):
         kind = _KINDS.get(_text(instance, "CATEGORY"))
-        if kind is not None:
+        if kind is not None and _text(instance, "SHORT-NAME").startswith(start):
             yield _label(instance, kind, path)
 
 
@@ -68,11 +69,12 @@ def _label(instance: ElementTree.Element, kind: Kind, path: Path) -> Label:
     content = holder.find("SW-VALUE-CONT")
     if content is None:
         raise CodegenError("has no SW-VALUE-CONT", where=f"{path}: {name}", remedy=READ_REMEDY)
-    axes, points = [], []
+    axes, points, units = [], [], [_text(content, "UNIT-DISPLAY-NAME")]
     for axis in holder.findall("SW-AXIS-CONTS/SW-AXIS-CONT"):
         axes.append(_text(axis, "SW-INSTANCE-REF"))
         points.append(_numbers(axis))
-    return Label(name, kind, str(path), _numbers(content), _size(content, kind), tuple(axes), tuple(points))
+        units.append(_text(axis, "UNIT-DISPLAY-NAME"))
+    return Label(name, kind, str(path), _numbers(content), _size(content, kind), tuple(axes), tuple(points), tuple(units))
 
 
 def _numbers(element: ElementTree.Element) -> list[str]:

@@ -17,6 +17,7 @@ from codegen.configuration import CONFIG_BYTES_MAX, Config, parse
 from codegen.ecu_map.total import Rule
 from codegen.emit.controller_view import controller_parameters
 from codegen.emit.inputs_view import inputs_parameters
+from codegen.emit.laws import is_untuned
 from codegen.emit.limiter_view import limiter_parameters
 from codegen.emit.parameters import Parameter
 from codegen.errors import ConfigError, MapError
@@ -26,12 +27,13 @@ from codegen.files import read_text
 from codegen.importing.toml_edit import replace_values, whole
 from codegen.map_file import map as npz
 from codegen.map_file.map import SCHEMA_VERSION, ReferenceMap
-from codegen.map_file.tables import FRICTION
+from codegen.map_file.tables import ACCELERATION, FRICTION
 
 AUTHOR = "codegen calibrate"
 REMARK = f"{AUTHOR} wrote into this table."
 DIGITS_MAX = 17
 """Digits that identify a double."""
+SCHEDULE = "controller.tracking.schedule"
 MARGINS = ("gain_margin_db", "phase_margin_deg", "sensitivity")
 """Keys of the schedule that describe other gains than those of the set."""
 
@@ -51,7 +53,8 @@ def toml_of(values: Values, build: BuildCalibration, config_path: Path | None) -
     """Return the text of an `ars.toml` whose build has the parameters of a set, to the bit.
 
     Args:
-        config_path: file whose text is kept and whose keys are replaced; None for the configuration of the build.
+        config_path: file whose text is kept and whose keys are replaced; None for the configuration of the build. A file
+            without a gain schedule gets that of the set.
 
     Raises:
         CodegenError: a value has no key of its own, or is outside the range of its key; or the file cannot be edited.
@@ -64,7 +67,13 @@ def toml_of(values: Values, build: BuildCalibration, config_path: Path | None) -
             base = parse(tomllib.loads(text), config_path)
         except (tomllib.TOMLDecodeError, RecursionError) as error:
             raise ConfigError(f"not TOML ({error})", where=config_path, remedy="give an ars.toml") from None
-    chosen = _chosen_keys(values, base, build)
+    gains = build.config.controller.tracking.schedule
+    if is_untuned(base) and gains is not None:  # codegen tune writes the gains into a map, not into the user's file
+        added = {f"{SCHEDULE}.{name}": value for name, value in gains.model_dump(mode="json", exclude_none=True).items()}
+        base = _with_keys(base, {SCHEDULE: gains})
+    else:
+        added = {}
+    chosen = added | _chosen_keys(values, base, build)
     config = parse(_with_keys(base, chosen).model_dump(mode="json"), "the configuration of this set")
     _require_equal(values, config, build)
     if text is None:
@@ -73,7 +82,7 @@ def toml_of(values: Values, build: BuildCalibration, config_path: Path | None) -
     for key, value in chosen.items():
         table, _, name = key.rpartition(".")
         tables.setdefault(table, {})[name] = value
-    for table, entries in tables.items():
+    for table, entries in sorted(tables.items()):  # a table before those inside it
         given = {name: value for name, value in entries.items() if value is not None}
         removed = dict.fromkeys((name for name, value in entries.items() if value is None), next(iter(given)))
         text = replace_values(text, table, given, removed, REMARK)
@@ -122,9 +131,9 @@ def _chosen_keys(values: Values, base: Config, build: BuildCalibration) -> dict[
     complete = {name: [e if kept is None else kept for e, kept in zip(exact[name], found[name], strict=True)] for name in exact}
     chosen = _by_key(complete, own)
     schedule = base.controller.tracking.schedule
-    if schedule is not None and any(key.startswith("controller.tracking.schedule.") for key in chosen):
+    if schedule is not None and any(key.startswith(f"{SCHEDULE}.") for key in chosen):
         given = [name for name in MARGINS if getattr(schedule, name) is not None]
-        chosen |= {f"controller.tracking.schedule.{name}": None for name in given}
+        chosen |= {f"{SCHEDULE}.{name}": None for name in given}
     return chosen
 
 
@@ -203,15 +212,19 @@ def map_of(values: Values, build: BuildCalibration, name: object) -> WrittenMap:
         speed, front_angle = _doubles(values[f"{prefix}speed"][rows]), _doubles(values[f"{prefix}front_angle"][columns])
         lost = tuple(_lost(values, build, rows, columns))
     with_rear = any(each.name.startswith(f"{prefix}rear_angle") for each in build.layout.tables)
-    layers = [
-        build.looked_up(values, speed, front_angle, friction, with_rear_angle=with_rear) for friction in facts["frictions"]
-    ]
+    moving = facts.get("longitudinal_accelerations")
+    stack, of_layers = (ACCELERATION, moving) if moving else (FRICTION, facts["frictions"])
+    own = of_layers.index(0.0) if moving else len(of_layers) - 1
+    takes_acceleration = ACCELERATION.key in build.config.can.vehicle_conditions.signals()
+    roads = [(facts["friction"], value) if moving else (value, *([0.0] if takes_acceleration else [])) for value in of_layers]
+    layers = [build.looked_up(values, speed, front_angle, road, with_rear_angle=with_rear) for road in roads]
     arrays: dict[str, Any] = {"vx": speed, "delta_f": front_angle}
     for key, tables in zip(("yaw_rate", "delta_r")[: 1 + with_rear], zip(*layers, strict=True), strict=False):
-        *lower, arrays[key] = tables  # the last one is that of the map itself
-        if lower:
-            arrays[f"{FRICTION.prefix}{key}"] = np.stack(lower)
-            arrays["friction"] = np.array(facts["frictions"][:-1], dtype=np.float64)
+        others = [index for index in range(len(of_layers)) if index != own]
+        arrays[key] = tables[own]
+        if others:
+            arrays[f"{stack.prefix}{key}"] = np.stack([tables[index] for index in others])
+            arrays[stack.key] = np.array(of_layers, dtype=np.float64)[others]
     if with_rear:
         for key in [key for key in arrays if key.endswith("delta_r")]:
             arrays[key] = _within(arrays[key], build)

@@ -23,15 +23,17 @@ _WRITTEN: dict[Kind, str] = {
     "CURVE": "GRUPPENKENNLINIE",
     "MAP": "GRUPPENKENNFELD",
 }
-_OTHER_BLOCKS = ("FUNKTIONEN", "VARIANTENKODIERUNG", "FESTWERTEBLOCK", "TEXTSTRING")
+_BLOCKS = (*_KINDS, "FUNKTIONEN", "VARIANTENKODIERUNG", "FESTWERTEBLOCK", "TEXTSTRING")
 _WORDS = re.compile(r'"(?:[^"]|"")*"|[^\s"]+')
 _SHARED_AXIS = re.compile(r"\*SST([XY])\s+(\S+)")
-_IGNORED = ("LANGNAME", "DISPLAYNAME", "FUNKTION", "EINHEIT_X", "EINHEIT_Y", "EINHEIT_W", "VAR")
+_IGNORED = ("LANGNAME", "DISPLAYNAME", "FUNKTION", "VAR")
+_UNIT = "EINHEIT_"
 _PER_LINE = 6
 
 
-def read(content: bytes, path: Path) -> Iterator[Label]:
-    """Yield the values, axes, curves and maps of a file; other blocks are skipped. Raises CodegenError: it is damaged."""
+def read(content: bytes, path: Path, start: str) -> Iterator[Label]:
+    """Yield the values, axes, curves and maps of a file whose names begin with `start`; other blocks are skipped, whatever they
+    contain. Raises CodegenError: it is damaged."""
     lines = enumerate(decoded(content, path).splitlines(), start=1)
     first = next((words for _, line in lines if (words := _words(line))), [])
     if first != ["KONSERVIERUNG_FORMAT", "2.0"]:
@@ -41,11 +43,10 @@ def read(content: bytes, path: Path) -> Iterator[Label]:
         if not words or words[0] == "MODULKOPF":
             continue
         place = f"{path}, line {number}"
-        if words[0] in _OTHER_BLOCKS:
-            if _end_of(lines) is None:
-                raise CodegenError(f"{words[0]} has no END", where=place, remedy=READ_REMEDY)
-        elif words[0] in _KINDS:
+        if words[0] in _KINDS and (len(words) == 1 or words[1].startswith(start)):
             yield _label(words, lines, path, place)
+        elif words[0] in _BLOCKS:
+            _skip(words, lines, place)
         else:
             raise CodegenError(f"unknown keyword {words[0]}", where=place, remedy=READ_REMEDY)
 
@@ -56,8 +57,15 @@ def _words(line: str) -> list[str]:
     return [] if stripped[:1] in ("*", "!", ".") else _WORDS.findall(stripped)
 
 
-def _end_of(lines: Iterator[tuple[int, str]]) -> int | None:
-    return next((number for number, line in lines if _words(line)[:1] == ["END"]), None)
+def _skip(head: list[str], lines: Iterator[tuple[int, str]], place: str) -> None:
+    """Skip a block up to its END."""
+    for _, line in lines:
+        match _words(line):
+            case ["END", *_]:
+                return
+            case [word, *_] if word in _BLOCKS:
+                break
+    raise CodegenError(f"{' '.join(head[:2])} has no END", where=place, remedy=READ_REMEDY)
 
 
 def _label(head: list[str], lines: Iterator[tuple[int, str]], path: Path, place: str) -> Label:
@@ -67,6 +75,7 @@ def _label(head: list[str], lines: Iterator[tuple[int, str]], path: Path, place:
     if len(head) != 2 + sizes or not all(re.fullmatch("[0-9]{1,9}", size) for size in head[2:]):
         raise CodegenError(f"{head[0]} needs a name and {sizes} sizes", where=place, remedy=READ_REMEDY)
     shared, numbers = {"X": "", "Y": ""}, {"WERT": list[str](), "ST/X": list[str](), "ST/Y": list[str]()}
+    units = {f"{_UNIT}{letter}": "" for letter in "WXY"}
     for number, line in lines:
         if comment := _SHARED_AXIS.match(line.strip()):
             shared[comment[1]] = comment[2]
@@ -74,6 +83,9 @@ def _label(head: list[str], lines: Iterator[tuple[int, str]], path: Path, place:
         if words[:1] == ["END"]:
             break
         if not words or words[0] in _IGNORED:
+            continue
+        if words[0] in units:
+            units[words[0]] = words[1].strip('"') if len(words) > 1 else ""
             continue
         if words[0] not in numbers:
             what = f"{words[0]} in {head[0]} {name}" if words[0] not in _KINDS else f"{head[0]} {name} has no END"
@@ -83,9 +95,9 @@ def _label(head: list[str], lines: Iterator[tuple[int, str]], path: Path, place:
         raise CodegenError(f"{head[0]} {name} has no END", where=place, remedy=READ_REMEDY)
     size = tuple(map(int, head[2:]))
     if kind == "AXIS":
-        return Label(name, kind, place, numbers["ST/X"], size)
+        return Label(name, kind, place, numbers["ST/X"], size, units=(units["EINHEIT_X"],))
     axes, points = (shared["X"], shared["Y"])[:sizes], (numbers["ST/X"], numbers["ST/Y"])[:sizes]
-    return Label(name, kind, place, numbers["WERT"], size, axes, points)
+    return Label(name, kind, place, numbers["WERT"], size, axes, points, tuple(units.values()))
 
 
 def write(values: Values, layout: Layout, title: str) -> bytes:

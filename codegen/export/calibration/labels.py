@@ -36,6 +36,7 @@ class Label:
         size: number of columns and rows, as far as the file states them.
         axes: name of each shared axis, that of the columns first; "" if the file does not name it.
         points: texts of the breakpoints of each axis; empty if they are not in the label.
+        units: unit of the numbers, then that of each axis; "" if the file does not state it.
     """
 
     name: str
@@ -45,21 +46,20 @@ class Label:
     size: tuple[int, ...] = ()
     axes: tuple[str, ...] = ()
     points: tuple[list[str], ...] = field(default=())
+    units: tuple[str, ...] = ()
 
 
 def values_of(labels: Iterable[Label], layout: Layout) -> Values:
-    """Return the values of the labels that belong to a build, in its precision. Labels of other software are skipped.
+    """Return the values of labels in the precision of a build.
 
     An axis that the file contains only inside its curves and maps is taken from there.
 
     Raises:
-        CodegenError: a label that the build does not have, or of another kind or size, or a text that is not a number.
+        CodegenError: a label that the build does not have, or of another kind, size or unit, or a text that is not a number.
     """
     found: Values = {}
     copies: list[tuple[CalibrationObject, Label, list[str]]] = []
     for label in labels:
-        if not label.name.startswith(f"{layout.prefix}."):
-            continue
         each = _object(label, layout)
         if label.name in found:
             raise CodegenError("is in the file twice", where=_where(label), remedy="remove one of them")
@@ -104,7 +104,24 @@ def _object(label: Label, layout: Layout) -> CalibrationObject:
                 where=_where(label),
                 remedy="give the file of this build",
             )
+    _check_units(each, label, layout)
     return each
+
+
+def _check_units(each: CalibrationObject, label: Label, layout: Layout) -> None:
+    for one, unit in zip((each, *(layout.objects[name] for name in each.axes)), label.units, strict=False):
+        if unit and one.unit and _spelled(unit) != _spelled(one.unit):
+            of_axis = "" if one is each else f"breakpoints of {one.name} "
+            raise CodegenError(
+                f"{of_axis}in {unit} in the file, in {one.unit} in the build",
+                where=_where(label),
+                remedy=f"convert the numbers to {one.unit}",
+            )
+
+
+def _spelled(unit: str) -> str:
+    """Return a unit in a spelling that does not depend on the tool: m/s2 for m/s^2 and m/s²."""
+    return unit.translate({ord("²"): "2", ord("³"): "3", ord("^"): None, ord(" "): None})
 
 
 _SIZE_REMEDY = "the number of breakpoints is fixed at build: build again to change it"

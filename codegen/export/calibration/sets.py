@@ -29,7 +29,8 @@ def read_set(path: Path, layout: Layout) -> Values:
             where=path,
             remedy="give a .dcm or .cdfx file, or an image with --image",
         )
-    values = values_of(reader.read(read_file(path, CALIBRATION_BYTES_MAX, READ_REMEDY), path), layout)
+    content = read_file(path, CALIBRATION_BYTES_MAX, READ_REMEDY)
+    values = values_of(reader.read(content, path, f"{layout.prefix}."), layout)
     if not values:
         what = f"contains no value of this build: no name begins with {layout.prefix}."
         raise CodegenError(what, where=path, remedy="give the file of this build")

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 
 from codegen.configuration import Config
 from codegen.configuration.can import NODES
-from codegen.configuration.signals import MEASURED
 from codegen.emit.can_view import can_view, task_view
 from codegen.emit.text import Precision, literal
 from codegen.export.fmu.variables import WITH_BUS, Role, Variable, Version, What
@@ -180,7 +179,7 @@ def context(what: What, config: Config, prefix: str, precision: Precision, varia
         "build": {"prefix": prefix, "PREFIX": prefix.upper()},
         "real": "float" if precision == "single" else "double",
         "zero": literal(0.0, precision),
-        "measured": MEASURED,
+        "measured": config.can.measured,
         "task": task_view(config),
         "counters": COUNTERS,
         "bus": _bus(what, config, precision) if what in WITH_BUS else {},

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.configuration.signals import MEASURED, RECORDED
+from codegen.configuration.signals import RECORDED
 from codegen.emit.text import unit_of_comment
 from codegen.export.fmu.layers import CHANNEL, NOTIFICATIONS
 from codegen.sil.software import COUNTERS, Software
@@ -231,6 +231,7 @@ def _driver(config: Config) -> tuple[Variable, ...]:
             start=config.road.friction,
         ),
         _flag("friction_estimate_available", "false: the controller takes the friction of its map"),
+        *(_input(each.variable, each.role, each.meaning) for each in config.can.measured if each.is_extra),
         _flag("inhibit", "ESC or ABS is acting: the controller's integrator holds"),
     )
 
@@ -286,7 +287,7 @@ def _task_offset(config: Config) -> Variable:
 def _measurement(config: Config) -> tuple[Variable, ...]:
     """Return the controller's measurement, without bounds because the controller checks its inputs."""
     found: list[Variable] = []
-    for signal in MEASURED:
+    for signal in config.can.measured:
         if not signal.is_real:
             found.append(_flag(signal.role, signal.comment))
         elif not signal.is_optional:
@@ -299,7 +300,10 @@ def _measurement(config: Config) -> tuple[Variable, ...]:
     return tuple(found)
 
 
-_ABSENCE = {"friction": "the controller takes the friction of its map"}
+_ABSENCE = {
+    "friction": "the controller takes the friction of its map",
+    "longitudinal_acceleration": "the controller takes the strongest braking of its map",
+}
 
 
 def _initial(config: Config) -> Variable:

@@ -11,6 +11,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
+from codegen.configuration.population import draw
 from codegen.errors import CodegenError
 from codegen.identify.map_spread import COVERAGE, map_spread
 from codegen.identify.run import Identification
@@ -33,6 +34,8 @@ POINTS_MAX = 3_000
 """Points of a line over time: more do not show."""
 CURVE_POINTS = 200
 CURVE_END_DEG = 12.0
+BAND_CARS = 1_000
+"""Cars that are drawn for the bands of the tyre curves."""
 BANDS = ((BLUE, "rgba(0, 114, 178, 0.25)"), (VERMILION, "rgba(213, 94, 0, 0.25)"), (GREEN, "rgba(0, 158, 115, 0.25)"))
 """Colour of the line and of the band for each speed."""
 
@@ -157,6 +160,7 @@ def _run_chart(one: Validation, name: str) -> Chart:
 
 def _curves(found: Identification, identified: Config, one: Reached) -> list[Chart]:
     before, after = AxleTyres.from_config(found.config), AxleTyres.from_config(identified)
+    drawn = [AxleTyres.from_config(car) for car in draw(identified, BAND_CARS, 1)] if identified.identified.keys else []
     charts = []
     for axle, slip in zip(("front", "rear"), one.slip, strict=True):
         slips = np.linspace(0.0, max(CURVE_END_DEG * DEGREE, 1.2 * slip), CURVE_POINTS)
@@ -165,7 +169,15 @@ def _curves(found: Identification, identified: Config, one: Reached) -> list[Cha
             result: FloatArray = 2e-3 * getattr(tyres, axle).force(slips)
             return result
 
-        data: list[dict[str, Any]] = [
+        data: list[dict[str, Any]] = []
+        if drawn:
+            low, high = np.quantile([force(tyres) for tyres in drawn], (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE)), axis=0)
+            look = {"fill": "toself", "fillcolor": BANDS[0][1], "hoverinfo": "skip", "width": 0}
+            edges = np.concatenate([low, high[::-1]])
+            data.append(
+                line(np.concatenate([slips, slips[::-1]]) / DEGREE, edges, f"{100.0 * COVERAGE:g} % band", BLUE, **look)
+            )
+        data += [
             line(slips / DEGREE, force(after), "identified", BLUE),
             line(slips / DEGREE, force(before), "configured", VERMILION, dash="dot"),
         ]
@@ -173,6 +185,8 @@ def _curves(found: Identification, identified: Config, one: Reached) -> list[Cha
         shapes = [{**edge, "line": {"color": MUTED, "width": 1, "dash": "dash"}}]
         look = layout(xaxis=axis("Slip angle (deg)"), yaxis=axis("Side force (kN)", rangemode="tozero"), shapes=shapes)
         caption = f"Side force of the {axle} axle at static load. The dashed line is the largest slip of the drives."
+        if drawn:
+            caption += " The band has the curves of 95 % of the cars that the drives leave possible, at each slip."
         charts.append(Chart(f"curve-{axle}", {"data": data, "layout": look}, caption, caption))
     return charts
 

@@ -68,7 +68,8 @@ def _budgets(subject: Subject) -> dict[str, int]:
         for name in ("speed_m_s", "front_angle_rad")
     ]
     rounds = sum(len(axis.search_steps) for axis in axes if not axis.even)
-    shape = MapShape(rounds, len(table["frictions"]), grip is not None, "storage" in table)
+    moving = table.get("longitudinal_accelerations")
+    shape = MapShape(rounds, len(moving or table["frictions"]), grip is not None, "storage" in table, moving is not None)
     return config.budgets.resolved(config.controller.kind, shape, config.can.frame_bytes)
 
 

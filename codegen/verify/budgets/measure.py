@@ -72,8 +72,11 @@ class Counter:
         self.objects = compile_objects(sources, FLAGS)
         has_reference = f"{prefix}_map_reference(".encode() in sources[f"include/{prefix}_map.h"]
         self.lookups = ("map_yaw_rate", "map_yaw_rate_on_road", *(["map_reference"] if has_reference else []))
+        takes = b" longitudinal_acceleration);" in sources[f"include/{prefix}_map.h"]
         names = {"prefix": prefix, "PREFIX": prefix.upper()}
-        frame = render("verify/budget.c.j2", {"build": names, "task": task, "has_reference": has_reference})
+        frame = render(
+            "verify/budget.c.j2", {"build": names, "task": task, "has_reference": has_reference, "takes_acceleration": takes}
+        )
         others = {f"src/{prefix}_{unit}.c" for unit in OTHER_UNITS}
         linked = {f"{path}.o": content for path, content in self.objects.items() if path not in others}
         headers = {path: content for path, content in sources.items() if path.endswith(".h")}

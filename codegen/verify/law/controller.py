@@ -97,7 +97,7 @@ class SecondController:
         period, actuator_max = config.controller.sampling_time_s, float(real(config.rear_actuator.angle_max))
         self.period = real(period)
         self.angle = real(0.0) if math.isnan(angle) else real(min(max(angle, -actuator_max), actuator_max))
-        self.inputs = SecondInputs(parameters.inputs, real)
+        self.inputs = SecondInputs(parameters.inputs, real, lookup.strongest_braking)
         self.limiter = SecondLimiter(parameters.limiter, period, real, self.angle)
         self.status = Status.STANDBY
         self.above_enabling_speed = False
@@ -174,7 +174,7 @@ class SecondController:
 
     def map_yaw_rate(self, m: Measurement) -> Any:
         """Return the reference yaw rate in rad/s for speed, front angle and friction of a sample."""
-        return self.lookup(m.speed, m.front_angle, self.friction(m))
+        return self.lookup(m.speed, m.front_angle, self.friction(m), m.longitudinal_acceleration)
 
     def actuator_range(self, m: Measurement) -> tuple[Any, Any]:
         """Return the range of the demand in rad: the actuator's, limited to a distance from the measured angle."""

@@ -52,13 +52,17 @@ def drive(
     friction = np.where(spells(0.01, 60), rng.choice([0.0, 0.05, 0.3, 0.6, 0.9, 1.2], count), math.nan)
     lateral = np.where(spells(0.01, 300), speed * (yaw + rng.normal(0.0, 0.005, count)), math.nan)
     inhibit = spells(0.01, 20)
-    fields = np.stack([speed, front, yaw, rear, friction, lateral])
+    moving = []
+    if lookup.is_moving:
+        swing = 0.7 * np.ptp(lookup.accelerations) * np.sin(2.0 * np.pi * t / 210.0)
+        moving = [np.where(spells(0.005, 200), math.nan, swing)]
+    fields = np.stack([speed, front, yaw, rear, friction, lateral, *moving])
     nonsense = np.array([math.nan, math.inf, -math.inf, 1e9, -1e9])
     for column in np.flatnonzero(spells(0.006, 6)):
         fields[rng.integers(len(fields)), column] = rng.choice(nonsense)
     fields[:3, spells(0.006, 20)] = math.nan
     rows = zip(fields.T.tolist(), inhibit.tolist(), strict=True)
-    return [Measurement(**dict(zip(NUMBERS, row, strict=True)), inhibit=inhibited) for row, inhibited in rows]
+    return [Measurement(**dict(zip(NUMBERS, row, strict=False)), inhibit=inhibited) for row, inhibited in rows]
 
 
 LIFE = 150

@@ -9,10 +9,16 @@ from typing import Any
 
 from codegen.configuration.signals import MEASURED
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
-from codegen.sil.software import Measurement
+from codegen.sil.software import Measurement, Software
 
 NUMBERS = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
 """Numbers of a measurement that the controller uses, in order."""
+
+
+def strongest_braking(software: Software) -> float:
+    """Return the strongest braking of the stack in the C, m/s^2; zero without a stack over longitudinal acceleration."""
+    values = getattr(software.function("constants"), "longitudinal_accelerations", [0.0])
+    return float(values[0])
 
 
 class Quality(Enum):
@@ -48,9 +54,9 @@ class Signal:
 
 
 class SecondInputs:
-    """Input monitoring of all kinds."""
+    """Input monitoring of all kinds. `strongest`: braking of the map in m/s^2, for an unknown longitudinal acceleration."""
 
-    def __init__(self, parameters: Any, real: Any, is_trusted: bool = True) -> None:
+    def __init__(self, parameters: Any, real: Any, strongest: float, is_trusted: bool = True) -> None:
         self.p = parameters
         self.real = real
         zero = real(0.0)
@@ -60,6 +66,7 @@ class SecondInputs:
         self.lateral_is_known = self.lateral_is_proven = False
         self.against = 0  # samples with a yaw rate opposite to the other signals
         self.friction = real(FRICTION_UNKNOWN)
+        self.strongest = self.acceleration = real(strongest)
 
     def parameter(self, name: str) -> Any:
         return self.real(getattr(self.p, name))
@@ -75,6 +82,11 @@ class SecondInputs:
             self.friction = m.friction
         else:
             self.friction = min(self.friction + p("friction_recovery"), self.real(FRICTION_UNKNOWN))
+        if hasattr(self.p, "longitudinal_acceleration_max"):
+            if abs(m.longitudinal_acceleration) <= p("longitudinal_acceleration_max"):
+                self.acceleration = m.longitudinal_acceleration
+            else:
+                self.acceleration = max(self.acceleration - p("longitudinal_acceleration_loss"), self.strongest)
         speed = self.speed.value
         gain = self._gain(speed)
         shows = speed >= 5.0 and abs(m.lateral_acceleration) <= p("lateral_acceleration_max")
@@ -102,7 +114,8 @@ class SecondInputs:
         yaw_rate = self._without_offset(gain) if self.yaw_rate.is_measured else self.yaw_rate.value
         speed = self.speed.value
         lateral = speed * (yaw_rate if self.lateral is None else self.lateral)
-        return quality, Measurement(speed, self.front_angle.value, yaw_rate, rear, self.friction, lateral, inhibit=m.inhibit)
+        values = (speed, self.front_angle.value, yaw_rate, rear, self.friction, lateral, m.inhibit, self.acceleration)
+        return quality, Measurement(*values)
 
     def _gain(self, speed: Any) -> Any:
         """Return the yaw rate gain of the linear car in (rad/s)/rad."""

@@ -45,7 +45,7 @@ class SecondFeedforward(SecondController):
     """The map's own rear angle, at the rate limit."""
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
-        yaw_rate, wanted = self.lookup.reference(m.speed, m.front_angle, self.friction(m))
+        yaw_rate, wanted = self.lookup.reference(m.speed, m.front_angle, self.friction(m), m.longitudinal_acceleration)
         bound = self.parameter("rear_angle_max")
         self.angle = self.reachable(clip(wanted, -bound, bound))
         return yaw_rate, bool(self.angle != wanted)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from codegen.sil.software import Measurement, Software
-from codegen.verify.law.inputs import SecondInputs, Signal
+from codegen.verify.law.inputs import SecondInputs, Signal, strongest_braking
 from codegen.verify.law.pairs import ControllerPair, InputsPair, LimiterPair, Pair, ReceiverPair, Stretch, TaskPair
 from codegen.verify.traffic import Cycle, frames_of
 from hil_sim.codec import Codec, Frame
@@ -140,7 +140,7 @@ class LongDrives:
         """Return samples in which each signal is lost and returns. Whether a loss or a recovery goes on is drawn anew where
         one more sample would reach a limit."""
         generator = np.random.default_rng(7)
-        second = SecondInputs(parameters.inputs, self.software.real)
+        second = SecondInputs(parameters.inputs, self.software.real, strongest_braking(self.software))
         is_lost, samples = dict.fromkeys(SIGNALS, False), []
         for sample in itertools.islice(itertools.cycle(self._turning), count):
             for name in SIGNALS:

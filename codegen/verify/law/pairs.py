@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration.signals import MEASURED
 from codegen.sil.software import Measurement, Software, Status
 from codegen.verify.law.controller import SecondController, SecondLimiter
-from codegen.verify.law.inputs import NUMBERS, Quality, SecondInputs
+from codegen.verify.law.inputs import NUMBERS, Quality, SecondInputs, strongest_braking
 from codegen.verify.law.task import SecondTask
 from codegen.verify.traffic import Cycle
 from hil_sim.codec import Codec, Frame
@@ -157,12 +156,6 @@ def state_of(value: Any) -> Hashable:
     return id(value)
 
 
-def _fill(measured: Any, sample: Measurement) -> None:
-    """Fill a measurement struct of the C."""
-    for signal in MEASURED:
-        setattr(measured, signal.role, getattr(sample, signal.role))
-
-
 BATCH = 36_000
 """Maximum samples in one call of the C."""
 QUALITIES = tuple(Quality)
@@ -206,7 +199,7 @@ class ControllerPair(Pair):
         ffi, prefix = software.ffi, software.prefix
         once = ffi.new(f"{prefix}_measurement_t[]", len(samples))
         for each, sample in zip(once, samples, strict=True):
-            _fill(each, sample)
+            software.fill(each, sample)
         measurements, commands = (ffi.new(f"{prefix}_{name}_t[]", count) for name in ("measurement", "command"))
         ffi.buffer(measurements)[:] = bytes(ffi.buffer(once)) * rounds
         controller = self._controller
@@ -230,7 +223,9 @@ class InputsPair(Pair):
     """The input monitoring, untrusted at first: measurements in, quality and accepted values out, with a command of zero."""
 
     def __init__(self, software: Software, parameters: Any) -> None:
-        self._second = SecondInputs(parameters.inputs, software.real, is_trusted=False)
+        self._second = SecondInputs(parameters.inputs, software.real, strongest_braking(software), is_trusted=False)
+        self._software = software
+        self._names = [name for name in NUMBERS if name in {signal.role for signal in software.measured}]
         self._parameters = software.ffi.addressof(parameters, "inputs")
         self._state, self._measured, self._found = (software.new(name) for name in ("inputs", "measurement", "measurement"))
         self._step, self._command = software.function("inputs_step"), software.real(0.0)
@@ -240,15 +235,15 @@ class InputsPair(Pair):
 
     def second(self, sample: Measurement) -> tuple[Any, ...]:
         quality, found = self._second.step(sample, self._command)
-        return (QUALITIES.index(quality), found.inhibit, *(float(getattr(found, name)) for name in NUMBERS))
+        return (QUALITIES.index(quality), found.inhibit, *(float(getattr(found, name)) for name in self._names))
 
     def compiled(self, sample: Measurement) -> tuple[Any, ...]:
         if sample is not self._last:
-            _fill(self._measured, sample)
+            self._software.fill(self._measured, sample)
             self._last = sample
         found = self._found
         quality = self._step(self._state, self._parameters, self._measured, self._command, found)
-        return (quality, found.inhibit, *[getattr(found, name) for name in NUMBERS])
+        return (quality, found.inhibit, *[getattr(found, name) for name in self._names])
 
     def text(self, output: tuple[Any, ...]) -> str:
         quality, inhibit, *numbers = output

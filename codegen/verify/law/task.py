@@ -166,8 +166,7 @@ class SecondTask:
         state = replace(last, inhibit=inhibit) if conditions.is_usable else VehicleConditions(inhibit=inhibit)
         if motion.is_usable and conditions.is_usable and not self._started:
             self._start(state.rear_angle)
-        road = (state.friction, state.lateral_acceleration)
-        return Measurement(car.speed, car.front_angle, car.yaw_rate, state.rear_angle, *road, state.inhibit)
+        return Measurement(**vars(car), **vars(state))
 
     def _start(self, rear_angle: float) -> None:
         """Start control from the measured rear angle, not from an impossible one, and from zero if it is not measured."""

@@ -104,17 +104,20 @@ class TableCurve:
 
 
 class SecondReferenceModel:
-    """States (sideslip, yaw rate, rear angle) and inputs (speed, front angle, rear angle, friction) as arrays of one shape."""
+    """States (sideslip, yaw rate, rear angle) and inputs (speed, front angle, rear angle, friction) as arrays of one shape.
+
+    With `per_axle` there is a friction for each axle.
+    """
 
     is_constant = True
     """The object itself has no state: `step` receives one and returns the next; see `pairs.state_of`."""
 
-    def __init__(self, config: Config, real: Any) -> None:
+    def __init__(self, config: Config, real: Any, *, per_axle: bool = False) -> None:
         actuator, period = config.rear_actuator, config.controller.sampling_time_s
         vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
         stiffness = 2.0 * tyres.rear.cornering_stiffness
         self.real = real
-        functions = single_track_step(config, period)
+        functions = single_track_step(config, period, per_axle=per_axle)
         self.arguments, self.change = (instructions_of(each, real) for each in (functions.arguments, functions.change))
         both = zip((tyres.front, tyres.rear), load_transfer_losses(config), strict=True)
         self.curves = [TableCurve.of(tyre, real, loss) for tyre, loss in both]
@@ -136,10 +139,10 @@ class SecondReferenceModel:
     def step(self, state: Iterable[Any], inputs: Iterable[Any]) -> tuple[Any, Any, Any]:
         """Advance by one sampling time with the rear wheels at the mean of their angles."""
         sideslip, yaw_rate, rear_angle = state
-        speed, front, commanded, friction = inputs
+        speed, front, commanded, *friction = inputs
         half, one = self.real(0.5), self.real(1.0)
         moved = within(self.share * (commanded - rear_angle), self.travel)
-        u = [one / at_least(speed, self.speed_min), front, rear_angle + half * moved, friction]
+        u = [one / at_least(speed, self.speed_min), front, rear_angle + half * moved, *friction]
         x = [sideslip, yaw_rate]
         arguments = walk(self.arguments, [x, u])
         values, slopes = zip(*(curve(argument) for curve, argument in zip(self.curves, arguments, strict=True)), strict=True)
@@ -153,12 +156,12 @@ class SecondReferenceModel:
 
 @dataclass(frozen=True)
 class Sample:
-    """Reference of the map slightly ahead of the front wheels."""
+    """Reference of the map slightly ahead of the front wheels. `friction`: for the model, one or one for each axle."""
 
     yaw_rate: Any
     rear_angle: Any
     lateral_acceleration: Any
-    friction: Any
+    friction: tuple[Any, ...]
 
 
 class SecondTracking(SecondController):
@@ -167,7 +170,7 @@ class SecondTracking(SecondController):
     def __init__(self, config: Config, parameters: Any, lookup: Lookup, road: Road, angle: float) -> None:
         super().__init__(config, parameters, lookup, road, angle)
         real: Any = lookup.real
-        self.car = SecondReferenceModel(config, real)
+        self.car = SecondReferenceModel(config, real, per_axle=lookup.is_moving)
         self.full_grip = real(road.lateral_acceleration_cap)
         # A little above the quotient: full grip is never less than the map's own road.
         self.friction_per_grip = real(road.friction / road.lateral_acceleration_cap * (1.0 + 4.0 * float(np.finfo(real).eps)))
@@ -203,13 +206,16 @@ class SecondTracking(SecondController):
         lead = clip(self.scheduled("lead_time", m.speed) * self.front_rate, -most, most)
         seen, estimated = self.grip * self.friction_per_grip, self.friction(m)
         friction = min(estimated, seen)
-        yaw_rate, rear_angle = (self.real(value) for value in self.lookup.reference(m.speed, m.front_angle + lead, friction))
+        moving = m.longitudinal_acceleration
+        found = self.lookup.reference(m.speed, m.front_angle + lead, friction, moving)
+        yaw_rate, rear_angle = (self.real(value) for value in found)
         own = self.state[1]
         expected = own + p("response_samples") * (own - self.previous_model_yaw_rate)
         rear_angle = rear_angle - self.scheduled("response_gain", m.speed) * (yaw_rate - expected)
         bound = p("rear_angle_max")
-        road = self.lookup.lateral_acceleration(friction)
-        return Sample(yaw_rate, clip(rear_angle, -bound, bound), road, friction)
+        road = self.lookup.lateral_acceleration(friction, moving)
+        shares = self.lookup.axle_shares_at(friction, moving) if self.lookup.is_moving else [self.real(1.0)]
+        return Sample(yaw_rate, clip(rear_angle, -bound, bound), road, tuple(friction * share for share in shares))
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
         sample = self.look(m)
@@ -236,7 +242,7 @@ class SecondTracking(SecondController):
         if not m.inhibit and self.quality is Quality.GOOD:
             self.update_grip(m, reference)
         self.last_yaw_rate = m.yaw_rate
-        inputs = (m.speed, m.front_angle, sample.rear_angle, sample.friction)
+        inputs = (m.speed, m.front_angle, sample.rear_angle, *sample.friction)
         with np.errstate(all="ignore"):
             after = self.car.step(self.state, [np.asarray(value, dtype=self.real) for value in inputs])
         self.previous_model_yaw_rate = self.state[1]

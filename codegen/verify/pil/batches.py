@@ -7,19 +7,20 @@ without padding and pointers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration.signals import CARRIED, MEASURED
+from codegen.configuration.signals import CARRIED, SignalDefinition
 from codegen.emit.can_view import task_view
 from codegen.emit.render import render
 from codegen.emit.text import c_type
 from codegen.sil.compile import compile_library
 from codegen.sil.software import Software
+from codegen.verify.drives import COLUMNS
 from codegen.verify.on_host import HOST_FLAGS
 from codegen.verify.target import CORTEX_M4F, DATA, DATA_BYTES, Core, Processor, compile_image
 from codegen.verify.traffic import FRAMES, Cycle
@@ -37,17 +38,16 @@ WHOLE = frozenset(
 
 FRAME_WORD_BYTES = 4
 """Bytes of a frame in a word. Every length of CAN FD above seven bytes is a multiple."""
-_MEASURED = tuple(each.role for each in (*(each for each in MEASURED if each.is_used), *CARRIED))
-"""Fields of a measurement, those that the controller uses first."""
 _INPUTS: Mapping[str, tuple[str, ...]] = {
-    "controller": ("restart", "start_angle", *_MEASURED),
+    "controller": ("restart", "start_angle", *COLUMNS),
     "lookup": ("speed", "front_angle", "friction"),
     "limiter": ("restart", "start_angle", "speed", "front_angle", "demand"),
     "model": ("restart", "x", "speed", "front_angle", "rear_angle", "friction"),
-    "can": (*_MEASURED, "status", "diagnostics"),
     "dynamics": ("wrong_call", "wrong_by", "sideslip_angle", "yaw_rate", "speed", "front_angle", "rear_angle", "friction"),
 }
 _MESSAGES = ("motion", "conditions", "command")
+FRICTIONS = ("front_friction", "rear_friction")
+"""Frictions of a reference model of a car that brakes."""
 FOLDER = "frame"
 """Folder of the C around a build."""
 
@@ -103,6 +103,7 @@ def program_of(software: Software, files: Mapping[str, bytes]) -> Program:
     context = {
         **_context(software, batches),
         "with_model": "model" in batches,
+        "per_axle": "model" in batches and FRICTIONS[0] in batches["model"].inputs,
         "with_reference": _has(software, "map_reference_t"),
         "task": task_view(software.config),
     }
@@ -152,13 +153,19 @@ def real_of(word: Word) -> Real:
     return np.float32 if word is np.uint32 else np.float64
 
 
+def outside_drives(measured: Iterable[SignalDefinition]) -> tuple[SignalDefinition, ...]:
+    """Return the signals of a build that no drive has, which are drawn at random."""
+    return tuple(signal for signal in measured if signal.role not in COLUMNS)
+
+
 def _context(software: Software, batches: Mapping[str, Batch]) -> dict[str, Any]:
     return {
         "build": {"prefix": software.prefix, "PREFIX": software.prefix.upper()},
         "real": c_type(software.precision),
         "word": "uint32_t" if software.precision == "single" else "uint64_t",
         "batches": list(batches.values()),
-        "measured": MEASURED,
+        "measured": software.measured,
+        "takes_acceleration": any(signal.is_extra for signal in software.measured),
         "batch": batches,
     }
 
@@ -166,7 +173,15 @@ def _context(software: Software, batches: Mapping[str, Batch]) -> dict[str, Any]
 def _batches(software: Software, files: Mapping[str, bytes]) -> Iterator[Batch]:
     starts = range(0, software.config.can.frame_bytes, FRAME_WORD_BYTES)
     frame = ("id", "length", *(f"data_{start}" for start in starts))
-    inputs = {**_INPUTS, "task": ("restart", "frames", *(f"{name}_{number}" for number in range(FRAMES) for name in frame))}
+    beside = tuple(signal.role for signal in outside_drives(software.measured))
+    more = tuple(signal.role for signal in software.measured if signal.is_extra)
+    inputs = {**_INPUTS, "controller": (*_INPUTS["controller"], *beside), "lookup": (*_INPUTS["lookup"], *more)}
+    if f"include/{software.prefix}_reference_model.h" in files and _has_field(
+        software, "reference_model_input_t", FRICTIONS[0]
+    ):
+        inputs["model"] = (*_INPUTS["model"][:-1], *FRICTIONS)
+    inputs |= {"can": (*COLUMNS, *beside, "status", "diagnostics")}
+    inputs |= {"task": ("restart", "frames", *(f"{name}_{number}" for number in range(FRAMES) for name in frame))}
 
     def batch(name: str, results: Sequence[Column], state: str = "") -> Batch:
         return Batch(name, inputs[name], (*results, *(_columns(software, f"{state}_t", "state") if state else ())))
@@ -198,6 +213,10 @@ def frame_columns(batch: Batch) -> int:
 
 def _has(software: Software, kind: str) -> bool:
     return f"{software.prefix}_{kind}" in software.ffi.list_types()[0]
+
+
+def _has_field(software: Software, kind: str, name: str) -> bool:
+    return name in {field for field, _ in software.ffi.typeof(f"{software.prefix}_{kind}").fields}
 
 
 def _columns(software: Software, kind: str, variable: str) -> list[Column]:

@@ -15,10 +15,21 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import Config
-from codegen.configuration.signals import CARRIED, SignalDefinition
+from codegen.configuration.signals import SignalDefinition
 from codegen.units import KM_H
 from codegen.verify.drives import COLUMNS, GAPS, HELD, Samples, Thresholds, drawn, moving
-from codegen.verify.pil.batches import FRAME_WORD_BYTES, WHOLE, Batch, Rows, Runner, Word, frame_columns, real_of
+from codegen.verify.pil.batches import (
+    FRAME_WORD_BYTES,
+    FRICTIONS,
+    WHOLE,
+    Batch,
+    Rows,
+    Runner,
+    Word,
+    frame_columns,
+    outside_drives,
+    real_of,
+)
 
 REPLACED_FRACTIONS = (0.0, 0.01, 0.0, 0.3, 0.0, 1.0)
 """Fraction of the numbers that are replaced by arbitrary ones, in consecutive stretches: each kind of damage, and time to
@@ -61,7 +72,7 @@ class Source:
         rows[:, 1] = self.words(self.generator.uniform(-0.2, 0.2, count))
         first = count - len(wild)
         self.overlay(rows[first:, 2:8])
-        for signal in CARRIED:
+        for signal in self._outside_drives:
             rows[:, batch.inputs.index(signal.role)] = self._carried(signal, count)
         self.replace(rows[first:, 1:2], self.generator.random((len(wild), 1)) < 0.5)
         return rows
@@ -73,6 +84,7 @@ class Source:
         steered = np.where(np.isnan(drive[:, 3]), 0.05, drive[:, 3])
         columns |= {"demand": steered * self.generator.choice([1.0, 3.0], count), "start_angle": steered}
         columns |= {"x": 10.0 * self.generator.standard_normal(count), "rear_angle": steered}
+        columns |= {name: columns["friction"] * share for name, share in zip(FRICTIONS, (0.9, 0.7), strict=True)}
         rows = np.empty((count, len(batch.inputs)), dtype=self.word)
         whole = {
             "restart": self.generator.random(count) < RESTART,
@@ -80,7 +92,7 @@ class Source:
             "status": self.generator.integers(256, size=count),
             "diagnostics": self.generator.integers(65536, size=count),
         }
-        for signal in CARRIED:
+        for signal in self._outside_drives:
             whole[signal.role] = self._carried(signal, count)
         for place, name in enumerate(batch.inputs):
             rows[:, place] = whole[name] if name in whole else self.words(columns[name])
@@ -93,8 +105,12 @@ class Source:
             rows[0, batch.inputs.index("restart")] = 1
         return rows
 
+    @property
+    def _outside_drives(self) -> tuple[SignalDefinition, ...]:
+        return outside_drives(self.thresholds.config.can.measured)
+
     def _carried(self, signal: SignalDefinition, count: int) -> Rows:
-        """Draw words for a signal that the controller only forwards."""
+        """Draw words for a signal that no drive has."""
         if signal.is_flag:
             return self.generator.integers(2, size=count, dtype=self.word)
         return self.words(10.0 * self.generator.standard_normal(count))

@@ -7,6 +7,7 @@ Two more processes of it run the fuzz harnesses (see `program`).
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Iterator
@@ -139,14 +140,16 @@ class _Suites:
         lookup = lookup_of(subject, software_of(subject))
         places = drives.places(self._thresholds, self._samples // 4, self._subject.precision)
         frictions = drives.road_frictions(self._thresholds, self._subject.precision)
-        wrong = [text for friction in frictions for text in self._different(lookup, places, friction)]
+        roads = zip(frictions, itertools.cycle(_accelerations(lookup)), strict=False)
+        wrong = [text for road in roads for text in self._different(lookup, places, *road)]
         self.figures["look_ups"] = len(places) * len(frictions)
         if wrong:
             yield f"src/{subject.prefix}_map.c: {wrong[0]} ({len(wrong)} of {self.figures['look_ups']} are wrong)"
 
-    def _different(self, lookup: Lookup, places: Numbers, friction: float) -> Iterator[str]:
+    def _different(self, lookup: Lookup, places: Numbers, friction: float, acceleration: float) -> Iterator[str]:
         """Yield a text for each place at which yaw rate or rear angle differ from the reference."""
-        found, expected = self._ecu.look_up(places, friction), lookup.reference(places[:, 0], places[:, 1], friction)
+        found = self._ecu.look_up(places, friction, acceleration)
+        expected = lookup.reference(places[:, 0], places[:, 1], friction, acceleration)
         looks_up_rear_angle = LAWS[self._subject.kind].uses_rear_angle
         wrong = _bits(found[0]) != _bits(expected[0])
         if not self._subject.is_of_this_version:  # the order of operations may differ
@@ -159,6 +162,7 @@ class _Suites:
                 f"{pair[0][k]:.9g} rad/s" + f", {pair[1][k]:.9g} rad" * looks_up_rear_angle for pair in (found, expected)
             )
             at = f"{places[k, 0]:.9g} m/s, {places[k, 1]:.9g} rad, friction {friction:.9g}"
+            at += f", {acceleration:.9g} m/s^2" if lookup.is_moving else ""
             yield f"the look-up at {at} gives {have}, the reference {want}"
 
     def _loops(self) -> Iterator[str]:
@@ -203,3 +207,12 @@ def _command(command: Any) -> str:
 
 def _sample(sample: Numbers) -> str:
     return "(" + ", ".join(f"{value:.9g}" for value in sample) + ")"
+
+
+def _accelerations(lookup: Lookup) -> tuple[float, ...]:
+    """Return longitudinal accelerations for the lookup: of the layers, between and beyond them, and invalid ones."""
+    if not lookup.is_moving:
+        return (0.0,)
+    own = lookup.accelerations.tolist()
+    between = [0.5 * (low + high) for low, high in itertools.pairwise(own)]
+    return (*own, *between, 2.0 * own[0], 2.0 * own[-1], math.nan, math.inf, -math.inf)

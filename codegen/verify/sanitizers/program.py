@@ -17,7 +17,7 @@ import numpy as np
 
 from codegen.configuration import Config
 from codegen.configuration.can import Can, RealSignal
-from codegen.configuration.signals import CARRIED, MEASURED
+from codegen.configuration.signals import CARRIED
 from codegen.emit.can_view import task_view
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
@@ -53,7 +53,8 @@ def harness(subject: Subject, name: Name, entry: str = "LLVMFuzzerTestOneInput")
 
 def _context(subject: Subject) -> dict[str, Any]:
     config, facts, precision = subject.config, subject.manifest["map"], subject.precision
-    law, real, cap = LAWS[subject.kind], numpy_type(precision), facts["lateral_acceleration_cap_m_s2"]
+    own_cap = facts["lateral_acceleration_cap_m_s2"]
+    law, real, cap = LAWS[subject.kind], numpy_type(precision), max(facts.get("lateral_acceleration_caps_m_s2", [own_cap]))
     numbers = {
         "sampling_time": config.controller.sampling_time_s,
         "plant_step": config.plant.sampling_time_s,
@@ -72,9 +73,12 @@ def _context(subject: Subject) -> dict[str, Any]:
         "frame_bytes": config.can.frame_bytes,
         "used_bits": _used_bits(config.can),
         "signals": tuple(_reals(config)),
-        "measured": MEASURED,
+        "measured": config.can.measured,
         "carried": CARRIED,
+        "beside": (*(signal for signal in config.can.measured if signal.is_extra), *CARRIED),
+        "takes_acceleration": any(signal.is_extra for signal in config.can.measured),
         "stacked": len(facts["frictions"]) > 1,
+        "moving": "longitudinal_accelerations" in facts,
         "with_rear_angle": law.uses_rear_angle,
         "with_model": law.uses_reference_model,
         **{key: literal(value, "double") for key, value in numbers.items()},

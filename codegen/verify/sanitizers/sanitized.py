@@ -233,9 +233,10 @@ class ServedEcu:
             samples["values"], samples["inhibit"] = drive[:, :6], drive[:, 6] != 0.0
         return self._batches(b"d", samples, self._command)
 
-    def look_up(self, places: Numbers, friction: float) -> tuple[Numbers, Numbers]:
+    def look_up(self, places: Numbers, friction: float, acceleration: float) -> tuple[Numbers, Numbers]:
         """Look up yaw rate and rear angle (0 if the build has none) at places (n, 2) of speed and front angle."""
-        rows = np.column_stack([places, np.full(len(places), friction, dtype=self.real)])
+        more = np.full((len(places), 2), (friction, acceleration), dtype=self.real)
+        rows = np.column_stack([places, more])
         found = self._batches(b"m", rows, np.dtype((self.real, 2)))
         return found[:, 0], found[:, 1]
 

@@ -51,6 +51,10 @@
 #define ARS_XCP_ID_TRANSMIT 0x6A1 /* answers and measurements */
 #define ARS_XCP_IDS_TEXT "0x6A0 and 0x6A1"
 
+/* Largest packets, in bytes. */
+#define ARS_XCP_COMMAND_MAX 8     /* command or answer: MAX_CTO */
+#define ARS_XCP_MEASUREMENT_MAX 8 /* measurement: MAX_DTO */
+
 /* Names that a master can upload: the build, the A2L file ars.a2l without its extension, and the event. */
 #define ARS_XCP_BUILD_NAME "4ws2"
 #define ARS_XCP_A2L_NAME "ars"

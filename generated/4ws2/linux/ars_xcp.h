@@ -30,12 +30,12 @@ extern "C" {
 #endif
 
 enum {
-    ARS_XCP_LENGTH_MAX = 8,  /* bytes of a packet */
-    ARS_XCP_DOWNLOAD_MAX = ARS_XCP_LENGTH_MAX - 2,
-    ARS_XCP_UPLOAD_MAX = ARS_XCP_LENGTH_MAX - 1,
+    ARS_XCP_LENGTH_MAX = (ARS_XCP_COMMAND_MAX > ARS_XCP_MEASUREMENT_MAX) ? ARS_XCP_COMMAND_MAX : ARS_XCP_MEASUREMENT_MAX,
+    ARS_XCP_DOWNLOAD_MAX = ARS_XCP_COMMAND_MAX - 2,
+    ARS_XCP_UPLOAD_MAX = ARS_XCP_COMMAND_MAX - 1,
     ARS_XCP_DAQ_MAX = 8,     /* lists of measurements */
     ARS_XCP_ODT_MAX = 32,    /* packets of all lists together */
-    ARS_XCP_ENTRY_MAX = 7    /* measurements in a packet, and bytes of all of them */
+    ARS_XCP_ENTRY_MAX = ARS_XCP_MEASUREMENT_MAX - 1 /* measurements in a packet, and bytes of all of them */
 };
 
 enum { ARS_XCP_PAGE_WORKING = 0, ARS_XCP_PAGE_REFERENCE = 1 };
@@ -107,7 +107,7 @@ void ars_xcp_init(ars_xcp_t *self, const ars_xcp_setup_t *setup);
 /*
  * Process a packet of the master.
  *
- * in:     length bytes; at most ARS_XCP_LENGTH_MAX are accepted, and bytes that the command does not need are ignored.
+ * in:     length bytes; at most ARS_XCP_COMMAND_MAX are accepted, and bytes that the command does not need are ignored.
  * answer: receives the answer.
  * Returns whether to send the answer: always while connected, otherwise only for CONNECT.
  */

@@ -2,20 +2,30 @@
 
 import functools
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from codegen import configuration
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
+from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.solve import solve_case
+from codegen.optimum.solve import solve_acceleration_stack, solve_case
 from codegen.sil.plant import PlantInput, PlantSample
+from codegen.sil.software import RECORD_COLUMNS
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
+from hil_sim.manoeuvres import Settings
 from hil_sim.metrics import column, spin_time
+from hil_sim.scenarios import SCENARIOS, Scenario
 from hil_sim.second_plant import MultiBodyPlant, car_of, cells, published, run
 from tests import builds
+from tests.optimum.cars import changed
+
+COMMITTED = Path(__file__).parents[3] / "generated" / "4ws2.npz"
 
 
 @functools.cache
@@ -64,3 +74,33 @@ def test_the_controller_closes_the_loop() -> None:
     # The car's engine keeps the speed to 0.05 m/s at 11 m/s.
     for one in (record, passive):
         np.testing.assert_allclose(column(one, "speed_m_s"), cell.speed_km_h * KM_H, atol=0.05)
+
+
+def braking(front_angle_deg: float) -> Scenario:
+    """Return a turn at 110 km/h in which the car brakes with 3 m/s^2 from 2 s on and turns from 2.5 s on."""
+
+    def drive(car: Config, settings: Settings, time: FloatArray) -> dict[str, FloatArray]:
+        wheel = math.radians(front_angle_deg) * car.steering.ratio * np.clip(2.0 * (time - 2.5), 0.0, 1.0)
+        return {"speed": 110.0 * KM_H - 3.0 * np.clip(time - 2.0, 0.0, None), "steering_wheel_command": wheel}
+
+    return replace(SCENARIOS["step-steer"], duration=6.5, drive=drive)
+
+
+def test_maps_for_braking_keep_the_rear_slip_of_a_car_that_brakes() -> None:
+    """The speed is not imposed: the car's own tyres brake. Without the stack its rear axle slips half as much again."""
+    tuned = npz.load(COMMITTED).config
+    assert tuned is not None
+    car = changed(car_of(published(), tuned), grid={"speed_points": 41, "front_angle_points": 40})
+    stacked = solve_acceleration_stack(car, "4ws-2", (-3.0, -1.5, 0.0, 1.0))
+    builds_of = {"stack": stacked, "constant speed": replace(stacked, acceleration_layers=())}
+    software = {name: builds.make(each, car).software for name, each in builds_of.items()}
+    for front_angle_deg in (2.0, 3.0):
+        slips, errors = {}, {}
+        for name, built in software.items():
+            record = run(built, car, braking(front_angle_deg))[350:]
+            assert record[-1, RECORD_COLUMNS.index("speed_m_s")] == pytest.approx(110.0 * KM_H - 13.5, abs=0.5)
+            slips[name] = np.degrees(np.abs(column(record, "slip_rear_rad")).max())
+            error = column(record, "yaw_rate_reference_rad_s") - column(record, "yaw_rate_rad_s")
+            errors[name] = np.degrees(np.abs(error).max())
+        assert slips["stack"] < 1.6 and slips["constant speed"] > 1.5 * slips["stack"], slips
+        assert errors["stack"] < 0.5 and errors["constant speed"] > 1.5 * errors["stack"], errors

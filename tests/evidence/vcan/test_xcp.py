@@ -38,7 +38,7 @@ from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import find
 from hil_sim.session import Setup, run_plant
-from tests import builds
+from tests import builds, frame_kinds
 from tests.evidence.vcan.conftest import FOLDER
 from tests.xcp.description import Description
 
@@ -59,17 +59,26 @@ KEEP_ALIVE: list[Any] = []
 
 
 @pytest.fixture(scope="module")
-def a2l(tmp_path_factory: pytest.TempPathFactory) -> Description:
+def folder(request: pytest.FixtureRequest) -> Path:
+    """Return the committed build, or one with XCP in frames of CAN FD and 29-bit identifiers."""
+    return frame_kinds.xcp_folder() if getattr(request, "param", "") == "FD" else FOLDER
+
+
+both_kinds = pytest.mark.parametrize("folder", ["classical", "FD"], indirect=True)
+
+
+@pytest.fixture(scope="module")
+def a2l(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Description:
     """Return the A2L of the native ECU, as `codegen a2l` writes it."""
     path = tmp_path_factory.mktemp("a2l") / "ecu.a2l"
-    path.write_text(fill(FOLDER, Elf.read(ecu_process.compile_ecu(FOLDER))).text, encoding="ascii")
+    path.write_text(fill(folder, Elf.read(ecu_process.compile_ecu(folder))).text, encoding="ascii")
     return Description.read(path)
 
 
 @pytest.fixture
-def ecu(vcan: str) -> Iterator[EcuProcess]:
+def ecu(vcan: str, folder: Path) -> Iterator[EcuProcess]:
     """Start an ECU in lock-step; it must still run after the test."""
-    with EcuProcess(ecu_process.command(FOLDER, vcan, lock_step=True, parent=os.getpid(), xcp=True)) as ecu:
+    with EcuProcess(ecu_process.command(folder, vcan, lock_step=True, parent=os.getpid(), xcp=True)) as ecu:
         yield ecu
         assert ecu.alive
 
@@ -202,6 +211,7 @@ def check_command(frame: Frame, row: dict[str, Any]) -> None:
     assert math.isnan(reference) or abs(reference - row["ars.yaw_rate_reference"]) <= 0.5001 * step.yaw_rate_reference.factor
 
 
+@both_kinds
 def test_all_measurements_of_each_run_of_the_task(vcan: str, ecu: EcuProcess, software: Software, a2l: Description) -> None:
     rows = Rows(a2l)
     with connected(vcan, a2l, rows) as master:
@@ -226,6 +236,7 @@ def test_all_measurements_of_each_run_of_the_task(vcan: str, ecu: EcuProcess, so
         check_command(frame, row)
 
 
+@both_kinds
 def test_a_gain_changed_in_the_loop_changes_the_response(
     vcan: str, ecu: EcuProcess, software: Software, a2l: Description
 ) -> None:
