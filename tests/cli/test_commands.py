@@ -147,7 +147,7 @@ def test_a_map_for_a_share_of_the_cars_is_written_beside_the_nominal_one(
     assert "no identified keys" in refused("solve", "--case", "4ws-2", "-o", "own.npz", "--uncertain", "0.9")
 
 
-def test_a_stack_over_acceleration_is_solved_and_shown(run: Run, refused: Refused, here: Path) -> None:
+def test_a_stack_over_acceleration_is_solved_shown_and_built(run: Run, refused: Refused, here: Path) -> None:
     options = ("solve", "--case", "4ws-2", "-o", "moving.npz", "--longitudinal-acceleration", "-4,0,3")
     told = run(*options)
     assert told.code == 0 and "; a stack with longitudinal acceleration -4, 3 m/s^2" in told.out
@@ -155,6 +155,8 @@ def test_a_stack_over_acceleration_is_solved_and_shown(run: Run, refused: Refuse
     facts = json.loads(run(*options, "--json").out)
     assert [one["acceleration_m_s2"] for one in facts["like_friction"]] == [-4.0, 3.0]
     assert "0 (the map itself)" in run("show", "moving.npz").out
+    assert run("build", "--map", "moving.npz", "-o", "moving").code == 0
+    assert "braking and traction | maps for -4, 0, 3 m/s^2" in (here / "moving" / "README.md").read_text()
     both = refused(*options, "--friction", "0.5,0.9")
     assert "--longitudinal-acceleration: a map has one stack; leave it or --friction out" in both
     assert "'x' is not a number" in refused(*options[:-1], "-4,x")
