@@ -314,8 +314,9 @@ def test_the_options_of_another_slave(tmp_path: Path) -> None:
         ("CAN-FD data baudrate", "5000 kbps"),
         ("CAN-FD max DLC", "64"),
     ]
-    assert a2l.bus == {"can_id_master": 0x98DA00F1, "can_id_slave": 0x98DAF100, "bitrate": 1_000_000}
-    assert "#define ARS_XCP_ID_TRANSMIT 0x98DAF100 " in header
+    rates = {"bitrate": 1_000_000, "fd": True, "data_bitrate": 5_000_000}
+    assert a2l.bus == {"can_id_master": 0x98DA00F1, "can_id_slave": 0x98DAF100, **rates}
+    assert "#define ARS_XCP_ID_TRANSMIT 0x98DAF100u " in header
     assert "MAX_DLC_REQUIRED" in a2l.xcp["XCP_ON_CAN"]["CAN_FD"].values
     layer, daq = a2l.xcp["PROTOCOL_LAYER"], a2l.xcp["DAQ"]
     assert (layer.values[1:10], layer.after("SEED_AND_KEY_EXTERNAL_FUNCTION")) == ([*[25] * 7, 32, 64], "SeedNKey.dll")

@@ -47,8 +47,7 @@ def answers_of(built: Built, changes: Mapping[str, Any], measurements: list[Meas
         commands = [model.step(measurement) for measurement in measurements]
     samples = built.software.ffi.new(f"{built.software.prefix}_measurement_t[]", len(measurements))
     for sample, measurement in zip(samples, measurements, strict=True):
-        for field in dataclasses.fields(measurement):
-            setattr(sample, field.name, getattr(measurement, field.name))
+        built.software.fill(sample, measurement)
     return Drive(parameters, start, samples, np.array([dataclasses.astuple(command) for command in commands]))
 
 

@@ -84,15 +84,16 @@ def check_can(built: Built, known: list[MessageFrames]) -> None:
     for one in known:
         struct, data = software.new(one.role), software.ffi.new("uint8_t[24]")
         pack, unpack = (software.function(f"can_{way}_{one.role}") for way in ("pack", "unpack"))
+        fields = {name for name, _ in software.ffi.typeof(struct[0]).fields}  # without signals that this build does not have
         for content, frame in one.packed:
-            for name, value in vars(content).items():
-                setattr(struct, name, value)
+            for name in fields:
+                setattr(struct, name, getattr(content, name))
             software.ffi.buffer(data)[:] = b"\xff" * 24
             pack(struct, data + 8)
             assert bytes(data) == b"\xff" * 8 + frame + b"\xff" * 8, content
         for frame, content in one.unpacked:
             unpack(frame, struct)
-            assert all(repr(getattr(struct, name)) == repr(value) for name, value in vars(content).items()), frame.hex()
+            assert all(repr(getattr(struct, name)) == repr(getattr(content, name)) for name in fields), frame.hex()
 
 
 Events = list[tuple[bytes | None, int]]

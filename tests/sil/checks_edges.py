@@ -166,8 +166,7 @@ def statuses_of(built: Built, parameters: Any, measurements: list[tuple[Measurem
     for measurement, count in measurements:
         samples, commands = (ffi.new(f"{software.prefix}_{name}_t[]", count) for name in ("measurement", "command"))
         one = software.new("measurement")
-        for name, value in vars(measurement).items():
-            setattr(one, name, value)
+        built.software.fill(one, measurement)
         ffi.memmove(samples, ffi.buffer(one)[:] * count, ffi.sizeof(samples))
         software.compiled.lib.loop_controller(controller.state, parameters, samples, commands, count)
         offset, size = ffi.offsetof(ffi.typeof(commands).item, "status"), ffi.sizeof(ffi.typeof(commands).item)

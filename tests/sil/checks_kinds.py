@@ -9,7 +9,6 @@ import numpy.typing as npt
 from codegen.configuration import Config
 from codegen.sil.software import Status
 from codegen.verify.law.controller import SecondController
-from codegen.verify.law.inputs import NUMBERS
 from codegen.verify.law.kinds import second_controller
 from tests.builds import Built
 
@@ -110,22 +109,23 @@ def random_measurements(built: Built, rng: np.random.Generator, count: int) -> A
     """Return a C array of measurements; each field is plausible, at a limit, special, or any bit pattern."""
     software = built.software
     samples = software.ffi.new(f"{software.prefix}_measurement_t[]", count)
+    numbers = [signal.role for signal in software.measured if signal.is_real]
     real: Any = software.real
     size = np.dtype(real).itemsize
     stride = software.ffi.sizeof(samples) // count
-    rest = stride - len(NUMBERS) * size - 1
-    layout = np.dtype([("bits", f"u{size}", len(NUMBERS)), ("inhibit", np.uint8), ("rest", np.uint8, rest)])
+    rest = stride - len(numbers) * size - 1
+    layout = np.dtype([("bits", f"u{size}", len(numbers)), ("inhibit", np.uint8), ("rest", np.uint8, rest)])
     view: npt.NDArray[Any] = np.frombuffer(software.ffi.buffer(samples), dtype=layout)
     parameters = software.parameters()
-    limits = np.array([getattr(parameters.inputs, f"{field}_max") for field in NUMBERS])
+    limits = np.array([getattr(parameters.inputs, f"{field}_max") for field in numbers])
     special = np.array([0.0, -0.0, np.nan, np.inf, -np.inf, 1e-40, 1e30, -1e30])
-    shape = (count, len(NUMBERS))
+    shape = (count, len(numbers))
     kinds = [
         rng.uniform(-0.5, 0.5, shape) * limits,
         np.abs(rng.normal(0.0, 0.15, shape)) * limits,
         rng.choice([-1.0, 1.0], shape) * limits,
         rng.choice(special, shape),
-        np.frombuffer(rng.bytes(count * len(NUMBERS) * size), dtype=real).reshape(shape),
+        np.frombuffer(rng.bytes(count * len(numbers) * size), dtype=real).reshape(shape),
     ]
     weights = np.repeat(rng.choice([0, 1, 2], count // 50 + 1, p=[0.3, 0.4, 0.3]), 50)[:count]  # calm, rough and wild spells
     chances = np.array([[0.0, 1.0, 0.0, 0.0, 0.0], [0.1, 0.88, 0.005, 0.01, 0.005], [0.2, 0.2, 0.2, 0.2, 0.2]])
