@@ -7,9 +7,12 @@ from pathlib import Path
 import pytest
 
 from codegen.configuration import Kind
+from codegen.configuration.e2e_profiles import ProfileName
 from codegen.emit.text import Precision
 from codegen.sil.toolchain import compiler_command
+from tests import builds
 from tests.emit.rendered import EACH_KIND_AND_DOUBLE, laid_out, rendered
+from tests.sil import e2e_profiles
 
 STUBS = (
     "-D__CPROVER_assume(condition)=((void)(condition))",
@@ -24,6 +27,26 @@ def test_contracts_compile(tmp_path: Path, kind: Kind, precision: Precision) -> 
     files = [str(path.relative_to(folder)) for path in sorted((folder / "verify").glob("*.c"))]
     assert len(files) > 40
     subprocess.run([*compiler_command(), *FLAGS, "-DCHECK_END", *files], cwd=folder, check=True)
+
+
+@pytest.mark.parametrize("profile", ["1A", "2", "5"])
+def test_the_lemma_of_the_crc_holds_for_each_polynomial(tmp_path: Path, profile: ProfileName) -> None:
+    """Its assertion is evaluated for every byte."""
+    folder = laid_out(builds.render(builds.paper_map(), e2e_profiles.config_of(profile)), tmp_path / "build")
+    program = """
+    #include <stdbool.h>
+    static int failed;
+    #define __CPROVER_assert(condition, text) (failed += (condition) ? 0 : 1)
+    #include "verify/prove_lemma_crc.c"
+    int main(void)
+    {
+        for (uint32_t byte = 0u; byte < 256u; byte++) { lemma_crc(byte); }
+        return (failed == 0) ? 0 : 1;
+    }
+    """
+    (folder / "lemma.c").write_text(program, encoding="ascii")
+    subprocess.run([*compiler_command(), "-std=c99", "-Iinclude", "-Iverify", "lemma.c", "-o", "lemma"], cwd=folder, check=True)
+    assert subprocess.run([folder / "lemma"], check=False).returncode == 0
 
 
 @pytest.mark.parametrize("kind", ["tracking", "pi"])
