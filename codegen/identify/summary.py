@@ -16,6 +16,9 @@ from codegen.units import DEGREE, KM_H
 CONFIDENCE = 1.96
 """Half of the width of a 95 % interval in standard deviations."""
 
+ROUNDING = 1e-9
+"""Largest rounding error, as a fraction of a quantity's spread before the drives."""
+
 SIGNAL_HEADER = ("drive", "quantity", "signal", "unit", "samples", "period [ms]", "with a value [%]")
 FINDING_HEADER = ("drive", "quantity", "finding", "lost", "what")
 QUANTITY_HEADER = ("quantity", "value", "±95 %", "unit", "configured", "")
@@ -29,8 +32,9 @@ def significant(value: float, digits: int) -> str:
     return f"{float(text):.0f}" if "e+" in text else text
 
 
-def _shown(value: float, parameter: Parameter) -> str:
-    return significant(value / parameter.size, 5)
+def _shown(value: float, parameter: Parameter, digits: int = 5) -> str:
+    """Return a value in the unit of its key. Rounding errors, which drives without noise leave, count as zero."""
+    return significant(value / parameter.size if abs(value) > ROUNDING * parameter.spread else 0.0, digits)
 
 
 def signal_rows(reading: Reading) -> list[tuple[str, ...]]:
@@ -53,11 +57,10 @@ def finding_rows(reading: Reading) -> list[tuple[str, ...]]:
 def quantity_row(quantity: Quantity) -> tuple[str, ...]:
     """Return a row of QUANTITY_HEADER."""
     parameter = quantity.parameter
-    width = CONFIDENCE * quantity.standard_deviation / parameter.size
     return (
         parameter.title,
         _shown(quantity.value, parameter) if quantity.is_identified else "-",
-        significant(width, 2) if quantity.is_identified else "-",
+        _shown(CONFIDENCE * quantity.standard_deviation, parameter, 2) if quantity.is_identified else "-",
         parameter.unit,
         _shown(quantity.configured, parameter),
         quantity.note,

@@ -1,5 +1,6 @@
 """Report of `codegen identify`: bands of the tyre curves, numbers, signals and findings."""
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -13,6 +14,7 @@ from codegen.identify.reading import read_drives
 from codegen.identify.summary import significant
 from codegen.report.html.blocks import Table
 from codegen.report.html.identify import BAND_CARS, _curves, data_section
+from codegen.report.html.page import render
 from tests.report.figures import unpacked
 
 DEVIATION = 0.02
@@ -68,7 +70,10 @@ def test_signals_and_findings_are_in_the_report(tmp_path: Path) -> None:
     wave = np.sin(np.pi * time)
     table = {"time_s": time, "vx_m_s": np.full(time.size, 20.0), "yaw_rate_rad_s": 0.1 * np.where(time < 4.0, wave, 0.0)}
     pd.DataFrame({**table, "delta_f_rad": 0.02 * wave}).to_csv(tmp_path / "drive.csv", index=False)
-    signals, findings = data_section(read_drives([tmp_path / "drive.csv"])).blocks
+    section = data_section(read_drives([tmp_path / "drive.csv"]))
+    identifiers = re.findall(r' id="([^"]+)"', render("Identification", [section]).decode("utf-8"))
+    assert len(identifiers) == len(set(identifiers)), "the script of the page finds its data by an identifier"
+    signals, findings = section.blocks
     assert isinstance(signals, Table)
     assert isinstance(findings, Table)
     assert [row[:3] for row in signals.rows] == [

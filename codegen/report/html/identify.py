@@ -72,7 +72,7 @@ def data_section(reading: Reading) -> Section:
         blocks.append(Table(caption, FINDING_HEADER, finding_rows(reading), words=(0, 1, 2, 4)))
     else:
         blocks.append(Text("No findings."))
-    return Section("data", "Measured data", blocks, is_open=True)
+    return Section("signals", "Measured data", blocks, is_open=True)
 
 
 def _spread(identified: Config) -> Iterator[Block]:
