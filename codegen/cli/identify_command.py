@@ -168,8 +168,9 @@ def identify(
     from codegen.identify.validation import reached, validate, validate_fitted
 
     drives, others = reading.drives[: len(logs)], reading.drives[len(logs) :]
-    with within(config_path), console.status("identifying"):
+    with within(", ".join(map(str, logs))), console.status("identifying"):
         found = identify_car(config, drives)
+    with within(config_path):
         limits = reached(found.vehicle, config)
         text = read_text(config_path, CONFIG_BYTES_MAX, "name an ars.toml", ConfigError)
         written = identified_toml(found, text, config_path)
