@@ -113,7 +113,7 @@ def whiteness_rows(validation: Validation) -> list[tuple[str, ...]]:
         (
             name.replace("_", " "),
             f"{test.first:.3f}",
-            f"{test.statistic:.4g}",
+            significant(test.statistic, 4),
             str(test.lags),
             f"{test.probability:.2g}",
             "yes" if test.is_white else "no",

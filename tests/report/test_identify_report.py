@@ -11,7 +11,8 @@ import pytest
 
 from codegen import configuration
 from codegen.identify.reading import read_drives
-from codegen.identify.summary import significant
+from codegen.identify.summary import significant, whiteness_rows
+from codegen.identify.validation import Whiteness
 from codegen.report.html.blocks import Table
 from codegen.report.html.identify import BAND_CARS, _curves, data_section
 from codegen.report.html.page import render
@@ -63,6 +64,11 @@ def test_there_is_no_band_without_measured_uncertainty() -> None:
 )
 def test_large_numbers_have_no_exponent(value: float, digits: int, text: str) -> None:
     assert significant(value, digits) == text
+
+
+def test_a_large_statistic_has_no_exponent() -> None:
+    test = Whiteness(0.996, 15_834.2, 20, 0.0)
+    assert whiteness_rows(cast(Any, SimpleNamespace(whiteness={"yaw_rate": test})))[0][2] == "15830"
 
 
 def test_signals_and_findings_are_in_the_report(tmp_path: Path) -> None:

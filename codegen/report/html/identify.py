@@ -27,6 +27,7 @@ from codegen.identify.summary import (
     quantity_rows,
     reached_lines,
     signal_rows,
+    significant,
     validation_rows,
     whiteness_rows,
 )
@@ -128,7 +129,7 @@ def _values(found: Identification, one: Reached) -> Sequence[Block]:
     ]
     if found.directions:
         texts = [
-            (direction.text, f"{100.0 * direction.share:.0f} %", f"{direction.singular_value:.2g}")
+            (direction.text, f"{100.0 * direction.share:.0f} %", significant(direction.singular_value, 2))
             for direction in found.directions
         ]
         caption = (
