@@ -60,7 +60,10 @@ def test_a_value_with_no_possible_neighbour_stays() -> None:
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        (([], [], []), "identified.keys: there are no identified keys; take the file"),
+        (
+            ([], [], []),
+            "identified.keys: there are no identified keys; take the file that `codegen identify` wrote from drives that",
+        ),
         (
             ([STIFFNESS, INERTIA, DELAY], [1.0] * 3, [[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]]),
             "no distribution has these",

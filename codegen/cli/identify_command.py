@@ -131,6 +131,10 @@ def identify(
         {"--log": logs, "--hold-out": held_out, "--dbc": databases, "--output": output, "--check": check_only},
         {"--lateral-acceleration-max": lateral_acceleration_max, "--duration": duration},
     )
+    for option, path in (("--output", output), ("--report", report_path)):
+        if check_only and path is not None:
+            where = f"codegen identify {option}"
+            raise CodegenError("it cannot be combined with --check, which writes no file", where=where, remedy="leave one out")
     if plan_path is not None:
         largest = lateral_acceleration_max or ACCELERATION_DEFAULT, duration or DURATION_DEFAULT
         _plan(plan_path, config_path, largest, names_path, report_path, as_json)
@@ -164,15 +168,16 @@ def identify(
     from codegen.identify.validation import reached, validate, validate_fitted
 
     drives, others = reading.drives[: len(logs)], reading.drives[len(logs) :]
-    with within(config_path), console.status("identifying"):
+    with within(", ".join(map(str, logs))), console.status("identifying"):
         found = identify_car(config, drives)
+    with within(config_path):
         limits = reached(found.vehicle, config)
         text = read_text(config_path, CONFIG_BYTES_MAX, "name an ars.toml", ConfigError)
         written = identified_toml(found, text, config_path)
     validations = [validate(found, drive) for drive in others] if others else validate_fitted(found, drives)
     if report_path is not None:
         with console.status("writing the report"):
-            _write_report(report_path, written, found, limits, validations, bool(others))
+            _write_report(report_path, written, reading, found, limits, validations, bool(others))
     write_atomically(output, written.encode("utf-8"))
     if as_json:
         files = {"output": str(output), "report": None if report_path is None else str(report_path)}
@@ -250,15 +255,21 @@ def _print_plan(plan: DrivePlan) -> None:
 
 
 def _write_report(
-    path: Path, text: str, found: Identification, limits: Reached, validations: Sequence[Validation], is_held_out: bool
+    path: Path,
+    text: str,
+    reading: Reading,
+    found: Identification,
+    limits: Reached,
+    validations: Sequence[Validation],
+    is_held_out: bool,
 ) -> None:
     from codegen.configuration import parse
     from codegen.files import write_atomically
-    from codegen.report.html.identify import identify_sections
+    from codegen.report.html.identify import data_section, identify_sections
     from codegen.report.html.page import render
 
     sections = identify_sections(found, parse(tomllib.loads(text), path), limits, validations, is_held_out=is_held_out)
-    write_atomically(path, render("Identification", sections))
+    write_atomically(path, render("Identification", [*sections, data_section(reading)]))
 
 
 def _print_result(
@@ -282,23 +293,16 @@ def _print_result(
 
 def print_reading(reading: Reading) -> None:
     """Print the sources of all signals, and the findings."""
-    header = ("drive", "quantity", "signal", "unit", "samples", "period [ms]", "with a value [%]")
-    rows = []
-    for drive, sources in zip(reading.drives, reading.sources, strict=True):
+    from codegen.identify.summary import FINDING_HEADER, SIGNAL_HEADER, finding_rows, signal_rows
+
+    for drive in reading.drives:
         duration = float(drive.time[-1] - drive.time[0])
         console.say(f"{drive.name}: {duration:.1f} s, {drive.time.size} steps of {1e3 * (drive.time[1] - drive.time[0]):g} ms")
-        for key, one in sources.items():
-            numbers = (str(one.samples), f"{1e3 * one.period:.3g}", f"{100.0 * one.share:.1f}")
-            rows.append((drive.name, key, one.channel, one.unit, *numbers))
-    console.say("", text_table(header, rows, left=4), "")
+    console.say("", text_table(SIGNAL_HEADER, signal_rows(reading), left=4), "")
     if not reading.findings:
         console.say("no findings")
         return
-    found = [
-        (each.drive, each.quantity or "-", each.kind, str(each.lost) if each.lost else "-", each.text)
-        for each in reading.findings
-    ]
-    console.say(text_table(("drive", "quantity", "finding", "lost", "what"), found, left=5))
+    console.say(text_table(FINDING_HEADER, finding_rows(reading), left=5))
 
 
 def reading_as_json(reading: Reading) -> dict[str, Any]:

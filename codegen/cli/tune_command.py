@@ -184,6 +184,7 @@ def _trim_facts(made: Tuned, before: float) -> dict[str, Any]:
         "excess_at_km_h": round(excess.speed / KM_H, 1),
         "excess_at_front_angle_deg": round(math.degrees(excess.front_angle), 2),
         "excess_at_friction": excess.friction,
+        **({"excess_at_longitudinal_acceleration_m_s2": excess.acceleration} if excess.acceleration else {}),
     }
 
 
@@ -192,6 +193,8 @@ def _trim_text(told: dict[str, Any]) -> str:
 
     speed, front_angle = told["excess_at_km_h"], told["excess_at_front_angle_deg"]
     place = f"{speed:.0f} km/h, {front_angle:.1f} deg, friction {told['excess_at_friction']:g}"
+    if acceleration := told.get("excess_at_longitudinal_acceleration_m_s2"):
+        place += f", longitudinal acceleration {acceleration:g} m/s^2"
     percent = told["reference_model_excess_percent"]
     excess = f"in steady state the reference model turns up to {percent:.1f} % more than this map allows ({place})"
     after, before = told["trim_max_percent"], told["trim_max_percent_before"]

@@ -134,7 +134,9 @@ def require_identified(config: Config) -> None:
     """Raise ConfigError if no key is identified."""
     if not config.identified.keys:
         raise ConfigError(
-            "there are no identified keys", where="identified.keys", remedy="take the file that `codegen identify` wrote"
+            "there are no identified keys",
+            where="identified.keys",
+            remedy="take the file that `codegen identify` wrote from drives that determine some of them",
         )
 
 

@@ -15,7 +15,7 @@ Quantities that are not named are found by common names. `without` leaves them o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -130,10 +130,12 @@ def load_names(path: Path) -> Names:
         raise first_fault(error, path, Names, ConfigError) from None
 
 
-def line_of(key: str, signal: str, unit: str | None) -> str:
-    """Return a line of a names.toml that names the signal of a quantity."""
+def line_of(key: str, signals: Sequence[str], unit: str | None) -> str:
+    """Return a line of a names.toml that names the signals of a quantity, first choice first."""
     in_unit = f", unit = {_quoted(unit)}" if unit else ""
-    return f"{key} = {{ signal = {_quoted(signal)}{in_unit} }}"
+    quoted = [_quoted(signal) for signal in signals]
+    choice = quoted[0] if len(quoted) == 1 else f"[{', '.join(quoted)}]"
+    return f"{key} = {{ signal = {choice}{in_unit} }}"
 
 
 def _quoted(text: str) -> str:

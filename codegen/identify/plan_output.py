@@ -9,6 +9,7 @@ import numpy as np
 
 from codegen.identify.candidates import Candidate
 from codegen.identify.drive_plan import DrivePlan, Predicted
+from codegen.identify.summary import significant
 from codegen.units import DEGREE, KM_H
 from hil_sim.scenario_files import OVERRIDE_COLUMN, STEERING_COLUMNS
 
@@ -66,9 +67,9 @@ def predicted_rows(plan: DrivePlan) -> list[tuple[str, ...]]:
     return [
         (
             each.parameter.title,
-            f"{each.value / each.parameter.size:.5g}",
+            significant(each.value / each.parameter.size, 5),
             each.parameter.unit,
-            f"{each.standard_deviation / each.parameter.size:.2g}",
+            significant(each.standard_deviation / each.parameter.size, 2),
             f"{100.0 * each.share:.2g}",
             "yes" if each.is_determined else "no",
         )

@@ -57,8 +57,15 @@ class Reading:
 
     @property
     def names_toml(self) -> str:
-        """Text of a names.toml that gives the same reading of the first drive."""
-        return "\n".join(line_of(key, source.channel, source.unit) for key, source in self.sources[0].items()) + "\n"
+        """Text of a names.toml that gives the same reading. It leaves a unit to the logs where they differ in it."""
+        lines = []
+        for key in QUANTITIES:
+            of_key = [sources[key] for sources in self.sources if key in sources]
+            units = {source.unit for source in of_key}
+            if of_key:
+                channels = list(dict.fromkeys(source.channel for source in of_key))
+                lines.append(line_of(key, channels, units.pop() if len(units) == 1 else None))
+        return "\n".join(lines) + "\n"
 
 
 def read_drives(logs: Sequence[Path], databases: Sequence[Path] = (), names: Names | None = None) -> Reading:
@@ -258,7 +265,7 @@ def _not_clear(group: Sequence[str], unclear: Mapping[str, Sequence[Channel]], l
     more = f" and {len(shown) - CANDIDATES_SHOWN} more" if len(shown) > CANDIDATES_SHOWN else ""
     example = candidates[0] if candidates else None
     unit = None if example is not None and example.known_unit in quantity.units else quantity.si_unit
-    line = line_of(key, example.path if example else "NAME", unit)
+    line = line_of(key, [example.path if example else "NAME"], unit)
     offered = f"there is {names}{more}" if names else "there is none"
     return CodegenError(f"{what}; {offered}", where=path, remedy=f"put a line such as {line} into names.toml, for --signals")
 
@@ -274,5 +281,5 @@ def _unit_of(channel: Channel, quantity: Quantity, names: Names, path: Path) -> 
     text = channel.unit or channel.name.unit or channel.name.unknown_unit
     what = f"{text!r} is no unit for {quantity.key}" if text else f"the unit of {quantity.key} is not known"
     fitting = " or ".join(f'"{each}"' for each in quantity.units)
-    line = line_of(quantity.key, channel.path, "UNIT")
+    line = line_of(quantity.key, [channel.path], "UNIT")
     raise CodegenError(what, where=f"{path}: {channel.path}", remedy=f"put {line} into names.toml, where UNIT is {fitting}")

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from codegen.identify.parameters import Parameter
+from codegen.identify.reading import Reading
 from codegen.identify.result import understeer_gradient
 from codegen.identify.run import Identification, Quantity
 from codegen.identify.validation import Reached, Validation
@@ -15,23 +16,51 @@ from codegen.units import DEGREE, KM_H
 CONFIDENCE = 1.96
 """Half of the width of a 95 % interval in standard deviations."""
 
+ROUNDING = 1e-9
+"""Largest rounding error, as a fraction of a quantity's spread before the drives."""
+
+SIGNAL_HEADER = ("drive", "quantity", "signal", "unit", "samples", "period [ms]", "with a value [%]")
+FINDING_HEADER = ("drive", "quantity", "finding", "lost", "what")
 QUANTITY_HEADER = ("quantity", "value", "±95 %", "unit", "configured", "")
 VALIDATION_HEADER = ("drive", "", "free run deg/s", "largest", "one step deg/s", "of deg/s", "lateral acceleration m/s²")
 WHITENESS_HEADER = ("errors of", "lag one", "Q", "lags", "probability", "white")
 
 
-def _shown(value: float, parameter: Parameter) -> str:
-    return f"{value / parameter.size:.5g}"
+def significant(value: float, digits: int) -> str:
+    """Return a number with significant digits; large numbers without an exponent."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text else text
+
+
+def _shown(value: float, parameter: Parameter, digits: int = 5) -> str:
+    """Return a value in the unit of its key. Rounding errors, which drives without noise leave, count as zero."""
+    return significant(value / parameter.size if abs(value) > ROUNDING * parameter.spread else 0.0, digits)
+
+
+def signal_rows(reading: Reading) -> list[tuple[str, ...]]:
+    """Return rows of SIGNAL_HEADER: the source of each signal of each drive."""
+    return [
+        (drive.name, key, one.channel, one.unit, str(one.samples), f"{1e3 * one.period:.3g}", f"{100.0 * one.share:.1f}")
+        for drive, sources in zip(reading.drives, reading.sources, strict=True)
+        for key, one in sources.items()
+    ]
+
+
+def finding_rows(reading: Reading) -> list[tuple[str, ...]]:
+    """Return rows of FINDING_HEADER."""
+    return [
+        (each.drive, each.quantity or "-", each.kind, str(each.lost) if each.lost else "-", each.text)
+        for each in reading.findings
+    ]
 
 
 def quantity_row(quantity: Quantity) -> tuple[str, ...]:
     """Return a row of QUANTITY_HEADER."""
     parameter = quantity.parameter
-    width = CONFIDENCE * quantity.standard_deviation / parameter.size
     return (
         parameter.title,
         _shown(quantity.value, parameter) if quantity.is_identified else "-",
-        f"{width:.2g}" if quantity.is_identified else "-",
+        _shown(CONFIDENCE * quantity.standard_deviation, parameter, 2) if quantity.is_identified else "-",
         parameter.unit,
         _shown(quantity.configured, parameter),
         quantity.note,
@@ -84,7 +113,7 @@ def whiteness_rows(validation: Validation) -> list[tuple[str, ...]]:
         (
             name.replace("_", " "),
             f"{test.first:.3f}",
-            f"{test.statistic:.4g}",
+            significant(test.statistic, 4),
             str(test.lags),
             f"{test.probability:.2g}",
             "yes" if test.is_white else "no",

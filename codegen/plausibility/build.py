@@ -83,6 +83,8 @@ def excess_warning(manifest: Mapping[str, Any]) -> str:
             f"controller.tracking.trim_max_percent = {needed} has less overshoot"
         )
     position = f"{found['at_km_h']:.0f} km/h, {found['at_front_angle_deg']:.1f} deg, friction {found['at_friction']:g}"
+    if acceleration := found.get("at_longitudinal_acceleration_m_s2"):
+        position += f", longitudinal acceleration {acceleration:g} m/s^2"
     enough = f"controller.tracking.trim_max_percent = {needed} keeps them, with more overshoot"
     remedy = enough if needed <= TRIM_MAX_PERCENT else f"no trim takes back so much, and {_closer(manifest['options'])}"
     return (

@@ -1,16 +1,20 @@
 """`codegen tune`: adds a controller to a map."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from codegen import configuration
-from codegen.cli.tune_command import _target_note
+from codegen.cli.tune_command import _target_note, _trim_facts, _trim_text
 from codegen.configuration import Config
 from codegen.design.margins import gains_of, weakest
+from codegen.ecu_map.model_excess import Excess
 from codegen.map_file import map as npz
 from codegen.optimum.solve import solve_case
+from codegen.plausibility.build import excess_warning
 from codegen.tuning.transient import Response
 
 from .conftest import Run, edit, everything_in
@@ -110,3 +114,22 @@ def test_unmet_requirements_leave_the_map_unchanged(run: Run, solved: Path, here
     assert line.startswith(f"error: {wide}: [tuning]: no gains meet the demands at 120 km/h")
     assert "narrow the family" in line
     assert everything_in(here) == before
+
+
+def test_the_place_of_the_excess_has_its_longitudinal_acceleration() -> None:
+    excess = Excess(0.0623, 32.5, 0.07, 0.9, -4.0)
+    tuned: Any = SimpleNamespace(excess=excess, config=configuration.preset(), trim_is_enough=True)
+    text = _trim_text(_trim_facts(tuned, 1.0))
+    assert "6.3 % more than this map allows (117 km/h, 4.0 deg, friction 0.9, longitudinal acceleration -4 m/s^2)" in text
+    manifest = {
+        "reference_model_excess": {
+            "percent": 6.3,
+            "at_km_h": 117.0,
+            "at_front_angle_deg": 4.0,
+            "at_friction": 0.9,
+            "at_longitudinal_acceleration_m_s2": -4.0,
+            "trim_max_percent": 1.0,
+            "enough": False,
+        }
+    }
+    assert "(117 km/h, 4.0 deg, friction 0.9, longitudinal acceleration -4 m/s^2)" in excess_warning(manifest)

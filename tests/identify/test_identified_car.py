@@ -76,3 +76,10 @@ def test_what_is_missing_or_would_be_lost_is_refused_before_anything_is_written(
     ):
         assert message in refused(*given, *arguments)
     assert not (files / "found.toml").exists()
+
+
+def test_a_fault_of_the_drives_names_the_drives(refused: Refused, files: Path) -> None:
+    lines = (files / "one.csv").read_text(encoding="utf-8").splitlines()[:51]
+    (files / "short.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    told = refused("identify", "--log", files / "short.csv", "--config", files / "ars.toml", "-o", files / "found.toml")
+    assert f"error: {files / 'short.csv'}: identify: no drive has 1 s with speed above" in told

@@ -92,6 +92,12 @@ def test_what_cannot_be_read_is_rejected_in_one_line(refused: Refused, tmp_path:
         assert message in refused("identify", "--check", "--log", *arguments)
 
 
+@pytest.mark.parametrize(("option", "name"), [("--output", "new.toml"), ("--report", "page.html")])
+def test_a_check_rejects_files_that_it_would_not_write(refused: Refused, option: str, name: str) -> None:
+    told = refused("identify", "--check", "--log", "drive.csv", option, name)
+    assert f"codegen identify {option}: it cannot be combined with --check, which writes no file; leave one out" in told
+
+
 def test_two_databases_with_one_identifier_are_rejected(refused: Refused, tmp_path: Path) -> None:
     write_bus(tmp_path / "drive.blf", frames(duration=1.0))
     (tmp_path / "second.dbc").write_bytes((tmp_path / "car.dbc").read_bytes())

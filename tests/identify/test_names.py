@@ -74,6 +74,25 @@ def test_the_printed_names_toml_gives_the_same_reading(tmp_path: Path) -> None:
     assert all(source.is_given for source in again.sources[0].values())
 
 
+def test_the_printed_names_toml_fits_drives_with_other_names_and_units(tmp_path: Path) -> None:
+    paths = [write_bus(tmp_path / "drive.blf", frames()), tmp_path / "drive.csv"]
+    time = np.arange(0.0, 8.0, 0.01)
+    table = {
+        "time_s": time,
+        "speed_m_s": 25.0 + np.sin(time),
+        "yaw_rate_rad_s": 0.1 * np.sin(time),
+        "delta_f_rad": 0.02 * np.sin(time),
+    }
+    pd.DataFrame(table).to_csv(paths[1], index=False)
+    reading = read_drives(paths, [tmp_path / "car.dbc"])
+    (tmp_path / "names.toml").write_text(reading.names_toml, encoding="utf-8")
+    again = read_drives(paths, [tmp_path / "car.dbc"], load_names(tmp_path / "names.toml"))
+    for before, after in zip(reading.drives, again.drives, strict=True):
+        assert before.signals.keys() == after.signals.keys()
+        for key, values in before.signals.items():
+            np.testing.assert_array_equal(values, after.signals[key])
+
+
 @pytest.mark.parametrize(
     ("table", "what"),
     [

@@ -1,4 +1,4 @@
-"""Sections of the report of `codegen identify`: values, prediction of drives, tyre curves, residuals."""
+"""Sections of the report of `codegen identify`: values, prediction of drives, tyre curves, spread of the map, measured data."""
 
 from __future__ import annotations
 
@@ -14,13 +14,20 @@ from codegen.configuration import Config
 from codegen.configuration.population import draw
 from codegen.errors import CodegenError
 from codegen.identify.map_spread import COVERAGE, map_spread
+from codegen.identify.model import OUTPUTS
+from codegen.identify.reading import Reading
 from codegen.identify.run import Identification
 from codegen.identify.summary import (
+    FINDING_HEADER,
     QUANTITY_HEADER,
+    SIGNAL_HEADER,
     VALIDATION_HEADER,
     WHITENESS_HEADER,
+    finding_rows,
     quantity_rows,
     reached_lines,
+    signal_rows,
+    significant,
     validation_rows,
     whiteness_rows,
 )
@@ -56,6 +63,17 @@ def identify_sections(
         Section("map", "Spread of the map", list(_spread(identified)), is_open=True),
         Section("correlation", "Correlation", [_correlation(found)]),
     ]
+
+
+def data_section(reading: Reading) -> Section:
+    """Return the section of the signals of all drives and of the findings about their data."""
+    blocks: list[Block] = [Table("Signals of the drives", SIGNAL_HEADER, signal_rows(reading), words=(0, 1, 2, 3))]
+    if reading.findings:
+        caption = "Findings: lost samples have no value in the identification"
+        blocks.append(Table(caption, FINDING_HEADER, finding_rows(reading), words=(0, 1, 2, 4)))
+    else:
+        blocks.append(Text("No findings."))
+    return Section("signals", "Measured data", blocks, is_open=True)
 
 
 def _spread(identified: Config) -> Iterator[Block]:
@@ -111,7 +129,7 @@ def _values(found: Identification, one: Reached) -> Sequence[Block]:
     ]
     if found.directions:
         texts = [
-            (direction.text, f"{100.0 * direction.share:.0f} %", f"{direction.singular_value:.2g}")
+            (direction.text, f"{100.0 * direction.share:.0f} %", significant(direction.singular_value, 2))
             for direction in found.directions
         ]
         caption = (
@@ -130,32 +148,30 @@ def _prediction(validations: Sequence[Validation], is_held_out: bool) -> Sequenc
     caption = "Root mean square error of the yaw rate: simulated from speed and steering angles alone, and one sample ahead"
     blocks.append(Table(caption, VALIDATION_HEADER, validation_rows(validations), words=(0, 1)))
     for number, each in enumerate(validations):
-        blocks.append(_run_chart(each, f"run-{number}"))
+        blocks.append(Gallery(list(_run_charts(each, f"run-{number}"))))
         blocks.append(
             Table(f"Whiteness of the errors in {each.name} (Ljung-Box)", WHITENESS_HEADER, whiteness_rows(each), words=(0, 5))
         )
     return blocks
 
 
-def _run_chart(one: Validation, name: str) -> Chart:
-    run = one.identified
+def _run_charts(one: Validation, name: str) -> Iterator[Chart]:
+    """Yield a chart for each measured output."""
+    run, before = one.identified, one.configured
     every = max(1, math.ceil(run.time.size / POINTS_MAX))
-    time = run.time[::every]
-    data = [
-        line(time, run.measured[::every, 0] / DEGREE, "measured", MUTED),
-        line(time, run.simulated[::every, 0] / DEGREE, "identified", BLUE),
-        line(
-            one.configured.time[::every],
-            one.configured.simulated[::every, 0] / DEGREE,
-            "configured",
-            VERMILION,
-            dash="dot",
-            width=1,
-        ),
-    ]
-    look = layout(xaxis=axis("Time (s)"), yaxis=axis("Yaw rate (deg/s)"))
-    caption = f"Yaw rate in {one.name}: measured, and simulated from the measured speed and steering angles."
-    return Chart(name, {"data": data, "layout": look}, caption, caption)
+    for k, output in enumerate(OUTPUTS):
+        if not np.isfinite(run.measured[:, k]).any():
+            continue
+        title = output.replace("_", " ").capitalize()
+        unit, size = ("m/s²", 1.0) if output == "lateral_acceleration" else ("deg/s" if output == "yaw_rate" else "deg", DEGREE)
+        data = [
+            line(run.time[::every], run.measured[::every, k] / size, "measured", MUTED),
+            line(run.time[::every], run.simulated[::every, k] / size, "identified", BLUE),
+            line(before.time[::every], before.simulated[::every, k] / size, "configured", VERMILION, dash="dot", width=1),
+        ]
+        look = layout(xaxis=axis("Time (s)"), yaxis=axis(f"{title} ({unit})"))
+        caption = f"{title} in {one.name}: measured, and simulated from the measured speed and steering angles."
+        yield Chart(f"{name}-{output}", {"data": data, "layout": look}, caption, caption)
 
 
 def _curves(found: Identification, identified: Config, one: Reached) -> list[Chart]:
