@@ -18,9 +18,10 @@ from codegen.text_table import text_table
 
 if TYPE_CHECKING:
     from codegen.identify.drive_plan import DrivePlan
+    from codegen.identify.reached import Reached
     from codegen.identify.reading import Reading
     from codegen.identify.run import Identification
-    from codegen.identify.validation import Reached, Validation
+    from codegen.identify.validation import Validation
 
 ACCELERATION_DEFAULT, DURATION_DEFAULT = 4.0, 180.0
 """Limits of --plan: m/s^2, the range in which the car is about linear; and s."""
@@ -162,10 +163,11 @@ def identify(
             console.say("", "names.toml of these signals:", "", reading.names_toml.rstrip())
         return
 
+    from codegen.identify.reached import reached
     from codegen.identify.result import identified_toml
     from codegen.identify.run import identify as identify_car
     from codegen.identify.summary import to_dict
-    from codegen.identify.validation import reached, validate, validate_fitted
+    from codegen.identify.validation import validate, validate_fitted
 
     drives, others = reading.drives[: len(logs)], reading.drives[len(logs) :]
     with within(", ".join(map(str, logs))), console.status("identifying"):

@@ -15,10 +15,12 @@ from codegen.errors import CodegenError
 from codegen.identify.drive import Drive
 from codegen.identify.estimate import Fit, fit
 from codegen.identify.identifiability import WEAK_SHARE_MAX, Direction, Identifiability, analyse
-from codegen.identify.model import OUTPUTS
+from codegen.identify.model import AXLES, OUTPUTS
 from codegen.identify.parameters import BY_NAME, CURVES, HANDLING, PARAMETERS, Parameter, configured
+from codegen.identify.reached import reached
 from codegen.identify.shooting import DriveSamples, Problem, actuator_problem, filled, front_signal, vehicle_problem
 from codegen.identify.start import actuator_start, starting_values
+from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
 RELAXATION_START_M = 0.2
 RATE_COST_MIN = 20.0
@@ -140,22 +142,19 @@ def judge(
     determined = {name for name, is_identified in zip(names, judged.is_identified, strict=True) if is_identified}
     shares = dict(zip(names, judged.shares.tolist(), strict=True))
     weak = {name for name in HANDLING if determined & set(HANDLING) and shares.get(name, 1.0) <= WEAK_SHARE_MAX} - determined
-    together: set[str] = set()
-    for curve in CURVES:
-        if curve[0] in determined:
-            together |= set(curve)
-        else:
-            determined -= set(curve)
+    curves = {
+        name for curve in CURVES for name in curve
+    }  # see `kept_curves`: what is free belongs to a curve that is determined
     for index, parameter in enumerate(fitted.problem.prior.parameters):
         name = parameter.name
         if name in found:
             continue
         note = "" if name in determined else _missing(parameter, samples)
-        if name in together - determined:
+        if name in curves - determined and fitted.free[index]:
             note = f"not determined alone, but as a part of its curve; alone: {parameter.manoeuvre}"
         if name in weak:
             note = f"weakly determined; better with: {parameter.manoeuvre}"
-        is_kept = name in determined | together | weak and bool(fitted.free[index])
+        is_kept = name in determined | curves | weak and bool(fitted.free[index])
         found[name] = _quantity(parameter, fitted.values[index], deviations[index], centre, is_kept, note)
 
 
@@ -251,7 +250,11 @@ def _fit_ratio(samples: DriveSamples, centre: dict[str, float], found: dict[str,
 def _fit_vehicle(
     samples: DriveSamples, config: Config, centre: dict[str, float], rear: FloatArray, found: dict[str, Quantity]
 ) -> tuple[Fit, Identifiability]:
-    """Return the fit, and what is determined. A relaxation length too short for the plant is added to `found` as zero."""
+    """Return the fit, and what is determined.
+
+    A second fit holds what the first one does not determine: the quantities of `kept_curves`, so that the stiffnesses belong to
+    the curves that are written; and a relaxation length too short for the plant, which is added to `found` as zero.
+    """
     front, is_wheel = front_signal(samples, config)
     # The angle of the front wheels needs no ratio; that of the steering wheel does.
     centre = centre if is_wheel else {**centre, "steering_ratio": 1.0}
@@ -262,16 +265,39 @@ def _fit_vehicle(
 
     result = _converge(samples, config, centre, values, rear, free)
     bound = BY_NAME["relaxation_length"].low
-    index = problem.prior.names.index("relaxation_length")
+    names = problem.prior.names
+    index = names.index("relaxation_length")
     judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
+    kept = {name: centre[name] for name in kept_curves(result, judged, config)}
     if judged.is_identified[index] and result.values[index] <= bound * (1.0 + 1e-6):
         note, deviation = f"below {bound:g} m, which counts as none", float(result.standard_deviations[index])
         found["relaxation_length"] = _quantity(BY_NAME["relaxation_length"], 0.0, deviation, centre, True, note)
-        free[index] = False
-        values = {**result.named(), "relaxation_length": 0.0}
-        result = _converge(samples, config, {**centre, "relaxation_length": 0.0}, values, rear, free)
-        judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
+        kept["relaxation_length"] = 0.0
+    if any(free[names.index(name)] for name in kept):
+        free &= [name not in kept for name in names]
+        result = _converge(samples, config, {**centre, **kept}, {**result.named(), **kept}, rear, free)
+        again = analyse(problem.prior.parameters, free, result.covariance, result.information)
+        judged = replace(again, directions=judged.directions)
     return result, judged
+
+
+def kept_curves(fitted: Fit, judged: Identifiability, config: Config) -> list[str]:
+    """Return the quantities of the tyre curves that keep their configured values.
+
+    Where D is not determined, the drives do not tell it from the load sensitivity. The rest of the curve is determined as far
+    as it was driven, if that is beyond its slip bound.
+    """
+    names, values = fitted.problem.prior.names, fitted.named()
+    departure = config.limits.slip_departure_percent / 100.0
+    kept: list[str] = []
+    for axle, curve, load, slip in zip(AXLES, CURVES, static_wheel_loads(config), reached(fitted, config).slip, strict=True):
+        if judged.is_identified[names.index(curve[0])]:
+            continue
+        keys = {BY_NAME[name].key.rpartition(".")[2]: values[name] for name in (f"{axle}_stiffness", *curve)}
+        tyre = getattr(config.tyre, axle).model_copy(update={**keys, "stiffness_factor_b_per_rad": None})
+        is_beyond = MagicFormulaTyre.from_config(tyre, load, config.road.friction).departure(slip) >= departure
+        kept += curve[-1:] if is_beyond else curve
+    return kept
 
 
 def _free(problem: Problem, samples: DriveSamples, is_wheel: bool) -> BoolArray:

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from codegen.identify.parameters import Parameter
+from codegen.identify.reached import Reached
 from codegen.identify.reading import Reading
 from codegen.identify.result import understeer_gradient
 from codegen.identify.run import Identification, Quantity
-from codegen.identify.validation import Reached, Validation
+from codegen.identify.validation import Validation
 from codegen.units import DEGREE, KM_H
 
 CONFIDENCE = 1.96

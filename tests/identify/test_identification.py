@@ -9,11 +9,13 @@ import pytest
 from codegen.configuration import Config, parse, preset_text
 from codegen.errors import CodegenError
 from codegen.identify.drive import Drive
-from codegen.identify.identifiability import analyse
+from codegen.identify.estimate import Fit
+from codegen.identify.identifiability import Identifiability, analyse
 from codegen.identify.parameters import BY_NAME, CURVES, configured
+from codegen.identify.reached import reached
 from codegen.identify.result import identified_keys, identified_toml, understeer_gradient
-from codegen.identify.run import Identification, Quantity, identify, judge
-from codegen.identify.validation import reached, validate, whiteness
+from codegen.identify.run import Identification, Quantity, identify, judge, kept_curves
+from codegen.identify.validation import validate, whiteness
 from codegen.units import DEGREE
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.third_plant import DEFAULT
@@ -141,24 +143,38 @@ def test_without_excitation_nothing_is_invented() -> None:
     assert any("yaw inertia" in text and text.endswith("only together") for text in named)
 
 
-def judged(name: str, share: float) -> dict[str, Quantity]:
-    """Return what is found if one quantity of the identified car has this standard deviation, as a fraction of its spread."""
+def doubtful(name: str, share: float) -> tuple[Fit, Identifiability]:
+    """Return the fit of the identified car, and what it determines if one quantity has this deviation over its spread."""
     fitted = identified().vehicle
     place = fitted.problem.prior.names.index(name)
     covariance = fitted.covariance.copy()
     covariance[place, place] = share**2
+    return fitted, analyse(fitted.problem.prior.parameters, fitted.free, covariance, fitted.information)
+
+
+def judged(name: str, share: float) -> dict[str, Quantity]:
+    """Return the quantities of `doubtful`."""
+    fitted, result = doubtful(name, share)
     found: dict[str, Quantity] = {}
-    result = analyse(fitted.problem.prior.parameters, fitted.free, covariance, fitted.information)
     judge(fitted, result, configured(identified().config), fitted.problem.samples, found)
     return found
 
 
-@pytest.mark.parametrize(("lost", "is_taken"), [("front_peak", False), ("front_shape", True)])
-def test_a_curve_is_taken_whole_or_not_at_all(lost: str, is_taken: bool) -> None:
-    found = judged(lost, 0.7)
-    assert {found[name].is_identified for name in CURVES[0]} == {is_taken}
-    assert found[lost].note != ""
-    assert found["front_stiffness"].is_identified
+@pytest.mark.parametrize(
+    ("lost", "departure_percent", "kept"),
+    [("front_peak", 10.0, CURVES[0][-1:]), ("front_peak", 95.0, CURVES[0]), ("front_shape", 95.0, ())],
+)
+def test_a_curve_counts_beyond_its_slip_bound_or_with_its_d(lost: str, departure_percent: float, kept: tuple[str, ...]) -> None:
+    fitted, result = doubtful(lost, 0.7)
+    limits = identified().config.limits.model_copy(update={"slip_departure_percent": departure_percent})
+    config = identified().config.model_copy(update={"limits": limits})
+    assert kept_curves(fitted, result, config) == list(kept)
+
+
+def test_what_is_free_of_a_curve_is_taken_with_it() -> None:
+    found = judged("front_shape", 0.7)
+    assert all(found[name].is_identified for name in CURVES[0])
+    assert found["front_shape"].note.startswith("not determined alone")
 
 
 @pytest.mark.parametrize(("share", "is_taken"), [(0.29, True), (0.5, True), (0.7, False)])

@@ -15,6 +15,7 @@ from codegen.configuration.population import draw
 from codegen.errors import CodegenError
 from codegen.identify.map_spread import COVERAGE, map_spread
 from codegen.identify.model import OUTPUTS
+from codegen.identify.reached import Reached
 from codegen.identify.reading import Reading
 from codegen.identify.run import Identification
 from codegen.identify.summary import (
@@ -31,7 +32,7 @@ from codegen.identify.summary import (
     validation_rows,
     whiteness_rows,
 )
-from codegen.identify.validation import Reached, Validation
+from codegen.identify.validation import Validation
 from codegen.report.html.blocks import MUTED, Block, Chart, Gallery, Section, Table, Text, axis, layout, line, numbers, scale_of
 from codegen.report.style import BLUE, GREEN, VERMILION
 from codegen.units import DEGREE, KM_H
