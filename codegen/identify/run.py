@@ -144,7 +144,7 @@ def judge(
     weak = {name for name in HANDLING if determined & set(HANDLING) and shares.get(name, 1.0) <= WEAK_SHARE_MAX} - determined
     curves = {
         name for curve in CURVES for name in curve
-    }  # see `kept_curves`: what is free belongs to a curve that is determined
+    }  # see `undetermined_curves`: what is free belongs to a curve that is determined
     for index, parameter in enumerate(fitted.problem.prior.parameters):
         name = parameter.name
         if name in found:
@@ -252,8 +252,9 @@ def _fit_vehicle(
 ) -> tuple[Fit, Identifiability]:
     """Return the fit, and what is determined.
 
-    A second fit holds what the first one does not determine: the quantities of `kept_curves`, so that the stiffnesses belong to
-    the curves that are written; and a relaxation length too short for the plant, which is added to `found` as zero.
+    What a fit does not determine is held in the next one: quantities of the tyre curves, so that the stiffnesses belong to the
+    curves that are written; and a relaxation length too short for the plant, which is added to `found` as zero. The directions
+    are those of the first fit.
     """
     front, is_wheel = front_signal(samples, config)
     # The angle of the front wheels needs no ratio; that of the steering wheel does.
@@ -262,42 +263,45 @@ def _fit_vehicle(
     problem = vehicle_problem(samples, config, centre, {**values, "relaxation_length": 0.0}, rear)
     values = starting_values(problem, config, values, front / centre["steering_ratio"], rear)
     free = _free(problem, samples, is_wheel)
-
-    result = _converge(samples, config, centre, values, rear, free)
-    bound = BY_NAME["relaxation_length"].low
+    relaxation = BY_NAME["relaxation_length"]
     names = problem.prior.names
-    index = names.index("relaxation_length")
-    judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
-    kept = {name: centre[name] for name in kept_curves(result, judged, config)}
-    if judged.is_identified[index] and result.values[index] <= bound * (1.0 + 1e-6):
-        note, deviation = f"below {bound:g} m, which counts as none", float(result.standard_deviations[index])
-        found["relaxation_length"] = _quantity(BY_NAME["relaxation_length"], 0.0, deviation, centre, True, note)
-        kept["relaxation_length"] = 0.0
-    if any(free[names.index(name)] for name in kept):
-        free &= [name not in kept for name in names]
-        result = _converge(samples, config, {**centre, **kept}, {**result.named(), **kept}, rear, free)
-        again = analyse(problem.prior.parameters, free, result.covariance, result.information)
-        judged = replace(again, directions=judged.directions)
-    return result, judged
+    index = names.index(relaxation.name)
+    first: Identifiability | None = None
+    while True:
+        result = _converge(samples, config, centre, values, rear, free)
+        judged = analyse(problem.prior.parameters, free, result.covariance, result.information)
+        first = first or judged
+        held = {name: centre[name] for name in undetermined_curves(result, judged, config)}
+        if judged.is_identified[index] and result.values[index] <= relaxation.low * (1.0 + 1e-6):
+            note, deviation = f"below {relaxation.low:g} m, which counts as none", float(result.standard_deviations[index])
+            found[relaxation.name] = _quantity(relaxation, 0.0, deviation, centre, True, note)
+            held[relaxation.name] = 0.0
+        if not held:
+            return result, replace(judged, directions=first.directions)
+        free = free & [name not in held for name in names]
+        centre, values = {**centre, **held}, {**result.named(), **held}
 
 
-def kept_curves(fitted: Fit, judged: Identifiability, config: Config) -> list[str]:
-    """Return the quantities of the tyre curves that keep their configured values.
+def undetermined_curves(fitted: Fit, judged: Identifiability, config: Config) -> list[str]:
+    """Return the quantities of the tyre curves that the next fit holds at their configured values, where D is not determined.
 
-    Where D is not determined, the drives do not tell it from the load sensitivity. The rest of the curve is determined as far
-    as it was driven, if that is beyond its slip bound.
+    Without the peak, the drives do not tell D from C and the load sensitivity; nor, in the next fit, from E; nor, in the last,
+    from the stiffness. A curve that was not driven beyond its slip bound is held as a whole: the map rests on that bound.
     """
     names, values = fitted.problem.prior.names, fitted.named()
     departure = config.limits.slip_departure_percent / 100.0
-    kept: list[str] = []
+    held: list[str] = []
     for axle, curve, load, slip in zip(AXLES, CURVES, static_wheel_loads(config), reached(fitted, config).slip, strict=True):
-        if judged.is_identified[names.index(curve[0])]:
+        peak, shape, curvature, sensitivity = curve
+        free = {name for name in curve if fitted.free[names.index(name)]}
+        if peak not in free or judged.is_identified[names.index(peak)]:
             continue
         keys = {BY_NAME[name].key.rpartition(".")[2]: values[name] for name in (f"{axle}_stiffness", *curve)}
         tyre = getattr(config.tyre, axle).model_copy(update={**keys, "stiffness_factor_b_per_rad": None})
         is_beyond = MagicFormulaTyre.from_config(tyre, load, config.road.friction).departure(slip) >= departure
-        kept += curve[-1:] if is_beyond else curve
-    return kept
+        steps = ({shape, sensitivity}, {curvature}, {peak}) if is_beyond else ({*curve},)
+        held += next(sorted(step & free) for step in steps if step & free)
+    return held
 
 
 def _free(problem: Problem, samples: DriveSamples, is_wheel: bool) -> BoolArray:

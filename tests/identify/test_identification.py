@@ -2,6 +2,7 @@
 
 import functools
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from codegen.identify.identifiability import Identifiability, analyse
 from codegen.identify.parameters import BY_NAME, CURVES, configured
 from codegen.identify.reached import reached
 from codegen.identify.result import identified_keys, identified_toml, understeer_gradient
-from codegen.identify.run import Identification, Quantity, identify, judge, kept_curves
+from codegen.identify.run import Identification, Quantity, identify, judge, undetermined_curves
 from codegen.identify.validation import validate, whiteness
 from codegen.units import DEGREE
 from codegen.vehicle.single_track import SingleTrack
@@ -161,14 +162,25 @@ def judged(name: str, share: float) -> dict[str, Quantity]:
 
 
 @pytest.mark.parametrize(
-    ("lost", "departure_percent", "kept"),
-    [("front_peak", 10.0, CURVES[0][-1:]), ("front_peak", 95.0, CURVES[0]), ("front_shape", 95.0, ())],
+    ("lost", "departure_percent", "before", "held"),
+    [
+        ("peak", 10.0, (), ("load_sensitivity", "shape")),
+        ("peak", 10.0, ("load_sensitivity", "shape"), ("curvature",)),
+        ("peak", 10.0, ("load_sensitivity", "shape", "curvature"), ("peak",)),
+        ("peak", 95.0, (), ("curvature", "load_sensitivity", "peak", "shape")),
+        ("peak", 10.0, ("load_sensitivity", "shape", "curvature", "peak"), ()),
+        ("shape", 95.0, (), ()),
+    ],
 )
-def test_a_curve_counts_beyond_its_slip_bound_or_with_its_d(lost: str, departure_percent: float, kept: tuple[str, ...]) -> None:
-    fitted, result = doubtful(lost, 0.7)
+def test_a_curve_that_is_not_determined_keeps_what_shows_at_its_peak_or_all(
+    lost: str, departure_percent: float, before: tuple[str, ...], held: tuple[str, ...]
+) -> None:
+    fitted, result = doubtful(f"front_{lost}", 0.7)
+    free = np.array([name not in {f"front_{each}" for each in before} for name in fitted.problem.prior.names])
     limits = identified().config.limits.model_copy(update={"slip_departure_percent": departure_percent})
     config = identified().config.model_copy(update={"limits": limits})
-    assert kept_curves(fitted, result, config) == list(kept)
+    found = undetermined_curves(replace(fitted, free=fitted.free & free), result, config)
+    assert found == [f"front_{each}" for each in held]
 
 
 def test_what_is_free_of_a_curve_is_taken_with_it() -> None:
