@@ -272,11 +272,11 @@ _PROFILES: Mapping[tuple[str, str], ProfileName] = {
     ("PROFILE_01", "ALTERNATING-8-BIT"): "1B",
     ("PROFILE_01", "LOWER-12-BIT"): "1C",
     ("PROFILE_02", ""): "2",
-    ("PROFILE_05", "ALL-16-BIT"): "5",
+    ("PROFILE_05", ""): "5",
     ("PROFILE_11", "ALL-16-BIT"): "11A",
     ("PROFILE_11", "LOWER-12-BIT"): "11C",
 }
-"""Profile of the bench by its name in the ARXML and the mode of its data id."""
+"""Profile of the bench by its name in the ARXML and the mode of its data id; profiles without variants have none."""
 
 
 class Transformer:
@@ -304,10 +304,10 @@ def settings_of(model: Any) -> E2e:
     (each,) = (each for _, each in model.elements_dfs if each.element_name == "END-TO-END-TRANSFORMATION-DESCRIPTION")
     mode = [str(found.character_data) for found in find(each, "DATA-ID-MODE")]
     profile = _PROFILES[text(each, "PROFILE-NAME"), *(mode or [""])]
-    step, other = "max_delta_counter_init", "max_delta_counter"
+    step, unused = "max_delta_counter_init", {"max_delta_counter"}
     if profile in ("5", "11A", "11C"):
-        step, other = other, step
-    names = {name: name.upper().replace("_", "-") for name in E2e.model_fields.keys() - {"profile", other}}
+        step, unused = "max_delta_counter", {"max_delta_counter_init", "max_no_new_or_repeated_data", "sync_counter_init"}
+    names = {name: name.upper().replace("_", "-") for name in E2e.model_fields.keys() - unused - {"profile"}}
     names |= {step: "MAX-DELTA-COUNTER", "window_size": "WINDOW-SIZE-VALID"}
     return E2e(profile=profile, **{name: int(text(each, tag)) for name, tag in names.items()})
 

@@ -154,7 +154,22 @@ def test_readers_find_the_bit_rates(name: str) -> None:
     assert switches == (["true", "true"] if can.is_fd else [])
 
 
-@pytest.mark.parametrize("profile", ["1C", "2", "5", "11A"])
+PLACES = {"COUNTER-OFFSET", "CRC-OFFSET", "DATA-ID-MODE"}
+NIBBLE = {"DATA-ID-NIBBLE-OFFSET"}
+SYNCHRONISATION = {"MAX-NO-NEW-OR-REPEATED-DATA", "SYNC-COUNTER-INIT"}
+BEHAVIOR = {"PROFILE-BEHAVIOR"}
+OFFSET = {"OFFSET"}
+ATTRIBUTES: dict[ProfileName, set[str]] = {
+    "1C": PLACES | NIBBLE | SYNCHRONISATION | BEHAVIOR,
+    "2": OFFSET | SYNCHRONISATION | BEHAVIOR,
+    "5": OFFSET,
+    "11A": PLACES,
+}
+"""Attributes of a transformer that a profile requires. It must not have those of other profiles (System Template, constr_3174 and
+constr_3185 to constr_3194). An end-to-end profile has no OFFSET and no PROFILE-BEHAVIOR; otherwise constr_1118 says the same."""
+
+
+@pytest.mark.parametrize("profile", list(ATTRIBUTES))
 def test_readers_find_the_profile_and_its_data_ids(profile: ProfileName, tmp_path: Path) -> None:
     """cantools takes the data ids from the ARXML and computes the CRC of profiles 2 and 5 from it."""
     build, can = tmp_path / "build", e2e_profiles.config_of(profile).can
@@ -164,6 +179,9 @@ def test_readers_find_the_profile_and_its_data_ids(profile: ProfileName, tmp_pat
         model, warnings = rte.load(tmp_path / protection)
         assert warnings == []
         assert model.check_references() == []
+        found, expected = {each.element_name for _, each in model.elements_dfs}, ATTRIBUTES[profile]
+        optional = PLACES | NIBBLE | SYNCHRONISATION | BEHAVIOR | OFFSET
+        assert found & optional == (expected if protection == "transformer" else expected - BEHAVIOR - OFFSET)
     database = cantools.database.load_file(tmp_path / "transformer" / "ars.arxml")
     for message, there in zip(can.messages().values(), database.messages, strict=True):
         number, entry = message.e2e_data_id, PROFILES[profile]

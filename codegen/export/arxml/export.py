@@ -43,9 +43,8 @@ DATA_ID_MODES = {
     "both": ("ALL-16-BIT", 0),
     "alternating": ("ALTERNATING-8-BIT", 1),
     "nibble": ("LOWER-12-BIT", 3),
-    "list": ("", 0),
 }
-"""Names of the data id mode in a transformer, and its number in an end-to-end profile; profile 2 has none."""
+"""Names of the data id mode in a transformer, and its number in an end-to-end profile, for profiles with variants."""
 
 QUEUE_LENGTH = 4
 """Frames of a message that wait for the task, in the variant on raw frames. The task is late if more than one waits."""
@@ -186,7 +185,7 @@ def _context(manifest: Mapping[str, Any], config: Config, calibration: str, prot
         "frame_bytes": can.frame_bytes,
         "platform_types": PLATFORM_TYPES,
         "profile": can.profile,
-        "data_id_modes": DATA_ID_MODES[can.profile.data_id_mode],
+        "data_id_modes": DATA_ID_MODES.get(can.profile.data_id_mode),
         "sections": SECTIONS,
         "queue_length": QUEUE_LENGTH,
         "task": task_view(config),
