@@ -12,7 +12,7 @@ from codegen.cli.base import cli, example, json_option, note_edited
 from codegen.cli.options import build_option, folder_to_write
 
 if TYPE_CHECKING:
-    from codegen.export.arxml.export import Protection
+    from codegen.export.arxml.export import Access, Protection
 
 
 @cli.command(
@@ -29,8 +29,15 @@ if TYPE_CHECKING:
     show_default=True,
     help="What checks the frames: the RTE's E2E transformer, or the task of the build on raw frames.",
 )
+@click.option(
+    "--access",
+    type=click.Choice(["explicit", "implicit"]),
+    default="explicit",
+    show_default=True,
+    help="How the runnable reads the messages: by Rte_Read, or by Rte_IRead, which needs the transformer.",
+)
 @json_option
-def arxml(build_path: Path, output: Path, protection: Protection, as_json: bool) -> None:
+def arxml(build_path: Path, output: Path, protection: Protection, access: Access, as_json: bool) -> None:
     """Write the ARXML (R22-11) of a build, and the C between the RTE and the controller.
 
     The ARXML contains the software component with its types, ports, parameters and runnables, and the system with frames,
@@ -41,7 +48,7 @@ def arxml(build_path: Path, output: Path, protection: Protection, as_json: bool)
     from codegen.export.arxml.export import WHAT, export
 
     refuse_folder(output, WHAT, "a description for AUTOSAR")
-    made = export(build_path, protection)
+    made = export(build_path, protection, access)
     note_edited(build_path, made.edited, quiet=as_json)
     changed = write_folder(made.folder, output)
     files = [*sorted(made.folder.files), "manifest.json"]
@@ -51,6 +58,7 @@ def arxml(build_path: Path, output: Path, protection: Protection, as_json: bool)
                 "build": str(build_path),
                 "autosar": str(output),
                 "e2e": protection,
+                "access": access,
                 "changed": changed,
                 "files": files,
                 "edited": list(made.edited),
@@ -58,4 +66,4 @@ def arxml(build_path: Path, output: Path, protection: Protection, as_json: bool)
         )
         return
     state = "" if changed else " (unchanged)"
-    console.say(f"{output}: {len(files)} files{state}, E2E by the {protection}; import {output / made.arxml}")
+    console.say(f"{output}: {len(files)} files{state}, E2E by the {protection}, {access} access; import {output / made.arxml}")

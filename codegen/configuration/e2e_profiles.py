@@ -91,9 +91,14 @@ class Profile:
         return self.name.rstrip("ABC")
 
     @property
+    def has_variants(self) -> bool:
+        """Whether a configuration places CRC and counter and selects the part of the data id. Otherwise they are fixed."""
+        return self.name != self.number
+
+    @property
     def title(self) -> str:
         """Name in comments."""
-        variant = f", variant {self.name}" if self.name != self.number else ""
+        variant = f", variant {self.name}" if self.has_variants else ""
         return f"profile {self.number}{variant}"
 
     @property

@@ -34,12 +34,12 @@ typedef int32_t sint32;
 typedef float float32;
 typedef double float64;
 typedef uint8 Std_ReturnType;
-typedef uint8 Rte_TransformerErrorCode;
-typedef uint8 Rte_TransformerClass;
+typedef uint8 Std_TransformerErrorCode;
+typedef uint8 Std_TransformerClass;
 typedef struct {
-    Rte_TransformerErrorCode errorCode;
-    Rte_TransformerClass transformerClass;
-} Rte_TransformerError;
+    Std_TransformerErrorCode errorCode;
+    Std_TransformerClass transformerClass;
+} Std_TransformerError;
 
 #define RTE_E_OK 0u
 #define RTE_E_INVALID 1u
@@ -47,8 +47,7 @@ typedef struct {
 #define RTE_E_NO_DATA 131u
 #define RTE_E_NEVER_RECEIVED 133u
 #define RTE_E_SOFT_TRANSFORMER_ERROR 140u
-#define RTE_TRANSFORMER_UNSPECIFIED 0u
-#define RTE_TRANSFORMER_SAFETY 2u
+#define STD_TRANSFORMER_SAFETY 2u
 """
 
 QUEUE = """
@@ -66,18 +65,44 @@ Std_ReturnType Rte_Receive_{port}_{element}(uint8 *data)
 }}
 """
 
+STATUS = """
+static Std_ReturnType status_of(uint8 code, Std_ReturnType status, Std_TransformerError *error)
+{
+    if (code != 0u) {
+        error->errorCode = code;
+        error->transformerClass = STD_TRANSFORMER_SAFETY;
+        return RTE_E_SOFT_TRANSFORMER_ERROR;
+    }
+    return status;
+}
+"""
+
 LAST = """
-Std_ReturnType Rte_Read_{port}_{element}({type} *data, Rte_TransformerError *error)
+Std_ReturnType Rte_Read_{port}_{element}({type} *data, Std_TransformerError *error)
 {{
     *data = rte_{port};
-    if (rte_{port}_code != 0u) {{
-        error->errorCode = rte_{port}_code;
-        error->transformerClass = RTE_TRANSFORMER_SAFETY;
-        return RTE_E_SOFT_TRANSFORMER_ERROR;
-    }}
-    return (rte_{port}_is_invalid != 0u) ? RTE_E_INVALID : RTE_E_OK;
+    return status_of(rte_{port}_code, rte_{port}_status, error);
 }}
 """
+
+BUFFER = """
+static struct {{ {type} data; uint8 code, status; }} rte_{port}_buffer;
+const {type} *Rte_IRead_{runnable}_{port}_{element}(void)
+{{
+    return &rte_{port}_buffer.data;
+}}
+Std_ReturnType Rte_IStatus_{runnable}_{port}_{element}(Std_TransformerError *error)
+{{
+    return status_of(rte_{port}_buffer.code, rte_{port}_buffer.status, error);
+}}
+static void rte_{port}_fill(void)
+{{
+    rte_{port}_buffer.data = rte_{port};
+    rte_{port}_buffer.code = rte_{port}_code;
+    rte_{port}_buffer.status = rte_{port}_status;
+}}
+"""
+"""Storage of implicit access, which is filled before the runnable starts."""
 
 
 def load(folder: Path) -> tuple[Any, list[str]]:
@@ -131,6 +156,8 @@ class Rte:
         (self.component,) = named(self.model, "APPLICATION-SW-COMPONENT-TYPE").values()
         self.behavior = one(self.component, "INTERNAL-BEHAVIORS/SWC-INTERNAL-BEHAVIOR")
         self.source.append(f'#include "Rte_{self.component.item_name}.h"\n#include "stub.h"\n')
+        if list(find(self.behavior, "PORT-API-OPTIONS")):
+            self.source.append(STATUS)
         self.implementations = {
             one(each, "APPLICATION-DATA-TYPE-REF/@").path: one(each, "IMPLEMENTATION-DATA-TYPE-REF/@")
             for _, each in self.model.elements_dfs
@@ -196,9 +223,13 @@ class Rte:
 
     def _runnable(self, runnable: Element) -> None:
         self.declare(f"void {text(runnable, 'SYMBOL')}(void)")
-        variable = "VARIABLE-ACCESS/ACCESSED-VARIABLE/AUTOSAR-VARIABLE-IREF"
+        variable, body = "VARIABLE-ACCESS/ACCESSED-VARIABLE/AUTOSAR-VARIABLE-IREF", f"{text(runnable, 'SYMBOL')}();"
         for access in find(runnable, f"DATA-RECEIVE-POINT-BY-ARGUMENTS/{variable}"):
             self._received(one(access, "PORT-PROTOTYPE-REF/@"), one(access, "TARGET-DATA-PROTOTYPE-REF/@"))
+        for access in find(runnable, f"DATA-READ-ACCESSS/{variable}"):
+            port = one(access, "PORT-PROTOTYPE-REF/@")
+            self._received(port, one(access, "TARGET-DATA-PROTOTYPE-REF/@"), runnable.item_name)
+            body = f"rte_{port.item_name}_fill(); {body}"
         for access in find(runnable, f"DATA-WRITE-ACCESSS/{variable}"):
             port, element = one(access, "PORT-PROTOTYPE-REF/@"), one(access, "TARGET-DATA-PROTOTYPE-REF/@")
             self._written(runnable.item_name, port.item_name, element)
@@ -206,10 +237,14 @@ class Rte:
             self._parameter(one(access, "PORT-PROTOTYPE-REF/@").item_name, one(access, "TARGET-DATA-PROTOTYPE-REF/@"))
         for call in find(runnable, "SERVER-CALL-POINTS/SYNCHRONOUS-SERVER-CALL-POINT/OPERATION-IREF"):
             self._called(one(call, "CONTEXT-R-PORT-REF/@").item_name, one(call, "TARGET-REQUIRED-OPERATION-REF/@"))
+        self.stub.append(f"extern void rte_Run_{runnable.item_name}(void);")
+        self.source.append(f"void rte_Run_{runnable.item_name}(void) {{ {body} }}")
 
-    def _received(self, port: Element, element: Element) -> None:
+    def _received(self, port: Element, element: Element, runnable: str = "") -> None:
+        """Make the reception of a message; a runnable is given if it has implicit access."""
         name, of = port.item_name, self.implementation(element)
         if list(find(port, "REQUIRED-COM-SPECS/QUEUED-RECEIVER-COM-SPEC")):
+            assert not runnable
             length = text(port, "REQUIRED-COM-SPECS/QUEUED-RECEIVER-COM-SPEC/QUEUE-LENGTH")
             kind, size = self.item(of)
             assert (text(element, PROPS + "/SW-IMPL-POLICY"), kind) == ("QUEUED", "uint8")
@@ -223,10 +258,17 @@ class Rte:
         options = list(find(self.behavior, "PORT-API-OPTIONS/PORT-API-OPTION"))
         (option,) = (each for each in options if one(each, "PORT-REF/@").path == port.path)
         assert text(option, "ERROR-HANDLING") == "TRANSFORMER-ERROR-HANDLING"
-        self.declare(f"Std_ReturnType Rte_Read_{name}_{element.item_name}({of.item_name} *data, Rte_TransformerError *error)")
-        self.stub.append(f"extern {of.item_name} rte_{name}; extern uint8 rte_{name}_code, rte_{name}_is_invalid;")
-        self.source.append(f"{of.item_name} rte_{name}; uint8 rte_{name}_code = 0x25u, rte_{name}_is_invalid;")
-        self.source.append(LAST.format(port=name, element=element.item_name, type=of.item_name))
+        self.stub.append(f"extern {of.item_name} rte_{name}; extern uint8 rte_{name}_code, rte_{name}_status;")
+        self.source.append(f"{of.item_name} rte_{name}; uint8 rte_{name}_code = 0x25u, rte_{name}_status;")
+        read = f"{name}_{element.item_name}"
+        if runnable:
+            assert text(port, "REQUIRED-COM-SPECS/NONQUEUED-RECEIVER-COM-SPEC/HANDLE-DATA-STATUS") == "true"
+            self.declare(f"const {of.item_name} *Rte_IRead_{runnable}_{read}(void)")
+            self.declare(f"Std_ReturnType Rte_IStatus_{runnable}_{read}(Std_TransformerError *error)")
+        else:
+            self.declare(f"Std_ReturnType Rte_Read_{read}({of.item_name} *data, Std_TransformerError *error)")
+        api = BUFFER if runnable else LAST
+        self.source.append(api.format(port=name, element=element.item_name, type=of.item_name, runnable=runnable))
 
     def _written(self, runnable: str, port: str, element: Element) -> None:
         of = self.implementation(element)
@@ -272,11 +314,11 @@ _PROFILES: Mapping[tuple[str, str], ProfileName] = {
     ("PROFILE_01", "ALTERNATING-8-BIT"): "1B",
     ("PROFILE_01", "LOWER-12-BIT"): "1C",
     ("PROFILE_02", ""): "2",
-    ("PROFILE_05", "ALL-16-BIT"): "5",
+    ("PROFILE_05", ""): "5",
     ("PROFILE_11", "ALL-16-BIT"): "11A",
     ("PROFILE_11", "LOWER-12-BIT"): "11C",
 }
-"""Profile of the bench by its name in the ARXML and the mode of its data id."""
+"""Profile of the bench by its name in the ARXML and the mode of its data id; profiles without variants have none."""
 
 
 class Transformer:
@@ -304,10 +346,10 @@ def settings_of(model: Any) -> E2e:
     (each,) = (each for _, each in model.elements_dfs if each.element_name == "END-TO-END-TRANSFORMATION-DESCRIPTION")
     mode = [str(found.character_data) for found in find(each, "DATA-ID-MODE")]
     profile = _PROFILES[text(each, "PROFILE-NAME"), *(mode or [""])]
-    step, other = "max_delta_counter_init", "max_delta_counter"
+    step, unused = "max_delta_counter_init", {"max_delta_counter"}
     if profile in ("5", "11A", "11C"):
-        step, other = other, step
-    names = {name: name.upper().replace("_", "-") for name in E2e.model_fields.keys() - {"profile", other}}
+        step, unused = "max_delta_counter", {"max_delta_counter_init", "max_no_new_or_repeated_data", "sync_counter_init"}
+    names = {name: name.upper().replace("_", "-") for name in E2e.model_fields.keys() - unused - {"profile"}}
     names |= {step: "MAX-DELTA-COUNTER", "window_size": "WINDOW-SIZE-VALID"}
     return E2e(profile=profile, **{name: int(text(each, tag)) for name, tag in names.items()})
 
@@ -345,7 +387,7 @@ class Com:
                     setattr(record, signal, codes[signal])
                 # handleInvalid KEEP: the data are passed, with RTE_E_INVALID while one of the signals has its invalid value.
                 is_invalid = any(each.invalid is not None and codes[each.name] == each.raw_invalid for each in message.signals)
-                setattr(self._lib, f"rte_{name}_is_invalid", is_invalid)
+                setattr(self._lib, f"rte_{name}_status", int(is_invalid))  # RTE_E_INVALID is 1
 
     def send(self) -> tuple[int, bytes]:
         """Return identifier and data of the frame that the component has written."""

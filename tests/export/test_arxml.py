@@ -11,7 +11,7 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 from unittest import mock
 
 import autosar_data
@@ -34,7 +34,7 @@ from codegen.emit.can_view import DIAGNOSTICS
 from codegen.emit.folder import read_files, read_manifest
 from codegen.emit.misra_rules import ADVISORY
 from codegen.emit.write import write_folder
-from codegen.export.arxml.export import Protection, export
+from codegen.export.arxml.export import Access, Protection, export
 from codegen.export.firmware import record
 from codegen.sil.compile import DEFAULT_FLAGS, compile_library
 from codegen.sil.software import load
@@ -56,7 +56,11 @@ GENERATED = Path(__file__).parents[2] / "generated"
 BUILDS = ("4ws2", "4ws2-paper", "other")
 """`other` has Motorola byte order, odd lengths and offsets, a stack of maps in int16, double precision, and another prefix."""
 FRAME_KINDS = ("29 bits", "FD, 24 bytes, profile 11C, 29 bits", "FD, 64 bytes, profile 5")
-PROTECTIONS: tuple[Protection, ...] = ("transformer", "task")
+VARIANTS: tuple[tuple[Protection, Access], ...] = (
+    ("transformer", "explicit"),
+    ("transformer", "implicit"),
+    ("task", "explicit"),
+)
 
 
 @functools.cache
@@ -97,26 +101,26 @@ def prefix_of(name: str) -> str:
 
 
 @functools.cache
-def written(name: str, protection: Protection = "transformer") -> Path:
+def written(name: str, protection: Protection = "transformer", access: Access = "explicit") -> Path:
     """Return the export of a build on disk."""
-    with shared.locked(f"autosar {name} {protection}") as path:
+    with shared.locked(f"autosar {name} {protection} {access}") as path:
         place = path / "autosar"
         if not place.exists():
-            write_folder(export(build_of(name), protection).folder, place)
+            write_folder(export(build_of(name), protection, access).folder, place)
         return place
 
 
-def arxml_of(name: str, protection: Protection = "transformer") -> Path:
+def arxml_of(name: str, protection: Protection = "transformer", access: Access = "explicit") -> Path:
     """Return the ARXML of a build."""
-    return written(name, protection) / f"{prefix_of(name)}.arxml"
+    return written(name, protection, access) / f"{prefix_of(name)}.arxml"
 
 
 # --- readers ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "protection"), list(itertools.product((*BUILDS, *FRAME_KINDS), PROTECTIONS)))
-def test_the_strict_reader_has_no_warning_and_finds_every_reference(name: str, protection: Protection) -> None:
-    model, warnings = rte.load(written(name, protection))
+@pytest.mark.parametrize(("name", "variant"), list(itertools.product((*BUILDS, *FRAME_KINDS), VARIANTS)))
+def test_the_strict_reader_has_no_warning_and_finds_every_reference(name: str, variant: tuple[Protection, Access]) -> None:
+    model, warnings = rte.load(written(name, *variant))
     assert warnings == []
     assert model.check_references() == []
     assert all(file.version == autosar_data.AutosarVersion.AUTOSAR_00051 for file in model.files)
@@ -154,16 +158,34 @@ def test_readers_find_the_bit_rates(name: str) -> None:
     assert switches == (["true", "true"] if can.is_fd else [])
 
 
-@pytest.mark.parametrize("profile", ["1C", "2", "5", "11A"])
+PLACES = {"COUNTER-OFFSET", "CRC-OFFSET", "DATA-ID-MODE"}
+NIBBLE = {"DATA-ID-NIBBLE-OFFSET"}
+SYNCHRONISATION = {"MAX-NO-NEW-OR-REPEATED-DATA", "SYNC-COUNTER-INIT"}
+BEHAVIOR = {"PROFILE-BEHAVIOR"}
+OFFSET = {"OFFSET"}
+ATTRIBUTES: dict[ProfileName, set[str]] = {
+    "1C": PLACES | NIBBLE | SYNCHRONISATION | BEHAVIOR,
+    "2": OFFSET | SYNCHRONISATION | BEHAVIOR,
+    "5": OFFSET,
+    "11A": PLACES,
+}
+"""Attributes of a transformer that a profile requires; the others are not allowed (System Template, constr_3174 and constr_3185
+to constr_3194). An end-to-end profile has no OFFSET and no PROFILE-BEHAVIOR, and otherwise the same rule (constr_1118)."""
+
+
+@pytest.mark.parametrize("profile", list(ATTRIBUTES))
 def test_readers_find_the_profile_and_its_data_ids(profile: ProfileName, tmp_path: Path) -> None:
     """cantools takes the data ids from the ARXML and computes the CRC of profiles 2 and 5 from it."""
     build, can = tmp_path / "build", e2e_profiles.config_of(profile).can
     write_folder(e2e_profiles.built(profile).folder, build)
-    for protection in PROTECTIONS:
+    for protection in get_args(Protection):
         write_folder(export(build, protection).folder, tmp_path / protection)
         model, warnings = rte.load(tmp_path / protection)
         assert warnings == []
         assert model.check_references() == []
+        found, expected = {each.element_name for _, each in model.elements_dfs}, ATTRIBUTES[profile]
+        optional = PLACES | NIBBLE | SYNCHRONISATION | BEHAVIOR | OFFSET
+        assert found & optional == (expected if protection == "transformer" else expected - BEHAVIOR - OFFSET)
     database = cantools.database.load_file(tmp_path / "transformer" / "ars.arxml")
     for message, there in zip(can.messages().values(), database.messages, strict=True):
         number, entry = message.e2e_data_id, PROFILES[profile]
@@ -230,14 +252,14 @@ def test_debouncing_counts_samples() -> None:
 
 
 @functools.cache
-def component(name: str, protection: Protection) -> tuple[Any, Any]:
+def component(name: str, protection: Protection, access: Access = "explicit") -> tuple[Any, Any]:
     """Return the component on an RTE of its own ARXML as a library, and the model."""
-    folder = written(name, protection)
+    folder = written(name, protection, access)
     model, _ = rte.load(folder)
     sources = dict(read_files(build_of(name), read_manifest(build_of(name)), ("include/", "src/")))
     sources |= read_files(folder, read_manifest(folder), ("include/", "src/"))
     library = compile_library(
-        f"autosar_{protection}",
+        f"autosar_{protection}_{access}",
         {**sources, **rte.Rte(model).files()},
         ["rte/stub.h"],
         include_folders=("include", "rte"),
@@ -247,12 +269,6 @@ def component(name: str, protection: Protection) -> tuple[Any, Any]:
         },
     )
     return library.lib, model
-
-
-def runnables(library: Any, name: str) -> tuple[Callable[[], None], Callable[[], None]]:
-    """Return the runnables that initialise and step the component."""
-    owner = prefix_of(name).capitalize()
-    return getattr(library, f"{owner}_Init"), getattr(library, f"{owner}_Step")
 
 
 @functools.cache
@@ -283,15 +299,16 @@ def cantools_of(name: str) -> Any:
     return cantools.database.load_file(build_of(name) / f"{prefix_of(name)}.dbc")
 
 
-def through_transformer(name: str, cycles: list[tuple[Frame, ...]], checks_again: bool = False) -> list[tuple[int, bytes]]:
+def through_transformer(
+    name: str, cycles: list[tuple[Frame, ...]], access: Access = "explicit", checks_again: bool = False
+) -> list[tuple[int, bytes]]:
     """Run the component for the frames of each cycle, with COM and E2E in the RTE; return the frames that it sends."""
-    library, model = component(name, "transformer")
-    com, sent = rte.Com(library, model, arxml_of(name), checks_again), []
-    initialise, step = runnables(library, name)
-    initialise()
+    library, model = component(name, "transformer", access)
+    com, sent = rte.Com(library, model, arxml_of(name, "transformer", access), checks_again), []
+    library.rte_Run_Init()
     for frames in cycles:
         com.receive({frame.id: frame.data for frame in frames})
-        step()
+        library.rte_Run_Step()
         sent.append(com.send())
         assert events_of(library) == causes_of(name, sent[-1][1])
     return sent
@@ -302,8 +319,7 @@ def on_raw_frames(name: str, cycles: list[tuple[Frame, ...]]) -> list[tuple[int,
     library, _ = component(name, "task")
     messages = {each.frame_id: each.name for each in cantools.database.load_file(arxml_of(name, "task")).messages}
     (identifier,) = (each for each, message in messages.items() if message == "RearSteerCommand")
-    initialise, step = runnables(library, name)
-    initialise()
+    library.rte_Run_Init()
     sent = []
     for frames in cycles:
         for frame in frames:
@@ -312,23 +328,37 @@ def on_raw_frames(name: str, cycles: list[tuple[Frame, ...]]) -> list[tuple[int,
             for place, byte in enumerate(frame.data):
                 queue[index % len(queue)][place] = byte
             setattr(library, f"rte_{port}_written", index + 1)
-        step()
+        library.rte_Run_Step()
         sent.append((identifier, bytes(library.rte_RearSteerCommand)))
         assert events_of(library) == causes_of(name, sent[-1][1])
     return sent
 
 
+through_transformer_again = functools.partial(through_transformer, checks_again=True)
+"""On an RTE that checks the last frame again while none arrives."""
+implicitly, implicitly_again = (
+    functools.partial(each, access="implicit") for each in (through_transformer, through_transformer_again)
+)
+ON_RTE = {
+    "explicit": through_transformer,
+    "explicit again": through_transformer_again,
+    "implicit": implicitly,
+    "implicit again": implicitly_again,
+    "raw": on_raw_frames,
+}
+
+
 @pytest.mark.parametrize(
     ("on_rte", "name"),
     [
-        *itertools.product((through_transformer,), (*BUILDS, *FRAME_KINDS[1:])),
-        *itertools.product((on_raw_frames,), (*BUILDS, *FRAME_KINDS)),
+        *itertools.product(("explicit", "implicit"), (*BUILDS, *FRAME_KINDS[1:])),
+        *itertools.product(("raw",), (*BUILDS, *FRAME_KINDS)),
     ],
 )
-def test_a_whole_scenario_on_the_rte_has_the_bits_of_the_sil(name: str, on_rte: Any) -> None:
+def test_a_whole_scenario_on_the_rte_has_the_bits_of_the_sil(name: str, on_rte: str) -> None:
     cycles, sent = drive(name)
     assert len(sent) > 1000
-    assert on_rte(name, cycles) == [(frame.id, frame.data) for frame in sent]
+    assert ON_RTE[on_rte](name, cycles) == [(frame.id, frame.data) for frame in sent]
 
 
 REPEATED = 200
@@ -349,13 +379,8 @@ def disturbed(cycles: list[tuple[Frame, ...]]) -> list[tuple[Frame, ...]]:
     return [tuple(frames) for frames in changed]
 
 
-def through_transformer_again(name: str, cycles: list[tuple[Frame, ...]]) -> list[tuple[int, bytes]]:
-    """Run the component on an RTE that checks the last frame again while none arrives."""
-    return through_transformer(name, cycles, checks_again=True)
-
-
-@pytest.mark.parametrize("on_rte", [through_transformer, through_transformer_again, on_raw_frames])
-def test_disturbed_frames_give_the_commands_of_the_task(on_rte: Any) -> None:
+@pytest.mark.parametrize("on_rte", ON_RTE)
+def test_disturbed_frames_give_the_commands_of_the_task(on_rte: str) -> None:
     """Angle, reference and status are those of the task. So are the diagnostics, with two exceptions: a transformer cannot tell
     a repeated frame from a missing one, and does not report lost frames within its tolerance, which count for INTERMITTENT."""
     cycles, task, expected = disturbed(drive("4ws2")[0]), load(build_of("4ws2")).task(), []
@@ -363,20 +388,42 @@ def test_disturbed_frames_give_the_commands_of_the_task(on_rte: Any) -> None:
         for frame in frames:
             task.on_can_frame(frame.id, frame.data)
         expected.append(task.run())
-    found = on_rte("4ws2", cycles)
+    found = ON_RTE[on_rte]("4ws2", cycles)
     seen: set[str] = set()
     for cycle, ((identifier, data), (_, wanted)) in enumerate(zip(found, expected, strict=True)):
         assert (identifier, data[1:6]) == (0x201, wanted[1:6]), cycle
         causes = causes_of("4ws2", wanted)
         seen |= causes
-        if on_rte is not on_raw_frames:
+        if on_rte != "raw":
             causes -= {"INTERMITTENT"}
             if cycle == REPEATED:
                 causes = causes - {"MOTION_WRONG_COUNTER"} | {"MOTION_MISSING"}
             assert causes_of("4ws2", data) - {"INTERMITTENT"} == causes, cycle
     assert seen >= {"MOTION_MISSING", "CONDITIONS_WRONG_CRC", "MOTION_WRONG_COUNTER", "SPEED_REPLACED"}
-    if on_rte is on_raw_frames:
+    if on_rte == "raw":
         assert found == expected
+
+
+@pytest.mark.parametrize("access", get_args(Access))
+def test_other_codes_of_the_rte_mean_a_missing_frame(access: Access) -> None:
+    """MAX_AGE_EXCEEDED, COM_STOPPED, NEVER_RECEIVED, UNCONNECTED and HARD_TRANSFORMER_ERROR of SWS_RTE."""
+    library, model = component("4ws2", "transformer", access)
+    com, cycles = rte.Com(library, model, arxml_of("4ws2", "transformer", access)), iter(drive("4ws2")[0])
+    library.rte_Run_Init()
+
+    def events_with(status: int | None) -> set[str]:
+        """Return the events of a sample with good frames, the first of which has a status instead of that of COM."""
+        com.receive({frame.id: frame.data for frame in next(cycles)})
+        if status is not None:
+            library.rte_VehicleMotion_status = status
+        library.rte_Run_Step()
+        return events_of(library)
+
+    for _ in range(10):  # until both messages are valid
+        events_with(None)
+    for status in (64, 128, 133, 134, 138):
+        assert events_with(None) == set()
+        assert events_with(status) == {"MOTION_MISSING"}, status
 
 
 def test_parameters_of_the_rte_act_and_invalid_ones_do_not() -> None:
@@ -438,9 +485,9 @@ def test_initial_parameters_are_those_of_the_build() -> None:
     assert compared == len([name for name in dir(library) if name.startswith("rte_") and name[4].islower()])
 
 
-@pytest.mark.parametrize("protection", PROTECTIONS)
-def test_the_adapter_breaks_no_required_rule_of_misra(protection: Protection, tmp_path: Path) -> None:
-    folder = written("4ws2", protection)
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_adapter_breaks_no_required_rule_of_misra(variant: tuple[Protection, Access], tmp_path: Path) -> None:
+    folder = written("4ws2", *variant)
     sources = dict(read_files(build_of("4ws2"), read_manifest(build_of("4ws2")), ("include/",)))
     sources |= read_files(folder, read_manifest(folder), ("include/", "src/"))
     rte_files = rte.Rte(rte.load(folder)[0]).files()
@@ -475,6 +522,17 @@ def test_the_implementation_names_the_sources_that_the_component_needs() -> None
     assert found == sources - {"src/ars_dynamics.c"} | {"src/ars_swc.c"}
 
 
+def test_the_adapter_compiles_with_the_names_of_older_releases(tmp_path: Path) -> None:
+    """The RTE defines the error of a transformer up to R19-11, and Std_Types.h since."""
+    place, objects = written("4ws2"), []
+    header = rte.Rte(rte.load(place)[0]).files()["rte/Rte_Ars.h"]
+    for text in (header, header.replace("Std_Transformer", "Rte_Transformer").replace("STD_TRANSFORMER", "RTE_TRANSFORMER")):
+        (tmp_path / "Rte_Ars.h").write_text(text)
+        folders = [build_of("4ws2") / "include", place / "include", tmp_path]
+        objects.append(compiled(place / "src/ars_swc.c", folders, tmp_path / "object.o"))
+    assert objects[0] == objects[1]
+
+
 def test_sources_between_sections_compile_to_the_same_objects(tmp_path: Path) -> None:
     place, build_folder = written("4ws2"), build_of("4ws2")
     units = [path.stem for path in sorted((build_folder / "src").glob("*.c"))]
@@ -506,11 +564,19 @@ def test_the_sections_of_the_memory_map_are_those_of_the_arxml_and_close() -> No
 
 def test_the_command_writes_the_folder_once(run: Run, tmp_path: Path) -> None:
     command = ("arxml", "--build", build_of("4ws2"), "-o", tmp_path / "autosar")
-    assert "E2E by the transformer" in run(*command).out
+    assert "E2E by the transformer, explicit access" in run(*command).out
     content = {path.relative_to(tmp_path): path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     assert "(unchanged)" in run(*command).out
     assert not [path for path, text in content.items() if str(GENERATED).encode() in text or b"UUID" in text]
     assert json.loads(run(*command, "--e2e", "task", "--json").out)["e2e"] == "task"
+    assert json.loads(run(*command, "--access", "implicit", "--json").out)["access"] == "implicit"
+    assert read_manifest(tmp_path / "autosar")["options"]["access"] == "implicit"
+
+
+def test_implicit_access_to_raw_frames_is_rejected(refused: Refused, tmp_path: Path) -> None:
+    command = ("arxml", "--build", build_of("4ws2"), "-o", tmp_path / "new", "--e2e", "task", "--access", "implicit")
+    assert "implicit access cannot read the queues of raw frames; give --e2e transformer" in refused(*command)
+    assert not (tmp_path / "new").exists()
 
 
 def test_other_folders_and_changed_files_are_kept(refused: Refused, tmp_path: Path) -> None:

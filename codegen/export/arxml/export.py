@@ -36,6 +36,9 @@ from codegen.units import KM_H
 Protection = Literal["transformer", "task"]
 """Protection of the frames: the E2E transformer of the RTE, or the task of the build on raw frames."""
 
+Access = Literal["explicit", "implicit"]
+"""Reading by `Rte_Read` in the runnable, or by `Rte_IRead` from a buffer that the RTE fills before the runnable starts."""
+
 WHAT = "autosar"
 """Manifest entry that distinguishes the export from a build."""
 
@@ -43,9 +46,8 @@ DATA_ID_MODES = {
     "both": ("ALL-16-BIT", 0),
     "alternating": ("ALTERNATING-8-BIT", 1),
     "nibble": ("LOWER-12-BIT", 3),
-    "list": ("", 0),
 }
-"""Names of the data id mode in a transformer, and its number in an end-to-end profile; profile 2 has none."""
+"""Names of the data id mode in a transformer, and its number in an end-to-end profile, for profiles with variants."""
 
 QUEUE_LENGTH = 4
 """Frames of a message that wait for the task, in the variant on raw frames. The task is late if more than one waits."""
@@ -83,12 +85,17 @@ class Export:
     edited: tuple[str, ...]
 
 
-def export(build: Path, protection: Protection = "transformer") -> Export:
+def export(build: Path, protection: Protection = "transformer", access: Access = "explicit") -> Export:
     """Return the AUTOSAR export of a build without writing files.
 
     Raises:
-        BuildError: not a build, one of another version, or one whose calibration was changed.
+        BuildError: implicit access to the queues of the task; not a build, one of another version, or one whose calibration was
+            changed.
     """
+    if access == "implicit" and protection == "task":
+        raise BuildError(
+            "implicit access cannot read the queues of raw frames", remedy="give --e2e transformer, or --access explicit"
+        )
     manifest = read_build(build)
     require_can_side(manifest, build)
     prefix = str(manifest["options"]["prefix"])
@@ -96,7 +103,8 @@ def export(build: Path, protection: Protection = "transformer") -> Export:
     _require_as_built(manifest, build, edited)
     files = read_files(build, manifest, ("src/",))
     config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
-    context = _context(manifest, config, files.get(f"src/{prefix}_calibration.c", b"").decode("ascii", "replace"), protection)
+    calibration = files.get(f"src/{prefix}_calibration.c", b"").decode("ascii", "replace")
+    context = _context(manifest, config, calibration, protection, access)
     component = context["component"]
     made = {
         f"{prefix}.arxml": _indented(render("arxml/main.j2", context)),
@@ -113,7 +121,7 @@ def export(build: Path, protection: Protection = "transformer") -> Export:
         "version": __version__,
         "what": WHAT,
         "name": manifest["name"],
-        "options": {**manifest["options"], "e2e": protection},
+        "options": {**manifest["options"], "e2e": protection, **({"access": access} if access == "implicit" else {})},
         "build": {
             "id": manifest["build_id"],
             "manifest_sha256": hashlib.sha256((build / MANIFEST).read_bytes()).hexdigest(),
@@ -148,7 +156,9 @@ def _indented(arxml: bytes) -> bytes:
 _NAMESPACES = {"": "http://autosar.org/schema/r4.0", "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
 
 
-def _context(manifest: Mapping[str, Any], config: Config, calibration: str, protection: Protection) -> dict[str, Any]:
+def _context(
+    manifest: Mapping[str, Any], config: Config, calibration: str, protection: Protection, access: Access
+) -> dict[str, Any]:
     """Return the context of all templates."""
     options = manifest["options"]
     prefix, precision = str(options["prefix"]), options["precision"]
@@ -169,6 +179,7 @@ def _context(manifest: Mapping[str, Any], config: Config, calibration: str, prot
         "map": {"bits_type": f"uint{bits}_t", "magnitude_bits": magnitude_bits(bits)},
         "measured": config.can.measured,
         "by_transformer": by_transformer,
+        "is_implicit": access == "implicit",
         "can": can,
         "e2e": config.can.e2e,
         "messages": messages,
@@ -186,7 +197,7 @@ def _context(manifest: Mapping[str, Any], config: Config, calibration: str, prot
         "frame_bytes": can.frame_bytes,
         "platform_types": PLATFORM_TYPES,
         "profile": can.profile,
-        "data_id_modes": DATA_ID_MODES[can.profile.data_id_mode],
+        "data_id_modes": DATA_ID_MODES.get(can.profile.data_id_mode),
         "sections": SECTIONS,
         "queue_length": QUEUE_LENGTH,
         "task": task_view(config),
