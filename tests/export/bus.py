@@ -72,9 +72,9 @@ def fd_frame_of(content: bytes) -> Frame:
     return Frame(identifier, content[9:], extended=bool(extended), fd=True)
 
 
-def clock_times(slave: Slave) -> tuple[float, float]:
-    """Return interval and shift of the clock of the task in s, from the FMU."""
-    number = (fmi3.fmi3ValueReference * 1)(slave.variables[TASK_CLOCK].valueReference)
+def clock_times(slave: Slave, clock: str = TASK_CLOCK) -> tuple[float, float]:
+    """Return interval and shift of a periodic clock in s, from the FMU."""
+    number = (fmi3.fmi3ValueReference * 1)(slave.variables[clock].valueReference)
     interval, shift, qualifier = (fmi3.fmi3Float64 * 1)(), (fmi3.fmi3Float64 * 1)(), (fmi3.fmi3IntervalQualifier * 1)()
     slave.fmu.getIntervalDecimal(number, interval, qualifier)
     slave.fmu.getShiftDecimal(number, shift)

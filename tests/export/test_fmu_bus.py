@@ -376,6 +376,7 @@ def test_misuse_of_events_is_refused() -> None:
     assert "computed" in refused(ecu.slave, fmu.setClock, number["CanChannel.Tx_Clock"], [True])
     assert "computed" in refused(ecu.slave, fmu.setBinary, number["CanChannel.Tx_Data"], [b"?"])
     assert "another type" in refused(ecu.slave, fmu.getClock, rx_data)
+    assert "no variable with the value reference 1000" in refused(ecu.slave, fmu.setClock, [1000], [True])
     assert "another type" in refused(ecu.slave, fmu.getBinary, rx_clock)
     fmu.enterEventMode()
     assert "while an event is handled" in refused(ecu.slave, ecu.slave.step, 0.001)
@@ -389,6 +390,7 @@ def test_misuse_of_events_is_refused() -> None:
     silent.step(0.1)
     assert not silent.has_event
     ticked = [silent.variables["CanChannel.Rx_Clock"].valueReference]
+    assert "Rx_Clock has no interval" in refused(silent, clock_times, silent, "CanChannel.Rx_Clock")
     assert "a simulator that handles events" in refused(silent, silent.fmu.setClock, ticked, [True])
     assert "simulator announced" in refused(silent, silent.fmu.enterEventMode)
 
