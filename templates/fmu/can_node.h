@@ -42,7 +42,8 @@ typedef struct {
     bool receive_clock;
     uint32_t received_from; /* start of the operations that were added last */
     bool is_announced; /* the simulator has read the transmit clock in this event */
-    bool is_read; /* the simulator has read the operations in this event */
+    uint32_t read_size; /* bytes of the operations to the bus that the simulator has read in this event */
+    bool periodic_clock; /* the periodic clock of the model ticks in this event */
     can_mailbox_t mailboxes[CAN_MAILBOXES];
     can_buffer_t transmit;
     can_buffer_t receive;

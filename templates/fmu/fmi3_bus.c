@@ -4,7 +4,12 @@
  * Operations that the simulator does not read stay in the buffer and are announced again after the next step. The receive clock may also
  * tick between two events, which the standard does not provide for: the SIL Kit FMU Importer sets received frames before a step without an
  * event. They are processed at the beginning of that step, as if in an event at that time.
+ *
+ * A model may have one periodic clock, with the value reference PERIODIC_CLOCK; without one, no variable has this value reference. The model
+ * runs what it clocks at once, so that operations that were received in the same event count afterwards.
  */
+#include <string.h>
+
 #include "events.h"
 #include "fmi3Functions.h"
 #include "instance.h"
@@ -88,7 +93,7 @@ fmi3Status fmi3GetBinary(
             valueSizes[k] = node_of(self)->receive.size;
         } else if (good && is_in_event(self)) {
             send_frames(self);
-            node_of(self)->is_read = true;
+            node_of(self)->read_size = node_of(self)->transmit.size;
             values[k] = node_of(self)->transmit.bytes;
             valueSizes[k] = node_of(self)->transmit.size;
         } else if (good) { /* its clock does not tick */
@@ -149,7 +154,9 @@ fmi3Status fmi3GetClock(
         const variable_t *variable = instance_find(self, valueReferences[k], TYPE_CLOCK);
 
         good = variable != NULL;
-        if (good && (variable->role == ROLE_INPUT)) {
+        if (good && (valueReferences[k] == (fmi3ValueReference)PERIODIC_CLOCK)) {
+            values[k] = node_of(self)->periodic_clock;
+        } else if (good && (variable->role == ROLE_INPUT)) {
             values[k] = node_of(self)->receive_clock;
         } else if (good) {
             values[k] = is_in_event(self) && events_pending(self) && !node_of(self)->is_announced;
@@ -166,6 +173,51 @@ static bool may_tick(const instance_t *self)
     return is_in_event(self) || (self->has_event_mode && (self->now.phase == PHASE_STEPPING));
 }
 
+/* Set the periodic clock. It ticks once in an event, however often it is set. */
+static bool set_periodic_clock(instance_t *self, const char *name, bool value)
+{
+    bool *ticks = &node_of(self)->periodic_clock;
+
+    if (value == *ticks) {
+        return true;
+    }
+    if (!value) {
+        return instance_refuse(self, "%s cannot be deactivated", name);
+    }
+    if (!is_in_event(self)) {
+        return instance_refuse(self, "%s can only tick in an event", name);
+    }
+    if (!instance_check_parameters(self)) {
+        return false;
+    }
+    if (!model_tick(&self->now.model)) {
+        return instance_refuse(self, "%s cannot tick again within %.9g s", name, periodic_clock_interval);
+    }
+    *ticks = true;
+    self->outputs_are_current = false;
+    return true;
+}
+
+static bool set_clock(instance_t *self, fmi3ValueReference reference, bool value)
+{
+    const variable_t *variable = instance_find(self, reference, TYPE_CLOCK);
+
+    if (variable == NULL) {
+        return false;
+    }
+    if (variable->role != ROLE_INPUT) {
+        return instance_refuse(self, "%s cannot be set, it is computed", variable->name);
+    }
+    if (reference == (fmi3ValueReference)PERIODIC_CLOCK) {
+        return set_periodic_clock(self, variable->name, value);
+    }
+    if (value && !may_tick(self)) {
+        return instance_refuse(self, "%s can only tick after the initialization, in a simulator that handles events", variable->name);
+    }
+    node_of(self)->receive_clock = value;
+    return true;
+}
+
 fmi3Status fmi3SetClock(
     fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, const fmi3Clock values[])
 {
@@ -174,17 +226,50 @@ fmi3Status fmi3SetClock(
     size_t k;
 
     for (k = 0u; good && (k < nValueReferences); k++) {
-        const variable_t *variable = instance_find(self, valueReferences[k], TYPE_CLOCK);
+        good = set_clock(self, valueReferences[k], values[k]);
+    }
+    return status_of(good);
+}
 
-        good = variable != NULL;
-        if (good && (variable->role != ROLE_INPUT)) {
-            good = instance_refuse(self, "%s cannot be set, it is computed", variable->name);
-        } else if (good && values[k] && !may_tick(self)) {
-            good = instance_refuse(self, "%s can only tick after the initialization, in a simulator that handles events", variable->name);
-        } else if (good) {
-            node_of(self)->receive_clock = values[k];
-        } else {
-            /* reported */
+/* Return whether a variable is the periodic clock. */
+static bool is_periodic(const instance_t *self, fmi3ValueReference reference)
+{
+    const variable_t *variable = instance_find(self, reference, TYPE_CLOCK);
+
+    return (variable != NULL)
+        && ((reference == (fmi3ValueReference)PERIODIC_CLOCK) || instance_refuse(self, "%s has no interval", variable->name));
+}
+
+fmi3Status fmi3GetIntervalDecimal(
+    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3Float64 intervals[],
+    fmi3IntervalQualifier qualifiers[])
+{
+    instance_t *self = instance;
+    bool good = (self != NULL) && instance_check_lists(self, valueReferences, nValueReferences, intervals, nValueReferences)
+        && instance_check_lists(self, valueReferences, nValueReferences, qualifiers, nValueReferences);
+    size_t k;
+
+    for (k = 0u; good && (k < nValueReferences); k++) {
+        good = is_periodic(self, valueReferences[k]);
+        if (good) {
+            intervals[k] = periodic_clock_interval;
+            qualifiers[k] = fmi3IntervalUnchanged;
+        }
+    }
+    return status_of(good);
+}
+
+fmi3Status fmi3GetShiftDecimal(
+    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3Float64 shifts[])
+{
+    instance_t *self = instance;
+    bool good = (self != NULL) && instance_check_lists(self, valueReferences, nValueReferences, shifts, nValueReferences);
+    size_t k;
+
+    for (k = 0u; good && (k < nValueReferences); k++) {
+        good = is_periodic(self, valueReferences[k]);
+        if (good) {
+            shifts[k] = periodic_clock_shift;
         }
     }
     return status_of(good);
@@ -223,12 +308,12 @@ fmi3Status fmi3UpdateDiscreteStates(
     *nextEventTime = 0.0;
     node = node_of(self);
     send_frames(self);
-    if (node->is_read) {
-        node->transmit.size = 0u;
-    }
+    node->transmit.size -= node->read_size;
+    memmove(node->transmit.bytes, &node->transmit.bytes[node->read_size], node->transmit.size); /* added after the reading */
+    node->read_size = 0u;
     process_received(self);
     node->is_announced = false;
-    node->is_read = false;
+    node->periodic_clock = false;
     self->outputs_are_current = false;
     return fmi3OK;
 }

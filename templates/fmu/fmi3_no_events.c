@@ -73,6 +73,26 @@ fmi3Status fmi3SetClock(
     return unsupported(instance, "there are no clocks");
 }
 
+fmi3Status fmi3GetIntervalDecimal(
+    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3Float64 intervals[],
+    fmi3IntervalQualifier qualifiers[])
+{
+    (void)valueReferences;
+    (void)nValueReferences;
+    (void)intervals;
+    (void)qualifiers;
+    return unsupported(instance, "there are no clocks");
+}
+
+fmi3Status fmi3GetShiftDecimal(
+    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3Float64 shifts[])
+{
+    (void)valueReferences;
+    (void)nValueReferences;
+    (void)shifts;
+    return unsupported(instance, "there are no clocks");
+}
+
 fmi3Status fmi3EnterEventMode(fmi3Instance instance)
 {
     return unsupported(instance, "there is no event mode");

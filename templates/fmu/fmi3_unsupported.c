@@ -54,17 +54,6 @@ DEFINE_ABSENT(String)
 
 /* ---- clocks ---- */
 
-fmi3Status fmi3GetIntervalDecimal(
-    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3Float64 intervals[],
-    fmi3IntervalQualifier qualifiers[])
-{
-    (void)valueReferences;
-    (void)nValueReferences;
-    (void)intervals;
-    (void)qualifiers;
-    return unsupported(instance, "there are no time-based clocks");
-}
-
 fmi3Status fmi3GetIntervalFraction(
     fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3UInt64 counters[],
     fmi3UInt64 resolutions[], fmi3IntervalQualifier qualifiers[])
@@ -74,16 +63,7 @@ fmi3Status fmi3GetIntervalFraction(
     (void)counters;
     (void)resolutions;
     (void)qualifiers;
-    return unsupported(instance, "there are no time-based clocks");
-}
-
-fmi3Status fmi3GetShiftDecimal(
-    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3Float64 shifts[])
-{
-    (void)valueReferences;
-    (void)nValueReferences;
-    (void)shifts;
-    return unsupported(instance, "there are no time-based clocks");
+    return unsupported(instance, "intervals and shifts are decimal numbers");
 }
 
 fmi3Status fmi3GetShiftFraction(
@@ -94,7 +74,7 @@ fmi3Status fmi3GetShiftFraction(
     (void)nValueReferences;
     (void)counters;
     (void)resolutions;
-    return unsupported(instance, "there are no time-based clocks");
+    return unsupported(instance, "intervals and shifts are decimal numbers");
 }
 
 fmi3Status fmi3SetIntervalDecimal(
@@ -104,7 +84,7 @@ fmi3Status fmi3SetIntervalDecimal(
     (void)valueReferences;
     (void)nValueReferences;
     (void)intervals;
-    return unsupported(instance, "there are no time-based clocks");
+    return unsupported(instance, "intervals and shifts cannot be set");
 }
 
 fmi3Status fmi3SetIntervalFraction(
@@ -115,7 +95,7 @@ fmi3Status fmi3SetIntervalFraction(
     (void)nValueReferences;
     (void)counters;
     (void)resolutions;
-    return unsupported(instance, "there are no time-based clocks");
+    return unsupported(instance, "intervals and shifts cannot be set");
 }
 
 fmi3Status fmi3SetShiftDecimal(
@@ -124,7 +104,7 @@ fmi3Status fmi3SetShiftDecimal(
     (void)valueReferences;
     (void)nValueReferences;
     (void)shifts;
-    return unsupported(instance, "there are no time-based clocks");
+    return unsupported(instance, "intervals and shifts cannot be set");
 }
 
 fmi3Status fmi3SetShiftFraction(
@@ -135,14 +115,14 @@ fmi3Status fmi3SetShiftFraction(
     (void)nValueReferences;
     (void)counters;
     (void)resolutions;
-    return unsupported(instance, "there are no time-based clocks");
+    return unsupported(instance, "intervals and shifts cannot be set");
 }
 
 fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference clockReference, fmi3Float64 activationTime)
 {
     (void)clockReference;
     (void)activationTime;
-    return unsupported(instance, "there are no time-based clocks");
+    return unsupported(instance, "this FMU is for co-simulation");
 }
 
 /* ---- dependencies and derivatives ---- */

@@ -248,7 +248,7 @@ static const variable_t *culprit(const model_t *model, const model_t *built)
     return (alone != NULL) ? alone : first;
 }
 
-static bool check_parameters(const instance_t *self)
+bool instance_check_parameters(const instance_t *self)
 {
     const variable_t *variable;
     model_t built;
@@ -273,7 +273,7 @@ bool instance_exit_initialization(instance_t *self)
     if (self->now.phase != PHASE_INITIALIZATION) {
         return instance_refuse(self, "there is no initialization to leave");
     }
-    if (!check_parameters(self)) {
+    if (!instance_check_parameters(self)) {
         return false;
     }
     model_start(&self->now.model);
@@ -372,7 +372,7 @@ bool instance_step(instance_t *self, double time, double size)
     model_t next = self->now.model;
     uint64_t k;
 
-    if (!check_step(self, time, size) || !plan_step(self, size, &plan) || !check_parameters(self)) {
+    if (!check_step(self, time, size) || !plan_step(self, size, &plan) || !instance_check_parameters(self)) {
         return false;
     }
     for (k = 0u; k < plan.count; k++) {

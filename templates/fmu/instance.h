@@ -60,6 +60,9 @@ bool instance_terminate(instance_t *self);
 /* Check that lists of value references and of values have the same length and are not null. */
 bool instance_check_lists(const instance_t *self, const void *references, size_t count, const void *values, size_t value_count);
 
+/* Check that the model accepts its parameters. */
+bool instance_check_parameters(const instance_t *self);
+
 /* Find a variable by its value reference; type must be that of the variable. Returns null after reporting an error. */
 const variable_t *instance_find(const instance_t *self, uint32_t reference, variable_type_t type);
 

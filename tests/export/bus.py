@@ -11,6 +11,8 @@ import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from fmpy import fmi3
+
 from hil_sim.codec import Frame
 from tests.export.fmus import Slave
 
@@ -21,6 +23,7 @@ BAUDRATE, FD_BAUDRATE, ARBITRATION = 1, 2, 4
 FRAME_BITS = 47
 """Bits of a frame with an 11-bit identifier without its data and stuff bits, with the interframe space (ISO 11898-1)."""
 MICROSECOND = 1e-6
+TASK_CLOCK = "task_clock"
 
 
 def operation(code: int, content: bytes = b"") -> bytes:
@@ -69,18 +72,42 @@ def fd_frame_of(content: bytes) -> Frame:
     return Frame(identifier, content[9:], extended=bool(extended), fd=True)
 
 
-class Node:
-    """An FMU on the bus."""
+def clock_times(slave: Slave, clock: str = TASK_CLOCK) -> tuple[float, float]:
+    """Return interval and shift of a periodic clock in s, from the FMU."""
+    number = (fmi3.fmi3ValueReference * 1)(slave.variables[clock].valueReference)
+    interval, shift, qualifier = (fmi3.fmi3Float64 * 1)(), (fmi3.fmi3Float64 * 1)(), (fmi3.fmi3IntervalQualifier * 1)()
+    slave.fmu.getIntervalDecimal(number, interval, qualifier)
+    slave.fmu.getShiftDecimal(number, shift)
+    assert qualifier[0] == fmi3.fmi3IntervalUnchanged  # the only one that the standard allows for a constant clock
+    return interval[0], shift[0]
 
-    def __init__(self, slave: Slave) -> None:
+
+class Node:
+    """An FMU on the bus.
+
+    Attributes:
+        next_tick: time of the next tick of the clock of the task in us; None: the simulator does not know this clock.
+    """
+
+    def __init__(self, slave: Slave, *, has_clock: bool = False) -> None:
         self.slave = slave
-        number = {name.partition(".")[2]: [each.valueReference] for name, each in slave.variables.items() if "." in name}
+        number = {name.rpartition(".")[2]: [each.valueReference] for name, each in slave.variables.items()}
         self._numbers = number
+        self._has_clock = has_clock
+        self.next_tick: int | None = None
 
     def start(self, values: Mapping[str, float] | None = None) -> Node:
         """Initialise the FMU; it is then in its first event."""
         self.slave.start(values)
+        if self._has_clock:
+            self._interval, self.next_tick = (round(time / MICROSECOND) for time in clock_times(self.slave))
         return self
+
+    def tick(self) -> None:
+        """Let the clock of the task tick, within an event."""
+        self.slave.fmu.setClock(self._numbers[TASK_CLOCK], [True])
+        if self.next_tick is not None:
+            self.next_tick += self._interval
 
     def operations(self) -> bytes:
         """Return the operations to send, within an event."""
@@ -99,13 +126,15 @@ class Node:
         assert not any(self.slave.fmu.updateDiscreteStates()[:5])
         self.slave.fmu.enterStepMode()
 
-    def event(self, received: bytes = b"", values: Mapping[str, float] | None = None) -> bytes:
+    def event(self, received: bytes = b"", values: Mapping[str, float] | None = None, *, ticks: bool = False) -> bytes:
         """Handle one event between two steps and return the operations to send."""
         self.slave.fmu.enterEventMode()
-        return self.finish_event(received, values)
+        return self.finish_event(received, values, ticks=ticks)
 
-    def finish_event(self, received: bytes = b"", values: Mapping[str, float] | None = None) -> bytes:
+    def finish_event(self, received: bytes = b"", values: Mapping[str, float] | None = None, *, ticks: bool = False) -> bytes:
         self.slave.set(values or {})
+        if ticks:
+            self.tick()
         sent = self.operations()
         if received:
             self.receive(received)
@@ -174,11 +203,12 @@ class Bus:
 def simulate(bus: Bus, duration: float, step: float, values: Callable[[int, float], Mapping[str, float]]) -> None:
     """Simulate initialised nodes. `values` returns the inputs of a node at a time in s.
 
-    All nodes step together to the next multiple of `step`, or to the end of a transmission, whichever comes first.
+    All nodes step together to the next multiple of `step`, the end of a transmission, or the next tick of a clock of a task,
+    whichever comes first.
     """
     now, grid, stop = 0, round(step / MICROSECOND), round(duration / MICROSECOND)
     for number, node in enumerate(bus.nodes):
-        bus.accept(number, node.finish_event(values=values(number, 0.0)))
+        bus.accept(number, node.finish_event(values=values(number, 0.0), ticks=node.next_tick == now))
     while True:
         bus.begin(now)
         while bus.moving is not None and bus.free_at == now:
@@ -189,10 +219,12 @@ def simulate(bus: Bus, duration: float, step: float, values: Callable[[int, floa
             return
         following = (now // grid + 1) * grid
         following = min(following, bus.free_at) if bus.moving is not None else following
+        following = min([following, *(node.next_tick for node in bus.nodes if node.next_tick is not None)])
         for number, node in enumerate(bus.nodes):
             node.slave.set(values(number, now * MICROSECOND))
             node.slave.step((following - now) * MICROSECOND)
         now = following
         for number, node in enumerate(bus.nodes):
-            if node.slave.has_event:
-                bus.accept(number, node.event(values=values(number, now * MICROSECOND)))
+            ticks = node.next_tick == now
+            if node.slave.has_event or ticks:
+                bus.accept(number, node.event(values=values(number, now * MICROSECOND), ticks=ticks))

@@ -1,6 +1,7 @@
 /*
  * A bus that sends random operations to a node, compiled with the sources of an FMU. The arguments are its instantiation token and the
- * value references of Rx_Clock and BusNotifications; Rx_Data, Tx_Clock and Tx_Data follow Rx_Clock. Ends with 0 if no call fails.
+ * value references of Rx_Clock and BusNotifications; Rx_Data, Tx_Clock and Tx_Data follow Rx_Clock. With those of task_is_clocked and
+ * task_clock, this clock runs the task: it ticks, or tries to, in every event. Ends with 0 if no other call fails.
  */
 #include <stdint.h>
 #include <stdio.h>
@@ -52,15 +53,22 @@ int main(int count, char **arguments)
     const fmi3ValueReference first = (count > 3) ? (fmi3ValueReference)atoi(arguments[2]) : 0u;
     const fmi3ValueReference rx_clock = first, rx_data = first + 1u, tx_clock = first + 2u, tx_data = first + 3u;
     const fmi3ValueReference notifications = (count > 3) ? (fmi3ValueReference)atoi(arguments[3]) : 0u;
+    const bool is_clocked = count > 5;
+    const fmi3ValueReference task_is_clocked = is_clocked ? (fmi3ValueReference)atoi(arguments[4]) : 0u;
+    const fmi3ValueReference task_clock = is_clocked ? (fmi3ValueReference)atoi(arguments[5]) : 0u;
     const fmi3Boolean yes = true;
     const fmi3Clock tick = true;
     fmi3Instance node = fmi3InstantiateCoSimulation(
         "node", arguments[1], NULL, false, false, true, false, NULL, 0u, NULL, NULL, NULL);
     uint64_t frames = 0u;
+    int ticks = 0;
     int failed = (node == NULL);
     int k;
 
     failed |= fmi3SetBoolean(node, &notifications, 1u, &yes, 1u);
+    if (is_clocked) {
+        failed |= fmi3SetBoolean(node, &task_is_clocked, 1u, &yes, 1u);
+    }
     failed |= fmi3EnterInitializationMode(node, false, 0.0, 0.0, false, 0.0);
     failed |= fmi3ExitInitializationMode(node);
     for (k = 0; k < 20000; k++) {
@@ -84,6 +92,9 @@ int main(int count, char **arguments)
         failed |= fmi3GetClock(node, &tx_clock, 1u, &clock);
         failed |= fmi3GetBinary(node, &tx_data, 1u, &sent, &answer, 1u);
         frames += sent;
+        if (is_clocked && (fmi3SetClock(node, &task_clock, 1u, &tick) == fmi3OK)) { /* once in 20 events */
+            ticks++;
+        }
         failed |= fmi3UpdateDiscreteStates(node, &again, &ends, &nominal, &changed, &defined, &time);
         failed |= fmi3EnterStepMode(node);
         if (!in_event) {
@@ -95,5 +106,5 @@ int main(int count, char **arguments)
     }
     fmi3FreeInstance(node);
     fprintf(stderr, "%lu bytes sent\n", (unsigned long)frames);
-    return failed || (frames < 20000u);
+    return failed || (frames < 20000u) || (is_clocked && (ticks != 1000));
 }

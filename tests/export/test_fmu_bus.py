@@ -26,12 +26,14 @@ from tests.export.bus import (
     FD_BAUDRATE,
     FORMAT_ERROR,
     STATUS,
+    TASK_CLOCK,
     TRANSMIT,
     WAKEUP,
     Bus,
     Node,
     arbitration_lost,
     bus_error,
+    clock_times,
     confirm,
     frame_of,
     operation,
@@ -80,9 +82,11 @@ def test_fmpy_validates_the_files() -> None:
     assert validate_fmu(str(made("bus_plant", "3").path)) == []
 
 
+@pytest.mark.parametrize(("has_clock", "is_clocked"), [(False, False), (True, False), (True, True)])
 @pytest.mark.parametrize(("bit_rate", "elapsed", "notifies"), [(None, 0.005, False), (500e3, 0.006, True)])
-def test_both_nodes_on_a_bus(bit_rate: float | None, elapsed: float, notifies: bool) -> None:
-    check_run("tracking", SCENARIO, bit_rate, elapsed, notifies)
+def test_both_nodes_on_a_bus(bit_rate: float | None, elapsed: float, notifies: bool, has_clock: bool, is_clocked: bool) -> None:
+    """The simulator lets the clock of the task tick if it `has_clock`; the task runs by it if it `is_clocked`."""
+    check_run("tracking", SCENARIO, bit_rate, elapsed, notifies, has_clock=has_clock, is_clocked=is_clocked)
 
 
 @pytest.mark.parametrize("frames", ["29 bits", "FD, 64 bytes, profile 5"])
@@ -90,13 +94,23 @@ def test_other_frames_on_a_bus(frames: str) -> None:
     check_run(frames, "step-steer", None, 0.005, True)
 
 
-def check_run(kind: str, scenario: str, bit_rate: float | None, elapsed: float, notifies: bool) -> None:
+def check_run(
+    kind: str,
+    scenario: str,
+    bit_rate: float | None,
+    elapsed: float,
+    notifies: bool,
+    *,
+    has_clock: bool = False,
+    is_clocked: bool = False,
+) -> None:
     """Compare all frames of a scenario on a bus with those of the SIL."""
     wanted, cycles = recorded(kind, scenario, elapsed)
     given = driver(kind, scenario)
     start = {"CanChannel.BusNotifications": float(notifies)}
     plant = Node(Slave(made("bus_plant", "3", kind), event_mode=True)).start({**start, **given(0.0)})
-    ecu = Node(Slave(made("ecu", "3", kind), event_mode=True)).start(start)
+    ecu = Node(Slave(made("ecu", "3", kind), event_mode=True), has_clock=has_clock)
+    ecu.start({**start, "task_is_clocked": float(is_clocked)})
     bus = Bus((plant, ecu), bit_rate, notifies=notifies)
     simulate(bus, cycles * 0.01 - STEP, STEP, lambda number, time: given(time) if number == 0 else {})
     # Of the three frames of a cycle, the one with the lowest identifier is first. The command has the highest.
@@ -132,9 +146,10 @@ def test_the_frames_of_the_sil_give_its_commands(in_event: bool) -> None:
 # ---- the node ----
 
 
-def started_ecu(notifies: bool = False, kind: str = "tracking") -> Node:
+def started_ecu(notifies: bool = False, kind: str = "tracking", *, is_clocked: bool = False) -> Node:
     """Return an ECU that has sent its configuration."""
-    ecu = Node(Slave(made("ecu", "3", kind), event_mode=True)).start({"CanChannel.BusNotifications": notifies})
+    values = {"CanChannel.BusNotifications": notifies, "task_is_clocked": is_clocked}
+    ecu = Node(Slave(made("ecu", "3", kind), event_mode=True)).start(values)
     assert {code for code, _ in operations(ecu.finish_event())} == {CONFIGURATION}
     return ecu
 
@@ -253,9 +268,10 @@ def test_operations_that_are_not_read_are_announced_again() -> None:
     assert [code for code, _ in operations(ecu.event())] == [TRANSMIT]
 
 
-def test_a_run_continues_from_a_saved_state() -> None:
+@pytest.mark.parametrize("is_clocked", [False, True])
+def test_a_run_continues_from_a_saved_state(is_clocked: bool) -> None:
     wanted, _ = recorded("tracking", SCENARIO, 0.0)
-    ecu = started_ecu(notifies=True)
+    ecu = started_ecu(notifies=True, is_clocked=is_clocked)
     fmu = ecu.slave.fmu
 
     def drive(cycles: range) -> list[bytes]:
@@ -263,7 +279,7 @@ def test_a_run_continues_from_a_saved_state() -> None:
         for cycle in cycles:
             ecu.event(transmit(wanted[3 * cycle]) + transmit(wanted[3 * cycle + 1]))
             ecu.slave.step(0.01)
-            sent.append(ecu.event(confirm(ECU_ID)))
+            sent.append(ecu.event(confirm(ECU_ID), ticks=is_clocked))
         return sent
 
     drive(range(50))
@@ -272,6 +288,83 @@ def test_a_run_continues_from_a_saved_state() -> None:
     ecu.slave.restore(fmu.deserializeFMUState(state), time)
     assert bytes(fmu.serializeFMUState(fmu.getFMUState())) == state
     assert drive(range(50, 200)) == first
+    assert all(first)
+
+
+# ---- the clock of the task ----
+
+
+def test_the_task_runs_exactly_at_the_ticks() -> None:
+    motion, conditions, _ = (transmit(frame) for frame in recorded("tracking", SCENARIO, 0.0)[0][:3])
+    ecu = started_ecu(is_clocked=True)
+    fmu, clock = ecu.slave.fmu, [ecu.slave.variables[TASK_CLOCK].valueReference]
+
+    def counters() -> list[float]:
+        return ecu.slave.row(("cycles", "early_cycles", "late_cycles"))
+
+    ecu.slave.step(0.0203)
+    assert not ecu.slave.has_event  # nothing runs without a tick
+    fmu.enterEventMode()
+    ecu.receive(motion + conditions)
+    ecu.tick()
+    assert counters() == [1.0, 1.0, 0.0]  # at once, and frames of the same event count in the next run
+    assert fmu.getClock(clock) == [True]
+    state = fmu.serializeFMUState(fmu.getFMUState())
+    ecu.tick()  # set again: no other tick
+    assert "cannot be deactivated" in refused(ecu.slave, fmu.setClock, clock, [False])
+    assert [code for code, _ in operations(ecu.operations())] == [TRANSMIT]
+    assert not any(fmu.updateDiscreteStates()[:5])
+    assert fmu.getClock(clock) == [False]
+    assert "cannot tick again within 0.01 s" in refused(ecu.slave, ecu.tick)
+    fmu.enterStepMode()
+    assert "only tick in an event" in refused(ecu.slave, ecu.tick)
+    assert counters() == [1.0, 1.0, 0.0]
+    ecu.slave.restore(fmu.deserializeFMUState(state), ecu.slave.time)
+    assert fmu.getClock(clock) == [True]
+    assert ecu.finish_event() != b""  # the command again
+
+    ecu.slave.step(0.008)
+    ecu.event(motion + conditions)
+    ecu.slave.step(0.001)
+    fmu.enterEventMode()
+    assert "cannot tick again" in refused(ecu.slave, ecu.tick)  # after 9 ms
+    ecu.leave_event()
+    ecu.slave.step(0.001)
+    assert ecu.event(ticks=True) != b""
+    assert counters() == [2.0, 1.0, 1.0]  # two frames of each message since the first tick
+
+
+def test_a_command_after_the_operations_were_read_is_announced_again() -> None:
+    ecu = Node(Slave(made("ecu", "3"), event_mode=True)).start({"task_is_clocked": True})
+    assert {code for code, _ in operations(ecu.operations())} == {CONFIGURATION}
+    ecu.tick()
+    ecu.leave_event()
+    ecu.slave.step(0.001)
+    assert ecu.slave.has_event
+    assert [code for code, _ in operations(ecu.event())] == [TRANSMIT]
+
+
+def test_the_clock_of_the_task_is_described() -> None:
+    slave = Slave(made("ecu", "3"), event_mode=True).start()
+    (clock,) = (
+        each
+        for each in ET.fromstring(text_of(slave.made, "modelDescription.xml")).iter("Clock")
+        if each.get("name") == TASK_CLOCK
+    )
+    period = ecu_config().controller.sampling_time_s
+    assert (float(clock.get("intervalDecimal", "")), float(clock.get("shiftDecimal", ""))) == (
+        period,
+        slave.get("task_offset_s"),
+    )
+    assert clock_times(slave) == (period, period / 2)
+    assert (clock.get("causality"), clock.get("intervalVariability"), clock.get("clocks")) == ("input", "constant", None)
+    depends = {
+        each.variable.name for each in slave.made.description.outputs if TASK_CLOCK in {v.name for v in each.dependencies}
+    }
+    assert depends == {each.name for each in slave.variables.values() if each.causality == "output"}
+    assert {each.intervalVariability for each in made("bus_plant", "3").description.modelVariables if each.type == "Clock"} == {
+        "triggered"
+    }
 
 
 def test_misuse_of_events_is_refused() -> None:
@@ -283,6 +376,7 @@ def test_misuse_of_events_is_refused() -> None:
     assert "computed" in refused(ecu.slave, fmu.setClock, number["CanChannel.Tx_Clock"], [True])
     assert "computed" in refused(ecu.slave, fmu.setBinary, number["CanChannel.Tx_Data"], [b"?"])
     assert "another type" in refused(ecu.slave, fmu.getClock, rx_data)
+    assert "no variable with the value reference 1000" in refused(ecu.slave, fmu.setClock, [1000], [True])
     assert "another type" in refused(ecu.slave, fmu.getBinary, rx_clock)
     fmu.enterEventMode()
     assert "while an event is handled" in refused(ecu.slave, ecu.slave.step, 0.001)
@@ -296,6 +390,7 @@ def test_misuse_of_events_is_refused() -> None:
     silent.step(0.1)
     assert not silent.has_event
     ticked = [silent.variables["CanChannel.Rx_Clock"].valueReference]
+    assert "Rx_Clock has no interval" in refused(silent, clock_times, silent, "CanChannel.Rx_Clock")
     assert "a simulator that handles events" in refused(silent, silent.fmu.setClock, ticked, [True])
     assert "simulator announced" in refused(silent, silent.fmu.enterEventMode)
 
@@ -334,9 +429,11 @@ def test_the_a2l_has_the_addresses_of_the_binary() -> None:
         assert angle.value == pytest.approx(Codec(ecu_config().can).decode(motion.id, motion.data).front_angle, abs=1e-9)
     characteristic = ctypes.c_float.from_address(address_of("ars_parameters_default.rear_rate_max"))
     before, characteristic.value = characteristic.value, float("nan")
-    message = refused(ecu.slave, ecu.slave.step, 0.01)
+    messages = [refused(ecu.slave, ecu.slave.step, 0.01)]
+    ecu.slave.fmu.enterEventMode()
+    messages.append(refused(ecu.slave, ecu.tick))
     characteristic.value = before
-    assert "parameters of the build are not valid" in message
+    assert all("parameters of the build are not valid" in message for message in messages)
 
 
 def ecu_config():

@@ -189,7 +189,11 @@ def _set_clocks(parent: ET.Element, variables: Sequence[Variable]) -> None:
 def _variable_3(parent: ET.Element, variable: Variable, reference: str) -> None:
     attributes = _common(variable, reference)
     if variable.kind == "clock":
-        ET.SubElement(parent, "Clock", {**attributes, "intervalVariability": "triggered"})
+        timing = {"intervalVariability": "triggered"}
+        if variable.interval is not None:
+            times = {"intervalDecimal": repr(variable.interval), "shiftDecimal": repr(variable.shift)}
+            timing = {"intervalVariability": "constant", **times}
+        ET.SubElement(parent, "Clock", {**attributes, **timing})
         return
     if variable.kind == "binary":
         size = {"maxSize": str(BUFFER_BYTES), "mimeType": MIME_TYPE}

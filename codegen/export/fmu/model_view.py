@@ -56,6 +56,11 @@ def _model(what: What, config: Config, prefix: str, variables: Sequence[Variable
     steps = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
     named = [each for each in variables if each.member and "." not in each.member]
     own = [f"{prefix}_{root}" for root in ROOTS[what] if root.endswith(".h")]
+    clock, interval, shift = _periodic_clock(variables)
+    numbers = {
+        **({"actuator_return_step": _return_step(config)} if what == "bus_plant" else {}),
+        **({"periodic_clock_interval": interval, "periodic_clock_shift": shift} if what in WITH_BUS else {}),
+    }
 
     def members(role: Role) -> list[tuple[str, str]]:
         return [(f"{each.storage} {each.member}", each.unit) for each in named if each.role == role]
@@ -77,8 +82,8 @@ def _model(what: What, config: Config, prefix: str, variables: Sequence[Variable
     return {
         "title": TITLES[what],
         "headers": [*(["plant.h"] if has_plant else []), *own, *(["can_node.h"] if what in WITH_BUS else [])],
-        "constants": _constants(what, config, steps),
-        "numbers": {"actuator_return_step": literal(_return_step(config), "double")} if what == "bus_plant" else {},
+        "constants": {**_constants(what, config, steps), **({"PERIODIC_CLOCK": clock} if what in WITH_BUS else {})},
+        "numbers": {name: literal(value, "double") for name, value in numbers.items()},
         "has_bus": what in WITH_BUS,
         "is_single": what == "ecu",
         "groups": groups,
@@ -90,13 +95,21 @@ def _model(what: What, config: Config, prefix: str, variables: Sequence[Variable
     }
 
 
+def _periodic_clock(variables: Sequence[Variable]) -> tuple[int, float, float]:
+    """Return value reference, interval and shift (s) of the periodic clock; without one, a value reference of no variable."""
+    for reference, each in enumerate(variables):
+        if each.interval is not None:
+            return reference, each.interval, each.shift
+    return len(variables), 0.0, 0.0
+
+
 _STATES: Mapping[What, Sequence[tuple[str, str]]] = {
     "loop": (
         ("double waiting[DELAY_SAMPLES + 1]", "rad, newest last: commands that wait to act"),
         ("double acting", "rad, the command that acts"),
         ("uint32_t steps_since_sample", ""),
     ),
-    "ecu": (("uint32_t steps_to_task", ""),),
+    "ecu": (("uint32_t steps_to_task", "until the task runs; by the periodic clock: until it may"),),
     "bus_plant": (
         ("plant_input_t held", "inputs of the present step"),
         ("double waiting[DELAY_STEPS + 1]", "rad, newest last: commands that wait to act"),

@@ -89,6 +89,7 @@ class Variable:
         low, high: inclusive range; None: range of the type.
         depends: inputs that an output depends on directly, within the same step.
         clock: clock of a binary variable.
+        interval, shift: of a periodic clock, in s; an interval of None: the clock is triggered.
     """
 
     name: str
@@ -104,6 +105,8 @@ class Variable:
     continuous: bool = False
     depends: tuple[str, ...] = ()
     clock: str = ""
+    interval: float | None = None
+    shift: float = 0.0
 
 
 TIME = Variable("time_s", "", "real", "time", "time", unit="s", continuous=True)
@@ -210,7 +213,9 @@ def variables_of(what: What, config: Config) -> tuple[Variable, ...]:
     if what == "controller":
         return (TIME, *_measurement(config), *_commands(config), _initial(config))
     if what == "ecu":
-        return (TIME, *_ecu_outputs(config), _task_offset(config), *_bus(()))
+        own = (*_ecu_outputs(config), *_task_times(config), *_bus(()))
+        # All outputs may change at a tick, and their clock may tick with it.
+        return (TIME, *(replace(each, depends=(TASK_CLOCK,)) if each.role == "output" else each for each in own))
     driver = _driver(config)
     every = tuple(each.name for each in driver)
     if what == "bus_plant":
@@ -277,11 +282,21 @@ _COUNTED = {
 }
 
 
-def _task_offset(config: Config) -> Variable:
+TASK_CLOCK = "task_clock"
+
+
+def _task_times(config: Config) -> tuple[Variable, ...]:
+    """Return what defines the times of the task: the offset of the ECU's own clock, and the clock of the simulator."""
     period = config.controller.sampling_time_s
     about = "time of the first run of the task; by default half a period after the first frames of the car"
     low, start = config.plant.sampling_time_s, 0.5 * period
-    return Variable("task_offset_s", "task_offset", "real", "fixed", about, unit="s", start=start, low=low, high=period)
+    clocked = f"the task runs at the ticks of {TASK_CLOCK}; otherwise by the clock of the ECU, first at task_offset_s"
+    ticks = "runs the task if task_is_clocked; otherwise without effect"
+    return (
+        Variable("task_offset_s", "task_offset", "real", "fixed", about, unit="s", start=start, low=low, high=period),
+        Variable("task_is_clocked", "task_is_clocked", "boolean", "fixed", clocked, "bool", start=0.0),
+        Variable(TASK_CLOCK, "", "clock", "input", ticks, "elsewhere", interval=period, shift=start),
+    )
 
 
 def _measurement(config: Config) -> tuple[Variable, ...]:

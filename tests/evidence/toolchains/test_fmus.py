@@ -34,16 +34,17 @@ def test_nodes_on_a_bus_in_another_scenario(kind: str) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["tracking", "FD, 12 bytes, profile 5"])
-@pytest.mark.parametrize("what", ["ecu", "bus_plant"])
-def test_random_operations_from_the_bus_under_sanitizers(what: What, kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("what", "is_clocked"), [("ecu", False), ("ecu", True), ("bus_plant", False)])
+def test_random_operations_from_the_bus_under_sanitizers(what: What, is_clocked: bool, kind: str, tmp_path: Path) -> None:
     known, program = fmus.made(what, "3", kind), tmp_path / "flood"
     number = {each.name: str(each.valueReference) for each in known.description.modelVariables}
     flags = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1", "-std=c99", "-Wall", "-Werror", "-I.")
     sources = [*fmus.listed_sources(known), fmus.ROOT / "tests" / "export" / "flood.c"]
     command = [*compiler_command(), *flags, *sources, "-o", program, "-lm"]
     subprocess.run(command, cwd=known.folder / "sources", check=True)
-    variables = (number["CanChannel.Rx_Clock"], number["CanChannel.BusNotifications"])
-    answer = subprocess.run([program, known.fmu.token, *variables], capture_output=True, text=True, check=False)
+    names = ("CanChannel.Rx_Clock", "CanChannel.BusNotifications", *(("task_is_clocked", "task_clock") if is_clocked else ()))
+    arguments = [program, known.fmu.token, *(number[name] for name in names)]
+    answer = subprocess.run(arguments, capture_output=True, text=True, check=False)
     assert answer.returncode == 0, answer.stderr
 
 
