@@ -16,6 +16,10 @@ from codegen.errors import ConfigError
 TRIES_MAX = 1000
 """Draws for each car until one has values that an `ars.toml` may have: one car in 20,000 misses a window that 1 % of the draws
 meet."""
+COVERAGE = 0.95
+"""Share of the drawn cars inside a band."""
+BAND = (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE))
+"""Quantiles at the ends of a band."""
 SHRINKAGE_STEPS = 20
 """Steps in which a point of the ellipsoid is moved to the mean until an `ars.toml` may have its values."""
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.configuration.population import draw
+from codegen.configuration.population import BAND, draw
 from codegen.errors import CodegenError
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
@@ -18,8 +18,6 @@ CARS = 60
 SEED = 1
 SPEEDS_KM_H = (40.0, 70.0, 100.0)
 FRONT_ANGLES = 41
-COVERAGE = 0.95
-"""Share of the cars inside the band."""
 FEASIBLE_MIN = 0.5
 """The band ends where fewer of the cars have a feasible turn."""
 
@@ -31,7 +29,7 @@ class MapSpread:
     Attributes:
         case: name of the case.
         nominal: (n, m) of the identified car; NaN where infeasible.
-        low, high: (n, m) ends of the band with COVERAGE of the cars that have a feasible turn; NaN where few have one.
+        low, high: (n, m) quantiles BAND of the cars that have a feasible turn; NaN where few have one.
         cars: number of cars. failed: cars without a map on this grid.
     """
 
@@ -73,5 +71,5 @@ def map_spread(identified: Config) -> MapSpread | None:
     tables = np.array(found or [np.full_like(nominal, np.nan)])
     wide = np.isfinite(tables).mean(axis=0) >= FEASIBLE_MIN
     ends = np.full((2, *nominal.shape), np.nan)
-    ends[:, wide] = np.nanquantile(tables[:, wide], (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE)), axis=0)
+    ends[:, wide] = np.nanquantile(tables[:, wide], BAND, axis=0)
     return MapSpread(cases[-1], speed, front_angle, nominal, ends[0], ends[1], CARS, failed)

@@ -11,9 +11,9 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.configuration.population import draw
+from codegen.configuration.population import BAND, COVERAGE, draw
 from codegen.errors import CodegenError
-from codegen.identify.map_spread import COVERAGE, map_spread
+from codegen.identify.map_spread import map_spread
 from codegen.identify.model import OUTPUTS
 from codegen.identify.reading import Reading
 from codegen.identify.run import Identification
@@ -187,7 +187,7 @@ def _curves(found: Identification, identified: Config, one: Reached) -> list[Cha
 
         data: list[dict[str, Any]] = []
         if drawn:
-            low, high = np.quantile([force(tyres) for tyres in drawn], (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE)), axis=0)
+            low, high = np.quantile([force(tyres) for tyres in drawn], BAND, axis=0)
             look = {"fill": "toself", "fillcolor": BANDS[0][1], "hoverinfo": "skip", "width": 0}
             edges = np.concatenate([low, high[::-1]])
             data.append(
