@@ -100,9 +100,9 @@ def _spread(identified: Config) -> Iterator[Block]:
             line(angle[known], high[known] / DEGREE, name, colour, fill="tonexty", fillcolor=shade, **edge),
             line(angle, nominal / DEGREE, name, colour, legendgroup=name),
         ]
-    look = layout(xaxis=axis("Front angle (deg)"), yaxis=axis("Optimal yaw rate (deg/s)", rangemode="tozero"))
+    look = layout(xaxis=axis("Front angle (deg)"), yaxis=axis("Yaw rate (deg/s)", rangemode="tozero"))
     caption = (
-        f"Optimal yaw rate of the case {spread.case}. Lines: the identified car. Bands: {100.0 * COVERAGE:g} % of "
+        f"Yaw rate of the case {spread.case}. Lines: the identified car. Bands: {100.0 * COVERAGE:g} % of "
         f"{spread.cars} cars drawn from the values, standard deviations and correlations above. A line ends where its car has "
         "no feasible turn, a band where half of the cars have none."
     )
