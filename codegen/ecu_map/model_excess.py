@@ -72,8 +72,8 @@ def model_excess(reference_map: ReferenceMap, total: TotalMap, config: Config, r
         MapError: a steady turn is not found.
     """
     lookup, cars = Lookup.from_map(total, real), layer_configs(reference_map, config)
-    if reference_map.stack is not None and reference_map.stack[0] is ACCELERATION:
-        layers = [(car, config, value) for car, (value, _) in zip(cars, reference_map.stack[1], strict=True)]
+    if reference_map.quantity is ACCELERATION:
+        layers = [(car, config, layer.value) for car, layer in zip(cars, reference_map.layers, strict=True)]
     else:
         layers = [(car, car, 0.0) for car in cars]
     found = (_on_one_layer(reference_map, lookup, *layer) for layer in (*layers, (config, config, 0.0)))
