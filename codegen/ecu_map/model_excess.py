@@ -125,5 +125,5 @@ def _response_gain(config: Config, speed: FloatArray) -> FloatArray:
 
 
 def asks_for_more(reference_map: ReferenceMap, config: Config) -> bool:
-    """Whether an excess is possible: the controller has a reference model and the nonlinear car limits the map."""
+    """Return whether an excess is possible: the controller has a reference model and the nonlinear car limits the map."""
     return config.controller.kind == "tracking" and reference_map.solved and reference_map.tyre_model != "linear"

@@ -1,4 +1,4 @@
-"""How well the identified car predicts a drive: free run, one step ahead, and whiteness of the residuals."""
+"""Errors of the identified car when it predicts a drive: free run, one step ahead, and whiteness of the residuals."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def validate_fitted(found: Identification, drives: Sequence[Drive]) -> list[Vali
 
 @dataclass(frozen=True)
 class Reached:
-    """What the drives reached.
+    """Ranges that the drives reached.
 
     Attributes:
         speed: smallest and largest speed, m/s. lateral_acceleration: largest, m/s^2.

@@ -1,4 +1,4 @@
-"""How well a map for a lower friction stands in for one under longitudinal acceleration.
+"""Error of a map for a lower friction in place of one under longitudinal acceleration.
 
 An ECU without a stack over longitudinal acceleration comes near to it by lowering its friction estimate while it brakes: the
 weaker axle limits both.

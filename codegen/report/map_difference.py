@@ -221,7 +221,7 @@ def map_difference(one: ReferenceMap, other: ReferenceMap, used: Sequence[SlipUs
 
 
 def same_car(one: ReferenceMap, other: ReferenceMap) -> bool | None:
-    """Whether two maps are of the same car on the same road; None if a map has no configuration."""
+    """Return whether two maps are of the same car on the same road; None if a map has no configuration."""
     if one.config is None or other.config is None:
         return None
     mine, theirs = ((config.vehicle, config.tyre, config.road) for config in (one.config, other.config))
