@@ -7,7 +7,7 @@ import errno
 import os
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from codegen.errors import CodegenError
@@ -74,17 +74,33 @@ def reason_of(error: Exception) -> str:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a temporary file beside `path`, then rename it to `path`. On any failure the previous file remains. Links are
-    followed.
+    """Write one file completely or not at all. See `write_together`."""
+    write_together({path: content})
+
+
+def write_together(files: Mapping[Path, bytes]) -> None:
+    """Write a temporary file beside each path, then rename them all. If one cannot be written, all previous files remain. Links
+    are followed.
 
     Raises:
-        CodegenError: the folder is missing, `path` is a folder or a device, the disk is full, or similar.
+        CodegenError: a folder is missing, a path is a folder or a device, the disk is full, or similar.
     """
-    with deferred(), _told(path):  # a signal between creating the temporary file and entering `try` would leave it there
-        path = path.resolve()  # the target of a link
-        if path.exists() and not path.is_file():
+    # A signal between creating a temporary file and entering `try` would leave it there.
+    with deferred(), contextlib.ExitStack() as stack:
+        written = [(path, *stack.enter_context(_written_beside(path, content))) for path, content in files.items()]
+        for path, temporary, target in written:
+            with _told(path):
+                temporary.replace(target)
+
+
+@contextlib.contextmanager
+def _written_beside(path: Path, content: bytes) -> Iterator[tuple[Path, Path]]:
+    """Yield a temporary file with the content, and the target of `path`. The temporary file is removed at the end."""
+    with _told(path):
+        target = path.resolve()
+        if target.exists() and not target.is_file():
             raise OSError(0, "it exists and is not a file")
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".tmp")
         temporary = Path(name)
         try:
             with os.fdopen(handle, "wb") as file:
@@ -95,10 +111,9 @@ def write_atomically(path: Path, content: bytes) -> None:
             umask = os.umask(0)
             os.umask(umask)
             temporary.chmod(0o666 & ~umask)
-            temporary.replace(path)
-        except BaseException:
+            yield temporary, target
+        finally:
             temporary.unlink(missing_ok=True)
-            raise
 
 
 def replace_durably(temporary: Path, path: Path) -> None:

@@ -211,6 +211,19 @@ def test_names_that_are_invalid_in_c(name: str) -> None:
     assert "use 1 to 63 ASCII letters, digits, '.', '_' or '-'" in message
 
 
+@pytest.mark.parametrize(
+    ("cases", "expected"),
+    [
+        ({"a": {}, "b": {}, "none": {"rear_steering": False}}, "b"),
+        ({"a": {}, "law": {"reference": "zero-sideslip"}}, "a"),
+        ({"one": {"reference": "zero-sideslip"}, "two": {"reference": "zero-sideslip"}}, "two"),
+        ({"none": {"rear_steering": False}}, None),
+    ],
+)
+def test_the_case_of_a_car_is_the_last_that_steers_the_rear_wheels(cases: dict[str, Any], expected: str | None) -> None:
+    assert parse({"cases": cases}, "car.toml").rear_steer_case == expected
+
+
 def test_names_and_values_of_cases() -> None:
     for name in ("a", "4ws-2", "My_car-2.1", "0", "x" * 63):
         assert check_name(name) == name

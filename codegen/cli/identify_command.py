@@ -123,7 +123,7 @@ def identify(
     from codegen.configuration import CONFIG_BYTES_MAX, load
     from codegen.emit.outputs import check_output
     from codegen.errors import ConfigError, within
-    from codegen.files import read_text, write_atomically
+    from codegen.files import read_text, write_together
     from codegen.identify.names import load_names
     from codegen.identify.reading import read_drives
 
@@ -177,10 +177,11 @@ def identify(
         text = read_text(config_path, CONFIG_BYTES_MAX, "name an ars.toml", ConfigError)
         written = identified_toml(found, text, config_path)
     validations = [validate(found, drive) for drive in others] if others else validate_fitted(found, drives)
+    contents = {output: written.encode("utf-8")}
     if report_path is not None:
         with console.status("writing the report"):
-            _write_report(report_path, written, reading, found, limits, validations, bool(others))
-    write_atomically(output, written.encode("utf-8"))
+            contents[report_path] = _report(written, output, reading, found, limits, validations, bool(others))
+    write_together(contents)
     if as_json:
         files = {"output": str(output), "report": None if report_path is None else str(report_path)}
         console.print_json({**reading_as_json(reading), **to_dict(found, limits, validations), **files})
@@ -220,8 +221,8 @@ def _plan(
 
     if config_path is None:
         raise CodegenError("is missing", where="codegen identify --config", remedy="name the ars.toml of the car")
-    check_target(folder)
-    refuse_folder(folder, MANIFEST_WHAT, "a measurement programme")
+    check_target(folder, "--plan")
+    refuse_folder(folder, MANIFEST_WHAT, "a measurement programme", "--plan")
     check_output(report_path, ".html", (config_path, names_path))
     if report_path is not None:
         from codegen.report.html.page import require_plotly
@@ -232,12 +233,12 @@ def _plan(
     with within(config_path), console.status("choosing drives"):
         plan = plan_drives(config, *limits, signals)
     facts = to_dict(plan)
+    write_folder(Folder(files_of(plan), {"what": MANIFEST_WHAT, "plan": facts}), folder)
     if report_path is not None:
         from codegen.report.html.drive_plan import plan_sections
         from codegen.report.html.page import render
 
         write_atomically(report_path, render("Measurement programme", plan_sections(plan)))
-    write_folder(Folder(files_of(plan), {"what": MANIFEST_WHAT, "plan": facts}), folder)
     if as_json:
         files = {"folder": str(folder), "report": None if report_path is None else str(report_path)}
         console.print_json({**facts, **files})
@@ -256,39 +257,40 @@ def _print_plan(plan: DrivePlan) -> None:
         console.say("", "not determined, and what it needs:", *(f"  {line}" for line in lines))
 
 
-def _write_report(
-    path: Path,
+def _report(
     text: str,
+    path: Path,
     reading: Reading,
     found: Identification,
     limits: Reached,
     validations: Sequence[Validation],
     is_held_out: bool,
-) -> None:
+) -> bytes:
+    """Return the report of a written `text`, the content of `path`."""
     from codegen.configuration import parse
-    from codegen.files import write_atomically
     from codegen.report.html.identify import data_section, identify_sections
     from codegen.report.html.page import render
 
     sections = identify_sections(found, parse(tomllib.loads(text), path), limits, validations, is_held_out=is_held_out)
-    write_atomically(path, render("Identification", [*sections, data_section(reading)]))
+    return render("Identification", [*sections, data_section(reading)])
 
 
 def _print_result(
     reading: Reading, found: Identification, limits: Reached, validations: Sequence[Validation], *, is_held_out: bool
 ) -> None:
-    from codegen.identify.summary import QUANTITY_HEADER, VALIDATION_HEADER, quantity_rows, reached_lines, validation_rows
+    from codegen.identify import summary
 
     console.warn(*(str(finding) for finding in reading.findings))
     console.note(*found.notes)
-    rows = quantity_rows(found)
-    console.say(text_table(QUANTITY_HEADER[:-1], [row[:-1] for row in rows]))
+    rows = summary.quantity_rows(found)
+    console.say(text_table(summary.QUANTITY_HEADER[:-1], [row[:-1] for row in rows]))
     if missing := [(row[0], row[-1]) for row in rows if row[-1]]:
         console.say("", *(f"{name}: {note}" for name, note in missing))
     if found.directions:
         console.say("", "not determined by these drives:", *(f"  {direction.text}" for direction in found.directions))
-    console.say("", *reached_lines(found, limits), "")
-    console.say(text_table(VALIDATION_HEADER, validation_rows(validations), left=2))
+    console.say("", *summary.reached_lines(found, limits), "")
+    console.say(text_table(summary.VALIDATION_HEADER, summary.validation_rows(validations), left=2))
+    console.say(summary.whiteness_line(validations))
     if not is_held_out:
         console.note("no drive was held out; the errors are those of the drives that were fitted")
 

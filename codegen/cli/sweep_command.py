@@ -15,7 +15,7 @@ from codegen import console
 from codegen.cli.base import cli, example, json_option, note_edited
 from codegen.cli.options import configuration_file, folder_to_write, picture_to_write, run_to_write
 from codegen.errors import CodegenError
-from codegen.files import write_atomically
+from codegen.files import write_together
 from codegen.text_table import text_table
 
 if TYPE_CHECKING:
@@ -193,8 +193,8 @@ def _write(folder: Path, summary: Summary, replay: str) -> list[Path]:
     from codegen.report.campaign import markdown, pictures
     from codegen.report.style import save
 
-    write_atomically(folder / "summary.json", (json.dumps(summary.to_dict(), indent=1, allow_nan=False) + "\n").encode())
-    write_atomically(folder / "summary.md", markdown(summary, replay).encode())
+    facts = (json.dumps(summary.to_dict(), indent=1, allow_nan=False) + "\n").encode()
+    write_together({folder / "summary.json": facts, folder / "summary.md": markdown(summary, replay).encode()})
     written = []
     for name, picture in pictures(summary):
         save(picture, folder / f"{name}.png")

@@ -170,14 +170,14 @@ def _target_note(responses: Sequence[Response]) -> str:
 
 
 def _trim_facts(made: Tuned, before: float) -> dict[str, Any]:
-    """Return the facts about the trim; empty if it suffices as it is or is not used."""
+    """Return the facts about the trim; empty if it suffices as it was, before tuning, or is not used."""
     from codegen.units import KM_H
 
-    excess = made.excess
-    if excess is None:
+    excess, trim = made.excess, made.config.controller.tracking.trim_max_percent
+    if excess is None or (trim == before and made.trim_is_enough):
         return {}
     return {
-        "trim_max_percent": made.config.controller.tracking.trim_max_percent,
+        "trim_max_percent": trim,
         "trim_max_percent_before": before,
         "trim_is_enough": made.trim_is_enough,
         "reference_model_excess_percent": excess.percent,

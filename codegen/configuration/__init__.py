@@ -284,6 +284,12 @@ class Config(Section):
             remedy=f"known cases: {', '.join(known)}{suggestion(name, known)}",
         )
 
+    @property
+    def rear_steer_case(self) -> str | None:
+        """Name of the last optimised case with rear steering, else of the last one with a law; None without any."""
+        steered = [name for name, case in reversed(self.cases.items()) if case.rear_steering]
+        return max(steered, key=lambda name: self.cases[name].reference == "optimum", default=None)
+
     def with_case(self, name: str) -> Config:
         """Return the configuration with the case called `name` as one of its own. Raises ConfigError: see `case`."""
         case = self.case(name)

@@ -13,11 +13,13 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config, parse
 from codegen.errors import ConfigError
 
-TRIES_MAX = 50
-"""Draws for each car until one has values that an `ars.toml` may have."""
-TRIES_ALONE_MAX = 1000
-"""The same for a car with a random stream of its own, which the others cannot help out: one car in 20,000 misses a window that
-1 % of the draws meet."""
+TRIES_MAX = 1000
+"""Draws for each car until one has values that an `ars.toml` may have: one car in 20,000 misses a window that 1 % of the draws
+meet."""
+COVERAGE = 0.95
+"""Share of the drawn cars inside a band."""
+BAND = (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE))
+"""Quantiles at the ends of a band."""
 SHRINKAGE_STEPS = 20
 """Steps in which a point of the ellipsoid is moved to the mean until an `ars.toml` may have its values."""
 
@@ -66,13 +68,17 @@ class Population:
 
     def possible_car(self, generator: np.random.Generator) -> Config:
         """Return the first draw that an `ars.toml` may have. Raises ConfigError if there is hardly any."""
-        fault = None
-        for _ in range(TRIES_ALONE_MAX):
+        for _ in range(TRIES_MAX):
             try:
                 return self.car(generator)
             except ConfigError as error:
                 fault = error
-        raise _hardly_any(fault)
+        assert fault is not None
+        raise ConfigError(
+            f"hardly any car within these standard deviations is possible: {fault.where} {fault.what}",
+            where="identified.standard_deviations",
+            remedy="measure with more excitation",
+        )
 
     def values(self, car: Config) -> FloatArray:
         """Return the values (k,) of a car."""
@@ -116,18 +122,7 @@ def draw(config: Config, count: int, seed: int) -> list[Config]:
     require_identified(config)
     population = Population.of(config)
     generator = np.random.default_rng(seed)
-    cars: list[Config] = []
-    fault = None
-    for _ in range(TRIES_MAX * count):
-        if len(cars) == count:
-            break
-        try:
-            cars.append(population.car(generator))
-        except ConfigError as error:
-            fault = error
-    if len(cars) < count:
-        raise _hardly_any(fault)
-    return cars
+    return [population.possible_car(generator) for _ in range(count)]
 
 
 def require_identified(config: Config) -> None:
@@ -161,15 +156,6 @@ def changed_car(config: Config, key: str) -> Config | None:
         except ConfigError:
             continue
     return None
-
-
-def _hardly_any(fault: ConfigError | None) -> ConfigError:
-    assert fault is not None
-    return ConfigError(
-        f"hardly any car within these standard deviations is possible: {fault.where} {fault.what}",
-        where="identified.standard_deviations",
-        remedy="measure with more excitation",
-    )
 
 
 def value_of(config: Config, key: str) -> float:

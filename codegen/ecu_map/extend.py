@@ -33,7 +33,7 @@ from codegen.ecu_map.total import RULE_TEXT, CapSteering, Rule, TotalMap
 from codegen.errors import MapError
 from codegen.map_file.longitudinal import axle_shares
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import ACCELERATION, FRICTION
+from codegen.map_file.tables import ACCELERATION
 from codegen.optimum.solve import layer_configs
 from codegen.optimum.turns import Edge, SteadyTurns, turns_behind
 from codegen.vehicle.single_track import SingleTrack
@@ -89,11 +89,10 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
 
 
 def _layers(reference_map: ReferenceMap, config: Config, stop: float) -> Iterator[TotalMap]:
-    stack, layers = reference_map.stack or (FRICTION, ())
-    for (value, of_layer), car in zip(layers, layer_configs(reference_map, config), strict=True):
-        total = extend(of_layer, car, stop)
-        if stack is ACCELERATION:
-            total = replace(total, acceleration=value, axle_shares=axle_shares(config, value))
+    for layer, car in zip(reference_map.layers, layer_configs(reference_map, config), strict=True):
+        total = extend(layer.map, car, stop)
+        if layer.quantity is ACCELERATION:
+            total = replace(total, acceleration=layer.value, axle_shares=axle_shares(config, layer.value))
         yield total
 
 

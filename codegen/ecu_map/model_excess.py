@@ -72,8 +72,8 @@ def model_excess(reference_map: ReferenceMap, total: TotalMap, config: Config, r
         MapError: a steady turn is not found.
     """
     lookup, cars = Lookup.from_map(total, real), layer_configs(reference_map, config)
-    if reference_map.stack is not None and reference_map.stack[0] is ACCELERATION:
-        layers = [(car, config, value) for car, (value, _) in zip(cars, reference_map.stack[1], strict=True)]
+    if reference_map.quantity is ACCELERATION:
+        layers = [(car, config, layer.value) for car, layer in zip(cars, reference_map.layers, strict=True)]
     else:
         layers = [(car, car, 0.0) for car in cars]
     found = (_on_one_layer(reference_map, lookup, *layer) for layer in (*layers, (config, config, 0.0)))
@@ -125,5 +125,5 @@ def _response_gain(config: Config, speed: FloatArray) -> FloatArray:
 
 
 def asks_for_more(reference_map: ReferenceMap, config: Config) -> bool:
-    """Whether an excess is possible: the controller has a reference model and the nonlinear car limits the map."""
+    """Return whether an excess is possible: the controller has a reference model and the nonlinear car limits the map."""
     return config.controller.kind == "tracking" and reference_map.solved and reference_map.tyre_model != "linear"

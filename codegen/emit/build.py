@@ -209,7 +209,7 @@ def with_signals(reference_map: ReferenceMap, config: Config) -> Config:
     Raises:
         ConfigError: the default place of the signal is taken.
     """
-    can = config.can.with_signal(ACCELERATION.key) if reference_map.acceleration_layers else config.can
+    can = config.can.with_signal(ACCELERATION.key) if reference_map.quantity is ACCELERATION else config.can
     if can is config.can:
         return config
     changed = {**config.model_dump(mode="json"), "can": can.model_dump(mode="json")}

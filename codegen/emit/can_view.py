@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby
 
 from codegen.configuration import Config
@@ -39,7 +39,7 @@ class Cause:
 
 _RECEPTION = (
     ("MISSING", "no frame in this cycle", "missing"),
-    ("WRONG_CRC", "a frame with a wrong CRC, or without eight bytes", "damaged"),
+    ("WRONG_CRC", "a frame with a wrong CRC, or without {length} bytes", "damaged"),
     ("WRONG_COUNTER", "a wrong counter, or too few valid frames since the start or a fault", "out of sequence"),
 )
 _OTHERS = (
@@ -53,9 +53,10 @@ _OTHERS = (
 )
 
 
-def _causes() -> tuple[Cause, ...]:
+def causes(length: str) -> tuple[Cause, ...]:
+    """Return the bits of `Diagnostics` for frames of `length` bytes, a number in words."""
     received = [
-        (f"{side}_{name}", f"{title}: {text}", f"{side.lower()} {words}")
+        (f"{side}_{name}", f"{title}: {text.format(length=length)}", f"{side.lower()} {words}")
         for side, title in _SIDES
         for name, text, words in _RECEPTION
     ]
@@ -71,8 +72,8 @@ _DEBOUNCED = ("SPEED_REPLACED", "FRONT_ANGLE_REPLACED", "YAW_RATE_REPLACED", "TA
 
 
 _SIDES = (("MOTION", "VehicleMotion"), ("CONDITIONS", "VehicleConditions"))
-DIAGNOSTICS = _causes()
-"""Bits of `Diagnostics`, from bit 0. The three bits of each received message are adjacent and in the same order."""
+DIAGNOSTICS = causes("eight")
+"""Bits of `Diagnostics` in Classical CAN. The three bits of each received message are adjacent and in the same order."""
 
 
 @dataclass(frozen=True)
@@ -319,11 +320,10 @@ def can_view(config: Config, precision: Precision) -> CanView:
     exact = precision == "single"
     can, period_ms = config.can, round(config.controller.sampling_time_s * 1e3, 9)
     e2e = _e2e_view(can)
-    length = e2e.length_text
     count_mask = (1 << can.e2e.window_size.bit_length()) - 1
     return CanView(
         messages=tuple(_frame(can, role, precision) for role in can.messages()),
-        diagnostics=tuple(replace(each, text=each.text.replace("eight", length)) for each in DIAGNOSTICS),
+        diagnostics=causes(e2e.length_text),
         reception_bits=len(_RECEPTION),
         task_period_ms=decimal(period_ms),
         cycle_time_is_whole=period_ms == round(period_ms),

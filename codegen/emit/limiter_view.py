@@ -181,10 +181,10 @@ class LimiterCut:
         bound, in_phase = limiter_bounds(config, speed, front_angle)
         cells = total = 0
         worst = (0.0, math.nan, math.nan)
-        for layer in (reference_map, *(of_layer for _, of_layer in (reference_map.stack or (None, ()))[1])):
-            rear = front_angle - layer.yaw_rate / gain if layer.rear_angle is None else layer.rear_angle
-            outside = np.where(layer.feasible, np.abs(rear - np.clip(rear, -bound, in_phase)), 0.0)
-            total += int(layer.feasible.sum())
+        for own in (reference_map, *(layer.map for layer in reference_map.layers)):
+            rear = front_angle - own.yaw_rate / gain if own.rear_angle is None else own.rear_angle
+            outside = np.where(own.feasible, np.abs(rear - np.clip(rear, -bound, in_phase)), 0.0)
+            total += int(own.feasible.sum())
             cells += int((outside > CUT_MIN_RAD).sum())
             lost = np.where(outside > CUT_MIN_RAD, np.abs(gain) * outside, 0.0)
             at = np.unravel_index(int(lost.argmax()), lost.shape)

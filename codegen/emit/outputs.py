@@ -38,12 +38,13 @@ def check_output(path: Path | None, suffix: str, inputs: Iterable[Path | None] =
             raise CodegenError("it lies inside a build", where=path, remedy=f"name a file outside of {folder}")
 
 
-def refuse_folder(target: Path, what: str, title: str) -> None:
+def refuse_folder(target: Path, what: str, title: str, option: str = "-o") -> None:
     """Check that writing a project to a folder destroys nothing.
 
     Args:
         what: manifest entry of the project.
         title: its name in messages, such as "a firmware project".
+        option: the option that names the folder.
 
     Raises:
         BuildError: the folder holds generated output of another kind, or a project in which a file was changed; or it lies
@@ -57,7 +58,7 @@ def refuse_folder(target: Path, what: str, title: str) -> None:
         return
     if (found := read_manifest(place).get("what")) != what:
         holds = "a build" if found is None else "another kind of project"
-        raise BuildError(f"it is {holds}, not {title}", where=target, remedy="choose another folder with -o")
+        raise BuildError(f"it is {holds}, not {title}", where=target, remedy=f"choose another folder with {option}")
     if changed := verify_hashes(place):
-        remedy = "nothing was changed; choose another folder with -o, or move that one away"
+        remedy = f"nothing was changed; choose another folder with {option}, or move that one away"
         raise BuildError(f"{changed[0]} was changed since it was written", where=target, remedy=remedy)

@@ -27,6 +27,7 @@ from codegen.explore.recalibrated import Calibration, Recalibrated
 from codegen.map_file import map as npz
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import ACCELERATION, FRICTION
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import family_warnings
 from codegen.plausibility.car import car_warnings
@@ -371,9 +372,9 @@ def opened(map_path: Path, config_path: Path | None = None) -> Explorer:
     if config is None:
         raise MapError("it contains no configuration", where=map_path, remedy="name one with --config ars.toml")
     notes = []
-    if reference_map.layers:
+    if reference_map.quantity is FRICTION:
         notes.append("the maps for lower frictions are not used: settings are solved for their own friction")
-    if reference_map.acceleration_layers:
+    if reference_map.quantity is ACCELERATION:
         notes.append("the maps for longitudinal accelerations are not used")
     if config.case(case).reference != "optimum":
         notes.append("the case follows a law for the rear angle, on which the sideslip weight has no effect")

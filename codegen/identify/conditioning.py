@@ -146,25 +146,25 @@ def _at_limit(
     count = int(np.count_nonzero(reaches))
     if count:
         return reaches, f"{count} samples at the limits of the sensor or beyond ({limits.format(low, high)})"
-    clipped = _clipped(raw) if quantity.key in CLIPPED else nothing
-    count = int(np.count_nonzero(clipped))
+    at_end = clipped(raw) if quantity.key in CLIPPED else nothing
+    count = int(np.count_nonzero(at_end))
     if not count:
         return nothing, ""
-    shown = " and ".join(f"{value:g}" for value in np.unique(raw[clipped]))
-    return clipped, f"{count} samples are clipped at {shown} {unit}; low and high in names.toml set other limits"
+    shown = " and ".join(f"{value:g}" for value in np.unique(raw[at_end]))
+    return at_end, f"{count} samples are clipped at {shown} {unit}; low and high in names.toml set other limits"
 
 
-def _clipped(raw: FloatArray) -> BoolArray:
+def clipped(raw: FloatArray) -> BoolArray:
     """Return which samples (n,) lie on a plateau at the largest or smallest value that was reached at speed.
 
     A smooth top is a parabola. If it stays within one step q of the resolution for h samples to each side, it has fallen by at
     most q (1 + m/h)^2 after m samples more; rounding adds up to q. A clipped curve falls further.
     """
-    clipped = np.zeros(raw.size, dtype=bool)
+    at_end = np.zeros(raw.size, dtype=bool)
     steps = np.abs(np.diff(raw))
     steps = steps[steps > 0.0]
     if not steps.size:
-        return clipped
+        return at_end
     resolution = float(np.min(steps))
     for extreme in (np.nanmax(raw), np.nanmin(raw)):
         edges = np.flatnonzero(np.diff(np.concatenate(([0], raw == extreme, [0]))))
@@ -174,8 +174,8 @@ def _clipped(raw: FloatArray) -> BoolArray:
                 continue
             smooth = (1.0 + APPROACH_SAMPLES / (0.5 * (stop - start - 1))) ** 2 + 1.0
             if min(abs(raw[before] - extreme), abs(raw[after] - extreme)) > smooth * resolution:
-                clipped[start:stop] = True
-    return clipped
+                at_end[start:stop] = True
+    return at_end
 
 
 def _check_unit(values: FloatArray, impossible: BoolArray, quantity: Quantity, unit: str, place: str) -> None:

@@ -1,18 +1,21 @@
-"""Checks of the signals of a drive against each other: frozen signals, offsets, signs and units.
+"""Checks of the signals of a drive against each other: saturated and frozen signals, offsets, signs and units.
 
 A signal is frozen where it stays exactly constant although another one shows that it cannot. A constant angle alone is no
-fault, because drivers, robots and simulations hold it.
+fault, because drivers, robots and simulations hold it. The rear angle is saturated where it stays at its own extreme although
+its command goes beyond, or, without a command, while the front angle changes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
+from codegen.identify.conditioning import PLATEAU_SAMPLES, Conditioned, clipped
 from codegen.identify.drive import Drive
-from codegen.identify.findings import FROZEN, OFFSET, SIGN, Finding
+from codegen.identify.findings import FROZEN, OFFSET, SATURATED, SIGN, Finding
 from codegen.identify.quantities import QUANTITIES
 
 TINY = float(np.finfo(np.float64).tiny)
@@ -20,6 +23,10 @@ FROZEN_S = 1.0
 """Shortest time in s that a frozen signal is constant."""
 RESPONSE_S = 0.3
 """Time in s within which a sound signal responds: what changes so late in a constant part is what ends it."""
+LEAD_S = 0.15
+"""Largest time in s by which the front angle leads the rear angle."""
+STAYS_FRACTION = 0.1
+"""Change of a saturated rear angle, as a fraction of its largest magnitude, that is noise."""
 MOVES_FRACTION = 0.2
 """Change of another signal, as a fraction of its largest magnitude in the drive, that shows that the car moves."""
 MOVES_STEPS = 5.0
@@ -52,6 +59,47 @@ SLOPE_LOW, SLOPE_HIGH = 0.6, 1.7
 """Range of the ratio of lateral acceleration to speed times yaw rate. Roll adds some 10 %; transients and banked roads more."""
 CORRELATION = 0.3
 """Smallest correlation of steering and yaw rate that has a sign."""
+
+
+def without_saturated(signals: dict[str, Conditioned], drive: str) -> tuple[dict[str, Conditioned], list[Finding]]:
+    """Return the signals with NaN where the rear angle is saturated, and the findings. `drive`: name for them."""
+    if "delta_r" not in signals:
+        return signals, []
+    angle = signals["delta_r"]
+    cause = next(key for key in ("delta_r_command", "delta_f", "steering_wheel_angle") if key in signals)
+    known = np.isfinite(signals[cause].values)
+    if not known.any() or not np.isfinite(angle.values).any():
+        return signals, []
+    witness = np.interp(angle.time, signals[cause].time[known], signals[cause].values[known])
+    is_commanded = cause == "delta_r_command"
+    flags = _not_followed(angle, witness) if is_commanded else _clipped(angle, witness)
+    if not flags.any():
+        return signals, []
+    lost, values = int(np.count_nonzero(flags)), np.degrees(angle.values[flags])
+    ends = " and ".join(f"{np.median(side):.3g}" for side in (values[values < 0.0], values[values > 0.0]) if side.size)
+    reason = "its command goes beyond" if is_commanded else f"{cause} changes"
+    found = Finding(drive, "delta_r", SATURATED, f"{lost} samples stay at {ends} deg although {reason}", lost)
+    return {**signals, "delta_r": replace(angle, values=np.where(flags, np.nan, angle.values))}, [found]
+
+
+def _not_followed(angle: Conditioned, command: FloatArray) -> BoolArray:
+    """Return which samples (n,) of an angle stay at its extreme longer than it takes to follow a command (n,) beyond it."""
+    flags, size, late = np.zeros(command.size, dtype=bool), _size(angle.values), round(RESPONSE_S / angle.period)
+    for values, wanted in ((angle.values, command), (-angle.values, -command)):
+        end = np.nanmax(values)
+        for part in _parts(wanted > end + MOVES_FRACTION * size, late + PLATEAU_SAMPLES):
+            least = values[part.start + late : part.stop].min()
+            if least >= end - STAYS_FRACTION * size > np.nanmin(values):  # false for NaN, and for an angle that never moves
+                flags |= values >= least
+    return flags
+
+
+def _clipped(angle: Conditioned, front: FloatArray) -> BoolArray:
+    """Return which samples (n,) of an angle are clipped while the front angle (n,) moves."""
+    flags, late = np.zeros(front.size, dtype=bool), round(LEAD_S / angle.period)
+    for part in _parts(clipped(angle.values), late + PLATEAU_SAMPLES):
+        flags[part] = np.ptp(front[part.start : part.stop - late]) > MOVES_FRACTION * _size(front)
+    return flags
 
 
 def without_frozen(drive: Drive) -> tuple[Drive, list[Finding]]:

@@ -33,7 +33,7 @@ it with some scatter."""
 
 @dataclass(frozen=True)
 class Predicted:
-    """What a programme says about one quantity.
+    """Prediction of a programme for one quantity.
 
     Attributes:
         parameter: entry of the table. value: configured value in SI.

@@ -1,4 +1,4 @@
-"""Which quantities the drives determine, and which combinations they do not.
+"""Quantities that the drives determine, and combinations that they do not.
 
 In the scaled parameters z the prior is a unit sphere. The drives say nothing about a direction in which the estimate is hardly
 narrower than the prior. It is named by the quantities that it moves.

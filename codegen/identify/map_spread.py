@@ -8,7 +8,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.configuration.population import draw
+from codegen.configuration.population import BAND, draw
 from codegen.errors import CodegenError
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
@@ -18,20 +18,18 @@ CARS = 60
 SEED = 1
 SPEEDS_KM_H = (40.0, 70.0, 100.0)
 FRONT_ANGLES = 41
-COVERAGE = 0.95
-"""Share of the cars inside the band."""
 FEASIBLE_MIN = 0.5
 """The band ends where fewer of the cars have a feasible turn."""
 
 
 @dataclass(frozen=True)
 class MapSpread:
-    """Optimal yaw rates over front angles (m,) in rad at speeds (n,) in m/s, in rad/s.
+    """Yaw rates of a map over front angles (m,) in rad at speeds (n,) in m/s, in rad/s.
 
     Attributes:
         case: name of the case.
         nominal: (n, m) of the identified car; NaN where infeasible.
-        low, high: (n, m) ends of the band with COVERAGE of the cars that have a feasible turn; NaN where few have one.
+        low, high: (n, m) quantiles BAND of the cars that have a feasible turn; NaN where few have one.
         cars: number of cars. failed: cars without a map on this grid.
     """
 
@@ -46,13 +44,13 @@ class MapSpread:
 
 
 def map_spread(identified: Config) -> MapSpread | None:
-    """Solve the last optimised case with rear steering for cars drawn from `[identified]`; None without such a case or key.
+    """Solve `rear_steer_case` for cars drawn from `[identified]`; None without such a case or key.
 
     Raises:
         CodegenError: no car can be drawn, or the identified car has no map.
     """
-    cases = [name for name, case in identified.cases.items() if case.rear_steering and case.reference == "optimum"]
-    if not cases or not identified.identified.keys:
+    case = identified.rear_steer_case
+    if case is None or not identified.identified.keys:
         return None
     speeds, angles = breakpoints(identified)
     inside = [value * KM_H for value in SPEEDS_KM_H if speeds[0] <= value * KM_H <= speeds[-1]]
@@ -61,7 +59,7 @@ def map_spread(identified: Config) -> MapSpread | None:
 
     def optimum(car: Config) -> FloatArray:
         breakpoints(car)  # a car that becomes unstable on this grid has no map
-        solution = turns_of(car, car.case(cases[-1])).solve(speed, front_angle)
+        solution = turns_of(car, car.case(case)).solve(speed, front_angle)
         return np.where(solution.feasible, solution.yaw_rate, np.nan)
 
     nominal, found, failed = optimum(identified), [], 0
@@ -73,5 +71,5 @@ def map_spread(identified: Config) -> MapSpread | None:
     tables = np.array(found or [np.full_like(nominal, np.nan)])
     wide = np.isfinite(tables).mean(axis=0) >= FEASIBLE_MIN
     ends = np.full((2, *nominal.shape), np.nan)
-    ends[:, wide] = np.nanquantile(tables[:, wide], (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE)), axis=0)
-    return MapSpread(cases[-1], speed, front_angle, nominal, ends[0], ends[1], CARS, failed)
+    ends[:, wide] = np.nanquantile(tables[:, wide], BAND, axis=0)
+    return MapSpread(case, speed, front_angle, nominal, ends[0], ends[1], CARS, failed)

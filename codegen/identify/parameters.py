@@ -247,7 +247,7 @@ def configured(config: Config) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is assumed about the quantities of one problem, and their scaled form z: zero at the centre, one at its spread.
+    """Assumptions about the quantities of one problem, and their scaled form z: zero at the centre, one at its spread.
 
     Attributes:
         parameters: the quantities, in order.

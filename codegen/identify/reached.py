@@ -16,7 +16,7 @@ from codegen.vehicle.tyre import static_wheel_loads
 
 @dataclass(frozen=True)
 class Reached:
-    """What the drives reached.
+    """Ranges that the drives reached.
 
     Attributes:
         speed: smallest and largest speed, m/s. lateral_acceleration: largest, m/s^2.

@@ -13,7 +13,7 @@ from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, suggestion
 from codegen.identify.channels import Channel, Databases, Log, Samples, open_log
 from codegen.identify.conditioning import Conditioned, condition
-from codegen.identify.cross_checks import cross_check, without_frozen
+from codegen.identify.cross_checks import cross_check, without_frozen, without_saturated
 from codegen.identify.drive import Drive
 from codegen.identify.findings import UNUSED, Finding
 from codegen.identify.names import NO_SETTINGS, Names, SignalChoice, line_of
@@ -125,6 +125,7 @@ def _read(
             channel = replace(channel, low=-channel.high, high=channel.high)
         read[key], found = condition(channel, one, QUANTITIES[key], unit, names.choices.get(key, NO_SETTINGS), name, path)
         findings += found
+    read, saturated = without_saturated(read, name)
     start = min(one.time[0] for one in read.values())
     read = {key: replace(one, time=one.time - start) for key, one in read.items()}
     grid = _grid(read, names.sampling_time_s, path)
@@ -132,7 +133,7 @@ def _read(
     drive, frozen = without_frozen(Drive(name, grid, signals))
     settings = {key: names.choices.get(key, NO_SETTINGS) for key in chosen}
     readings = {key: (unit, settings[key].factor, settings[key].offset) for key, (_, unit) in chosen.items()}
-    findings += [*frozen, *cross_check(drive, readings)]
+    findings += [*saturated, *frozen, *cross_check(drive, readings)]
     sources = {
         key: Source(
             channel.path,

@@ -26,7 +26,7 @@ KAISER_BETA = 5.0
 CUTOFF = 0.335
 """Cutoff as a fraction of the grid's rate."""
 TIME_RESOLUTION_S = 2e-6
-"""Times of a log that differ by less are equal: ASC and candump have 1 us, a float64 of Unix time 0.24 us."""
+"""Difference below which two times of a log are equal: ASC and candump have 1 us, a float64 of Unix time 0.24 us."""
 FACTOR_MAX = 50
 """Largest number of filtered samples in a step: of an even faster signal every so many samples suffice."""
 FASTER = 1.25

@@ -123,6 +123,14 @@ def whiteness_rows(validation: Validation) -> list[tuple[str, ...]]:
     ]
 
 
+def whiteness_line(validations: Sequence[Validation]) -> str:
+    """Return a line with the number of drives in which the errors of each output may be white noise."""
+    outputs = dict.fromkeys(name for each in validations for name in each.whiteness)
+    tests = {name: [each.whiteness[name].is_white for each in validations if name in each.whiteness] for name in outputs}
+    counts = [f"{name.replace('_', ' ')} in {sum(white)} of {len(white)} drives" for name, white in tests.items()]
+    return f"errors that may be white noise (Ljung-Box): {', '.join(counts)}"
+
+
 def to_dict(found: Identification, one: Reached, validations: Sequence[Validation]) -> dict[str, Any]:
     """Return all figures as JSON values, in the units that the names state; SI where there is none."""
 

@@ -1,4 +1,4 @@
-"""How well the identified car predicts a drive: free run, one step ahead, and whiteness of the residuals."""
+"""Errors of the identified car when it predicts a drive: free run, one step ahead, and whiteness of the residuals."""
 
 from __future__ import annotations
 

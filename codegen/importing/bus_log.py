@@ -83,7 +83,7 @@ def _reader(path: Path) -> MessageReader:
 
 
 def _check_text(path: Path) -> None:
-    """Check the lines of a text log: their lengths, as the reader holds each in memory, and the times of an ASC.
+    """Check the lines of a text log: their lengths, as the reader holds each in memory, their ends, and the times of an ASC.
 
     python-can skips a frame with an invalid time. Raises CodegenError.
     """
@@ -93,6 +93,9 @@ def _check_text(path: Path) -> None:
             for number, line in enumerate(iter(lambda: file.readline(LINE_BYTES_MAX + 1), b""), start=1):
                 if len(line) > LINE_BYTES_MAX:
                     raise CodegenError("not a log of a CAN bus: a line is over 1 MiB", where=path, remedy="give another log")
+                if not line.endswith(b"\n") and re.search(rb"\d", line):  # "End TriggerBlock" contains no frame
+                    remedy = "copy it again, or end that line if it is whole"
+                    raise CodegenError("it ends inside a line", where=f"{path}, line {number}", remedy=remedy)
                 frame = ASC_FRAME.match(line.decode("utf-8", "replace")) if is_asc else None
                 if frame is not None and _is_invalid_time(frame[1]):
                     what = f"a frame has an invalid time, {one_line(frame[1], 40)}"

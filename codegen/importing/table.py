@@ -129,7 +129,7 @@ def _split(text: str, where: object) -> Cells:
 
 
 def _is_empty(line: str) -> bool:
-    """Whether a line holds nothing but white space, separators and quotes."""
+    """Return whether a line holds nothing but white space, separators and quotes."""
     return all(mark.isspace() or mark in ';,"' for mark in line)
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -68,15 +68,14 @@ def changed(config: Config, stack: tables.Stack, value: float) -> Config:
     return under_acceleration(config, value) if stack is tables.ACCELERATION else on_road(config, value)
 
 
-def own_value(config: Config, stack: tables.Stack) -> float:
-    """Return the value of a stack's quantity for which the map itself is."""
+def own_value(config: Config, stack: tables.Stack | None) -> float:
+    """Return the value of a stack's quantity for which the map itself is; without a stack its friction."""
     return 0.0 if stack is tables.ACCELERATION else config.road.friction
 
 
 __all__ = [
-    "AccelerationLayer",
     "Binding",
-    "FrictionLayer",
+    "Layer",
     "ReferenceMap",
     "from_arrays",
     "from_bytes",
@@ -99,18 +98,11 @@ ATTRIBUTES = {
 
 
 @dataclass(frozen=True)
-class FrictionLayer:
-    """One lower friction of a stack and its map, on the axes of the map that it belongs to."""
+class Layer:
+    """One value of a stack's quantity (SI) and its map, on the axes of the map that it belongs to."""
 
-    friction: float
-    map: ReferenceMap
-
-
-@dataclass(frozen=True)
-class AccelerationLayer:
-    """One longitudinal acceleration of a stack (m/s^2, negative while the car brakes) and its map, on the same axes."""
-
-    acceleration: float
+    quantity: tables.Stack
+    value: float
     map: ReferenceMap
 
 
@@ -129,9 +121,8 @@ class ReferenceMap:
         config: the configuration that the map was made from; its `road.friction` is the friction of this map.
         case: name of the case in it.
         meta: the parsed JSON of the file; {} where it has none.
-        layers: the stack, lowest friction first; () where the file has none. A layer's map always has the configuration
-            (`on_road`), case and meta of this one: replacing those here replaces them there.
-        acceleration_layers: the same over longitudinal acceleration (`under_acceleration`), the strongest braking first.
+        layers: the stack over one quantity, rising; () where the file has none. A layer's map always has the configuration
+            (`changed`), case and meta of this one: replacing those here replaces them there.
 
     Raises:
         ConfigError: the configuration is invalid for a layer of the stack.
@@ -147,35 +138,21 @@ class ReferenceMap:
     config: Config | None = None
     case: str | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
-    layers: tuple[FrictionLayer, ...] = ()
-    acceleration_layers: tuple[AccelerationLayer, ...] = ()
+    layers: tuple[Layer, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.layers:
-            stack = tables.FRICTION
-            roads = tuple(FrictionLayer(one.friction, self._of_this_car(one.map, stack, one.friction)) for one in self.layers)
-            object.__setattr__(self, "layers", roads)
-        if self.acceleration_layers:
-            moving = tuple(
-                AccelerationLayer(one.acceleration, self._of_this_car(one.map, tables.ACCELERATION, one.acceleration))
-                for one in self.acceleration_layers
-            )
-            object.__setattr__(self, "acceleration_layers", moving)
+        object.__setattr__(self, "layers", tuple(self._of_this_car(layer) for layer in self.layers))
 
-    def _of_this_car(self, of_layer: ReferenceMap, stack: tables.Stack, value: float) -> ReferenceMap:
-        config = None if self.config is None else changed(self.config, stack, value)
+    def _of_this_car(self, layer: Layer) -> Layer:
+        config = None if self.config is None else changed(self.config, layer.quantity, layer.value)
         changes = {} if config is None else {"configuration": config.model_dump(mode="json")}
-        meta = {**self.meta, **changes}
-        return replace(of_layer, config=config, case=self.case, meta=meta, layers=(), acceleration_layers=())
+        own = replace(layer.map, config=config, case=self.case, meta={**self.meta, **changes}, layers=())
+        return replace(layer, map=own)
 
     @property
-    def stack(self) -> tuple[tables.Stack, tuple[tuple[float, ReferenceMap], ...]] | None:
-        """Quantity of the stack, with the value and the map of each layer; None without a stack."""
-        if self.layers:
-            return tables.FRICTION, tuple((layer.friction, layer.map) for layer in self.layers)
-        if self.acceleration_layers:
-            return tables.ACCELERATION, tuple((layer.acceleration, layer.map) for layer in self.acceleration_layers)
-        return None
+    def quantity(self) -> tables.Stack | None:
+        """Quantity of the stack; None without layers."""
+        return self.layers[0].quantity if self.layers else None
 
     def with_config(self, config: Config) -> ReferenceMap:
         """Return the map with another configuration; the rest of its `meta` is kept."""
@@ -257,11 +234,8 @@ def _with_stack(
 ) -> ReferenceMap:
     of_layers = (layers.layer(index) for index in range(values.size))
     maps = [replace(base, **{name: getattr(layer, name) for name in ATTRIBUTES.values()}) for layer in of_layers]
-    pairs = list(zip(values.tolist(), maps, strict=True))
     try:
-        if stack is tables.ACCELERATION:
-            return replace(base, acceleration_layers=tuple(AccelerationLayer(*pair) for pair in pairs))
-        return replace(base, layers=tuple(FrictionLayer(*pair) for pair in pairs))
+        return replace(base, layers=tuple(Layer(stack, *pair) for pair in zip(values.tolist(), maps, strict=True)))
     except ConfigError as error:
         raise MapError(error.what, where=f"{where}: {error.where}", remedy=error.remedy) from error
 
@@ -304,21 +278,20 @@ def save(reference_map: ReferenceMap, path: Path) -> None:
 def _arrays(reference_map: ReferenceMap, where: object) -> dict[str, AnyArray]:
     arrays: dict[str, AnyArray | None] = {"vx": reference_map.speed, "delta_f": reference_map.front_angle}
     arrays |= {key: getattr(reference_map, name) for key, name in ATTRIBUTES.items()}
-    if reference_map.stack is not None:
-        arrays |= _stacked(reference_map, *reference_map.stack, where)
+    if reference_map.quantity is not None:
+        arrays |= _stacked(reference_map, reference_map.quantity, where)
     if reference_map.meta:
         text = json.dumps(dict(reference_map.meta), sort_keys=True, separators=(",", ":"), allow_nan=False)
         arrays["meta"] = np.array(text)
     return {key: array for key, array in arrays.items() if array is not None}
 
 
-def _stacked(
-    reference_map: ReferenceMap, stack: tables.Stack, layers: Sequence[tuple[float, ReferenceMap]], where: object
-) -> dict[str, AnyArray]:
+def _stacked(reference_map: ReferenceMap, stack: tables.Stack, where: object) -> dict[str, AnyArray]:
     """Return the arrays of the stack by key. Raises MapError if a layer does not match the map that it belongs to."""
     shape = (reference_map.speed.size, reference_map.front_angle.size)
     attributes = {key: name for key, name in ATTRIBUTES.items() if getattr(reference_map, name) is not None}
-    for index, (_, own) in enumerate(layers):
+    layers = [layer.map for layer in reference_map.layers]
+    for index, own in enumerate(layers):
         of_layer = {key: getattr(own, name) for key, name in ATTRIBUTES.items()}
         if not (
             np.array_equal(own.speed, reference_map.speed)
@@ -330,9 +303,9 @@ def _stacked(
                 where=f"{where}: {stack.key}[{index}]",
                 remedy="make it with `codegen solve`",
             )
-    arrays = {stack.key: np.array([value for value, _ in layers], dtype=np.float64)}
+    arrays = {stack.key: np.array([layer.value for layer in reference_map.layers], dtype=np.float64)}
     for key, name in attributes.items():
-        arrays[stack.prefix + key] = np.stack([getattr(own, name) for _, own in layers])
+        arrays[stack.prefix + key] = np.stack([getattr(own, name) for own in layers])
     return arrays
 
 

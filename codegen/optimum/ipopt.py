@@ -273,7 +273,7 @@ def _solve_point(solvers: _Solvers, parameters: FloatArray, warm: FloatArray, *,
 
 
 def _is_of_law(solvers: _Solvers, parameters: FloatArray, point: FloatArray) -> bool:
-    """Whether a turn is that of the law, and not only the nearest inside the bounds. Every optimum is.
+    """Return whether a turn is that of the law, and not only the nearest inside the bounds. Every optimum is.
 
     A rear angle at an end counts if the law wants it beyond: sideslip and rear angle both rise with the rear angle.
     """

@@ -1,4 +1,4 @@
-"""How well a map for a lower friction stands in for one under longitudinal acceleration.
+"""Error of a map for a lower friction in place of one under longitudinal acceleration.
 
 An ECU without a stack over longitudinal acceleration comes near to it by lowering its friction estimate while it brakes: the
 weaker axle limits both.
@@ -15,6 +15,7 @@ import numpy as np
 from codegen.errors import ConfigError
 from codegen.map_file.longitudinal import like_friction
 from codegen.map_file.map import ReferenceMap, on_road
+from codegen.map_file.tables import ACCELERATION
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
 
@@ -58,11 +59,11 @@ def friction_errors(reference_map: ReferenceMap) -> tuple[FrictionError, ...]:
         MapError: a steady turn is not found.
     """
     config, case = reference_map.config, reference_map.case
-    if config is None or case is None:
+    if config is None or case is None or reference_map.quantity is not ACCELERATION:
         return ()
     errors = []
-    for layer in reference_map.acceleration_layers:
-        friction = like_friction(config, layer.acceleration)
+    for layer in reference_map.layers:
+        friction = like_friction(config, layer.value)
         try:
             road = on_road(config, friction)
             breakpoints(road)  # an oversteering car becomes unstable at a lower speed
@@ -77,5 +78,5 @@ def friction_errors(reference_map: ReferenceMap) -> tuple[FrictionError, ...]:
         rear_angle = (layer.map.rear_angle - other.rear_angle)[both]
         rms = float(np.sqrt(np.mean(yaw_rate**2)))
         largest = (float(np.abs(values).max()) for values in (yaw_rate, rear_angle))
-        errors.append(FrictionError(layer.acceleration, friction, rms, *largest))
+        errors.append(FrictionError(layer.value, friction, rms, *largest))
     return tuple(errors)

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from codegen.configuration import Config
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.map_file import archive, tables
-from codegen.map_file.map import AccelerationLayer, FrictionLayer, ReferenceMap, changed, make_meta, on_road, own_value
+from codegen.map_file.map import Layer, ReferenceMap, changed, make_meta, on_road, own_value
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import Solution, passively_feasible, turns_of
 
@@ -119,9 +119,7 @@ def solve_stack(
             roads (it falls with the friction).
         MapError: no operating point of the grid is feasible at one of the frictions, or the file would be too large.
     """
-    lower = lower_frictions(config, friction)
-    base, *layers = _solve_layers(config, case, tables.FRICTION, OPTION, lower, method, progress)
-    return replace(base, layers=tuple(FrictionLayer(*pair) for pair in zip(lower, layers, strict=True)))
+    return _solve_layers(config, case, tables.FRICTION, OPTION, lower_frictions(config, friction), method, progress)
 
 
 def solve_acceleration_stack(
@@ -142,8 +140,7 @@ def solve_acceleration_stack(
         MapError: as `solve_stack`.
     """
     moving = moving_accelerations(acceleration)
-    base, *layers = _solve_layers(config, case, tables.ACCELERATION, ACCELERATION_OPTION, moving, method, progress)
-    return replace(base, acceleration_layers=tuple(AccelerationLayer(*pair) for pair in zip(moving, layers, strict=True)))
+    return _solve_layers(config, case, tables.ACCELERATION, ACCELERATION_OPTION, moving, method, progress)
 
 
 def _solve_layers(
@@ -154,8 +151,8 @@ def _solve_layers(
     values: Sequence[float],
     method: Method,
     progress: Callable[[int, int], None] | None,
-) -> list[ReferenceMap]:
-    """Return the map itself and one for each value of a stack."""
+) -> ReferenceMap:
+    """Return the map with a layer for each value of a stack."""
     speed, front_angle = breakpoints(config)
     maps = len(values) + 1
     archive.check_size(maps * speed.size * front_angle.size * CELL_BYTES, archive.UNPACKED_BYTES_MAX, option)
@@ -163,14 +160,14 @@ def _solve_layers(
     def part(index: int) -> Callable[[int, int], None] | None:
         return None if progress is None else lambda done, total: progress(index * total + done, maps * total)
 
-    solved = [solve_case(config, case, method, part(0))]
+    base, layers = solve_case(config, case, method, part(0)), []
     for index, value in enumerate(values, start=1):
         try:
-            solved.append(solve_case(changed(config, stack, value), case, method, part(index)))
+            layers.append(Layer(stack, value, solve_case(changed(config, stack, value), case, method, part(index))))
         except CodegenError as error:
             remedy = f"{error.remedy}, or leave this {stack.one} out"
             raise type(error)(error.what, where=f"{stack.one} {value:g}: {error.where}", remedy=remedy) from error
-    return solved
+    return replace(base, layers=tuple(layers))
 
 
 def lower_frictions(config: Config, friction: Sequence[float]) -> tuple[float, ...]:
@@ -236,19 +233,15 @@ def layer_configs(reference_map: ReferenceMap, config: Config) -> tuple[Config, 
         ConfigError: see `on_road` and `under_acceleration`.
     """
     chosen = reference_map.config or config
-    if reference_map.stack is None:
-        return ()
-    stack, layers = reference_map.stack
-    if stack is tables.FRICTION:
-        values = np.array([value for value, _ in layers], dtype=np.float64)
+    if reference_map.quantity is tables.FRICTION:
+        values = np.array([layer.value for layer in reference_map.layers], dtype=np.float64)
         tables.check_below_design(values, chosen.road.friction, "the map")
-    return tuple(changed(chosen, stack, value) for value, _ in layers)
+    return tuple(changed(chosen, layer.quantity, layer.value) for layer in reference_map.layers)
 
 
 def stack_of(reference_map: ReferenceMap, config: Config) -> tuple[tuple[float, ReferenceMap, Config], ...]:
     """Return value, map and configuration of each layer, rising, and of the map itself. Raises: see `layer_configs`."""
     chosen = reference_map.config or config
-    stack, layers = reference_map.stack or (tables.FRICTION, ())
-    of_layers = zip(layers, layer_configs(reference_map, config), strict=True)
-    own = (own_value(chosen, stack), reference_map, chosen)
-    return tuple(sorted([*((*layer, of) for layer, of in of_layers), own], key=lambda one: one[0]))
+    of_layers = zip(reference_map.layers, layer_configs(reference_map, config), strict=True)
+    own = (own_value(chosen, reference_map.quantity), reference_map, chosen)
+    return tuple(sorted([*((layer.value, layer.map, of) for layer, of in of_layers), own], key=lambda one: one[0]))

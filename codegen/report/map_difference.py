@@ -16,6 +16,7 @@ from codegen.arrays import BoolArray, FloatArray
 from codegen.errors import MapError, one_line
 from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import ACCELERATION, FRICTION
 from codegen.optimum.nonlinear import ABOVE, SlipUse, slip_use
 from codegen.report.style import (
     BLACK,
@@ -220,7 +221,7 @@ def map_difference(one: ReferenceMap, other: ReferenceMap, used: Sequence[SlipUs
 
 
 def same_car(one: ReferenceMap, other: ReferenceMap) -> bool | None:
-    """Whether two maps are of the same car on the same road; None if a map has no configuration."""
+    """Return whether two maps are of the same car on the same road; None if a map has no configuration."""
     if one.config is None or other.config is None:
         return None
     mine, theirs = ((config.vehicle, config.tyre, config.road) for config in (one.config, other.config))
@@ -230,9 +231,10 @@ def same_car(one: ReferenceMap, other: ReferenceMap) -> bool | None:
 def caveats(one: ReferenceMap, other: ReferenceMap) -> list[str]:
     """Return the limitations of a comparison."""
     told = []
-    if one.layers or other.layers:
+    quantities = one.quantity, other.quantity
+    if FRICTION in quantities:
         told.append("of a stack, the map for its highest friction is compared")
-    if one.acceleration_layers or other.acceleration_layers:
+    if ACCELERATION in quantities:
         told.append("of a stack, the map at constant speed is compared")
     if not (np.array_equal(one.speed, other.speed) and np.array_equal(one.front_angle, other.front_angle)):
         told.append("the maps have different breakpoints: compared on those of the first")

@@ -12,6 +12,7 @@ import numpy as np
 from codegen.map_file.bounds import BOUNDS, binding_text
 from codegen.map_file.longitudinal import like_friction
 from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import ACCELERATION, FRICTION
 from codegen.units import KM_H
 
 if TYPE_CHECKING:
@@ -210,17 +211,19 @@ def map_summary(reference_map: ReferenceMap) -> MapSummary:
         binding_cells=binding,
         friction=None if reference_map.config is None else reference_map.config.road.friction,
         stack=tuple(
-            LayerSummary(layer.friction, int(layer.map.feasible.sum()), _lateral_acceleration_max(layer.map))
+            LayerSummary(layer.value, int(layer.map.feasible.sum()), _lateral_acceleration_max(layer.map))
             for layer in reference_map.layers
+            if layer.quantity is FRICTION
         ),
         acceleration_stack=tuple(
             AccelerationSummary(
-                layer.acceleration,
+                layer.value,
                 int(layer.map.feasible.sum()),
                 _lateral_acceleration_max(layer.map),
-                None if reference_map.config is None else like_friction(reference_map.config, layer.acceleration),
+                None if reference_map.config is None else like_friction(reference_map.config, layer.value),
             )
-            for layer in reference_map.acceleration_layers
+            for layer in reference_map.layers
+            if layer.quantity is ACCELERATION
         ),
         tightening=_tightening(reference_map),
     )

@@ -30,8 +30,6 @@ from codegen.sweep.versions import sources_digest
 from codegen.tuning.tune import tune
 from codegen.vehicle.plant_car import plant_parameters
 
-CASE = "4ws-2"
-"""Case of the controller's map, if the measured car has it; else its first one with rear steering."""
 SPEC: dict[str, Any] = {"samples": 1000, "seed": 1, "scenarios": ["step-steer", "sine-with-dwell"]}
 """Campaign without a `sweep.toml`."""
 
@@ -116,7 +114,9 @@ def solve_map(car: MeasuredCar, progress: Progress | None = None) -> ReferenceMa
     Raises:
         ConfigError, MapError: the car has no case with rear steering, no map, or no gains for its family.
     """
-    config, case = car.config, _case_of(car)
+    config, case = car.config, car.config.rear_steer_case
+    if case is None:
+        raise ConfigError("no case has rear steering", where=f"{car.name}: [cases]", remedy="add one with rear_steering = true")
     key = hashlib.sha256("\n".join((car.digest, case, sources_digest())).encode()).hexdigest()
     path = cache_folder() / f"map-{key[:32]}.npz"
     try:
@@ -143,14 +143,6 @@ def _tuned(reference_map: ReferenceMap, config: Config, progress: Progress | Non
         if not measured_keys(config):
             raise
     return tune(reference_map, config.model_copy(update={"identified": Identified()}), progress, where).config
-
-
-def _case_of(car: MeasuredCar) -> str:
-    cases = car.config.cases
-    steered = [name for name in cases if cases[name].rear_steering]
-    if not steered:
-        raise ConfigError("no case has rear steering", where=f"{car.name}: [cases]", remedy=f"add [cases.{CASE}]")
-    return CASE if CASE in steered else steered[0]
 
 
 def code_of(reference_map: ReferenceMap) -> tuple[dict[str, bytes], dict[str, Any]]:

@@ -28,6 +28,7 @@ from codegen.ecu_map.model_excess import Excess, asks_for_more, model_excess
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
+from codegen.plausibility.build import TRIM_WARNING_FACTOR
 from codegen.sil.batch import BatchSoftware, Lanes
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.tuning.transient import Response, compile_controller, family_of, tune_response, unit_step, with_response
@@ -245,7 +246,7 @@ class Tuned:
         config: kind "tracking", with gain schedule, look ahead, trim and rate of the fail-safe.
         design: design of the gains.
         responses: lead and response gain at each speed of the schedule that was driven; empty for a map that was not solved.
-        excess: excess of the reference model over the map where the trim was too small for it; None where it was enough.
+        excess: excess of the reference model over the map with the response gain; None where none is possible.
         fail_safe: rate of the fail-safe, and the candidates; None for a map that was not solved.
         software: the build that was driven, without the parameters tuned on it (see `tuned_parameters`); None for
             a map that was not solved.
@@ -279,30 +280,40 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
     """
     made = design(config, progress)
     config = with_tracking(config, {"schedule": made.schedule.model_dump(mode="json")}, where)
-    config, excess = _with_trim(reference_map, config, where)
     if not reference_map.solved:
-        return Tuned(config, made, (), excess, None, None)
-    software = compile_controller(reference_map, config)
-    ahead, responses = tune_response(reference_map, config, made.schedule, software, progress)
-    config = with_tracking(config, with_response(config, made.schedule, ahead, responses), where)
+        return Tuned(config, made, (), None, None, None)
+    tracking = config.controller.tracking
+    if asks_for_more(reference_map, config):
+        config = with_tracking(config, {"trim_time_s": min(tracking.trim_time_s, TRIM_TIME_MAX_S)}, where)
+    least = tracking.trim_max_percent
+    start, _ = _with_trim(reference_map, config, least, where)
+    while True:  # the trim is part of the step responses, and their response gain reduces the excess
+        software = compile_controller(reference_map, start)
+        ahead, responses = tune_response(reference_map, start, made.schedule, software, progress)
+        config = with_tracking(start, with_response(start, made.schedule, ahead, responses), where)
+        changed, excess = _with_trim(reference_map, config, least, where)
+        if changed is config:
+            break
+        least = changed.controller.tracking.trim_max_percent  # from here on the trim only rises
+        start = with_tracking(start, {"trim_max_percent": least}, where)
     fail_safe = tune_fail_safe(reference_map, config, software, progress)
     config = with_controller(config, {"fail_safe": {"rate_deg_s": fail_safe.rate_deg_s}}, where)
     return Tuned(config, made, responses, excess, fail_safe, software)
 
 
-def _with_trim(reference_map: ReferenceMap, config: Config, where: object) -> tuple[Config, Excess | None]:
-    """Return the configuration with the trim that the map needs, and the excess where that is more than it had.
+def _with_trim(reference_map: ReferenceMap, config: Config, least: float, where: object) -> tuple[Config, Excess | None]:
+    """Return the configuration with the trim that the map needs, and the model's excess; None where none is possible.
 
-    Call it before the step responses: the trim is part of them.
+    A trim of which the build does not warn stays, so that the step responses stay too. Another one is `least` percent or more.
     """
     if not asks_for_more(reference_map, config):
         return config, None
-    tracking = config.controller.tracking
-    config = with_tracking(config, {"trim_time_s": min(tracking.trim_time_s, TRIM_TIME_MAX_S)}, where)
     excess = model_excess(reference_map, extend(reference_map, config, config.steering.front_angle_stop), config)
-    if excess.percent <= tracking.trim_max_percent:
-        return config, None
-    return with_tracking(config, {"trim_max_percent": min(float(excess.trim_percent), TRIM_MAX_PERCENT)}, where), excess
+    needed, own = max(excess.trim_percent, 1), config.controller.tracking.trim_max_percent
+    trim = min(max(float(needed), least), TRIM_MAX_PERCENT)
+    if trim == own or excess.percent <= own <= TRIM_WARNING_FACTOR * needed:
+        return config, excess
+    return with_tracking(config, {"trim_max_percent": trim}, where), excess
 
 
 def with_tracking(config: Config, changes: Mapping[str, Any], where: object) -> Config:

@@ -52,7 +52,7 @@ class Model:
 
 
 def is_zero(value: Any) -> bool:
-    """Whether a quantity of a car is the number zero; a symbol is not."""
+    """Return whether a quantity of a car is the number zero; a symbol is not."""
     return isinstance(value, int | float) and value == 0.0
 
 

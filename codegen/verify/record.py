@@ -23,7 +23,7 @@ from codegen.emit import requirements
 from codegen.emit.folder import VERIFICATION_FILES
 from codegen.emit.manual import manual
 from codegen.errors import CodegenError
-from codegen.files import write_atomically
+from codegen.files import write_together
 from codegen.plausibility.build import read_record
 from codegen.verify.check import Outcome, Verdict
 from codegen.verify.runner import CHECKS, LEFT_OUT, VerificationReport
@@ -83,8 +83,8 @@ def write(report: VerificationReport, folder: Path) -> bool:
     if report.effort.quick and _has_full_record(folder, report.subject.manifest_sha256, report.subject.edited):
         return False
     record = to_dict(report)
-    for name, content in ((JSON, render(record)), (MANUAL, manual(record, report.subject.manifest, TITLES).encode())):
-        write_atomically(folder / name, content)
+    text = manual(record, report.subject.manifest, TITLES).encode()
+    write_together({folder / JSON: render(record), folder / MANUAL: text})
     return True
 
 

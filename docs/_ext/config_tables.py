@@ -94,7 +94,7 @@ def _section_of(annotation: Any) -> type[BaseModel] | None:
 
 
 def _is_inline(model: type[BaseModel]) -> bool:
-    """Whether a model is written as an inline table: a signal or a sensor."""
+    """Return whether a model is written as an inline table: a signal or a sensor."""
     return any(base.__name__ in ("Signal", "Sensor") for base in model.__mro__)
 
 

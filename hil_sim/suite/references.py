@@ -105,7 +105,7 @@ def run_references(candidate: Candidate, stage: Stage = unseen, chosen: Sequence
 
 
 def _is_same(one: ReferenceMap, other: ReferenceMap) -> bool:
-    """Whether two maps on one grid have the same yaw rates and rear angles."""
+    """Return whether two maps on one grid have the same yaw rates and rear angles."""
     pairs = ((one.yaw_rate, other.yaw_rate), (one.rear_angle, other.rear_angle))
     return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs if a is not None and b is not None)
 

@@ -114,7 +114,7 @@ def test_a_build_is_tested_with_its_own_files_and_gains(tmp_path: Path, monkeypa
 def test_a_stack_stays_a_stack_and_a_build_that_cannot_be_solved_again_is_refused(tmp_path: Path) -> None:
     found = of_folder(written(tmp_path, solve_stack(SMALL, "4ws-2", (0.5, 0.9)), SMALL))
     assert found.frictions == (0.5, 0.9)
-    assert [layer.friction for layer in found.reference_map().layers] == [0.5]
+    assert [layer.value for layer in found.reference_map().layers] == [0.5]
     solved = builds.paper_map()
     bare = ReferenceMap(solved.speed, solved.front_angle, np.where(solved.feasible, solved.yaw_rate, np.nan), solved.feasible)
     with pytest.raises(BuildError, match="cannot be solved again"):

@@ -14,7 +14,7 @@ from codegen.configuration import Config, preset
 from codegen.identify.drive import Drive
 from codegen.sil.plant import PlantInput, PlantSample
 from codegen.units import KM_H
-from codegen.vehicle.tyre import CURVES, TyreCurve
+from codegen.vehicle.tyre import CURVES, MAGIC_FORMULA, TyreCurve
 from hil_sim.second_plant.plant import GRAVITY, PUBLISHED, ROLL, MultiBodyPlant, car_of, published
 from hil_sim.suite.cells import changed
 from hil_sim.third_plant import RollPlant
@@ -51,8 +51,9 @@ class LeaningMultiBodyPlant(MultiBodyPlant):
         return replace(found, lateral_acceleration=found.lateral_acceleration + GRAVITY * math.sin(self._state[ROLL]))
 
 
-def _unused(*_: Any) -> Any:
-    raise NotImplementedError("the curve is that of a plant; no solver uses it")
+def _plant_curve(value: Callable[[Any, Any, Any], Any], peak: float) -> TyreCurve:
+    """Return a curve with slope 1 at zero. What only solvers use stays that of the Magic Formula."""
+    return replace(MAGIC_FORMULA, value=value, initial_slope=lambda _: 1.0, peak=lambda _: peak)
 
 
 def _brush(_tyre: Any, x: Any, _functions: Any) -> Any:
@@ -60,7 +61,7 @@ def _brush(_tyre: Any, x: Any, _functions: Any) -> Any:
     return slip - slip * ca.fmax(slip, -slip) / 3.0 + slip**3 / 27.0
 
 
-BRUSH = TyreCurve(_brush, _unused, _unused, lambda _: 1.0, lambda _: 3.0)
+BRUSH = _plant_curve(_brush, 3.0)
 """Brush model with a parabolic pressure (H. B. Pacejka, Tire and Vehicle Dynamics, section 3.2.1): it slides as a whole beyond
 three times the ratio of peak force and stiffness."""
 
@@ -74,7 +75,7 @@ def _tmeasy(_tyre: Any, x: Any, _functions: Any) -> Any:
     return TMEASY_RATIO * slip / (1.0 + size * (size + TMEASY_RATIO - 2.0))
 
 
-TMEASY = TyreCurve(_tmeasy, _unused, _unused, lambda _: 1.0, lambda _: TMEASY_RATIO)
+TMEASY = _plant_curve(_tmeasy, TMEASY_RATIO)
 """Fraction of TMeasy up to its largest force, continued beyond (W. Hirschberg, G. Rill, H. Weinfurter, Tire model TMeasy,
 Vehicle System Dynamics 45 S1, 2007)."""
 

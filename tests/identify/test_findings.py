@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from codegen.errors import CodegenError
-from codegen.identify.conditioning import _clipped
+from codegen.identify.conditioning import clipped
 from codegen.identify.findings import CLOCK, FROZEN, GAP, IMPOSSIBLE, OFFSET, REMARK, RESERVED, SATURATED, SIGN
 from codegen.identify.names import Names
 from codegen.identify.reading import Reading, read_drives
@@ -123,7 +123,7 @@ def test_a_coarse_yaw_rate_on_a_straight_road_is_sound(tmp_path: Path) -> None:
 def test_smooth_curves_are_not_clipped(resolution: float, frequency: float, phase: float, second: float) -> None:
     angle = 2.0 * np.pi * frequency * np.arange(0.0, 20.0, 0.01) + phase
     curve = np.sin(angle) + second * np.sin(0.7 * angle)
-    assert not _clipped(resolution * np.round(curve / resolution)).any()
+    assert not clipped(resolution * np.round(curve / resolution)).any()
 
 
 def test_noise_on_a_straight_road_is_sound(tmp_path: Path) -> None:
@@ -280,6 +280,35 @@ def test_a_clipped_response(tmp_path: Path) -> None:
     exact = SIGNALS["yaw_rate"](TIME)
     lost = np.isnan(reading.drives[0].signals["yaw_rate"])
     np.testing.assert_array_equal(lost, np.abs(exact) >= 0.17)
+
+
+@pytest.mark.parametrize("command", [{}, {"delta_r_command": SIGNALS["delta_r"]}], ids=["no command", "command"])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_saturated_rear_angle(command: dict[str, Wave], side: float, tmp_path: Path) -> None:
+    table = columns(delta_r=lambda time: side * np.minimum(side * SIGNALS["delta_r"](time), np.radians(1.0)), **command)
+    reading = read(tmp_path, table)
+    assert kinds(reading) == [("delta_r", SATURATED)]
+    assert f"samples stay at {side:g} deg although" in reading.findings[0].text
+    lost = np.isnan(reading.drives[0].signals["delta_r"])
+    np.testing.assert_array_equal(lost, side * SIGNALS["delta_r"](TIME) >= np.radians(1.0))
+
+
+def test_a_noisy_rear_angle_below_its_command(tmp_path: Path) -> None:
+    stop = lambda time: np.clip(SIGNALS["delta_r"](time), -0.02, 0.02)  # noqa: E731
+    noise = 2e-4 * np.random.default_rng(2).standard_normal(TIME.size)
+    reading = read(tmp_path, columns(delta_r=lambda time: stop(time) + noise, delta_r_command=SIGNALS["delta_r"]))
+    assert kinds(reading) == [("delta_r", SATURATED)]
+
+
+@pytest.mark.parametrize("lag", [0.01, 0.05, 0.1])
+@pytest.mark.parametrize("frequency", [0.2, 1.0, 3.0])
+def test_a_rear_angle_that_follows_its_command_is_sound(lag: float, frequency: float, tmp_path: Path) -> None:
+    command = 0.03 * np.where(TIME < 5.0, np.sin(2.0 * np.pi * frequency * TIME), np.where(TIME < 7.0, 1.0, -1.0))
+    angle = np.zeros(TIME.size)
+    for k in range(1, TIME.size):
+        angle[k] = angle[k - 1] - np.expm1(-0.01 / lag) * (command[k - 1] - angle[k - 1])
+    rounded = 1e-4 * np.round(angle / 1e-4)
+    assert kinds(read(tmp_path, columns(delta_r=lambda _: rounded, delta_r_command=lambda _: command))) == []
 
 
 def test_impossible_values_are_none_and_many_of_them_a_wrong_unit(tmp_path: Path) -> None:

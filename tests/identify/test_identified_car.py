@@ -1,6 +1,7 @@
 """`codegen identify`: the files that it writes, and what it refuses."""
 
 import json
+import re
 from pathlib import Path
 
 import pandas as pd
@@ -42,6 +43,7 @@ def test_a_configuration_a_report_and_facts_are_written(run: Run, files: Path) -
     assert "front cornering stiffness" in answer.out
     assert "front D: not determined" in answer.out
     assert f"written: {files / 'found.toml'}" in answer.out
+    white = re.search(r"^errors that may be white noise \(Ljung-Box\): yaw rate in ([01]) of 1 drives, .*", answer.out, re.M)
     page = (files / "found.html").read_text(encoding="utf-8")
     assert "Identified values" in page
     assert "held out" not in page
@@ -50,6 +52,7 @@ def test_a_configuration_a_report_and_facts_are_written(run: Run, files: Path) -
     told = json.loads(run(*given, "-o", files / "found.toml", "--json").out)
     assert (files / "found.toml").read_bytes() == text
     true, written = true_car(SEED)[0], load(files / "found.toml")
+    assert white is not None and bool(int(white[1])) is told["validation"][0]["white"]["yaw_rate"]
     inertia = told["quantities"]["yaw_inertia"]
     assert written.vehicle.yaw_inertia_kg_m2 == pytest.approx(inertia["value"], rel=1e-6)
     assert inertia["value"] == pytest.approx(
@@ -76,6 +79,12 @@ def test_what_is_missing_or_would_be_lost_is_refused_before_anything_is_written(
     ):
         assert message in refused(*given, *arguments)
     assert not (files / "found.toml").exists()
+
+
+def test_no_report_is_left_if_the_configuration_cannot_be_written(refused: Refused, files: Path) -> None:
+    given = ("identify", "--log", files / "one.csv", "--config", files / "ars.toml", "--report", files / "found.html")
+    assert "cannot be written (File name too long)" in refused(*given, "-o", files / f"{'x' * 250}.toml")
+    assert not (files / "found.html").exists()
 
 
 def test_a_fault_of_the_drives_names_the_drives(refused: Refused, files: Path) -> None:

@@ -1,4 +1,4 @@
-"""Which signal is which quantity: obvious names, names.toml, and errors that contain the line to write."""
+"""Names of the signals: obvious ones, names.toml, and errors that contain the line to write."""
 
 import re
 import tomllib

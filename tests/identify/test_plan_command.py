@@ -53,7 +53,10 @@ def test_what_cannot_be_planned_or_would_be_lost_is_refused(refused: Refused) ->
     for arguments, message in (
         (("--plan", "plan"), "codegen identify --config: is missing; name the ars.toml of the car"),
         (("--config", "ars.toml"), "codegen identify --log: is missing; name a measured drive, or give --plan DIR"),
-        (("--config", "ars.toml", "--plan", "mine"), "mine: contains 'notes.txt'"),
+        (
+            ("--config", "ars.toml", "--plan", "mine"),
+            "contains 'notes.txt', which no manifest of codegen names; nothing was changed; choose another folder with --plan",
+        ),
         (("--config", "ars.toml", "--plan", "plan", "--check"), "--check: it cannot be combined with --plan; leave it out"),
         (("--config", "ars.toml", "--plan", "plan", "-o", "new.toml"), "--output: it cannot be combined with --plan"),
         (("--log", "one.csv", "--check", "--duration", "60"), "--duration: it belongs to --plan; add --plan DIR"),

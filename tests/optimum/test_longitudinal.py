@@ -13,7 +13,7 @@ from codegen.ecu_map.extend import TotalMap, extend
 from codegen.errors import ConfigError, MapError
 from codegen.map_file import map as npz
 from codegen.map_file.longitudinal import like_friction, under_acceleration
-from codegen.map_file.map import AccelerationLayer, ReferenceMap, on_road
+from codegen.map_file.map import Layer, ReferenceMap, on_road
 from codegen.map_file.tables import ACCELERATION
 from codegen.optimum.like_friction import friction_errors
 from codegen.optimum.problem import SteadyTurnProblem
@@ -99,7 +99,7 @@ def test_grip_in_the_linear_turn() -> None:
 def test_a_stack_compared_with_ipopt(tyre_model: str) -> None:
     config = CONFIG.with_tyre_model(tyre_model)
     found, expected = (solve_acceleration_stack(config, "4ws-2", (-4.0, 0.0, 3.0), method) for method in ("exact", "ipopt"))
-    for one, other in zip(found.acceleration_layers, expected.acceleration_layers, strict=True):
+    for one, other in zip(found.layers, expected.layers, strict=True):
         np.testing.assert_array_equal(one.map.feasible, other.map.feasible)
         np.testing.assert_allclose(one.map.yaw_rate, other.map.yaw_rate, rtol=0.0, atol=1e-6)
 
@@ -108,10 +108,10 @@ def test_the_map_is_for_constant_speed_and_the_layers_are_around() -> None:
     alone = solve_case(CONFIG, "4ws-2")
     for name in TABLES:
         np.testing.assert_array_equal(getattr(STACKED, name), getattr(alone, name))
-    assert [layer.acceleration for layer in STACKED.acceleration_layers] == [-4.0, 3.0]
-    for layer in STACKED.acceleration_layers:
-        assert layer.map.config == under_acceleration(CONFIG, layer.acceleration)
-        own = solve_case(under_acceleration(CONFIG, layer.acceleration), "4ws-2")
+    assert [layer.value for layer in STACKED.layers] == [-4.0, 3.0]
+    for layer in STACKED.layers:
+        assert layer.map.config == under_acceleration(CONFIG, layer.value)
+        own = solve_case(under_acceleration(CONFIG, layer.value), "4ws-2")
         np.testing.assert_array_equal(layer.map.yaw_rate, own.yaw_rate)
         assert layer.map.feasible.sum() <= STACKED.feasible.sum()
     # Zero changes nothing but how the tyre is given.
@@ -138,8 +138,8 @@ def test_a_lower_friction_stands_in_for_it() -> None:
     braking, driving = friction_errors(STACKED)
     assert braking.yaw_rate_rms < braking.yaw_rate_max < 0.03 and braking.yaw_rate_max > error.yaw_rate_max
     other = solve_case(on_road(CONFIG, driving.friction), "4ws-2")
-    both = other.feasible & STACKED.acceleration_layers[1].map.feasible
-    difference = (other.yaw_rate - STACKED.acceleration_layers[1].map.yaw_rate)[both]
+    both = other.feasible & STACKED.layers[1].map.feasible
+    difference = (other.yaw_rate - STACKED.layers[1].map.yaw_rate)[both]
     assert driving.yaw_rate_max == pytest.approx(np.abs(difference).max(), rel=1e-12)
     assert friction_errors(solve_case(CONFIG, "4ws-2")) == ()
     # An icy road: what is left while braking is a friction that no configuration may have.
@@ -202,21 +202,21 @@ def arrays_of(reference_map: ReferenceMap) -> dict[str, Any]:
 
 
 def test_the_stack_only_adds_keys_and_is_read_again() -> None:
-    plain = arrays_of(replace(STACKED, acceleration_layers=()))
+    plain = arrays_of(replace(STACKED, layers=()))
     found = arrays_of(STACKED)
     assert all(found[key].tobytes() == array.tobytes() for key, array in plain.items())
     prefix = "longitudinal_acceleration"
     tables = ("yaw_rate", "beta", "delta_r", "feasible", "active")
     assert set(found) - set(plain) == {prefix, *(f"{prefix}_{key}" for key in tables)}
     loaded = npz.from_bytes(npz.to_bytes(STACKED), "test")
-    assert npz.to_bytes(loaded) == npz.to_bytes(STACKED) and loaded.layers == ()
-    for layer, other in zip(loaded.acceleration_layers, STACKED.acceleration_layers, strict=True):
+    assert npz.to_bytes(loaded) == npz.to_bytes(STACKED) and loaded.quantity is ACCELERATION
+    for layer, other in zip(loaded.layers, STACKED.layers, strict=True):
         np.testing.assert_array_equal(layer.map.yaw_rate, other.map.yaw_rate)
-        assert (layer.acceleration, layer.map.config, layer.map.meta) == (other.acceleration, other.map.config, other.map.meta)
+        assert (layer.value, layer.map.config, layer.map.meta) == (other.value, other.map.config, other.map.meta)
     new: Config = changed(CONFIG, longitudinal={"brake_front_share": 0.6})
     meta = {**STACKED.meta, "configuration": new.model_dump(mode="json")}
     other = npz.from_bytes(npz.to_bytes(replace(STACKED, config=new, meta=meta)), "test")
-    assert other.acceleration_layers[0].map.config == under_acceleration(new, -4.0)
+    assert other.layers[0].map.config == under_acceleration(new, -4.0)
 
 
 REFUSED: list[tuple[Change, str, str, str]] = [
@@ -259,5 +259,5 @@ def test_two_stacks_are_refused() -> None:
 def test_a_layer_on_other_axes_cannot_be_saved() -> None:
     other = solve_case(changed(CONFIG, grid={"speed_points": 7}), "4ws-2")
     with pytest.raises(MapError, match=r"longitudinal_acceleration\[0\]"):
-        npz.to_bytes(replace(STACKED, acceleration_layers=(AccelerationLayer(-4.0, other),)))
+        npz.to_bytes(replace(STACKED, layers=(Layer(ACCELERATION, -4.0, other),)))
     assert CASE  # the random cars have one

@@ -10,7 +10,7 @@ import pytest
 
 from codegen.errors import ConfigError, MapError
 from codegen.map_file import map as npz
-from codegen.map_file.map import FrictionLayer, ReferenceMap
+from codegen.map_file.map import ReferenceMap
 from codegen.optimum import solve
 from codegen.optimum.solve import layer_configs, on_road, solve_case, solve_stack
 from codegen.vehicle.tyre import AxleTyres
@@ -47,9 +47,9 @@ def test_the_tyre_of_another_road_is_the_same_tyre(friction: float) -> None:
 def test_the_map_has_the_design_friction_and_the_layers_are_below() -> None:
     alone = solve_case(CONFIG, "4ws-2")
     assert_same_tables(STACKED, alone)
-    assert [layer.friction for layer in STACKED.layers] == [0.3, 0.5, 0.7]
+    assert [layer.value for layer in STACKED.layers] == [0.3, 0.5, 0.7]
     for layer in STACKED.layers:
-        assert layer.map.config is not None and layer.map.config.road.friction == layer.friction
+        assert layer.map.config is not None and layer.map.config.road.friction == layer.value
         assert layer.map.meta == {**alone.meta, "configuration": layer.map.config.model_dump(mode="json")}
     assert npz.to_bytes(solve_stack(CONFIG, "4ws-2", (0.9, 0.3, 0.7, 0.5))) == npz.to_bytes(STACKED)
 
@@ -108,8 +108,8 @@ def test_another_configuration_reaches_the_layers() -> None:
     new = changed(CONFIG, limits={"rear_angle_max_deg": 3.0})
     other = replace(STACKED, config=new, meta={**STACKED.meta, "configuration": new.model_dump(mode="json")})
     for layer in npz.from_bytes(npz.to_bytes(other), "test").layers:
-        assert layer.map.config == on_road(new, layer.friction)
-        assert layer.map.meta["configuration"] == on_road(new, layer.friction).model_dump(mode="json")
+        assert layer.map.config == on_road(new, layer.value)
+        assert layer.map.meta["configuration"] == on_road(new, layer.value).model_dump(mode="json")
 
 
 def test_a_bare_map_may_have_a_stack() -> None:
@@ -156,7 +156,7 @@ def test_a_stack_of_unlike_maps_is_not_saved() -> None:
     one, middle, last = STACKED.layers
     changes: list[dict[str, Any]] = [{"front_angle": 0.5 * middle.map.front_angle}, {"yaw_rate": middle.map.yaw_rate[:-1]}]
     for change in (*changes, {"sideslip": None}):
-        unlike = FrictionLayer(middle.friction, replace(middle.map, **change))
+        unlike = replace(middle, map=replace(middle.map, **change))
         with pytest.raises(MapError, match=r"^the map to save: friction\[1\]: .*axes and the tables of the map"):
             npz.to_bytes(replace(STACKED, layers=(one, unlike, last)))
     with pytest.raises(MapError, match=r"the map to save: friction\[1\]"):

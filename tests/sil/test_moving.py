@@ -115,7 +115,7 @@ def test_the_signal_exists_only_with_the_stack_or_on_request() -> None:
     plain, config = stacked("pi").config, made("pi").software.config
     assert plain is not None and plain.can.vehicle_conditions.longitudinal_acceleration is None
     files = made("pi").folder.files
-    assert b"longitudinal" not in b"".join(builds.render(replace(stacked("pi"), acceleration_layers=()), plain).files.values())
+    assert b"longitudinal" not in b"".join(builds.render(replace(stacked("pi"), layers=()), plain).files.values())
     for path in ("include/ars_inputs.h", "include/ars_can.h", "ars.dbc", "ars.a2l", "README.md"):
         assert b"ongitudinal" in files[path], path
     sent = VehicleConditions(0.01, 0.8, 1.0, True, -3.2)
@@ -125,7 +125,7 @@ def test_the_signal_exists_only_with_the_stack_or_on_request() -> None:
     names = {each.name for each in variables_of("controller", config)}
     assert {"longitudinal_acceleration_m_s2", "longitudinal_acceleration_available"} <= names
     asked = changed(plain, can={"vehicle_conditions": {"longitudinal_acceleration": {"start_bit": 40}}})
-    alone = builds.make(replace(stacked("pi"), acceleration_layers=()), asked)
+    alone = builds.make(replace(stacked("pi"), layers=()), asked)
     assert alone.software.selftest() and alone.software.measured[-1].role == "longitudinal_acceleration"
 
 
@@ -194,7 +194,7 @@ def test_braking_in_a_turn_keeps_the_slip_bound_of_the_rear_axle() -> None:
     config = reference_map.config
     assert config is not None
     car = under_acceleration(config, BRAKING)
-    still = builds.render(replace(reference_map, acceleration_layers=()), config)
+    still = builds.render(replace(reference_map, layers=()), config)
 
     def rear_slip(folder: Any, acceleration: float) -> float:
         software = compile_build(folder.files, folder.manifest, car)

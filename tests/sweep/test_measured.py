@@ -48,7 +48,7 @@ DEVIATIONS = {
 KEYS = list(DEVIATIONS)
 STIFFNESSES, INERTIA = KEYS[:2], "vehicle.yaw_inertia_kg_m2"
 CORRELATION = 0.9
-"""Of both stiffnesses."""
+"""Correlation of both stiffnesses."""
 
 
 def identified(deviations: dict[str, float], **changes: Any) -> dict[str, Any]:

@@ -367,7 +367,7 @@ class Conditions:
 
 
 def _is_condition(node: Any) -> bool:
-    """Whether an expression is true or false by its form."""
+    """Return whether an expression is true or false by its form."""
     match node:
         case c_ast.BinaryOp():
             return node.op in (*_COMPARISONS, "&&", "||")

@@ -11,9 +11,9 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.configuration.population import draw
+from codegen.configuration.population import BAND, COVERAGE, draw
 from codegen.errors import CodegenError
-from codegen.identify.map_spread import COVERAGE, map_spread
+from codegen.identify.map_spread import map_spread
 from codegen.identify.model import OUTPUTS
 from codegen.identify.reached import Reached
 from codegen.identify.reading import Reading
@@ -101,9 +101,9 @@ def _spread(identified: Config) -> Iterator[Block]:
             line(angle[known], high[known] / DEGREE, name, colour, fill="tonexty", fillcolor=shade, **edge),
             line(angle, nominal / DEGREE, name, colour, legendgroup=name),
         ]
-    look = layout(xaxis=axis("Front angle (deg)"), yaxis=axis("Optimal yaw rate (deg/s)", rangemode="tozero"))
+    look = layout(xaxis=axis("Front angle (deg)"), yaxis=axis("Yaw rate (deg/s)", rangemode="tozero"))
     caption = (
-        f"Optimal yaw rate of the case {spread.case}. Lines: the identified car. Bands: {100.0 * COVERAGE:g} % of "
+        f"Yaw rate of the case {spread.case}. Lines: the identified car. Bands: {100.0 * COVERAGE:g} % of "
         f"{spread.cars} cars drawn from the values, standard deviations and correlations above. A line ends where its car has "
         "no feasible turn, a band where half of the cars have none."
     )
@@ -188,7 +188,7 @@ def _curves(found: Identification, identified: Config, one: Reached) -> list[Cha
 
         data: list[dict[str, Any]] = []
         if drawn:
-            low, high = np.quantile([force(tyres) for tyres in drawn], (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE)), axis=0)
+            low, high = np.quantile([force(tyres) for tyres in drawn], BAND, axis=0)
             look = {"fill": "toself", "fillcolor": BANDS[0][1], "hoverinfo": "skip", "width": 0}
             edges = np.concatenate([low, high[::-1]])
             data.append(

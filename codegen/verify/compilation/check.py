@@ -1,4 +1,4 @@
-"""Whether the C compiles everywhere without a warning, needs nothing that a target may lack, and refuses what would break it.
+"""Check that the C compiles everywhere without a warning, needs nothing a target may lack, and refuses what would break it.
 
 The compilers run on copies of the files. Where gcc is missing the rest runs all the same, and the check counts as not run.
 """

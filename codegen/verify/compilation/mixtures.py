@@ -1,4 +1,4 @@
-"""Whether the sources refuse what they cannot work with: a header of another build, and a compiler that may forget NaN."""
+"""Check that the sources refuse what they cannot work with: a header of another build, and a compiler that may forget NaN."""
 
 from __future__ import annotations
 

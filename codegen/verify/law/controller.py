@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 from codegen.configuration import Config
@@ -77,7 +78,7 @@ class Road(NamedTuple):
     lateral_acceleration_cap: float
 
 
-class SecondController:
+class SecondController(ABC):
     """Supervision that all kinds share, around a control law: input monitoring first, limiter last.
 
     Args:
@@ -105,15 +106,15 @@ class SecondController:
         self.quality = Quality.GOOD
         self.error = real(0.0)
 
-    def start(self, m: Measurement) -> None:
+    def start(self, m: Measurement) -> None:  # noqa: B027 - most laws have no state to start
         """Start the law without a jump from the commanded angle."""
 
-    def stand_by(self) -> None:
+    def stand_by(self) -> None:  # noqa: B027 - nor one to keep
         """Compute a sample in standby."""
 
+    @abstractmethod
     def law(self, m: Measurement) -> tuple[Any, bool]:
         """Compute one sample of the law, down to `angle`. Return the reference yaw rate and whether a limit acted."""
-        raise NotImplementedError
 
     def parameter(self, name: str) -> Any:
         return self.real(getattr(self.p, name))

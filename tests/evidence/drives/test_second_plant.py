@@ -92,7 +92,7 @@ def test_maps_for_braking_keep_the_rear_slip_of_a_car_that_brakes() -> None:
     assert tuned is not None
     car = changed(car_of(published(), tuned), grid={"speed_points": 41, "front_angle_points": 40})
     stacked = solve_acceleration_stack(car, "4ws-2", (-3.0, -1.5, 0.0, 1.0))
-    builds_of = {"stack": stacked, "constant speed": replace(stacked, acceleration_layers=())}
+    builds_of = {"stack": stacked, "constant speed": replace(stacked, layers=())}
     software = {name: builds.make(each, car).software for name, each in builds_of.items()}
     for front_angle_deg in (2.0, 3.0):
         slips, errors = {}, {}
