@@ -348,7 +348,7 @@ class E2e(Section):
         Meaning("cycles that decide whether a message is valid; only valid messages are used"),
     ] = 6
     min_ok_state_init: Annotated[WindowCount, Meaning("least good cycles to become valid at first")] = 2
-    max_error_state_init: Annotated[WindowCount, Meaning("most damaged cycles to become valid at first")] = 1
+    max_error_state_init: Annotated[WindowCount, Meaning("most damaged cycles to become valid at first")] = 2
     min_ok_state_valid: Annotated[WindowCount, Meaning("least good cycles to stay valid")] = 2
     max_error_state_valid: Annotated[WindowCount, Meaning("most damaged cycles to stay valid")] = 3
     min_ok_state_invalid: Annotated[WindowCount, Meaning("least good cycles to become valid again")] = 3

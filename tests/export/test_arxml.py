@@ -23,7 +23,7 @@ from elftools.elf.elffile import ELFFile
 
 from codegen import __version__
 from codegen.configuration import Config, parse
-from codegen.configuration.can import Can
+from codegen.configuration.can import Can, E2e
 from codegen.configuration.e2e_profiles import PROFILES, ProfileName
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.placement import Placed, Request
@@ -577,6 +577,15 @@ def test_implicit_access_to_raw_frames_is_rejected(refused: Refused, tmp_path: P
     command = ("arxml", "--build", build_of("4ws2"), "-o", tmp_path / "new", "--e2e", "task", "--access", "implicit")
     assert "implicit access cannot read the queues of raw frames; give --e2e transformer" in refused(*command)
     assert not (tmp_path / "new").exists()
+
+
+def test_tolerances_in_an_order_that_a_transformer_does_not_have_are_rejected(refused: Refused, tmp_path: Path) -> None:
+    can = Can(e2e=E2e(max_error_state_init=1))
+    write_folder(builds.render(builds.paper_map(), builds.CONFIG.model_copy(update={"can": can}), "single"), tmp_path / "build")
+    command = ("arxml", "--build", tmp_path / "build", "-o", tmp_path / "new")
+    assert "max_error_state_init is below max_error_state_invalid" in refused(*command)
+    assert not (tmp_path / "new").exists()
+    assert export(tmp_path / "build", "task").arxml
 
 
 def test_other_folders_and_changed_files_are_kept(refused: Refused, tmp_path: Path) -> None:
