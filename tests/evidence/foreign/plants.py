@@ -48,8 +48,8 @@ STEERING_S, DURATION_S, STEADY_S = (0.5, 6.5), 10.0, 1.0
 """Begin and end of steering in, duration, and the time at the end over which the steady turn is averaged. A step of the front
 wheels alone would exceed the bounds before any rear actuator could move."""
 REACHED = 0.01
-"""Largest shortfall from the yaw rate of the map, as a fraction, with which it counts as reached. More of it only makes the slip
-angles larger."""
+"""Largest shortfall from the yaw rate of the map, as a fraction, with which it counts as reached. A larger yaw rate only makes
+the slip angles larger."""
 REACHED_SHARE_MIN = 0.9
 """Smallest fraction of the steps that reach it; a saturated rear axle keeps the others below it."""
 QUICK = ("brush", "multi-body")
