@@ -28,6 +28,7 @@ from codegen.emit.deviations import FILE as DEVIATIONS
 from codegen.emit.deviations import deviations
 from codegen.emit.dynamics_view import DynamicsView, dynamics_view, reference_model_view
 from codegen.emit.evidence import Evidence, grip_facts, margins_text, placement_facts, placement_text, request_facts
+from codegen.emit.folder import Folder
 from codegen.emit.inputs_view import inputs_view
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import cut_text, limiter_view
@@ -37,7 +38,6 @@ from codegen.emit.symbols import symbols_of
 from codegen.emit.take_over import FILE as SBOM
 from codegen.emit.take_over import sbom, take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
-from codegen.emit.write import Folder
 from codegen.emit.xcp_view import xcp_view
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap

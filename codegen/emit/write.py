@@ -3,7 +3,7 @@
 A new folder is written next to the old one, and then the two are swapped. After a full disk, an interrupt or a kill, either the
 old or the new folder is complete, never a mixture. Only files that a folder's own manifest names are ever removed.
 
-This module imports only `errors`, `files` and, from this package, `folder`, whose public names it exports too.
+This module imports only `errors`, `files` and, from this package, `folder`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from pathlib import Path
 
 from codegen.emit.folder import (
     MANIFEST,
-    VERIFICATION_FILES,
     Folder,
     as_build_error,
     differences,
@@ -30,23 +29,9 @@ from codegen.emit.folder import (
     foreign_paths,
     owned_paths,
     read_manifest,
-    render_manifest,
-    verify_hashes,
 )
 from codegen.errors import BuildError
 from codegen.files import sync_folder
-
-__all__ = [
-    "MANIFEST",
-    "VERIFICATION_FILES",
-    "Folder",
-    "check_target",
-    "differences",
-    "read_manifest",
-    "render_manifest",
-    "verify_hashes",
-    "write_folder",
-]
 
 
 def write_folder(folder: Folder, target: Path) -> bool:

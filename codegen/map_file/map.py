@@ -31,7 +31,7 @@ from codegen.configuration import Config, Controller, Tightening, check_name, pa
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.files import write_atomically
 from codegen.map_file import archive, tables
-from codegen.map_file.bounds import BOUNDS, Binding
+from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.longitudinal import under_acceleration
 from codegen.map_file.tables import KEYS, UNITS, BindingArray
 from codegen.units import GRAVITY
@@ -72,18 +72,6 @@ def own_value(config: Config, stack: tables.Stack | None) -> float:
     """Return the value of a stack's quantity for which the map itself is; without a stack its friction."""
     return 0.0 if stack is tables.ACCELERATION else config.road.friction
 
-
-__all__ = [
-    "Binding",
-    "Layer",
-    "ReferenceMap",
-    "from_arrays",
-    "from_bytes",
-    "load",
-    "make_meta",
-    "save",
-    "to_bytes",
-]
 
 SCHEMA_VERSION = 1
 

@@ -9,21 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.report.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    fitted,
-    height,
-    new_figure,
-    plain,
-    style,
-)
+from codegen.report import style
 from codegen.sweep.chunk import DRIVEN
 from codegen.sweep.spec import FACTORS
 from codegen.sweep.summary import BINS, QUANTILES, Figure, Outcome, Summary
@@ -158,7 +144,7 @@ def markdown(summary: Summary, replay: str) -> str:
     return "\n\n".join([*parts, f"{sentence}\n\n```\n{command}\n```"]) + "\n"
 
 
-COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
+COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY, style.BLACK)
 LINES = ("-", "--", "-.", ":")
 LOG_FROM = 20.0
 """Ratio of the largest value to the medians or a drawn limit above which the axis is logarithmic outside the usual range."""
@@ -209,28 +195,28 @@ def pictures(summary: Summary) -> Iterator[tuple[str, Picture]]:
 
 def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) -> Picture:
     controllers = list(dict.fromkeys(controller for _, controller in summary.outcomes))
-    with style():
-        picture = new_figure(0.6 + PANEL_WIDTH * len(scenarios), PANEL_HEIGHT)
+    with style.style():
+        picture = style.new_figure(0.6 + PANEL_WIDTH * len(scenarios), PANEL_HEIGHT)
         below = 0.0
         for axes, scenario in zip(picture.subplots(1, len(scenarios), squeeze=False)[0], scenarios, strict=True):
             outcomes = {name: summary.outcomes[scenario, name] for name in controllers}
             shown = [found.figures[figure] for found in outcomes.values() if figure in found.figures]
             for place, (name, outcome) in enumerate(outcomes.items()):
-                _draw(axes, outcome.figures.get(figure), outcome, plain(name), place)
+                _draw(axes, outcome.figures.get(figure), outcome, style.plain(name), place)
             if shown:
                 _scale(axes, shown, LIMITS.get(figure, (0.0, ""))[0])
             else:
                 axes.text(0.5, 0.5, "all runs spin", transform=axes.transAxes, ha="center")
                 axes.set_xticks([])
-            axes.set_title("\n".join(textwrap.wrap(plain(scenario), TITLE_LENGTH)))
+            axes.set_title("\n".join(textwrap.wrap(style.plain(scenario), TITLE_LENGTH)))
             axes.set_xlabel(label)
             axes.set_ylim(0.0, 100.0)
             axes.grid(visible=True)
             if figure in LIMITS:
                 _draw_limit(axes, shown, *LIMITS[figure])
-            legend = fitted(axes.get_legend_handles_labels()[0], PANEL_WIDTH - LEGEND_GAP_IN, 2)
+            legend = style.fitted(axes.get_legend_handles_labels()[0], PANEL_WIDTH - LEGEND_GAP_IN, 2)
             axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), **legend)
-            below = max(below, height(legend))
+            below = max(below, style.height(legend))
         picture.set_figheight(PANEL_HEIGHT + max(0.0, below - LEGEND_HEIGHT))
         picture.axes[0].set_ylabel("Runs with at most that (%)")
         return picture
@@ -238,7 +224,7 @@ def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) ->
 
 def _draw_limit(axes: Axes, shown: list[Figure], limit: float, unit: str) -> None:
     """Draw a limit, or only its legend entry if the axis would have to reach far beyond the data."""
-    look: Mapping[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (2, 2))}
+    look: Mapping[str, Any] = {"color": style.GREY, "linewidth": 1.0, "linestyle": (0, (2, 2))}
     label = f"limit of FMVSS 126,\n{limit:g} {unit}"
     if _is_near(shown, limit):
         axes.axvline(limit, label=label, **look)
@@ -295,6 +281,6 @@ def _draw(axes: Axes, figure: Figure | None, outcome: Outcome, name: str, place:
         edges, share, end = figure.edges, np.concatenate([[0.0], 100.0 * np.cumsum(figure.histogram) / outcome.runs]), ""
     if outcome.spun:
         end = f", {100.0 * outcome.spun / outcome.runs:.3g} % spun"
-    colour = GREY if name == "passive" else COLOURS[place % len(COLOURS)]
+    colour = style.GREY if name == "passive" else COLOURS[place % len(COLOURS)]
     line = LINES[(place // len(COLOURS)) % len(LINES)]
     axes.plot(edges, share, color=colour, linestyle=line, label=f"{name}{end}")

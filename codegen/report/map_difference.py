@@ -18,22 +18,7 @@ from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import ACCELERATION, FRICTION
 from codegen.optimum.nonlinear import ABOVE, SlipUse, slip_use
-from codegen.report.style import (
-    BLACK,
-    BLUE,
-    FRONT_ANGLE_LABEL,
-    GREY,
-    ORANGE,
-    SPEED_LABEL,
-    YAW_RATE,
-    draw_table,
-    line_handle,
-    map_legend,
-    new_figure,
-    patch_handle,
-    plain,
-    style,
-)
+from codegen.report import style
 from codegen.report.summary import TYRE, map_summary
 from codegen.units import KM_H
 
@@ -357,8 +342,8 @@ def map_difference_figure(
     Args:
         used: `slip_use` of each map; without it, its two panels are omitted.
     """
-    with style():
-        figure = new_figure(13.2, 7.2) if any(used) else new_figure(*MAPS_SIZE)
+    with style.style():
+        figure = style.new_figure(13.2, 7.2) if any(used) else style.new_figure(*MAPS_SIZE)
         draw_map_difference(figure, maps, used, names)
     return figure
 
@@ -373,7 +358,9 @@ def draw_map_difference(
     from matplotlib.ticker import MaxNLocator
 
     known = any(used)
-    titles = [f"{which}: {plain(one_line(name, NAME_MAX))}" for which, name in zip(("first", "second"), names, strict=True)]
+    titles = [
+        f"{which}: {style.plain(one_line(name, NAME_MAX))}" for which, name in zip(("first", "second"), names, strict=True)
+    ]
     grid = figure.subplots(2, 3 if known else 2, sharex=True, sharey=True)
     _draw_yaw_rates(figure, grid[0][:2], maps, titles)
     gain, where = grid[:, 2] if known else grid[1]
@@ -381,13 +368,13 @@ def draw_map_difference(
     _draw_gain(figure, gain, maps)
     entries = _draw_where(where, maps)
     if known and _draw_use(figure, grid[1][:2], maps, used, titles):
-        entries.append(line_handle(color=BLACK, linewidth=1.0, label="slip meets its bound"))
+        entries.append(style.line_handle(color=style.BLACK, linewidth=1.0, label="slip meets its bound"))
     grid[0][0].set(**limits)
     for axes in grid[-1]:
-        axes.set_xlabel(SPEED_LABEL)
+        axes.set_xlabel(style.SPEED_LABEL)
     grid[0][0].xaxis.set_major_locator(MaxNLocator(5, prune="upper"))  # the last label would touch the first of the next panel
     for axes in grid[:, 0]:
-        axes.set_ylabel(FRONT_ANGLE_LABEL)
+        axes.set_ylabel(style.FRONT_ANGLE_LABEL)
     figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
 
 
@@ -395,13 +382,13 @@ def _draw_yaw_rates(
     figure: Figure | SubFigure, panels: Sequence[Axes], maps: tuple[ReferenceMap, ReferenceMap], titles: Sequence[str]
 ) -> None:
     """Draw both on one scale. The first is drawn last, because its limits are those of the picture."""
-    scale = YAW_RATE.scale(maps)
+    scale = style.YAW_RATE.scale(maps)
     for axes, one, title in reversed(list(zip(panels, maps, titles, strict=True))):
-        table = YAW_RATE.degrees(one)
+        table = style.YAW_RATE.degrees(one)
         assert table is not None
-        draw_table(axes, one, table, scale, YAW_RATE.colours)
-        axes.set_title(f"{YAW_RATE.name}, {title}")
-    YAW_RATE.colour_bar(figure, list(panels), scale, label=f"yaw rate ({YAW_RATE.unit})")
+        style.draw_table(axes, one, table, scale, style.YAW_RATE.colours)
+        axes.set_title(f"{style.YAW_RATE.name}, {title}")
+    style.YAW_RATE.colour_bar(figure, list(panels), scale, label=f"yaw rate ({style.YAW_RATE.unit})")
 
 
 def _draw_gain(figure: Figure | SubFigure, axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> None:
@@ -412,8 +399,8 @@ def _draw_gain(figure: Figure | SubFigure, axes: Axes, maps: tuple[ReferenceMap,
     gain = np.degrees(first.yaw_rate - on_axes_of(first, second))
     reach = max(float(np.nanmax(np.abs(gain), initial=0.0)), COLOUR_RANGE_MIN)
     scale = Normalize(-reach, reach)
-    draw_table(axes, first, gain, scale, DIVERGING)
-    figure.colorbar(ScalarMappable(scale, DIVERGING), ax=axes, label=f"yaw rate ({YAW_RATE.unit})")
+    style.draw_table(axes, first, gain, scale, DIVERGING)
+    figure.colorbar(ScalarMappable(scale, DIVERGING), ax=axes, label=f"yaw rate ({style.YAW_RATE.unit})")
     axes.set_title("First less second")
 
 
@@ -425,20 +412,20 @@ def _draw_where(axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> list[Art
     theirs = np.isfinite(on_axes_of(first, second))
     kinds = (
         (first.feasible & theirs, BOTH, "both"),
-        (first.feasible & ~theirs, BLUE, "the first alone"),
-        (theirs & ~first.feasible, ORANGE, "the second alone"),
+        (first.feasible & ~theirs, style.BLUE, "the first alone"),
+        (theirs & ~first.feasible, style.ORANGE, "the second alone"),
     )
     table = np.full(first.feasible.shape, np.nan)
     for index, (cells, _, _) in enumerate(kinds):
         table[cells] = index
-    draw_table(axes, first, table, Normalize(-0.5, len(kinds) - 0.5), ListedColormap([colour for _, colour, _ in kinds]))
+    style.draw_table(axes, first, table, Normalize(-0.5, len(kinds) - 0.5), ListedColormap([colour for _, colour, _ in kinds]))
     axes.set_title("Where feasible")
     patches = [
-        patch_handle(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=name)
+        style.patch_handle(facecolor=colour, edgecolor=style.GREY, linewidth=0.5, label=name)
         for cells, colour, name in kinds
         if cells.any()
     ]
-    return [*patches, *map_legend(phase_line=False, infeasible=bool(np.isnan(table).any()))]
+    return [*patches, *style.map_legend(phase_line=False, infeasible=bool(np.isnan(table).any()))]
 
 
 def _draw_use(
@@ -462,11 +449,11 @@ def _draw_use(
         if table is None:
             axes.text(0.5, 0.5, "contains no car", transform=axes.transAxes, ha="center")
         else:
-            draw_table(axes, one, table, scale, USE)
+            style.draw_table(axes, one, table, scale, USE)
             if (table > ABOVE).any():
                 lines += 1
                 held = np.ma.masked_invalid(table.T)
-                axes.contour(one.speed / KM_H, np.degrees(one.front_angle), held, [ABOVE], colors=BLACK, linewidths=1.0)
+                axes.contour(one.speed / KM_H, np.degrees(one.front_angle), held, [ABOVE], colors=style.BLACK, linewidths=1.0)
         axes.set_title(f"Slip used, {title}")
     ticks = [*np.arange(0.0, BOUND, 25.0), *np.linspace(BOUND, top, 3)]
     label = "slip, of its bound on the plant (%)"

@@ -13,33 +13,8 @@ from codegen.arrays import FloatArray
 from codegen.configuration import preset
 from codegen.map_file.bounds import BOUNDS, Binding, binding_text
 from codegen.map_file.map import ReferenceMap
+from codegen.report import style
 from codegen.report.paper_tables import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
-from codegen.report.style import (
-    BLACK,
-    BLUE,
-    FRONT_ANGLE,
-    FRONT_ANGLE_LABEL,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    QUANTITIES,
-    SIDESLIP,
-    SKY,
-    SPEED_LABEL,
-    VERMILION,
-    WHITE,
-    YAW_RATE,
-    PlotError,
-    draw_quantity,
-    draw_table,
-    line_handle,
-    map_legend,
-    new_figure,
-    patch_handle,
-    plain,
-    style,
-)
 from codegen.units import KM_H
 
 if TYPE_CHECKING:
@@ -49,7 +24,7 @@ if TYPE_CHECKING:
 
 BINDING_COLOURS = {
     int(Binding.NONE): "#F4F1E6",
-    int(Binding.SLIP_FRONT | Binding.SLIP_REAR): VERMILION,
+    int(Binding.SLIP_FRONT | Binding.SLIP_REAR): style.VERMILION,
     **{int(bound.flag): bound.colour for bound in BOUNDS},
 }
 OTHER_COLOURS = ("#999933", "#882255", "#44AA99", "#332288", "#DDCC77")
@@ -59,7 +34,7 @@ OTHER_COLOURS = ("#999933", "#882255", "#44AA99", "#332288", "#DDCC77")
 def binding_colours(known: Sequence[int]) -> list[str]:
     """Return the colours of sets of binding constraints. More sets at the end do not change the colours of the first."""
     others = iter(OTHER_COLOURS)
-    return [BINDING_COLOURS.get(flags) or next(others, GREY) for flags in known]
+    return [BINDING_COLOURS.get(flags) or next(others, style.GREY) for flags in known]
 
 
 def map_figure(reference_map: ReferenceMap, title: str) -> Figure:
@@ -67,21 +42,21 @@ def map_figure(reference_map: ReferenceMap, title: str) -> Figure:
 
     A bare map shows only what it has.
     """
-    shown = [quantity for quantity in QUANTITIES if quantity.degrees(reference_map) is not None]
+    shown = [quantity for quantity in style.QUANTITIES if quantity.degrees(reference_map) is not None]
     panels = len(shown) + (reference_map.active is not None)
     columns, rows = {1: (1, 1), 2: (2, 1), 3: (3, 1), 4: (2, 2)}[panels]
-    with style():
-        figure = new_figure(5.2 * columns if panels < 3 else 10.4, 3.9 * rows if panels < 3 else 3.55 * rows)
-        figure.suptitle(plain(title))
+    with style.style():
+        figure = style.new_figure(5.2 * columns if panels < 3 else 10.4, 3.9 * rows if panels < 3 else 3.55 * rows)
+        figure.suptitle(style.plain(title))
         grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         phase_line = False
         for axes, quantity in zip(grid.flat, shown, strict=False):
             scale = quantity.scale([reference_map])
-            phase_line |= draw_quantity(axes, reference_map, quantity, scale)
+            phase_line |= style.draw_quantity(axes, reference_map, quantity, scale)
             quantity.colour_bar(figure, axes, scale, label=quantity.unit)
             axes.set_title(quantity.name)
         _label_outer(grid)
-        entries = map_legend(phase_line, not reference_map.feasible.all())
+        entries = style.map_legend(phase_line, not reference_map.feasible.all())
         if reference_map.active is not None:
             patches = _draw_binding(grid.flat[panels - 1], reference_map, reference_map.active)
             longest = max(len(str(patch.get_label())) for patch in patches)
@@ -94,9 +69,9 @@ def map_figure(reference_map: ReferenceMap, title: str) -> Figure:
 
 def _label_outer(grid: npt.NDArray[Any]) -> None:
     for axes in grid[-1]:
-        axes.set_xlabel(SPEED_LABEL)
+        axes.set_xlabel(style.SPEED_LABEL)
     for axes in grid[:, 0]:
-        axes.set_ylabel(FRONT_ANGLE_LABEL)
+        axes.set_ylabel(style.FRONT_ANGLE_LABEL)
 
 
 def _draw_binding(axes: Axes, reference_map: ReferenceMap, active: npt.NDArray[np.uint8]) -> list[Artist]:
@@ -109,28 +84,28 @@ def _draw_binding(axes: Axes, reference_map: ReferenceMap, active: npt.NDArray[n
         if (colour := BINDING_COLOURS.get(flags) or next(others, None)) is not None:
             entries[flags] = (binding_text(flags), colour)
     rarer = found.size - len(entries)
-    names = [*entries.values(), *([(f"{rarer} rarer sets", GREY)] if rarer else [])]
+    names = [*entries.values(), *([(f"{rarer} rarer sets", style.GREY)] if rarer else [])]
     index = np.full(int(active.max()) + 1, len(entries))
     index[list(entries)] = np.arange(len(entries))
     table = np.where(reference_map.feasible, index[active].astype(float), np.nan)
     scale = Normalize(-0.5, len(names) - 0.5)
-    draw_table(axes, reference_map, table, scale, ListedColormap([colour for _, colour in names]))
+    style.draw_table(axes, reference_map, table, scale, ListedColormap([colour for _, colour in names]))
     axes.set_title("Binding constraints")
-    return [patch_handle(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=name) for name, colour in names]
+    return [style.patch_handle(facecolor=colour, edgecolor=style.GREY, linewidth=0.5, label=name) for name, colour in names]
 
 
 def three_maps_figure(maps: Mapping[str, ReferenceMap]) -> Figure:
     """Draw cases (name -> map) as rows, with yaw rate, sideslip and rear angle as columns on shared scales."""
     if not maps:
-        raise PlotError("no maps to show", remedy="give at least one")
-    with style():
-        figure = new_figure(10.4, 1.6 + 2.5 * len(maps))
-        grid = figure.subplots(len(maps), len(QUANTITIES), sharex=True, sharey=True, squeeze=False)
+        raise style.PlotError("no maps to show", remedy="give at least one")
+    with style.style():
+        figure = style.new_figure(10.4, 1.6 + 2.5 * len(maps))
+        grid = figure.subplots(len(maps), len(style.QUANTITIES), sharex=True, sharey=True, squeeze=False)
         phase_line = False
-        for axes_below, quantity in zip(grid.T, QUANTITIES, strict=True):
+        for axes_below, quantity in zip(grid.T, style.QUANTITIES, strict=True):
             scale = quantity.scale(maps.values())
             for axes, one in zip(axes_below, maps.values(), strict=True):
-                phase_line |= draw_quantity(axes, one, quantity, scale)
+                phase_line |= style.draw_quantity(axes, one, quantity, scale)
             look = {"location": "top", "aspect": 30, "shrink": 0.9, "pad": 0.015}
             quantity.colour_bar(figure, axes_below, scale, label=quantity.label, **look)
         for axes, name in zip(grid[:, 0], maps, strict=True):
@@ -139,21 +114,23 @@ def three_maps_figure(maps: Mapping[str, ReferenceMap]) -> Figure:
             )
         _label_outer(grid)
         infeasible = not all(one.feasible.all() for one in maps.values())
-        if entries := map_legend(phase_line, infeasible):
+        if entries := style.map_legend(phase_line, infeasible):
             figure.legend(handles=entries, loc="outside lower center", ncols=2)
     return figure
 
 
 def _case_name(name: str) -> str:
-    return name.upper() if name.lower() in CASE_LINES else plain(name)
+    return name.upper() if name.lower() in CASE_LINES else style.plain(name)
 
 
 CASE_LINES: Mapping[str, Mapping[str, Any]] = {
-    "fws": {"color": GREY, "linestyle": "-"},
-    "4ws-1": {"color": BLUE, "linestyle": "-"},
-    "4ws-2": {"color": VERMILION, "linestyle": "--"},
+    "fws": {"color": style.GREY, "linestyle": "-"},
+    "4ws-1": {"color": style.BLUE, "linestyle": "-"},
+    "4ws-2": {"color": style.VERMILION, "linestyle": "--"},
 }
-OTHER_LINES = tuple({"color": colour, "linestyle": "-."} for colour in (GREEN, PURPLE, ORANGE, SKY, BLACK))
+OTHER_LINES = tuple(
+    {"color": colour, "linestyle": "-."} for colour in (style.GREEN, style.PURPLE, style.ORANGE, style.SKY, style.BLACK)
+)
 
 PAPER_SPEED = TABLE_SPEED_KM_H * KM_H
 PAPER_FRONT_ANGLE = math.radians(TABLE_FRONT_ANGLE_DEG)
@@ -170,7 +147,7 @@ def at_front_angle(reference_map: ReferenceMap, values: FloatArray, front_angle:
     place = float(np.interp(front_angle, angles, np.arange(angles.size), left=-1.0, right=-1.0))
     if not place >= 0.0:  # NaN is outside too
         low, high = np.degrees(angles[[0, -1]])
-        raise PlotError(
+        raise style.PlotError(
             f"{math.degrees(front_angle):.4g} deg is outside the map's front angles",
             where="front_angle",
             remedy=f"choose {low:.4g} to {high:.4g} deg",
@@ -193,15 +170,15 @@ def front_angle_cut_figure(maps: Mapping[str, ReferenceMap], front_angle: float)
         PlotError: no map, or the angle is outside one.
     """
     if not maps:
-        raise PlotError("no maps to show", remedy="give at least one")
-    with style():
-        figure = new_figure(6.4, 5.6)
+        raise style.PlotError("no maps to show", remedy="give at least one")
+    with style.style():
+        figure = style.new_figure(6.4, 5.6)
         yaw_axes, sideslip_axes = figure.subplots(2, 1, sharex=True)
         lines = iter(OTHER_LINES * len(maps))
         marked = False
         for name, one in maps.items():
             look = CASE_LINES.get(name.lower()) or next(lines)
-            for axes, quantity, entry in ((yaw_axes, YAW_RATE, 0), (sideslip_axes, SIDESLIP, 1)):
+            for axes, quantity, entry in ((yaw_axes, style.YAW_RATE, 0), (sideslip_axes, style.SIDESLIP, 1)):
                 table = quantity.degrees(one)
                 if table is None:
                     continue
@@ -211,7 +188,7 @@ def front_angle_cut_figure(maps: Mapping[str, ReferenceMap], front_angle: float)
                     here = np.interp(PAPER_SPEED, one.speed, values)
                     # The table gives |beta|; the mark is on the side of the map's value.
                     value = math.copysign(PAPER_TABLE[name.lower()][entry], here)
-                    axes.plot([43.9], [value], "o", color=look["color"], markerfacecolor=WHITE, markersize=6, zorder=5)
+                    axes.plot([43.9], [value], "o", color=look["color"], markerfacecolor=style.WHITE, markersize=6, zorder=5)
                     marked = True
         _finish_cut(figure, yaw_axes, sideslip_axes, front_angle, marked)
     return figure
@@ -230,15 +207,15 @@ def _finish_cut(figure: Figure, yaw_axes: Axes, sideslip_axes: Axes, front_angle
     handles = [line for line in handles if not line.get_label().startswith("_")]
     if marked:
         for axes in (yaw_axes, sideslip_axes):
-            axes.axvline(43.9, color=BLACK, linewidth=0.8, linestyle=":", zorder=0)
-        ring: dict[str, Any] = {"marker": "o", "color": BLACK, "markerfacecolor": WHITE, "markersize": 6}
-        handles.append(line_handle(linestyle=":", linewidth=0.8, label="paper's table, 43.9 km/h", **ring))
-    sideslip_axes.axhline(0.0, color=BLACK, linewidth=0.6, zorder=1)
-    for axes, quantity in ((yaw_axes, YAW_RATE), (sideslip_axes, SIDESLIP)):
+            axes.axvline(43.9, color=style.BLACK, linewidth=0.8, linestyle=":", zorder=0)
+        ring: dict[str, Any] = {"marker": "o", "color": style.BLACK, "markerfacecolor": style.WHITE, "markersize": 6}
+        handles.append(style.line_handle(linestyle=":", linewidth=0.8, label="paper's table, 43.9 km/h", **ring))
+    sideslip_axes.axhline(0.0, color=style.BLACK, linewidth=0.6, zorder=1)
+    for axes, quantity in ((yaw_axes, style.YAW_RATE), (sideslip_axes, style.SIDESLIP)):
         axes.set_ylabel(quantity.label)
         axes.grid(True)
     yaw_axes.set_ylim(bottom=0.0)
-    sideslip_axes.set_xlabel(SPEED_LABEL)
+    sideslip_axes.set_xlabel(style.SPEED_LABEL)
     figure.align_ylabels()
-    figure.suptitle(f"Reference maps at {FRONT_ANGLE} = {math.degrees(front_angle):.4g} deg")
+    figure.suptitle(f"Reference maps at {style.FRONT_ANGLE} = {math.degrees(front_angle):.4g} deg")
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))

@@ -26,6 +26,7 @@ from codegen.files import make_folder, write_atomically
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
+from codegen.report import style
 from codegen.report.bus_tables import fault_data
 from codegen.report.html.maps import NamedMap
 from codegen.report.html.page import render
@@ -43,21 +44,6 @@ from codegen.report.run_plots import (
     signal_limits,
 )
 from codegen.report.scenario_plots import after_step
-from codegen.report.style import (
-    AFTER_STEP,
-    FRONT_ANGLE_LABEL,
-    SPEED_LABEL,
-    VERMILION,
-    WHITE,
-    YAW_RATE,
-    PlotError,
-    draw_quantity,
-    map_legend,
-    new_figure,
-    phase_lines,
-    save,
-    style,
-)
 from codegen.report.summary import metric_rows
 from codegen.report.tyre_plots import tyre_figure
 from codegen.sil.compile import find_compiler
@@ -197,13 +183,13 @@ def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], record
         "maps": three_maps_figure(maps),
         "front-angle-4deg": front_angle_cut_figure(maps, math.radians(TABLE_FRONT_ANGLE_DEG)),
         "tyres": tyre_figure(config),
-        "c1-c2": run_figure(after_step(records, step), step.title, limits=signal_limits(config), time_label=AFTER_STEP),
+        "c1-c2": run_figure(after_step(records, step), step.title, limits=signal_limits(config), time_label=style.AFTER_STEP),
         "overview": overview_figure(config, maps, after_step(records, step)),
     }
     paths = {}
     for name, figure in figures.items():
         paths[f"plot {name}"] = folder / f"{name}.png"
-        save(figure, paths[f"plot {name}"])
+        style.save(figure, paths[f"plot {name}"])
     return paths
 
 
@@ -243,31 +229,39 @@ def overview_figure(config: Config, maps: Mapping[str, ReferenceMap], runs: Mapp
     """
     by_name = {name.lower(): one for name, one in maps.items()}
     if "4ws-2" not in by_name:
-        raise PlotError("no map 4ws-2", where=f"maps {', '.join(maps)}", remedy="solve the case 4ws-2 first")
+        raise style.PlotError("no map 4ws-2", where=f"maps {', '.join(maps)}", remedy="solve the case 4ws-2 first")
     looks, window, reference_map = looks_of(runs), run_window(runs), by_name["4ws-2"]
-    with style(1.3):
-        figure = new_figure(1600 / 130, 620 / 130, dpi=130)
+    with style.style(1.3):
+        figure = style.new_figure(1600 / 130, 620 / 130, dpi=130)
         left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.05))
         _draw_overview_map(figure, left, reference_map, runs)
         left.set_title(f"Optimal yaw-rate map 4WS-2, road friction {config.road.friction:g}")
         draw_signal(right, runs, looks, YAW_RATE_SIGNAL, window)
-        right.set(xlabel=AFTER_STEP, ylabel=YAW_RATE.label, title="Generated C in the loop: step steer")
+        right.set(xlabel=style.AFTER_STEP, ylabel=style.YAW_RATE.label, title="Generated C in the loop: step steer")
         right.legend(handles=run_handles(right, "reference"), loc="lower right")
     return figure
 
 
 def _draw_overview_map(figure: Figure, axes: Axes, reference_map: ReferenceMap, runs: Mapping[str, FloatArray]) -> None:
-    scale = YAW_RATE.scale([reference_map])
-    entries = map_legend(draw_quantity(axes, reference_map, YAW_RATE, scale), not reference_map.feasible.all())
-    YAW_RATE.colour_bar(figure, axes, scale, label=YAW_RATE.label)
+    scale = style.YAW_RATE.scale([reference_map])
+    entries = style.map_legend(
+        style.draw_quantity(axes, reference_map, style.YAW_RATE, scale), not reference_map.feasible.all()
+    )
+    style.YAW_RATE.colour_bar(figure, axes, scale, label=style.YAW_RATE.label)
     last = next(iter(runs.values()))[-1:]
     speed, front_angle = column(last, "speed_m_s")[0], column(last, "front_angle_rad")[0]
-    point: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 9, "color": VERMILION, "markeredgecolor": WHITE}
+    point: dict[str, Any] = {
+        "linestyle": "",
+        "marker": "o",
+        "markersize": 9,
+        "color": style.VERMILION,
+        "markeredgecolor": style.WHITE,
+    }
     label = f"the step: {speed:.4g} km/h, {front_angle:.3g} deg"
     entries += axes.plot([speed], [front_angle], label=label, zorder=4, **point)
-    for piece in phase_lines(reference_map)[:1]:
+    for piece in style.phase_lines(reference_map)[:1]:
         foot = float(piece[np.argmin(piece[:, 1]), 0])
         for side, name, align in ((-2.0, "rear wheels opposite", "right"), (2.0, "same direction", "left")):
-            axes.text(foot + side, 0.35, name, color=WHITE, ha=align, va="center")
-    axes.set(xlabel=SPEED_LABEL, ylabel=FRONT_ANGLE_LABEL)
+            axes.text(foot + side, 0.35, name, color=style.WHITE, ha=align, va="center")
+    axes.set(xlabel=style.SPEED_LABEL, ylabel=style.FRONT_ANGLE_LABEL)
     axes.legend(handles=entries, loc="upper right", frameon=True, framealpha=1.0)

@@ -11,26 +11,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.report.style import (
-    BLACK,
-    BLUE,
-    CONTROLLER_COLOURS,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    RUN_NAMES,
-    SKY,
-    VERMILION,
-    WHITE,
-    PlotError,
-    legend_below,
-    line_handle,
-    new_figure,
-    patch_handle,
-    plain,
-    style,
-)
+from codegen.report import style
 from codegen.units import KM_H
 
 if TYPE_CHECKING:
@@ -40,7 +21,7 @@ if TYPE_CHECKING:
 
 FAULT_COLOUR = "#F3D9CC"
 SPIN_NAME = "spin: the run ends here"
-SPIN_MARKER: dict[str, Any] = {"linestyle": "", "marker": "X", "markersize": 8, "markeredgecolor": WHITE}
+SPIN_MARKER: dict[str, Any] = {"linestyle": "", "marker": "X", "markersize": 8, "markeredgecolor": style.WHITE}
 
 
 @dataclass(frozen=True)
@@ -72,7 +53,7 @@ def spin_handles(runs: Mapping[str, FloatArray], spun: Mapping[str, FloatArray])
     """Return the legend entry for the mark of a spin, if a run was cut at one."""
     if all(len(spun[name]) == len(run) for name, run in runs.items()):
         return []
-    return [line_handle(color=GREY, label=SPIN_NAME, **SPIN_MARKER)]
+    return [style.line_handle(color=style.GREY, label=SPIN_NAME, **SPIN_MARKER)]
 
 
 def draw_spans(panels: Sequence[Axes], spans: Sequence[Span]) -> list[Any]:
@@ -81,14 +62,14 @@ def draw_spans(panels: Sequence[Axes], spans: Sequence[Span]) -> list[Any]:
         for span in spans:
             axes.axvspan(span.start, span.end, color=FAULT_COLOUR, linewidth=0.0, zorder=0.5)
     names = list(dict.fromkeys(span.label for span in spans))
-    return [patch_handle(color=FAULT_COLOUR, label=", ".join(names))] if names else []
+    return [style.patch_handle(color=FAULT_COLOUR, label=", ".join(names))] if names else []
 
 
 def draw_marks(panels: Sequence[Axes], marks: Sequence[Mark]) -> None:
     """Draw lines through all panels, labelled above the first one."""
     for axes in panels:
         for mark in marks:
-            axes.axvline(mark.time, color=GREY, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1.5, label="_")
+            axes.axvline(mark.time, color=style.GREY, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1.5, label="_")
     for mark in marks:
         panels[0].annotate(
             mark.label,
@@ -122,21 +103,21 @@ SIGNALS = (
 SPEED_SIGNAL = _Signal("Speed\n(km/h)", "speed_m_s")
 """CellRuns if the speed is not constant."""
 RUN_LINES: Mapping[str, Mapping[str, Any]] = {
-    "C1": {"color": CONTROLLER_COLOURS["pi"]},
-    "C2": {"color": GREY},
-    "C1 tracking": {"color": CONTROLLER_COLOURS["tracking"]},
-    "passive": {"color": CONTROLLER_COLOURS["passive"], "linestyle": ":"},
-    **{kind: {"color": colour} for kind, colour in CONTROLLER_COLOURS.items() if kind != "passive"},
+    "C1": {"color": style.CONTROLLER_COLOURS["pi"]},
+    "C2": {"color": style.GREY},
+    "C1 tracking": {"color": style.CONTROLLER_COLOURS["tracking"]},
+    "passive": {"color": style.CONTROLLER_COLOURS["passive"], "linestyle": ":"},
+    **{kind: {"color": colour} for kind, colour in style.CONTROLLER_COLOURS.items() if kind != "passive"},
 }
-RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+RUN_COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 """Colours of runs that are not named after a kind of controller."""
-LIMIT_LINE: Mapping[str, Any] = {"color": BLACK, "linewidth": 0.9, "linestyle": (0, (5, 2)), "zorder": 1.5}
+LIMIT_LINE: Mapping[str, Any] = {"color": style.BLACK, "linewidth": 0.9, "linestyle": (0, (5, 2)), "zorder": 1.5}
 LIMIT_IN_REACH = 0.6
 """A limit is drawn if it is at most this fraction of the panel's height beyond the curves."""
-STATUS_COLOURS = {"LIMITED": "#F0E442", "STANDBY": "#BBBBBB", "DEGRADED": ORANGE, "FAIL_SAFE": VERMILION}
+STATUS_COLOURS = {"LIMITED": "#F0E442", "STANDBY": "#BBBBBB", "DEGRADED": style.ORANGE, "FAIL_SAFE": style.VERMILION}
 STATUS_SHOWN = ("STANDBY", "DEGRADED", "FAIL_SAFE")
 
-MAP_LINE: Mapping[str, Any] = {"color": GREY, "linestyle": "-.", "linewidth": 1.3, "label": "map, steady", "zorder": 2.2}
+MAP_LINE: Mapping[str, Any] = {"color": style.GREY, "linestyle": "-.", "linewidth": 1.3, "label": "map, steady", "zorder": 2.2}
 
 BEFORE_START = 0.5
 AFTER_START = 3.0
@@ -225,8 +206,8 @@ def run_figure(
     varies = any(np.ptp(column(run, "speed_m_s")) > SPEED_HELD / KM_H for run in spun.values())
     signals = [*SIGNALS, *([SPEED_SIGNAL] if varies else [])]
     heights = [1.5, *[1.0] * (len(signals) - 1), *([0.12 + 0.16 * len(status)] if status else [])]
-    with style():
-        figure = new_figure(7.2, 1.6 * sum(heights) + 0.9)
+    with style.style():
+        figure = style.new_figure(7.2, 1.6 * sum(heights) + 0.9)
         panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
         for axes, signal in zip(panels, signals, strict=False):
             draw_signal(axes, spun, looks, signal, window)
@@ -243,13 +224,13 @@ def run_figure(
         panels[-1].set(xlabel=time_label, xlim=window)
         figure.align_ylabels(panels[: len(signals)])
         figure.suptitle(heading(title))
-        legend_below(figure, handles)
+        style.legend_below(figure, handles)
     return figure
 
 
 def heading(title: str) -> str:
     """Return a title of one or more lines, each unchanged."""
-    return "\n".join(plain(line) for line in title.split("\n"))
+    return "\n".join(style.plain(line) for line in title.split("\n"))
 
 
 def _draw_spins(
@@ -270,10 +251,10 @@ def looks_of(runs: Mapping[str, FloatArray]) -> dict[str, Mapping[str, Any]]:
     from codegen.sil.software import RECORD_COLUMNS
 
     if not runs:
-        raise PlotError("no runs to show", remedy="give at least one")
+        raise style.PlotError("no runs to show", remedy="give at least one")
     for name, run in runs.items():
         if run.ndim != 2 or run.shape[1] != len(RECORD_COLUMNS) or run.shape[0] < 2:
-            raise PlotError(
+            raise style.PlotError(
                 f"shape {run.shape}, where (samples, {len(RECORD_COLUMNS)}) with two samples or more is needed",
                 where=f"run {name}",
                 remedy=f"give the columns {', '.join(RECORD_COLUMNS)}",
@@ -298,7 +279,9 @@ def draw_signal(
     for name, run in runs.items():
         inside = run[(run[:, 0] >= window[0]) & (run[:, 0] <= window[1])]
         time = column(inside, "time_s")
-        axes.plot(time, column(inside, signal.column), label=RUN_NAMES.get(name, plain(name)), zorder=3, **looks[name])
+        axes.plot(
+            time, column(inside, signal.column), label=style.RUN_NAMES.get(name, style.plain(name)), zorder=3, **looks[name]
+        )
         if signal.dashed is not None and not _is_passive(name):
             dashed = {**looks[name], "linestyle": (0, (4, 2)), "linewidth": 1.1}
             axes.plot(time, column(inside, signal.dashed), label="_", zorder=2.5, **dashed)
@@ -313,7 +296,7 @@ def draw_signal(
 def run_handles(axes: Axes, dashed_name: str) -> list[Any]:
     handles: list[Any] = list(axes.get_legend_handles_labels()[0])
     if len(axes.get_lines()) > len(handles):
-        handles.append(line_handle(color=GREY, linestyle=(0, (4, 2)), linewidth=1.1, label=dashed_name))
+        handles.append(style.line_handle(color=style.GREY, linestyle=(0, (4, 2)), linewidth=1.1, label=dashed_name))
     return handles
 
 
@@ -321,7 +304,7 @@ def _draw_map(axes: Axes, run: FloatArray, of_map: FloatArray, window: tuple[flo
     time = column(run, "time_s")
     inside = (time >= window[0]) & (time <= window[1])
     axes.plot(time[inside], np.degrees(of_map[inside]), **{**MAP_LINE, "label": "_"})
-    return [line_handle(**MAP_LINE)]
+    return [style.line_handle(**MAP_LINE)]
 
 
 def _draw_limits(panels: Sequence[Axes], signals: Sequence[_Signal], limits: Mapping[str, float]) -> list[Any]:
@@ -334,7 +317,7 @@ def _draw_limits(panels: Sequence[Axes], signals: Sequence[_Signal], limits: Map
             if low - reach <= level <= high + reach:
                 axes.axhline(level, label="_", **LIMIT_LINE)
                 drawn = True
-    return [line_handle(label="limit", **LIMIT_LINE)] if drawn else []
+    return [style.line_handle(label="limit", **LIMIT_LINE)] if drawn else []
 
 
 def _has_incident(name: str, run: FloatArray, window: tuple[float, float]) -> bool:
@@ -356,7 +339,7 @@ def _draw_status(axes: Axes, runs: Mapping[str, FloatArray], window: tuple[float
             if name in STATUS_COLOURS and time[last] > window[0] and time[first] < window[1]:
                 axes.broken_barh([(time[first], time[last] - time[first])], (row - 0.4, 0.8), color=STATUS_COLOURS[name])
                 seen.add(name)
-    axes.set_yticks(range(len(runs)), [plain(name) for name in runs])
+    axes.set_yticks(range(len(runs)), [style.plain(name) for name in runs])
     axes.set(ylabel="Status", ylim=(len(runs) - 0.5, -0.5))
     shown = [(name, colour) for name, colour in STATUS_COLOURS.items() if name in seen]
-    return [patch_handle(color=colour, label=name.lower().replace("_", "-")) for name, colour in shown]
+    return [style.patch_handle(color=colour, label=name.lower().replace("_", "-")) for name, colour in shown]

@@ -12,20 +12,8 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import one_line
+from codegen.report import style
 from codegen.report.run_plots import Mark, Span, heading, looks_of, run_figure, signal_limits, until_spin
-from codegen.report.style import (
-    AFTER_STEP,
-    FREQUENCY_TICKS,
-    FRONT_ANGLE,
-    GREY,
-    REAR_ANGLE,
-    RUN_NAMES,
-    legend_below,
-    line_handle,
-    new_figure,
-    plain,
-    style,
-)
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -36,7 +24,7 @@ if TYPE_CHECKING:
     from hil_sim.scenarios import Scenario
 
 FIT_LINE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.1}
-GUIDE: dict[str, Any] = {"color": GREY, "linewidth": 0.9, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}
+GUIDE: dict[str, Any] = {"color": style.GREY, "linewidth": 0.9, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}
 CONTROLLED = "controlled"
 """Name of the build's run in `runs`."""
 TITLE_LENGTH = 64
@@ -83,7 +71,7 @@ def scenario_figure(
     limits = signal_limits(config)
     if scenario.kind != "step":
         return run_figure(runs, title, of_map=of_map, limits=limits)
-    return run_figure(after_step(runs, scenario), title, of_map=of_map, limits=limits, time_label=AFTER_STEP)
+    return run_figure(after_step(runs, scenario), title, of_map=of_map, limits=limits, time_label=style.AFTER_STEP)
 
 
 def after_step(runs: Mapping[str, FloatArray], scenario: Scenario) -> dict[str, FloatArray]:
@@ -144,17 +132,17 @@ def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArra
     from hil_sim.metrics import spin_time, steering_response
 
     looks = looks_of(runs)
-    with style():
-        figure = new_figure(7.2, 6.2)
+    with style.style():
+        figure = style.new_figure(7.2, 6.2)
         gain, phase = figure.subplots(2, 1, sharex=True)
         lowest = -90.0
         for name, run in _runs(scenario, config, runs).items():
             found = None if spin_time(run.record) is not None else steering_response.frequency_response(run)
             if found is None:
-                gain.plot([], [], label=f"{RUN_NAMES.get(name, plain(name))}: none", **looks[name])
+                gain.plot([], [], label=f"{style.RUN_NAMES.get(name, style.plain(name))}: none", **looks[name])
                 continue
             level, degrees = 20.0 * np.log10(found.gain / found.gain[0]), np.degrees(found.phase)
-            gain.plot(found.frequency, level, label=RUN_NAMES.get(name, plain(name)), **looks[name])
+            gain.plot(found.frequency, level, label=style.RUN_NAMES.get(name, style.plain(name)), **looks[name])
             phase.plot(found.frequency, degrees, **looks[name])
             lowest = min(lowest, float(degrees.min()))
             _dot(gain, found.where_gain_falls(steering_response.BANDWIDTH_SHARE), -3.0, looks[name])
@@ -164,10 +152,10 @@ def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArra
         gain.set(ylabel=f"Yaw rate / steering wheel,\ngain over that at {steering_response.LOW:g} Hz (dB)")
         phase.set(ylabel="Phase (deg)", yticks=np.arange(45.0 * math.floor(lowest / 45.0), 46.0, 45.0), xlabel="Frequency (Hz)")
         phase.set_xscale("log")
-        phase.set_xticks(FREQUENCY_TICKS, [f"{tick:g}" for tick in FREQUENCY_TICKS])
+        phase.set_xticks(style.FREQUENCY_TICKS, [f"{tick:g}" for tick in style.FREQUENCY_TICKS])
         phase.set_xticks([], minor=True)
         phase.set_xlim(steering_response.LOW, steering_response.HIGH)
-        dot = line_handle(marker="o", linestyle="", color=GREY, label="bandwidth: -3 dB, -45 deg")
+        dot = style.line_handle(marker="o", linestyle="", color=style.GREY, label="bandwidth: -3 dB, -45 deg")
         _finish(figure, (gain, phase), gain, title, dot)
     return figure
 
@@ -182,8 +170,8 @@ def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, F
     from hil_sim.metrics import steering_response
 
     looks = looks_of(runs)
-    with style():
-        figure = new_figure(7.2, 8.0)
+    with style.style():
+        figure = style.new_figure(7.2, 8.0)
         panels = figure.subplots(3, 1, sharex=True, height_ratios=(1.5, 1.0, 1.0))
         reached = 0.0
         for name, whole in runs.items():
@@ -191,7 +179,7 @@ def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, F
             lateral = run["lateral_acceleration_m_s2"]
             reached = max(reached, float(lateral[run.after].max(initial=0.0)))
             for axes, angle in zip(panels, ("front_angle_rad", "sideslip_rad", "rear_angle_rad"), strict=True):
-                shown = RUN_NAMES.get(name, plain(name))
+                shown = style.RUN_NAMES.get(name, style.plain(name))
                 axes.plot(lateral[run.after], run.degrees(angle)[run.after], label=shown, zorder=3, **looks[name])
                 line = steering_response.fit(run, run[angle]) if angle != "rear_angle_rad" else None
                 if line is not None:
@@ -202,12 +190,12 @@ def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, F
                     )
         speed = float(next(iter(runs.values()))[-1, 1])
         neutral = np.degrees(config.vehicle.wheelbase / max(speed, 1.0) ** 2) * np.array([0.0, reached])
-        panels[0].plot([0.0, reached], neutral, color=GREY, linewidth=0.9, zorder=2, label="neutral car, slope $L/v^2$")
-        panels[0].set(ylabel=f"Front angle {FRONT_ANGLE} (deg)")
+        panels[0].plot([0.0, reached], neutral, color=style.GREY, linewidth=0.9, zorder=2, label="neutral car, slope $L/v^2$")
+        panels[0].set(ylabel=f"Front angle {style.FRONT_ANGLE} (deg)")
         panels[1].set(ylabel=r"Sideslip $\beta$ (deg)")
-        panels[2].set(ylabel=f"Rear angle {REAR_ANGLE} (deg)", xlabel="Lateral acceleration (m/s²)")
+        panels[2].set(ylabel=f"Rear angle {style.REAR_ANGLE} (deg)", xlabel="Lateral acceleration (m/s²)")
         label = f"line fitted, {steering_response.FIT_FROM:.2g} to {steering_response.FIT_TO:.2g} m/s²"
-        fit = line_handle(color=GREY, marker="|", markersize=9, label=label, **FIT_LINE)
+        fit = style.line_handle(color=style.GREY, marker="|", markersize=9, label=label, **FIT_LINE)
         _finish(figure, panels, panels[0], title, fit)
     return figure
 
@@ -219,4 +207,4 @@ def _finish(figure: Figure, panels: Any, named: Axes, title: str, more: Artist) 
         axes.margins(x=0.0)
     figure.align_ylabels()
     figure.suptitle(heading(title))
-    legend_below(figure, handles)
+    style.legend_below(figure, handles)

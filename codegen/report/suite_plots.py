@@ -13,18 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from codegen.design.margins import WARN_PHASE_MARGIN_DEG
-from codegen.report.style import (
-    AFTER_STEP,
-    BLACK,
-    GREY,
-    SPEED_LABEL,
-    WHITE,
-    line_handle,
-    new_figure,
-    patch_handle,
-    plain,
-    style,
-)
+from codegen.report import style
 from codegen.report.suite_step_plots import (
     LIMIT,
     MARGIN_PANELS,
@@ -65,17 +54,17 @@ def cells_figure(result: SuiteResult) -> Figure:
     wanted = wanted or list(result.conditions[:1])
     colours = ListedColormap(["#F7FBFF", "#D6E6F4", "#ABD0E6", "#F9D1B0", "#F0935A", "#B8401A"])
     scale = BoundaryNorm([*LEVELS, 1e6], colours.N)
-    with style():
-        figure = new_figure(2.35 * len(result.subjects) + 0.6, 2.5 * len(wanted) + 1.1)
+    with style.style():
+        figure = style.new_figure(2.35 * len(result.subjects) + 0.6, 2.5 * len(wanted) + 1.1)
         panels = figure.subplots(len(wanted), len(result.subjects), sharex=True, sharey=True, squeeze=False)
         for row, condition in enumerate(wanted):
             for axes, name in zip(panels[row], result.subjects, strict=True):
                 _draw_cells(axes, result.results[name][condition.name], colours, scale)
                 if row == 0:
-                    axes.set_title(plain(name))
+                    axes.set_title(style.plain(name))
                 if row == len(wanted) - 1:
                     axes.set_xlabel("Share of the angle (%)")
-            panels[row, 0].set_ylabel(f"{condition.title}\n{SPEED_LABEL}")
+            panels[row, 0].set_ylabel(f"{condition.title}\n{style.SPEED_LABEL}")
         figure.suptitle("Overshoot (%) of step steers over speed and share of the largest feasible front angle")
         figure.legend(handles=_level_handles(colours), loc="outside lower center", ncols=len(LEVELS) + 1)
     return figure
@@ -90,11 +79,13 @@ def _draw_cells(axes: Axes, results: Sequence[CellResult], colours: Any, scale: 
         table[place] = np.nan if one.overshoot_percent is None else one.overshoot_percent
         dark = not one.spun and table[place] >= LEVELS[-1]
         text = "spin" if one.spun else f"{table[place]:.1f}" if table[place] < 9.95 else f"{table[place]:.0f}"
-        colour = WHITE if one.spun or dark else BLACK
+        colour = style.WHITE if one.spun or dark else style.BLACK
         axes.text(place[1], place[0], text, ha="center", va="center", fontsize=8.5, color=colour)
     axes.patch.set_facecolor(SPIN_FACE)
     edges_x, edges_y = np.arange(len(shares) + 1) - 0.5, np.arange(len(speeds) + 1) - 0.5
-    axes.pcolormesh(edges_x, edges_y, np.ma.masked_invalid(table), cmap=colours, norm=scale, edgecolors=WHITE, linewidth=1.0)
+    axes.pcolormesh(
+        edges_x, edges_y, np.ma.masked_invalid(table), cmap=colours, norm=scale, edgecolors=style.WHITE, linewidth=1.0
+    )
     axes.set_xticks(range(len(shares)), [f"{100.0 * (share or 0.0):g}" for share in shares])
     axes.set_yticks(range(len(speeds)), [f"{speed:g}" for speed in speeds])
     axes.tick_params(length=0)
@@ -106,14 +97,17 @@ SPIN_FACE = "#333333"
 def _level_handles(colours: Any) -> list[Any]:
     bounds = [f"{level:g}" for level in LEVELS]
     names = [f"{low} to {high} %" for low, high in pairwise(bounds)] + [f"above {bounds[-1]} %"]
-    patches = [patch_handle(facecolor=colours(k), edgecolor=GREY, linewidth=0.5, label=name) for k, name in enumerate(names)]
-    return [*patches, patch_handle(facecolor=SPIN_FACE, label="the car spins")]
+    patches = [
+        style.patch_handle(facecolor=colours(k), edgecolor=style.GREY, linewidth=0.5, label=name)
+        for k, name in enumerate(names)
+    ]
+    return [*patches, style.patch_handle(facecolor=SPIN_FACE, label="the car spins")]
 
 
 def conditions_figure(result: SuiteResult) -> Figure:
     """Draw the largest overshoot, map error and sideslip over the cells, and spins: rows are conditions, marks are subjects."""
-    with style():
-        figure = new_figure(13.0, 0.34 * len(result.conditions) + 1.6)
+    with style.style():
+        figure = style.new_figure(13.0, 0.34 * len(result.conditions) + 1.6)
         panels = figure.subplots(1, 4, sharey=True, width_ratios=(1.3, 1.0, 1.0, 0.8))
         _draw_conditions(panels[0], result, lambda each: each.overshoot_percent and each.overshoot_percent.value)
         _draw_conditions(panels[1], result, lambda each: each.sideslip_max_deg and each.sideslip_max_deg.value)
@@ -127,7 +121,7 @@ def conditions_figure(result: SuiteResult) -> Figure:
         panels[1].set(xlabel="Largest |sideslip| (deg)")
         panels[1].set_xlim(left=0.0)
         panels[2].set(xlabel="Error to the map, steady (%)")
-        panels[2].axvline(0.0, color=GREY, linewidth=0.8, label="_")
+        panels[2].axvline(0.0, color=style.GREY, linewidth=0.8, label="_")
         panels[3].set(xlabel=f"Spins, of {len(result.cells)} cells (no mark: none)", xlim=(0.0, None))
         panels[0].set_yticks(range(len(result.conditions)), [condition.title for condition in result.conditions])
         panels[0].set_ylim(len(result.conditions) - 0.5, -0.5)
@@ -157,8 +151,8 @@ def slippery(result: SuiteResult) -> list[Any]:
 
 def friction_figure(result: SuiteResult) -> Figure:
     """Draw the spins, and the largest sideslip of the other cells, on slippery roads with and without an estimate."""
-    with style():
-        figure = new_figure(11.0, 6.0)
+    with style.style():
+        figure = style.new_figure(11.0, 6.0)
         panels = figure.subplots(2, 1, sharex=True)
         draw_spins(panels[0], result)
         _draw_bars(panels[1], result, lambda each: each.sideslip_max_deg and each.sideslip_max_deg.value, "{:.1f}")
@@ -167,7 +161,7 @@ def friction_figure(result: SuiteResult) -> Figure:
         figure.align_ylabels(panels)
         figure.suptitle(FRICTION_TITLE)
         looks = lines_of(result).items()
-        handles = [*(patch_handle(color=_bar_colour(look), label=plain(name)) for name, look in looks), *limit]
+        handles = [*(style.patch_handle(color=_bar_colour(look), label=style.plain(name)) for name, look in looks), *limit]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
 
@@ -181,7 +175,7 @@ def _draw_sideslip_limits(axes: Axes, result: SuiteResult) -> list[Any]:
         asked = sideslip_limit(result.limits, road)
         if asked is not None:
             axes.plot([place - 0.45, place + 0.45], [asked, asked], **LIMIT)
-    return [line_handle(**{**LIMIT, "label": f"limit for {plain(result.tested)}"})]
+    return [style.line_handle(**{**LIMIT, "label": f"limit for {style.plain(result.tested)}"})]
 
 
 def draw_spins(axes: Axes, result: SuiteResult) -> None:
@@ -196,7 +190,7 @@ def _draw_bars(axes: Axes, result: SuiteResult, figure_of: Callable[[Any], float
         values = [figure_of(result.summary(name, road.name)) or 0.0 for road in roads]
         at = np.arange(len(roads)) + (place - 0.5 * (len(result.subjects) - 1)) * width
         bars = axes.bar(at, values, 0.92 * width, color=_bar_colour(looks[name]), label="_", zorder=3)
-        ground = {"facecolor": WHITE, "edgecolor": "none", "pad": 0.6}  # a line of a limit may pass there
+        ground = {"facecolor": style.WHITE, "edgecolor": "none", "pad": 0.6}  # a line of a limit may pass there
         axes.bar_label(bars, [text.format(value) for value in values], padding=2.0, fontsize=8.0, bbox=ground)
     axes.set_xticks(*road_ticks(result, (", ",)))
     axes.tick_params(axis="x", length=0)
@@ -213,7 +207,7 @@ def road_ticks(result: SuiteResult, ends: Iterable[str]) -> tuple[range, list[st
 
 
 def _bar_colour(look: Mapping[str, Any]) -> str:
-    return GREY if look["color"] == BLACK else str(look["color"])
+    return style.GREY if look["color"] == style.BLACK else str(look["color"])
 
 
 def figures(result: SuiteResult) -> dict[str, Figure]:
@@ -234,13 +228,13 @@ def figures(result: SuiteResult) -> dict[str, Figure]:
 def overview_figure(result: SuiteResult) -> Figure:
     """Draw the paper's step, a fast one, margins and slippery roads in one picture."""
     looks = lines_of(result)
-    with style():
-        figure = new_figure(12.0, 8.6)
+    with style.style():
+        figure = style.new_figure(12.0, 8.6)
         panels = figure.subplots(2, 2)
         spun = False
         for axes, shown in zip(panels[0], (result.shown[0], result.shown[-1]), strict=True):
             spun |= draw_step(axes, result, shown, "yaw_rate_rad_s", looks)
-            axes.set(xlabel=AFTER_STEP, ylabel="Yaw rate (deg/s)", title=f"Step steer, {cell_title(shown)}")
+            axes.set(xlabel=style.AFTER_STEP, ylabel="Yaw rate (deg/s)", title=f"Step steer, {cell_title(shown)}")
         draw_margins(panels[1, 0], result, *MARGIN_PANELS[1])
         asked = result.limits.phase_margin_deg
         for level, text in ((asked, "required of the worst car"), (WARN_PHASE_MARGIN_DEG, "a build warns below")):
@@ -251,7 +245,7 @@ def overview_figure(result: SuiteResult) -> Figure:
             draw_spins(panels[1, 1], result)
             panels[1, 1].set_xticks(*road_ticks(result, (", ", "estimated ")))
         panels[1, 1].set_title(FRICTION_TITLE)
-        figure.suptitle(f"The controller under test ({plain(result.tested)}) beside its baselines")
+        figure.suptitle(f"The controller under test ({style.plain(result.tested)}) beside its baselines")
         handles = [*name_handles(result, looks), *reference_handles(result), *([spin_handle()] if spun else [])]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure

@@ -8,26 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from codegen.arrays import FloatArray
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG
+from codegen.report import style
 from codegen.report.run_plots import SPIN_MARKER, SPIN_NAME, column, until_spin
-from codegen.report.style import (
-    AFTER_STEP,
-    BLACK,
-    BLUE,
-    CONTROLLER_COLOURS,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    REAR_ANGLE,
-    SKY,
-    SPEED_LABEL,
-    VERMILION,
-    WHITE,
-    line_handle,
-    new_figure,
-    plain,
-    style,
-)
 from hil_sim.suite.cells import STEER_TIME
 
 if TYPE_CHECKING:
@@ -37,20 +19,23 @@ if TYPE_CHECKING:
     from hil_sim.suite.tracking import CellRuns, SuiteResult
 
 
-MORE_COLOURS = (ORANGE, BLUE, GREEN, PURPLE, VERMILION, GREY)
+MORE_COLOURS = (style.ORANGE, style.BLUE, style.GREEN, style.PURPLE, style.VERMILION, style.GREY)
 MARKERS = ("o", "s", "^", "D", "v", "P", "*")
-LIMIT: dict[str, Any] = {"color": BLACK, "linewidth": 1.0, "linestyle": (0, (5, 2)), "zorder": 1.5, "label": "_"}
-WARNING: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}
-REFERENCE: dict[str, Any] = {"color": GREY, "linewidth": 1.2, "linestyle": (0, (4, 2)), "zorder": 2}
+LIMIT: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.0, "linestyle": (0, (5, 2)), "zorder": 1.5, "label": "_"}
+WARNING: dict[str, Any] = {"color": style.GREY, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}
+REFERENCE: dict[str, Any] = {"color": style.GREY, "linewidth": 1.2, "linestyle": (0, (4, 2)), "zorder": 2}
 
 
 def lines_of(result: SuiteResult) -> dict[str, dict[str, Any]]:
     """Return colour and line style of each subject; the one under test has the widest line."""
-    taken = {CONTROLLER_COLOURS.get(name) for name in result.subjects}
+    taken = {style.CONTROLLER_COLOURS.get(name) for name in result.subjects}
     spare = iter([colour for colour in MORE_COLOURS if colour not in taken] * len(result.subjects))
     looks: dict[str, dict[str, Any]] = {}
     for name in result.subjects:
-        looks[name] = {"color": CONTROLLER_COLOURS.get(name) or next(spare), "linewidth": 2.2 if name == result.tested else 1.3}
+        looks[name] = {
+            "color": style.CONTROLLER_COLOURS.get(name) or next(spare),
+            "linewidth": 2.2 if name == result.tested else 1.3,
+        }
         if name == "passive":
             looks[name]["linestyle"] = ":"
         looks[name]["zorder"] = 4 if name == result.tested else 3
@@ -60,20 +45,20 @@ def lines_of(result: SuiteResult) -> dict[str, dict[str, Any]]:
 def markers_of(result: SuiteResult) -> dict[str, dict[str, Any]]:
     """Return colour and marker of each subject, for pictures without lines."""
     return {
-        name: {"color": look["color"], "marker": marker, "linestyle": "", "markersize": 5.5, "markeredgecolor": WHITE}
+        name: {"color": look["color"], "marker": marker, "linestyle": "", "markersize": 5.5, "markeredgecolor": style.WHITE}
         for (name, look), marker in zip(lines_of(result).items(), MARKERS, strict=False)
     }
 
 
 def name_handles(result: SuiteResult, looks: Mapping[str, Mapping[str, Any]]) -> list[Any]:
     """Return legend entries: names of the subjects, with lines or markers."""
-    return [line_handle(label=plain(name), **{**looks[name], "zorder": 2}) for name in result.subjects]
+    return [style.line_handle(label=style.plain(name), **{**looks[name], "zorder": 2}) for name in result.subjects]
 
 
 def margins_figure(result: SuiteResult) -> Figure:
     """Draw gain margin, phase margin and peak sensitivity over speed, of the configured car and the worst of the family."""
-    with style():
-        figure = new_figure(11.0, 4.4)
+    with style.style():
+        figure = style.new_figure(11.0, 4.4)
         panels = figure.subplots(1, 3)
         for axes, panel in zip(panels, MARGIN_PANELS, strict=True):
             draw_margins(axes, result, *panel)
@@ -109,7 +94,7 @@ def draw_margins(axes: Axes, result: SuiteResult, label: str, field: str, warnin
         axes.set_ylim(bottom=0.0)
     else:
         axes.set_ylim(1.0, SENSITIVITY_TOP)
-    axes.set(xlabel=SPEED_LABEL, ylabel=label)
+    axes.set(xlabel=style.SPEED_LABEL, ylabel=label)
     axes.margins(x=0.0)
     axes.grid(True)
 
@@ -124,14 +109,14 @@ def _margin_handles(result: SuiteResult) -> list[Any]:
     looks = lines_of(result)
     kinds = (("itself", "the car itself"), ("worst", "worst of the family"))
     handles: list[Any] = [
-        line_handle(label=f"{plain(name)}: {text}", **{**looks[name], **FAMILY[kind]})
+        style.line_handle(label=f"{style.plain(name)}: {text}", **{**looks[name], **FAMILY[kind]})
         for name in _with_feedback(result)
         for kind, text in kinds
     ]
     return [
         *handles,
-        line_handle(**{**LIMIT, "label": "required"}),
-        line_handle(**{**WARNING, "label": "a build warns below"}),
+        style.line_handle(**{**LIMIT, "label": "required"}),
+        style.line_handle(**{**WARNING, "label": "a build warns below"}),
     ]
 
 
@@ -139,13 +124,13 @@ def price_figure(result: SuiteResult) -> Figure:
     """Draw the rise time over speed, and gain and phase of sines at the steering wheel at the highest simulated speed."""
     looks = lines_of(result)
     fastest = max((row.speed_km_h for row in result.sine[result.tested]), default=None)
-    with style():
-        figure = new_figure(11.0 if fastest is not None else 5.0, 4.2)
+    with style.style():
+        figure = style.new_figure(11.0 if fastest is not None else 5.0, 4.2)
         panels = figure.subplots(1, 3 if fastest is not None else 1, squeeze=False)[0]
         for name in reversed(result.subjects):
             rows = [row for row in result.rise_times.get(name, ()) if row.mean_s is not None]
             panels[0].plot([row.speed_km_h for row in rows], [row.mean_s for row in rows], label="_", **looks[name])
-        panels[0].set(xlabel=SPEED_LABEL, ylabel="Rise time to 90 %, mean over the cells (s)")
+        panels[0].set(xlabel=style.SPEED_LABEL, ylabel="Rise time to 90 %, mean over the cells (s)")
         speeds = list(dict.fromkeys(cell.speed_km_h for cell in result.cells))
         panels[0].set_xticks(speeds, [f"{speed:g}" for speed in speeds])
         panels[0].set_ylim(bottom=0.0)
@@ -175,12 +160,12 @@ def _draw_sine(panels: Sequence[Axes], result: SuiteResult, speed: float) -> Non
 
 BEFORE, AFTER = 0.2, 2.0
 """CellRuns time before and after the step, in s."""
-FOLLOWED: dict[str, Any] = {**REFERENCE, "color": SKY, "zorder": 4.5}
+FOLLOWED: dict[str, Any] = {**REFERENCE, "color": style.SKY, "zorder": 4.5}
 
 
 SIGNALS = (
     ("Yaw rate (deg/s)", "yaw_rate_rad_s"),
-    (f"Rear angle {REAR_ANGLE} (deg)", "rear_angle_rad"),
+    (f"Rear angle {style.REAR_ANGLE} (deg)", "rear_angle_rad"),
     (r"Sideslip $\beta$ (deg)", "sideslip_rad"),
 )
 
@@ -188,8 +173,8 @@ SIGNALS = (
 def steps_figure(result: SuiteResult) -> Figure:
     """Draw the paper's step and some cells in columns: yaw rate with the values of map and model, rear angle, sideslip."""
     looks = lines_of(result)
-    with style():
-        figure = new_figure(3.1 * len(result.shown) + 0.6, 7.6)
+    with style.style():
+        figure = style.new_figure(3.1 * len(result.shown) + 0.6, 7.6)
         panels = figure.subplots(len(SIGNALS), len(result.shown), sharex=True, squeeze=False)
         spun = False
         for place, shown in enumerate(result.shown):
@@ -199,7 +184,7 @@ def steps_figure(result: SuiteResult) -> Figure:
                     axes.set_ylabel(label)
             title = "C1: " if place == 0 else ""
             panels[0, place].set_title(f"{title}{cell_title(shown)}")
-            panels[-1, place].set_xlabel(AFTER_STEP)
+            panels[-1, place].set_xlabel(style.AFTER_STEP)
         handles = [*name_handles(result, looks), *reference_handles(result)]
         handles += [spin_handle()] if spun else []
         figure.align_ylabels(panels[:, 0])
@@ -245,10 +230,10 @@ def _draw_references(axes: Axes, result: SuiteResult, shown: CellRuns) -> None:
 
 def reference_handles(result: SuiteResult) -> list[Any]:
     return [
-        line_handle(label=f"reference of {plain(result.tested)}", **FOLLOWED),
-        line_handle(label="the map's value", **REFERENCE),
+        style.line_handle(label=f"reference of {style.plain(result.tested)}", **FOLLOWED),
+        style.line_handle(label="the map's value", **REFERENCE),
     ]
 
 
 def spin_handle() -> Any:
-    return line_handle(color=GREY, label=SPIN_NAME, **SPIN_MARKER)
+    return style.line_handle(color=style.GREY, label=SPIN_NAME, **SPIN_MARKER)

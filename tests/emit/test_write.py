@@ -17,17 +17,17 @@ from unittest import mock
 import pytest
 
 from codegen.emit import write
-from codegen.emit.folder import MANIFEST_BYTES_MAX
-from codegen.emit.write import (
+from codegen.emit.folder import (
     MANIFEST,
+    MANIFEST_BYTES_MAX,
     VERIFICATION_FILES,
     Folder,
     differences,
     read_manifest,
     render_manifest,
     verify_hashes,
-    write_folder,
 )
+from codegen.emit.write import write_folder
 from codegen.errors import BuildError
 
 OLD = Folder({"README.md": b"old\n", "src/ars_map.c": b"int a;\n", "src/gone.c": b"int gone;\n"}, {"prefix": "ars"})

@@ -12,7 +12,8 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.laws import law_of
 from codegen.explore.explorer import Explorer, opened
 from codegen.map_file import map as npz
-from codegen.map_file.map import Binding, on_road
+from codegen.map_file.bounds import Binding
+from codegen.map_file.map import on_road
 from codegen.optimum.solve import solve_acceleration_stack, solve_case
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import compile_build

@@ -19,7 +19,8 @@ from codegen import configuration
 from codegen.errors import MapError
 from codegen.map_file import archive
 from codegen.map_file import map as refmap
-from codegen.map_file.map import Binding, ReferenceMap
+from codegen.map_file.bounds import Binding
+from codegen.map_file.map import ReferenceMap
 
 Arrays = dict[str, Any]
 Change = Callable[[Arrays], None]

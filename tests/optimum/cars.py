@@ -18,7 +18,8 @@ from scipy.optimize import linprog
 from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config, parse, preset
 from codegen.ecu_map.extend import TotalMap, extend
-from codegen.map_file.map import Binding, ReferenceMap
+from codegen.map_file.bounds import Binding
+from codegen.map_file.map import ReferenceMap
 from codegen.optimum import exact
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import solve_case

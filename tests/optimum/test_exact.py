@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from codegen.errors import ConfigError, MapError
-from codegen.map_file.map import Binding
+from codegen.map_file.bounds import Binding
 from codegen.optimum import exact, ipopt
 from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
 from codegen.optimum.solve import solve_case

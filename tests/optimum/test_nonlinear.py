@@ -17,7 +17,8 @@ from codegen.ecu_map.extend import extend
 from codegen.ecu_map.model_excess import model_excess
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
-from codegen.map_file.map import Binding, ReferenceMap, load
+from codegen.map_file.bounds import Binding
+from codegen.map_file.map import ReferenceMap, load
 from codegen.optimum import ipopt
 from codegen.optimum.nonlinear import ABOVE, NonlinearTurns, slip_use
 from codegen.optimum.problem import breakpoints

@@ -9,7 +9,7 @@ import pytest
 from codegen.configuration import REFERENCE_CASES, Case, Config, preset
 from codegen.errors import ConfigError
 from codegen.map_file import map as npz
-from codegen.map_file.map import Binding
+from codegen.map_file.bounds import Binding
 from codegen.optimum import exact, ipopt
 from codegen.optimum.problem import SteadyTurnProblem, breakpoints
 from codegen.optimum.solve import solve_case, solve_stack

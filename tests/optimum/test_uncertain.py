@@ -12,7 +12,8 @@ from codegen.configuration import Tightening
 from codegen.configuration.population import draw
 from codegen.errors import CodegenError
 from codegen.map_file import map as npz
-from codegen.map_file.map import Binding, choose_config
+from codegen.map_file.bounds import Binding
+from codegen.map_file.map import choose_config
 from codegen.optimum.nonlinear import slip_use
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import solve_case

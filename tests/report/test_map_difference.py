@@ -9,7 +9,8 @@ import pytest
 
 from benchmarks.nonlinear_map import nonlinear
 from codegen.errors import MapError
-from codegen.map_file.map import Binding, ReferenceMap, from_arrays
+from codegen.map_file.bounds import Binding
+from codegen.map_file.map import ReferenceMap, from_arrays
 from codegen.optimum.solve import solve_case
 from codegen.report.map_difference import interpolated, map_difference, on_axes_of
 from tests import shared

@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from scipy.interpolate import RegularGridInterpolator
 
 from codegen import configuration
-from codegen.map_file.bounds import binding_text
-from codegen.map_file.map import Binding, ReferenceMap
+from codegen.map_file.bounds import Binding, binding_text
+from codegen.map_file.map import ReferenceMap
 from codegen.optimum.nonlinear import slip_use
 from codegen.optimum.solve import solve_case
 from codegen.report import map_difference, map_plots, paper, run_plots, scenario_plots, style, tyre_plots

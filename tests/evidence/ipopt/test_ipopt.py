@@ -12,7 +12,7 @@ import pytest
 
 from codegen.arrays import FloatArray
 from codegen.configuration import REFERENCE_CASES, Case, Config
-from codegen.map_file.map import Binding
+from codegen.map_file.bounds import Binding
 from codegen.optimum import exact, ipopt
 from codegen.optimum.exact import Solution
 from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
