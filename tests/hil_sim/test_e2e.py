@@ -88,8 +88,8 @@ def states(events: str, **settings: int) -> str:
         pytest.param("ooo------ooo", "iivvvvvxxxxv", id="silence, and three good ones after it"),
         pytest.param("ooodddd", "iivvvvx", id="more than three damaged ones"),
         pytest.param("ooobbbb", "iivvvvx", id="damaged ones beside good ones"),
-        pytest.param("odd", "iix", id="damaged ones at the start"),
-        pytest.param("odddooooo", "iixxxxxvv", id="which leave the window first"),
+        pytest.param("oddd", "iiix", id="damaged ones at the start"),
+        pytest.param("odddooooo", "iiixxxxvv", id="which leave the window first"),
         pytest.param("ooo" + "-o" * 9, "iiv" + "v" * 18, id="two clocks: every other cycle"),
     ],
 )
