@@ -215,16 +215,18 @@ def outcome_of(check: Registered, subject: Subject, effort: Effort) -> Outcome:
 
 
 def _outcome_in_worker(check: Registered, subject: Subject, effort: Effort) -> Outcome:
-    if signal.getsignal(signal.SIGTERM) is signal.SIG_IGN:  # terminated while this check was waiting
-        raise SystemExit(128 + signal.SIGTERM)
-    return outcome_of(check, subject, effort)
+    """Run one check, which ends on SIGTERM together with its children."""
+    signal.signal(signal.SIGTERM, _leave)
+    try:
+        return outcome_of(check, subject, effort)
+    finally:  # between checks it ends at once: imports would turn the exception into another one
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _begin(scratch: str) -> None:
-    """Initialise a worker, which ends on SIGTERM together with its children."""
+    """Initialise a worker."""
     tempfile.tempdir = os.environ["TMPDIR"] = scratch  # for this process, and for compilers
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a key pressed in the terminal reaches every process
-    signal.signal(signal.SIGTERM, _leave)
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
