@@ -142,9 +142,8 @@ def judge(
     determined = {name for name, is_identified in zip(names, judged.is_identified, strict=True) if is_identified}
     shares = dict(zip(names, judged.shares.tolist(), strict=True))
     weak = {name for name in HANDLING if determined & set(HANDLING) and shares.get(name, 1.0) <= WEAK_SHARE_MAX} - determined
-    curves = {
-        name for curve in CURVES for name in curve
-    }  # see `undetermined_curves`: what is free belongs to a curve that is determined
+    # What is free of a curve after `undetermined_curves` is determined with it.
+    curves = {name for curve in CURVES for name in curve}
     for index, parameter in enumerate(fitted.problem.prior.parameters):
         name = parameter.name
         if name in found:

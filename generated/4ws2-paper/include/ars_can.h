@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x4E569E35u
+#define ARS_CAN_BUILD 0x94F418E9u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x4E569E35u
+#define ARS_LIMITER_BUILD 0x94F418E9u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x4E569E35u
+#define ARS_MAP_BUILD 0x94F418E9u
 
 /* Numbers of breakpoints. */
 enum {

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x4E569E35u
+#if ARS_CONTROLLER_BUILD != 0x94F418E9u
 #error "ars_controller.h and this source come from different builds"
 #endif
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x4E569E35u
+#if ARS_DYNAMICS_BUILD != 0x94F418E9u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x4E569E35u
+#if ARS_TASK_BUILD != 0x94F418E9u
 #error "ars_task.h and this source come from different builds"
 #endif
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x3CA513E9u
+#define ARS_CAN_BUILD 0x79BB8596u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -7,7 +7,7 @@
  *
  * The state of a message follows the E2E state machine (E2E_SMCheck) of the same specification over a window of 6 cycles:
  *
- *     from INIT to VALID       at least  2 good and at most 1 damaged
+ *     from INIT to VALID       at least  2 good and at most 2 damaged
  *     VALID stays              at least  2 good and at most 3 damaged, else INVALID
  *     from INVALID to VALID    at least  3 good and at most 2 damaged
  *
@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0x3CA513E9u
+#define ARS_E2E_BUILD 0x79BB8596u
 
 /* Result of a check. The data are used only with OK, INITIAL and OK_SOME_LOST. */
 typedef enum {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x3CA513E9u
+#define ARS_LIMITER_BUILD 0x79BB8596u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x3CA513E9u
+#define ARS_MAP_BUILD 0x79BB8596u
 
 /* Numbers of breakpoints. */
 enum {

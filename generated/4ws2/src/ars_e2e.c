@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x3CA513E9u
+#if ARS_E2E_BUILD != 0x79BB8596u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 
@@ -18,7 +18,7 @@ ARS_SECTION_CONST static const uint8_t max_no_new_or_repeated_data = 3u;
 ARS_SECTION_CONST static const uint8_t sync_counter_init = 1u;
 
 ARS_SECTION_CONST static const uint32_t min_ok_state_init = 2u;
-ARS_SECTION_CONST static const uint32_t max_error_state_init = 1u;
+ARS_SECTION_CONST static const uint32_t max_error_state_init = 2u;
 ARS_SECTION_CONST static const uint32_t min_ok_state_valid = 2u;
 ARS_SECTION_CONST static const uint32_t max_error_state_valid = 3u;
 ARS_SECTION_CONST static const uint32_t min_ok_state_invalid = 3u;

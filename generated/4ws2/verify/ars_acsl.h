@@ -21,10 +21,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x3CA513E9u
+#if ARS_MAP_BUILD != 0x79BB8596u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x3CA513E9u
+#if ARS_TASK_BUILD != 0x79BB8596u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -752,9 +752,9 @@ void ars_e2e_supervision_init(ars_e2e_supervision_t *self);
     ensures "the window has the last damaged cycles":
         \old(self->state) == ARS_E2E_STATE_NO_DATA || ((is_damaged != 0 ==> ((self->window >> 16u) & 0x3Fu) == (((uint32_t)((\old(self->window) >> 16u) << 1u) | 1u) & 0x3Fu)) && (is_damaged == 0 ==> ((self->window >> 16u) & 0x3Fu) == (((uint32_t)((\old(self->window) >> 16u) << 1u) | 0u) & 0x3Fu)));
     ensures "from INIT, the thresholds decide on VALID":
-        \old(self->state) == ARS_E2E_STATE_INIT ==> ((self->state == ARS_E2E_STATE_VALID) <==> ((uint32_t)((uint32_t)((uint32_t)((uint32_t)((uint32_t)(((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u)) + ((self->window >> 2u) & 1u)) + ((self->window >> 3u) & 1u)) + ((self->window >> 4u) & 1u)) + ((self->window >> 5u) & 1u)) >= 2u && (uint32_t)((uint32_t)((uint32_t)((uint32_t)((uint32_t)(((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u)) + ((self->window >> 18u) & 1u)) + ((self->window >> 19u) & 1u)) + ((self->window >> 20u) & 1u)) + ((self->window >> 21u) & 1u)) <= 1u));
+        \old(self->state) == ARS_E2E_STATE_INIT ==> ((self->state == ARS_E2E_STATE_VALID) <==> ((uint32_t)((uint32_t)((uint32_t)((uint32_t)((uint32_t)(((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u)) + ((self->window >> 2u) & 1u)) + ((self->window >> 3u) & 1u)) + ((self->window >> 4u) & 1u)) + ((self->window >> 5u) & 1u)) >= 2u && (uint32_t)((uint32_t)((uint32_t)((uint32_t)((uint32_t)(((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u)) + ((self->window >> 18u) & 1u)) + ((self->window >> 19u) & 1u)) + ((self->window >> 20u) & 1u)) + ((self->window >> 21u) & 1u)) <= 2u));
     ensures "INIT stays until there are enough good or too many damaged cycles":
-        \old(self->state) == ARS_E2E_STATE_INIT ==> ((self->state == ARS_E2E_STATE_INIT) <==> ((uint32_t)((uint32_t)((uint32_t)((uint32_t)((uint32_t)(((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u)) + ((self->window >> 18u) & 1u)) + ((self->window >> 19u) & 1u)) + ((self->window >> 20u) & 1u)) + ((self->window >> 21u) & 1u)) <= 1u && !((uint32_t)((uint32_t)((uint32_t)((uint32_t)((uint32_t)(((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u)) + ((self->window >> 2u) & 1u)) + ((self->window >> 3u) & 1u)) + ((self->window >> 4u) & 1u)) + ((self->window >> 5u) & 1u)) >= 2u)));
+        \old(self->state) == ARS_E2E_STATE_INIT ==> ((self->state == ARS_E2E_STATE_INIT) <==> ((uint32_t)((uint32_t)((uint32_t)((uint32_t)((uint32_t)(((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u)) + ((self->window >> 18u) & 1u)) + ((self->window >> 19u) & 1u)) + ((self->window >> 20u) & 1u)) + ((self->window >> 21u) & 1u)) <= 2u && !((uint32_t)((uint32_t)((uint32_t)((uint32_t)((uint32_t)(((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u)) + ((self->window >> 2u) & 1u)) + ((self->window >> 3u) & 1u)) + ((self->window >> 4u) & 1u)) + ((self->window >> 5u) & 1u)) >= 2u)));
     ensures "from VALID, the thresholds decide on VALID":
         \old(self->state) == ARS_E2E_STATE_VALID ==> ((self->state == ARS_E2E_STATE_VALID) <==> ((uint32_t)((uint32_t)((uint32_t)((uint32_t)((uint32_t)(((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u)) + ((self->window >> 2u) & 1u)) + ((self->window >> 3u) & 1u)) + ((self->window >> 4u) & 1u)) + ((self->window >> 5u) & 1u)) >= 2u && (uint32_t)((uint32_t)((uint32_t)((uint32_t)((uint32_t)(((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u)) + ((self->window >> 18u) & 1u)) + ((self->window >> 19u) & 1u)) + ((self->window >> 20u) & 1u)) + ((self->window >> 21u) & 1u)) <= 3u));
     ensures "from VALID, INIT does not return":

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x3CA513E9u
+#if ARS_MAP_BUILD != 0x79BB8596u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x3CA513E9u
+#if ARS_TASK_BUILD != 0x79BB8596u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -911,8 +911,8 @@ static inline void ars_e2e_supervise_ensures(const ars_e2e_supervision_t *self, 
     CONTRACT_ENSURE((self_before->state == ARS_E2E_STATE_NO_DATA) || !(self->state == ARS_E2E_STATE_NO_DATA), "NO_DATA does not return");
     CONTRACT_ENSURE((self_before->state == ARS_E2E_STATE_NO_DATA) || (((self->window >> 0u) & 0x3Fu) == ((((self_before->window >> 0u) << 1u) | (is_good ? 1u : 0u)) & 0x3Fu)), "the window has the last good cycles");
     CONTRACT_ENSURE((self_before->state == ARS_E2E_STATE_NO_DATA) || (((self->window >> 16u) & 0x3Fu) == ((((self_before->window >> 16u) << 1u) | (is_damaged ? 1u : 0u)) & 0x3Fu)), "the window has the last damaged cycles");
-    CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_INIT) || ((self->state == ARS_E2E_STATE_VALID) == (((((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u) + ((self->window >> 2u) & 1u) + ((self->window >> 3u) & 1u) + ((self->window >> 4u) & 1u) + ((self->window >> 5u) & 1u)) >= 2u) && ((((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u) + ((self->window >> 18u) & 1u) + ((self->window >> 19u) & 1u) + ((self->window >> 20u) & 1u) + ((self->window >> 21u) & 1u)) <= 1u))), "from INIT, the thresholds decide on VALID");
-    CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_INIT) || ((self->state == ARS_E2E_STATE_INIT) == (((((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u) + ((self->window >> 18u) & 1u) + ((self->window >> 19u) & 1u) + ((self->window >> 20u) & 1u) + ((self->window >> 21u) & 1u)) <= 1u) && !((((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u) + ((self->window >> 2u) & 1u) + ((self->window >> 3u) & 1u) + ((self->window >> 4u) & 1u) + ((self->window >> 5u) & 1u)) >= 2u))), "INIT stays until there are enough good or too many damaged cycles");
+    CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_INIT) || ((self->state == ARS_E2E_STATE_VALID) == (((((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u) + ((self->window >> 2u) & 1u) + ((self->window >> 3u) & 1u) + ((self->window >> 4u) & 1u) + ((self->window >> 5u) & 1u)) >= 2u) && ((((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u) + ((self->window >> 18u) & 1u) + ((self->window >> 19u) & 1u) + ((self->window >> 20u) & 1u) + ((self->window >> 21u) & 1u)) <= 2u))), "from INIT, the thresholds decide on VALID");
+    CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_INIT) || ((self->state == ARS_E2E_STATE_INIT) == (((((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u) + ((self->window >> 18u) & 1u) + ((self->window >> 19u) & 1u) + ((self->window >> 20u) & 1u) + ((self->window >> 21u) & 1u)) <= 2u) && !((((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u) + ((self->window >> 2u) & 1u) + ((self->window >> 3u) & 1u) + ((self->window >> 4u) & 1u) + ((self->window >> 5u) & 1u)) >= 2u))), "INIT stays until there are enough good or too many damaged cycles");
     CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_VALID) || ((self->state == ARS_E2E_STATE_VALID) == (((((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u) + ((self->window >> 2u) & 1u) + ((self->window >> 3u) & 1u) + ((self->window >> 4u) & 1u) + ((self->window >> 5u) & 1u)) >= 2u) && ((((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u) + ((self->window >> 18u) & 1u) + ((self->window >> 19u) & 1u) + ((self->window >> 20u) & 1u) + ((self->window >> 21u) & 1u)) <= 3u))), "from VALID, the thresholds decide on VALID");
     CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_VALID) || !(self->state == ARS_E2E_STATE_INIT), "from VALID, INIT does not return");
     CONTRACT_ENSURE(!(self_before->state == ARS_E2E_STATE_INVALID) || ((self->state == ARS_E2E_STATE_VALID) == (((((self->window >> 0u) & 1u) + ((self->window >> 1u) & 1u) + ((self->window >> 2u) & 1u) + ((self->window >> 3u) & 1u) + ((self->window >> 4u) & 1u) + ((self->window >> 5u) & 1u)) >= 3u) && ((((self->window >> 16u) & 1u) + ((self->window >> 17u) & 1u) + ((self->window >> 18u) & 1u) + ((self->window >> 19u) & 1u) + ((self->window >> 20u) & 1u) + ((self->window >> 21u) & 1u)) <= 2u))), "from INVALID, the thresholds decide on VALID");
