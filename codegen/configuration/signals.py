@@ -15,8 +15,14 @@ from dataclasses import MISSING, dataclass, fields, replace
 from functools import lru_cache
 from typing import Annotated, Any, get_args, get_type_hints
 
-STATUSES = ("TRACKING", "LIMITED", "STANDBY", "DEGRADED", "FAIL_SAFE")
-"""Names of the controller's status, from code 0."""
+STATUSES = {
+    "TRACKING": "following the reference",
+    "LIMITED": "following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's",
+    "STANDBY": "too slow (with hysteresis), or reversing: the rear angle returns to zero",
+    "DEGRADED": "following, with one signal estimated from the others, or predicted for a short time without a sample",
+    "FAIL_SAFE": "neither front angle nor yaw rate is valid: the rear angle returns to zero",
+}
+"""Names of the controller's status, from code 0, with their meanings."""
 
 UNIT_SUFFIXES = {"m/s": "_m_s", "rad": "_rad", "rad/s": "_rad_s", "m/s^2": "_m_s2", "m": "_m", "": ""}
 """Suffixes of the names of columns and variables, by unit."""
@@ -280,7 +286,12 @@ class RearSteerCommand:
     status: Annotated[
         int,
         SignalDefinition(
-            "Status", start_bit=12, length=4, meaning="what the controller did", values=STATUSES, in_layout="`ars_status_t`"
+            "Status",
+            start_bit=12,
+            length=4,
+            meaning="what the controller did",
+            values=tuple(STATUSES),
+            in_layout="`ars_status_t`",
         ),
     ] = 0
     diagnostics: Annotated[

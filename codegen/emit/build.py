@@ -14,7 +14,7 @@ import numpy as np
 
 from codegen import __version__
 from codegen.configuration import Config, check_name, parse
-from codegen.configuration.signals import CARRIED
+from codegen.configuration.signals import CARRIED, STATUSES
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import Lookup, error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
@@ -252,6 +252,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "can": can_view(config, options.precision),
         "measured": config.can.measured,
         "carried": CARRIED,
+        "statuses": STATUSES,
         "task": task_view(config),
         "xcp": xcp_view(config, task_view(config).function),
         "config": config,

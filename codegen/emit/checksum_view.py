@@ -5,15 +5,14 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.emit.controller_view import ControllerView, controller_parameters
+from codegen.emit.controller_view import ControllerView, parameters_by_path
 from codegen.emit.dynamics_view import ReferenceModelView
-from codegen.emit.inputs_view import InputsView, inputs_parameters
-from codegen.emit.limiter_view import LimiterView, limiter_parameters
+from codegen.emit.inputs_view import InputsView
+from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView
 from codegen.emit.parameters import Parameter, ParameterView
 from codegen.emit.text import Precision, numpy_type
@@ -55,8 +54,7 @@ def checksum_view(
         *(replace(view, name=f"inputs.{view.name}") for view in inputs.parameters),
         *(replace(view, name=f"limiter.{view.name}") for view in limiter.parameters),
     )
-    parameters = chain(controller_parameters(config), inputs_parameters(config), limiter_parameters(config))
-    rest = _bytes_of_parameters(parameters, precision)
+    rest = _bytes_of_parameters(parameters_by_path(config).values(), precision)
     if model is not None:
         rest += b"".join(_bytes([tyre.compression_value, *tyre.values], precision) for tyre in (model.front, model.rear))
     value = zlib.crc32(rest, map_view.checksum_value)

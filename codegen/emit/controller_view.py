@@ -12,7 +12,9 @@ from codegen.configuration import Config
 from codegen.configuration.controller import REAR_RATE_MIN_DEG_S
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
+from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S, law_of
+from codegen.emit.limiter_view import limiter_parameters
 from codegen.emit.parameters import (
     RATE_OFF,
     Field,
@@ -90,6 +92,12 @@ class ControllerView:
 def controller_parameters(config: Config) -> tuple[Parameter, ...]:
     """Return the fields of `<prefix>_parameters_t` in order, without inputs and limiter. Raises BuildError: see `law_of`."""
     return (*law_of(config).parameters(config), *_common_parameters(config))
+
+
+def parameters_by_path(config: Config) -> dict[str, Parameter]:
+    """Return every number of `<prefix>_parameters_t` by its path in the struct, in order. Raises BuildError: see `law_of`."""
+    structs = {"": controller_parameters(config), "inputs.": inputs_parameters(config), "limiter.": limiter_parameters(config)}
+    return {f"{struct}{each.name}": each for struct, parameters in structs.items() for each in parameters}
 
 
 def _common_parameters(config: Config) -> tuple[Parameter, ...]:

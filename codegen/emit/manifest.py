@@ -122,6 +122,7 @@ class _Symbol(_Read):
     shape: list[int]
     unit: str
     section: Literal["calibration", "const"]
+    scale: float | None = None
 
 
 class _Manifest(_Read):

@@ -11,7 +11,8 @@ from codegen.emit.map_view import AxisView, MapView
 def symbols_of(table: MapView, prefix: str, real: str, epk: str) -> dict[str, dict[str, Any]]:
     """Return type, shape, unit and section of each object by name. All are defined in `<prefix>_calibration.c`.
 
-    A table is stored row by row, with one row for each speed. `unit` is the unit of the physical value.
+    A table is stored row by row, with one row for each speed. `unit` is the unit of the physical value. Raw numbers have a
+    `scale` too, the physical value of a raw number 1.
     """
     layers = (table.layer_count,) if table.stacked else ()
     found = {
@@ -20,7 +21,7 @@ def symbols_of(table: MapView, prefix: str, real: str, epk: str) -> dict[str, di
         f"{prefix}_calibration_expected_checksum": _symbol("uint32_t"),
         **dict(_axes((table.speed, table.front_angle), real, "calibration")),
         **{
-            each.name: _symbol(each.type, (*layers, table.speed.size, table.front_angle.size), each.unit)
+            each.name: _symbol(each.type, (*layers, table.speed.size, table.front_angle.size), each.unit, scale=each.scale)
             for each in table.tables
         },
         f"{prefix}_constants": _symbol(f"{prefix}_constants_t", section="const"),
@@ -28,7 +29,7 @@ def symbols_of(table: MapView, prefix: str, real: str, epk: str) -> dict[str, di
     if table.grip is not None:
         axes, share = (table.grip.speed, table.grip.front_angle), table.grip.share
         found |= dict(_axes(axes, real, "const"))
-        found[share.name] = _symbol(share.type, (*layers, axes[0].size, axes[1].size), section="const")
+        found[share.name] = _symbol(share.type, (*layers, axes[0].size, axes[1].size), section="const", scale=share.scale)
     return found
 
 
@@ -37,5 +38,8 @@ def _axes(axes: tuple[AxisView, ...], real: str, section: str) -> Iterator[tuple
         yield axis.breakpoints, _symbol(real, (axis.size,), axis.unit, section)
 
 
-def _symbol(kind: str, shape: tuple[int, ...] = (), unit: str = "", section: str = "calibration") -> dict[str, Any]:
-    return {"type": kind, "shape": list(shape), "unit": unit, "section": section}
+def _symbol(
+    kind: str, shape: tuple[int, ...] = (), unit: str = "", section: str = "calibration", scale: str = ""
+) -> dict[str, Any]:
+    factor = {"scale": float(scale.rstrip("f"))} if scale else {}
+    return {"type": kind, "shape": list(shape), "unit": unit, "section": section, **factor}

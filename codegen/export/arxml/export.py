@@ -109,8 +109,7 @@ def export(build: Path, protection: Protection = "transformer", access: Access =
             where="[can.e2e]",
             remedy="raise max_error_state_init, solve and build again, or give --e2e task",
         )
-    calibration = files.get(f"src/{prefix}_calibration.c", b"").decode("ascii", "replace")
-    context = _context(manifest, config, calibration, protection, access)
+    context = _context(manifest, config, protection, access)
     component = context["component"]
     made = {
         f"{prefix}.arxml": _indented(render("arxml/main.j2", context)),
@@ -162,13 +161,11 @@ def _indented(arxml: bytes) -> bytes:
 _NAMESPACES = {"": "http://autosar.org/schema/r4.0", "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
 
 
-def _context(
-    manifest: Mapping[str, Any], config: Config, calibration: str, protection: Protection, access: Access
-) -> dict[str, Any]:
+def _context(manifest: Mapping[str, Any], config: Config, protection: Protection, access: Access) -> dict[str, Any]:
     """Return the context of all templates."""
     options = manifest["options"]
     prefix, precision = str(options["prefix"]), options["precision"]
-    parameters, tables = parameter_views(config, precision), map_views(manifest, calibration, prefix, precision)
+    parameters, tables = parameter_views(config, precision), map_views(manifest, prefix, precision)
     can, period = can_view(config, precision), config.controller.sampling_time_s
     calibrated = (*parameters, *tables)
     bits = numpy_type(precision)().itemsize * 8

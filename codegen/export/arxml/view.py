@@ -6,8 +6,8 @@ Signals come from the frames of the DBC, parameters from those of the C, the map
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from codegen.configuration import Config
@@ -16,11 +16,8 @@ from codegen.configuration.e2e_profiles import Profile
 from codegen.ecu_map.storage import RAW_MAX
 from codegen.emit.a2l_view import OF_THE_ANGLE
 from codegen.emit.can_view import Cause, Frame, FrameSignal
-from codegen.emit.controller_view import controller_parameters
-from codegen.emit.inputs_view import inputs_parameters
-from codegen.emit.limiter_view import limiter_parameters
+from codegen.emit.controller_view import parameters_by_path
 from codegen.emit.map_view import FRONT_ANGLE_TOP, SPEED_TOP, TABLE_RANGES
-from codegen.emit.parameters import Parameter
 from codegen.emit.render import decimal
 from codegen.emit.text import NONE, UNITS, Precision, Unit, literal, unit_of_comment
 from codegen.errors import BuildError
@@ -216,37 +213,28 @@ def _platform_type(length: int, signed: bool) -> str:
 
 def parameter_views(config: Config, precision: Precision) -> tuple[CalibrationView, ...]:
     """Return every parameter of `<prefix>_parameters_t`; an axis comes before its curves."""
-    controller = controller_parameters(config)
-    highest = next(each.high for each in controller if each.name == "rear_angle_max")
-    limiter = (replace(each, high=highest) if each.name in OF_THE_ANGLE else each for each in limiter_parameters(config))
-    return (
-        *_parameters(controller, "", precision),
-        *_parameters(inputs_parameters(config), "inputs", precision),
-        *_parameters(limiter, "limiter", precision),
-    )
-
-
-def _parameters(parameters: Iterable[Parameter], struct: str, precision: Precision) -> Iterator[CalibrationView]:
-    axis_of: dict[str, str] = {}
-    for each in parameters:
-        name = f"{struct}_{each.name}" if struct else each.name
+    parameters, axis_of, found = parameters_by_path(config), dict[str, str](), list[CalibrationView]()
+    for path, each in parameters.items():
+        name = path.replace(".", "_")
         values = each.value if isinstance(each.value, tuple) else (each.value,)
         if each.increasing:
             axis_of[each.points] = name
-        is_count = isinstance(each.value, int)
-        yield CalibrationView(
+        is_count, is_bounded = isinstance(each.value, int), path in (f"limiter.{bounded}" for bounded in OF_THE_ANGLE)
+        view = CalibrationView(
             name=name,
-            member=f"{struct}.{each.name}" if struct else each.name,
+            member=path,
             text=each.comment,
             category="COM_AXIS" if each.increasing else "CURVE" if each.points else "VALUE",
             type="uint16" if is_count else real_type(precision),
             shape=(len(values),) if each.points else (),
             unit=NONE if is_count else unit_of_comment(each.comment),
             low=_number(each.low, is_count, precision),
-            high=_number(each.high, is_count, precision),
+            high=_number((parameters["rear_angle_max"] if is_bounded else each).high, is_count, precision),
             initial=tuple(_number(value, is_count, precision) for value in values),
             axes=(axis_of[each.points],) if each.points and not each.increasing else (),
         )
+        found.append(view)
+    return tuple(found)
 
 
 def real_type(precision: Precision) -> str:
@@ -258,19 +246,17 @@ def _number(value: float, is_count: bool, precision: Precision) -> str:
     return str(int(value)) if is_count else literal(value, precision).rstrip("f")
 
 
-def map_views(manifest: Mapping[str, Any], calibration: str, prefix: str, precision: Precision) -> tuple[CalibrationView, ...]:
+def map_views(manifest: Mapping[str, Any], prefix: str, precision: Precision) -> tuple[CalibrationView, ...]:
     """Return axes and tables of the map, which the C of the build defines.
 
-    Args:
-        calibration: text of `<prefix>_calibration.c`, for the scale of raw numbers.
-
     Raises:
-        BuildError: the manifest does not name the objects of the map, or the C does not state a scale.
+        BuildError: the manifest does not name the objects of the map, or the scale of raw numbers.
     """
     symbols, start = manifest["symbols"], f"{prefix}_map_"
     axes = {name: f"{start}{name}_breakpoints" for name in ("front_angle", "speed")}
     tables = {name: quantity for quantity in TABLE_RANGES if (name := f"{start}{quantity}_table") in symbols}
-    if not tables or not symbols.keys() >= set(axes.values()):
+    scaled = all("scale" in symbols[name] or symbols[name]["type"] != "int16_t" for name in tables)
+    if not (tables and scaled and symbols.keys() >= set(axes.values())):
         raise BuildError(
             "it names no tables of the map", where="manifest.json, symbols", remedy="build again with this version"
         )
@@ -280,7 +266,7 @@ def map_views(manifest: Mapping[str, Any], calibration: str, prefix: str, precis
         found.append(_axis(name, text, symbols[name], "0.0", _number(top, False, precision), precision))
     for name, quantity in tables.items():
         symbol = symbols[name]
-        factor = _scale(calibration, quantity) if symbol["type"] == "int16_t" else ""
+        factor = _number(symbol["scale"], False, precision) if "scale" in symbol else ""
         reach = RAW_MAX * float(factor) if factor else float("inf")
         low, high = (max(min(bound, reach), -reach) for bound in TABLE_RANGES[quantity])
         shape = tuple(symbol["shape"])
@@ -311,13 +297,6 @@ def map_views(manifest: Mapping[str, Any], calibration: str, prefix: str, precis
 def _axis(name: str, text: str, symbol: Mapping[str, Any], low: str, high: str, precision: Precision) -> CalibrationView:
     shape, unit = tuple(symbol["shape"]), UNIT_BY_SYMBOL.get(symbol["unit"], NONE)
     return CalibrationView(name, name, text, "COM_AXIS", real_type(precision), shape, unit, low, high)
-
-
-def _scale(calibration: str, quantity: str) -> str:
-    found = re.search(rf"\.{quantity}_scale = ([-+.\de]+)f?", calibration)
-    if found is None:
-        raise BuildError(f"no {quantity}_scale", where="the calibration of the build", remedy="build again with this version")
-    return found[1]
 
 
 def event_view(cause: Cause, period: float) -> EventView:

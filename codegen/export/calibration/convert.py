@@ -15,10 +15,8 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import CONFIG_BYTES_MAX, Config, parse
 from codegen.ecu_map.total import Rule
-from codegen.emit.controller_view import controller_parameters
-from codegen.emit.inputs_view import inputs_parameters
+from codegen.emit.controller_view import parameters_by_path
 from codegen.emit.laws import is_untuned
-from codegen.emit.limiter_view import limiter_parameters
 from codegen.emit.parameters import Parameter
 from codegen.errors import ConfigError, MapError
 from codegen.export.calibration.build import BuildCalibration
@@ -93,12 +91,8 @@ def toml_of(values: Values, build: BuildCalibration, config_path: Path | None) -
 
 def _parameters(config: Config, prefix: str) -> dict[str, Parameter]:
     """Return the parameters of a configuration by the names of their objects."""
-    groups = (
-        ("parameters", controller_parameters(config)),
-        ("inputs", inputs_parameters(config)),
-        ("limiter", limiter_parameters(config)),
-    )
-    return {f"{prefix}.{group}.{each.name}": each for group, parameters in groups for each in parameters}
+    found = parameters_by_path(config).items()
+    return {f"{prefix}.{path if '.' in path else f'parameters.{path}'}": each for path, each in found}
 
 
 def _chosen_keys(values: Values, base: Config, build: BuildCalibration) -> dict[str, Any]:

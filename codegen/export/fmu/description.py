@@ -10,8 +10,9 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from codegen.configuration.signals import STATUSES
 from codegen.export.fmu.layers import BUFFER_BYTES, MIME_TYPE, text
-from codegen.export.fmu.variables import UNITS, Status, Variable, Version
+from codegen.export.fmu.variables import UNITS, Variable, Version
 
 STATUS_TYPE = "Status"
 STOP_TIME = 10.0
@@ -56,7 +57,6 @@ class Description:
     internal_step: float
     communication_step: float
     variables: Sequence[Variable]
-    statuses: Sequence[Status]
     sources: Sequence[str]
     has_bus: bool = False
     is_single: bool = False
@@ -78,7 +78,7 @@ def model_description(given: Description) -> bytes:
     _co_simulation(root, given)
     _units(root, given.variables)
     if any(each.kind == "status" for each in given.variables):
-        _status_type(root, given)
+        _status_type(root, third)
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", {"name": "logStatusError", "description": "why a function returned an error"})
     step = repr(given.communication_step)
@@ -123,16 +123,15 @@ def _units(root: ET.Element, variables: Sequence[Variable]) -> None:
                 ET.SubElement(element, "DisplayUnit", {"name": unit.shown[0], "factor": repr(unit.shown[1])})
 
 
-def _status_type(root: ET.Element, given: Description) -> None:
+def _status_type(root: ET.Element, third: bool) -> None:
     definitions = ET.SubElement(root, "TypeDefinitions")
     about = {"name": STATUS_TYPE, "description": "what a sample of the controller did"}
-    if given.version == "3":
+    if third:
         holder = ET.SubElement(definitions, "EnumerationType", about)
     else:
         holder = ET.SubElement(ET.SubElement(definitions, "SimpleType", about), "Enumeration")
-    for status in given.statuses:
-        item = {"name": status.name, "value": str(status.value), "description": status.description}
-        ET.SubElement(holder, "Item", item)
+    for value, (name, meaning) in enumerate(STATUSES.items()):
+        ET.SubElement(holder, "Item", {"name": name, "value": str(value), "description": meaning})
 
 
 def _common(variable: Variable, reference: str) -> Attributes:

@@ -30,15 +30,7 @@ from codegen.export.elf import Elf
 from codegen.export.fmu import layers
 from codegen.export.fmu.description import Description, build_description, model_description
 from codegen.export.fmu.model_view import ROOTS, TITLES, context, row, step_size
-from codegen.export.fmu.variables import (
-    WITH_BUS,
-    Variable,
-    Version,
-    What,
-    parameter_variables,
-    status_values,
-    variables_of,
-)
+from codegen.export.fmu.variables import WITH_BUS, Variable, Version, What, parameter_variables, variables_of
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.plant import plant_sources
 from codegen.sil.software import compile_build, require_can_side, writable_flags
@@ -217,7 +209,7 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
     variables = variables_of(what, config)
     if what in ("controller", "loop"):
         # Compiled as for a run, so that the struct and its values come from the compiler.
-        variables += parameter_variables(compile_build(files, manifest), files)
+        variables += parameter_variables(compile_build(files, manifest))
     name, identifier = comment_text(str(manifest["name"])), f"{prefix}_{manifest['name']}_{what}"
     own = build_sources(what, files, prefix)
     flags = (*FLAGS, *(writable_flags(prefix) if what == "ecu" else ()))
@@ -236,7 +228,6 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
         internal_step=step_size(what, config),
         communication_step=step_size(what, config) if what in WITH_BUS else config.controller.sampling_time_s,
         variables=variables,
-        statuses=status_values(files, prefix),
         sources=sorted(name for name in sources_with("") if name.endswith(".c")),
         has_bus=what in WITH_BUS,
         is_single=what == "ecu",

@@ -1,14 +1,12 @@
 """Variables of each kind of FMU: names, units, ranges and members in the C of the model, and the controller's parameters.
 
-Names are those of the columns of a run, or of fields of the C structs with the unit as suffix. Parameters are read from the
-build: its struct, and the comments and checks in its C. None is named here, so builds with other parameters or edited comments
-work as well.
+Names are those of the columns of a run, or of fields of the C structs with the unit as suffix. Names and values of parameters
+come from the compiled build, their descriptions and ranges from the table of parameters.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -19,6 +17,7 @@ import numpy as np
 
 from codegen.configuration import Config
 from codegen.configuration.signals import RECORDED
+from codegen.emit.controller_view import parameters_by_path
 from codegen.emit.text import unit_of_comment
 from codegen.export.fmu.layers import CHANNEL, NOTIFICATIONS
 from codegen.sil.software import COUNTERS, Software
@@ -338,88 +337,44 @@ def _initial(config: Config) -> Variable:
 
 GROUP = "parameters"
 
-_STRUCT = re.compile(r"typedef struct \{(?P<body>[^{}]*)\} (?P<name>\w+);")
-_FIELD = re.compile(r"^ *\w+ (?P<name>\w+)(?:\[[^;]*\])?; */\* (?P<comment>.*?) \*/$", re.MULTILINE)
-_CHECK = re.compile(r"\(const (?P<struct>\w+) \*parameters\)\n\{(?P<body>.*?)\n\}", re.DOTALL)
-_RANGE = re.compile(r"is_between\(parameters->(?P<name>\w+)(?:\[\w+\])*, (?P<low>[-+.\de]+)f?, (?P<high>[-+.\de]+)f?\)")
 _COUNTS = 65535.0
 
-Key = tuple[str, str]
-"""Names of a struct and of one of its fields."""
 
-
-@dataclass(frozen=True)
-class Status:
-    """One value of the status enumeration."""
-
-    name: str
-    value: int
-    description: str
-
-
-def status_values(files: Mapping[str, bytes], prefix: str) -> tuple[Status, ...]:
-    """Return the values of `<prefix>_status_t` from the header."""
-    header = files[f"include/{prefix}_controller.h"].decode("ascii", "replace")
-    pattern = rf"\b{prefix.upper()}_STATUS_(\w+) = (\d+),? */\* (.*?) \*/"
-    return tuple(Status(name, int(value), comment) for name, value, comment in re.findall(pattern, header))
-
-
-def parameter_variables(software: Software, files: Mapping[str, bytes]) -> tuple[Variable, ...]:
+def parameter_variables(software: Software) -> tuple[Variable, ...]:
     """Return every number of `<prefix>_parameters_t`, array elements one by one (from 1), with the build's value as start.
 
-    A field whose type no variable can have, such as a pointer, keeps the value of the build.
+    A field whose type no variable can have, such as a pointer, keeps the value of the build. One that only another version of
+    the tool knows has neither description nor range.
     """
-    texts = {path: content.decode("ascii", "replace") for path, content in files.items()}
-    comments, ranges = _comments(texts), _ranges(texts)
+
+    def decimal(value: float) -> float:
+        return float(str(software.real(value)))  # the shortest decimal that is equal in the build's precision
+
+    known, found = parameters_by_path(software.config), []
     struct = software.ffi.typeof(f"{software.prefix}_parameters_t")
-    found = []
-    for key, kind, value, name, member in _numbers(struct, software.function("parameters_default"), GROUP):
-        comment = comments.get(key, "")
-        low, high = ranges.get(key, (None, None))
+    for path, index, kind, value in _numbers(struct, software.function("parameters_default")):
+        each, number = known.get(path), f"[{','.join(str(k + 1) for k in index)}]" if index else ""
+        comment = each.comment if each else ""
+        name, member = f"{GROUP}.{path}{number}", f"{GROUP}.{path}{''.join(f'[{k}]' for k in index)}"
         if kind.cname in ("float", "double"):
-            real = np.float32 if kind.cname == "float" else np.float64
-            start = float(str(real(value)))  # the shortest decimal that is equal in the build's precision
             unit = unit_of_comment(comment).symbol.replace("^", "")  # as FMI writes exponents
-            found.append(Variable(name, member, "real", "tunable", comment, kind.cname, unit, start, low, high))
+            low, high = (decimal(each.low), decimal(each.high)) if each else (None, None)
+            found.append(Variable(name, member, "real", "tunable", comment, kind.cname, unit, decimal(value), low, high))
         elif kind.cname == "uint16_t":
-            low, high = (0.0, _COUNTS) if low is None else (low, high)
-            found.append(Variable(name, member, "integer", "tunable", comment, kind.cname, "", float(value), low, high))
+            found.append(Variable(name, member, "integer", "tunable", comment, kind.cname, "", float(value), 0.0, _COUNTS))
     return tuple(found)
 
 
-def _comments(texts: Mapping[str, str]) -> dict[Key, str]:
-    return {
-        (struct["name"], field["name"]): field["comment"]
-        for path, text in texts.items()
-        if path.endswith(".h")
-        for struct in _STRUCT.finditer(text)
-        for field in _FIELD.finditer(struct["body"])
-    }
-
-
-def _ranges(texts: Mapping[str, str]) -> dict[Key, tuple[float, float]]:
-    return {
-        (check["struct"], found["name"]): (float(found["low"]), float(found["high"]))
-        for path, text in texts.items()
-        if path.endswith(".c")
-        for check in _CHECK.finditer(text)
-        for found in _RANGE.finditer(check["body"])
-    }
-
-
-def _numbers(struct: Any, values: Any, path: str) -> Iterator[tuple[Key, Any, Any, str, str]]:
-    """Yield key, type, value, name and member of every number in a struct, as cffi describes it."""
+def _numbers(struct: Any, values: Any, path: str = "") -> Iterator[tuple[str, tuple[int, ...], Any, Any]]:
+    """Yield path, index, type and value of every number in a struct, as cffi describes it; `()` where it is in no array."""
     for field, about in struct.fields:
         kind, value = about.type, getattr(values, field)
         if kind.kind == "struct":
-            yield from _numbers(kind, value, f"{path}.{field}")
+            yield from _numbers(kind, value, f"{path}{field}.")
             continue
         shape = []
         while kind.kind == "array":
             shape.append(kind.length)
             kind = kind.item
         for index in np.ndindex(*shape):  # once with an empty index where the field is no array
-            number = f"[{','.join(str(k + 1) for k in index)}]" if index else ""
-            member = "".join(f"[{k}]" for k in index)
-            element = reduce(getitem, index, value)
-            yield (struct.cname, field), kind, element, f"{path}.{field}{number}", f"{path}.{field}{member}"
+            yield f"{path}{field}", index, kind, reduce(getitem, index, value)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import reduce
 from typing import Any
 
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.emit.controller_view import controller_parameters
-from codegen.emit.inputs_view import inputs_parameters
-from codegen.emit.limiter_view import limiter_parameters
+from codegen.emit.controller_view import parameters_by_path
 from codegen.emit.parameters import RATE_OFF, Parameter
 from codegen.sil.software import Software
 
@@ -32,12 +31,8 @@ Number = float | list[float]
 
 def _fields(config: Config, parameters: Any) -> Iterator[tuple[Any, Parameter, str]]:
     """Yield the struct of each parameter, the parameter, and its qualified name."""
-    for parameter in controller_parameters(config):
-        yield parameters, parameter, parameter.name
-    for parameter in inputs_parameters(config):
-        yield parameters.inputs, parameter, f"inputs.{parameter.name}"
-    for parameter in limiter_parameters(config):
-        yield parameters.limiter, parameter, f"limiter.{parameter.name}"
+    for path, parameter in parameters_by_path(config).items():
+        yield reduce(getattr, path.split(".")[:-1], parameters), parameter, path
 
 
 def differences(software: Software) -> Iterator[str]:
