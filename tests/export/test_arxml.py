@@ -613,6 +613,7 @@ def test_other_folders_and_changed_files_are_kept(refused: Refused, tmp_path: Pa
     assert "include/Ars_MemMap.h was changed since it was written" in line
     assert "inside a generated folder" in refused("arxml", "--build", build_of("4ws2"), "-o", place / "more")
     assert "is missing" in refused("arxml", "--build", tmp_path, "-o", tmp_path / "new")
+    assert "made from a build, but is not one itself" in refused("arxml", "--build", place, "-o", tmp_path / "new")
 
 
 def test_unsuitable_builds_are_rejected(refused: Refused, tmp_path: Path) -> None:
