@@ -300,7 +300,7 @@ def fmu(build_path: Path, what: What, bus: bool, version: Version | None, output
         return
     console.say(
         f"{output}: FMI {version}.0 co-simulation, {what}{' on a CAN bus' if has_bus else ''}, for {made.platform}; "
-        f"{counted['input']} inputs, {counted['output']} outputs, {parameters} parameters; "
+        f"{counted['input']} inputs, {counted['output']} outputs, {parameters} parameter{'' if parameters == 1 else 's'}; "
         + (
             f"internal steps of {made.internal_step:g} s"
             if has_bus

@@ -152,6 +152,9 @@ def read_build(folder: Path) -> dict[str, Any]:
         ConfigError: the configuration in the manifest is not valid.
     """
     manifest, place = read_manifest(folder), Path(folder) / MANIFEST
+    if "what" in manifest:  # an export for AUTOSAR, or a firmware project
+        what = "it was made from a build, but is not one itself"
+        raise BuildError(what, where=folder, remedy="name the folder of `codegen build`")
     try:
         found = _Manifest.model_validate(manifest)
     except ValidationError as error:

@@ -23,7 +23,7 @@ from elftools.elf.elffile import ELFFile
 
 from codegen import __version__
 from codegen.configuration import Config, parse
-from codegen.configuration.can import Can, E2e
+from codegen.configuration.can import Can
 from codegen.configuration.e2e_profiles import PROFILES, ProfileName
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.placement import Placed, Request
@@ -579,11 +579,28 @@ def test_implicit_access_to_raw_frames_is_rejected(refused: Refused, tmp_path: P
     assert not (tmp_path / "new").exists()
 
 
-def test_tolerances_in_an_order_that_a_transformer_does_not_have_are_rejected(refused: Refused, tmp_path: Path) -> None:
-    can = Can(e2e=E2e(max_error_state_init=1))
-    write_folder(builds.render(builds.paper_map(), builds.CONFIG.model_copy(update={"can": can}), "single"), tmp_path / "build")
-    command = ("arxml", "--build", tmp_path / "build", "-o", tmp_path / "new")
-    assert "max_error_state_init is below max_error_state_invalid" in refused(*command)
+@pytest.mark.parametrize(
+    ("can", "message"),
+    [
+        ({"e2e": {"max_error_state_init": 1}}, "max_error_state_invalid = 2 is above max_error_state_init = 1"),
+        ({"e2e": {"min_ok_state_init": 4}}, "min_ok_state_init = 4 is above min_ok_state_invalid = 3"),
+        ({"e2e": {"window_size": 4}}, "min_ok_state_valid + max_error_state_valid = 5 is above window_size = 4"),
+        ({"e2e": {"max_delta_counter_init": 0}}, "max_delta_counter_init = 0 is below 1"),
+        (
+            {**frame_kinds.KINDS["FD, 24 bytes, profile 11C, 29 bits"], "e2e": {"profile": "1C"}},
+            "[can.vehicle_conditions]: the data id 0xFF is below 0x100",
+        ),
+    ],
+    ids=["errors", "good frames", "window", "counter", "data id"],
+)
+def test_settings_that_autosar_does_not_allow_for_a_transformer_are_rejected(
+    can: dict[str, Any], message: str, refused: Refused, tmp_path: Path
+) -> None:
+    if "frame_bytes" in can:
+        can = {**can, "vehicle_conditions": {**can["vehicle_conditions"], "data_id": 0xFF}}
+    config = builds.CONFIG.model_copy(update={"can": parse({"can": can}, "test").can})
+    write_folder(builds.render(builds.paper_map(), config, "single"), tmp_path / "build")
+    assert message in refused("arxml", "--build", tmp_path / "build", "-o", tmp_path / "new")
     assert not (tmp_path / "new").exists()
     assert export(tmp_path / "build", "task").arxml
 
@@ -596,6 +613,7 @@ def test_other_folders_and_changed_files_are_kept(refused: Refused, tmp_path: Pa
     assert "include/Ars_MemMap.h was changed since it was written" in line
     assert "inside a generated folder" in refused("arxml", "--build", build_of("4ws2"), "-o", place / "more")
     assert "is missing" in refused("arxml", "--build", tmp_path, "-o", tmp_path / "new")
+    assert "made from a build, but is not one itself" in refused("arxml", "--build", place, "-o", tmp_path / "new")
 
 
 def test_unsuitable_builds_are_rejected(refused: Refused, tmp_path: Path) -> None:

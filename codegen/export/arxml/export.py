@@ -22,6 +22,7 @@ from codegen.emit.render import decimal, render
 from codegen.emit.take_over import TakeOver
 from codegen.emit.text import NONE, UNITS, c_type, comment_text, literal, numpy_type
 from codegen.errors import BuildError
+from codegen.export.arxml.constraints import check_transformer
 from codegen.export.arxml.view import (
     PLATFORM_TYPES,
     CalibrationView,
@@ -89,8 +90,8 @@ def export(build: Path, protection: Protection = "transformer", access: Access =
     """Return the AUTOSAR export of a build without writing files.
 
     Raises:
-        BuildError: implicit access to the queues of the task; tolerances that AUTOSAR does not allow; not a build, one of
-            another version, or one whose calibration was changed.
+        BuildError: implicit access to the queues of the task; settings of E2E that AUTOSAR does not allow for a transformer;
+            not a build, one of another version, or one whose calibration was changed.
     """
     if access == "implicit" and protection == "task":
         raise BuildError(
@@ -103,12 +104,8 @@ def export(build: Path, protection: Protection = "transformer", access: Access =
     _require_as_built(manifest, build, edited)
     files = read_files(build, manifest, ("src/",))
     config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
-    if protection == "transformer" and config.can.e2e.max_error_state_init < config.can.e2e.max_error_state_invalid:
-        raise BuildError(
-            "max_error_state_init is below max_error_state_invalid, which AUTOSAR does not allow for a transformer",
-            where="[can.e2e]",
-            remedy="raise max_error_state_init, solve and build again, or give --e2e task",
-        )
+    if protection == "transformer":
+        check_transformer(config.can)
     context = _context(manifest, config, protection, access)
     component = context["component"]
     made = {

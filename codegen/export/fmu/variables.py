@@ -269,15 +269,15 @@ def _ecu_outputs(config: Config) -> tuple[Variable, ...]:
         reference,
         status,
         Variable("diagnostics", "diagnostics", "integer", "output", "bits of the signal Diagnostics", "int32_t"),
-        *(Variable(each, each, "integer", "output", f"{_COUNTED[each]} of the task", "int32_t") for each in COUNTERS),
+        *(Variable(each, each, "integer", "output", _COUNTED[each], "int32_t") for each in COUNTERS),
     )
 
 
 _COUNTED = {
-    "cycles": "runs",
-    "late_cycles": "runs with more than one frame of a message",
-    "early_cycles": "runs without a frame",
-    "lost_samples": "runs without a good sample",
+    "cycles": "runs of the task",
+    "late_cycles": "runs of the task with more than one frame of a message",
+    "early_cycles": "runs of the task without a frame",
+    "lost_samples": "runs of the task without a good sample",
 }
 
 
@@ -287,7 +287,7 @@ TASK_CLOCK = "task_clock"
 def _task_times(config: Config) -> tuple[Variable, ...]:
     """Return what defines the times of the task: the offset of the ECU's own clock, and the clock of the simulator."""
     period = config.controller.sampling_time_s
-    about = "time of the first run of the task; by default half a period after the first frames of the car"
+    about = "time of the first run of the task, in whole internal steps; by default half a period after the car's frames"
     low, start = config.plant.sampling_time_s, 0.5 * period
     clocked = f"the task runs at the ticks of {TASK_CLOCK}; otherwise by the clock of the ECU, first at task_offset_s"
     ticks = "runs the task if task_is_clocked; otherwise without effect"
