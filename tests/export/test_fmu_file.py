@@ -13,6 +13,8 @@ import fmpy
 import numpy as np
 import pytest
 
+from codegen.emit.a2l_view import OF_THE_ANGLE
+from codegen.export.calibration.layout import layout_of_build
 from codegen.export.fmu.export import make_fmu
 from codegen.export.fmu.variables import Version, What
 from codegen.sil.closed_loop import ClosedLoop
@@ -102,6 +104,27 @@ def test_every_parameter_starts_at_the_value_of_the_build(version: Version) -> N
         assert slave.get(name) == value
         slave.set({name: float(described[name].start)})  # the text of the description reads back to the same bits
         assert slave.get(name) == value
+
+
+@each_version
+def test_descriptions_and_ranges_of_parameters_are_those_of_the_a2l(version: Version) -> None:
+    default = "ars_parameters_default."
+    of_the_a2l = {
+        each.link.removeprefix(default): (each.text, each.low, each.high)
+        for each in layout_of_build(BUILDS["tracking"]).objects.values()
+        # The A2L bounds two of the limiter by rear_angle_max. An FMU takes any count; the C rejects it in the next step.
+        if each.link.startswith(default)
+        and each.link.removeprefix(f"{default}limiter.") not in OF_THE_ANGLE
+        and each.stored != "u2"
+    }
+    variables = {
+        variable.name.removeprefix("parameters.").partition("[")[0]: variable
+        for variable in made("controller", version).description.modelVariables
+    }
+    assert len(of_the_a2l) > 50
+    for name, expected in of_the_a2l.items():
+        found = variables[name]
+        assert (found.description, float(found.min), float(found.max)) == expected, name
 
 
 @each_version
