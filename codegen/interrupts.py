@@ -19,20 +19,20 @@ RETRY_DELAY_S = 0.01
 """Delay in s before a signal that arrived inside such a module is handled again."""
 
 REPEATED_INTERRUPT_IGNORED_S = 2.0
-"""Time in s during which another Ctrl-C is ignored, so that it does not interrupt the cleanup after the first."""
+"""Time in s during which another signal is ignored, so that it does not interrupt the cleanup after the first."""
 
 
-def raise_once() -> Handler:
-    """Return a handler of SIGINT that raises KeyboardInterrupt, but not again within `REPEATED_INTERRUPT_IGNORED_S` seconds."""
+def raise_once(exception: Callable[[int], BaseException]) -> Handler:
+    """Return a handler that raises the exception of a signal, but not again within `REPEATED_INTERRUPT_IGNORED_S` seconds."""
     last = -REPEATED_INTERRUPT_IGNORED_S
 
     def handle(number: int, frame: FrameType | None) -> None:
-        del number, frame
+        del frame
         nonlocal last
         now = time.monotonic()
         if now - last >= REPEATED_INTERRUPT_IGNORED_S:
             last = now
-            raise KeyboardInterrupt
+            raise exception(number)
 
     return handle
 

@@ -26,7 +26,7 @@ def restored() -> Iterator[None]:
 def test_a_second_ctrl_c_does_not_interrupt_the_cleanup_of_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr(interrupts.time, "monotonic", lambda: now)
-    interrupts.install_handlers({signal.SIGINT: interrupts.raise_once()})
+    interrupts.install_handlers({signal.SIGINT: interrupts.raise_once(lambda _: KeyboardInterrupt())})
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
     signal.raise_signal(signal.SIGINT)

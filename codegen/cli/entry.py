@@ -8,7 +8,6 @@ import select
 import signal
 import sys
 from collections.abc import Sequence
-from types import FrameType
 from typing import NoReturn, TextIO
 
 import click
@@ -55,10 +54,11 @@ def main() -> NoReturn:
 def _take_signals() -> None:
     handlers: dict[int, Handler] = {}
     if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, end_quietly):  # else ignored, in the background
-        handlers[signal.SIGINT] = raise_once()
+        handlers[signal.SIGINT] = raise_once(lambda _: KeyboardInterrupt())
+    terminate = raise_once(lambda number: SystemExit(128 + number))  # an exception, so that running code cleans up
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
-            handlers[number] = _terminate
+            handlers[number] = terminate
     install_handlers(handlers)
 
 
@@ -118,9 +118,3 @@ def _has_no_reader(stream: TextIO) -> bool:
     except (OSError, ValueError):  # no file behind it
         return False
     return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    del frame
-    # Raise an exception, so that running code cleans up.
-    raise SystemExit(128 + number)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import importlib
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import tempfile
@@ -16,6 +16,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from types import FrameType
 
 from codegen.errors import CodegenError, one_line
@@ -154,13 +155,14 @@ def run(
         crashed: list[Registered] = []
         with _processes(PARALLEL_CHECKS, scratch) as pool:
             running: dict[Future[Outcome], Registered] = {}
+            saved = _saved(subject, scratch)
             for number, check in enumerate(chosen):
                 if number == PARALLEL_CHECKS:  # for the others, while the first ones run
-                    subject = copy.copy(subject)
                     with contextlib.suppress(Exception):  # raised again in each check that needs it
                         _ = subject.unbounded
+                    saved = _saved(subject, scratch)
                 try:
-                    running[pool.submit(_outcome_in_worker, check, subject, effort)] = check
+                    running[pool.submit(_outcome_in_worker, check, saved, effort)] = check
                 except BrokenProcessPool:
                     crashed.append(check)
             for future in as_completed(running):
@@ -191,7 +193,7 @@ def _alone(check: Registered, subject: Subject, effort: Effort, scratch: str) ->
     """Run a check in a process of its own, which no other check can crash."""
     with _processes(1, scratch) as pool:
         try:
-            return pool.submit(_outcome_in_worker, check, subject, effort).result()
+            return pool.submit(_outcome_in_worker, check, _saved(subject, scratch), effort).result()
         except BrokenProcessPool:
             return Outcome(check.shows, "could not be completed", Verdict.FAILED, (CRASHED,))
 
@@ -214,8 +216,17 @@ def outcome_of(check: Registered, subject: Subject, effort: Effort) -> Outcome:
     return outcome
 
 
-def _outcome_in_worker(check: Registered, subject: Subject, effort: Effort) -> Outcome:
+def _saved(subject: Subject, scratch: str) -> Path:
+    """Write a subject for the workers. In the pipe to them, it would block the pool for ever after a crash (CPython 94777)."""
+    handle, name = tempfile.mkstemp(".pickle", dir=scratch)
+    with os.fdopen(handle, "wb") as file:
+        pickle.dump(subject, file)
+    return Path(name)
+
+
+def _outcome_in_worker(check: Registered, saved: Path, effort: Effort) -> Outcome:
     """Run one check, which ends on SIGTERM together with its children."""
+    subject = pickle.loads(saved.read_bytes())
     signal.signal(signal.SIGTERM, _leave)
     try:
         return outcome_of(check, subject, effort)

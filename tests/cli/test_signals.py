@@ -59,7 +59,7 @@ import tempfile
 from codegen.verify import runner
 def waiting(running):
     scratch = os.path.join(tempfile.gettempdir(), os.listdir(tempfile.gettempdir())[0])
-    while not os.listdir(scratch):  # until a check has begun to write
+    while all(name.endswith(".pickle") for name in os.listdir(scratch)):  # until a check has begun to write
         os.sched_yield()
     os.killpg(0, signal.SIGINT)
     raise RuntimeError("the signal was lost")
