@@ -92,6 +92,13 @@ def test_the_file_has_the_values_and_their_uncertainty() -> None:
     assert abs(gradient - SingleTrack.from_config(config).understeer_coefficient) < DEVIATIONS_MAX * deviation
 
 
+def test_a_covariance_is_symmetric() -> None:
+    """Correlations are written with seven digits; a file whose matrix is not symmetric is rejected."""
+    found = identified()
+    assert (found.vehicle.covariance == found.vehicle.covariance.T).all()
+    assert (found.correlation == found.correlation.T).all()
+
+
 @pytest.mark.parametrize("vehicle", ["vehicle = { mass_kg = 2000.0 }", "[vehicle]\nmass_kg = 2000.0"])
 def test_a_stiffness_factor_becomes_a_stiffness(vehicle: str) -> None:
     """A file with an inline table is written anew."""
