@@ -318,7 +318,9 @@ def fit(
     meat = _long_run(scores, offsets, window) + identity
     covariance, information = np.zeros((len(free), len(free))), np.zeros((len(free), len(free)))
     chosen = np.ix_(free, free)
-    covariance[chosen], information[chosen] = inverse @ meat @ inverse, hessian
+    sandwich = inverse @ meat @ inverse
+    # Rounding errors of the product are not symmetric. They are large where the drives hardly tell two parameters apart.
+    covariance[chosen], information[chosen] = 0.5 * (sandwich + sandwich.T), hessian
     return Fit(
         problem,
         solver.values(z),

@@ -42,7 +42,7 @@ class Direction:
         """The direction in words."""
         names = list(self.components)
         if len(names) == 1:
-            return f"{names[0]}: not in these drives"
+            return f"{names[0]}: {'not' if self.share > NOTHING else 'hardly'} in these drives"
         return f"{', '.join(names[:-1])} and {names[-1]} only together"
 
 

@@ -92,7 +92,7 @@ def reached_lines(found: Identification, one: Reached) -> list[str]:
         f"{one.lateral_acceleration:.1f} m/s^2."
     ]
     for axle, slip, friction in zip(("front", "rear"), one.slip, one.friction, strict=True):
-        held = "; their D, C and E hold up to there" if found.quantities[f"{axle}_peak"].is_identified else ""
+        held = "; the identified curve holds up to there" if found.quantities[f"{axle}_peak"].is_identified else ""
         lines.append(f"The {axle} tyres reached {slip / DEGREE:.1f} deg of slip and a friction of {friction:.2f}{held}.")
     return lines
 

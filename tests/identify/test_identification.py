@@ -11,7 +11,7 @@ from codegen.configuration import Config, parse, preset_text
 from codegen.errors import CodegenError
 from codegen.identify.drive import Drive
 from codegen.identify.estimate import Fit
-from codegen.identify.identifiability import Identifiability, analyse
+from codegen.identify.identifiability import Direction, Identifiability, analyse
 from codegen.identify.parameters import BY_NAME, CURVES, configured
 from codegen.identify.reached import reached
 from codegen.identify.result import identified_keys, identified_toml, understeer_gradient
@@ -90,6 +90,18 @@ def test_the_file_has_the_values_and_their_uncertainty() -> None:
     np.linalg.cholesky(np.array(written.identified.correlations))
     gradient, deviation = understeer_gradient(found)
     assert abs(gradient - SingleTrack.from_config(config).understeer_coefficient) < DEVIATIONS_MAX * deviation
+
+
+def test_the_text_of_a_direction_of_one_quantity_depends_on_what_is_known_about_it() -> None:
+    assert Direction(1.0, 0.0, {"front C": 1.0}).text == "front C: not in these drives"
+    assert Direction(0.5, 2.0, {"front C": 0.95}).text == "front C: hardly in these drives"
+
+
+def test_a_covariance_is_symmetric() -> None:
+    """Correlations are written with seven digits; a file whose matrix is not symmetric is rejected."""
+    found = identified()
+    assert (found.vehicle.covariance == found.vehicle.covariance.T).all()
+    assert (found.correlation == found.correlation.T).all()
 
 
 @pytest.mark.parametrize("vehicle", ["vehicle = { mass_kg = 2000.0 }", "[vehicle]\nmass_kg = 2000.0"])
