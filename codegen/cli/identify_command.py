@@ -163,19 +163,20 @@ def identify(
             console.say("", "names.toml of these signals:", "", reading.names_toml.rstrip())
         return
 
+    from codegen.identify.findings import refuse_contradictions
     from codegen.identify.reached import reached
     from codegen.identify.result import identified_toml
     from codegen.identify.run import identify as identify_car
     from codegen.identify.summary import to_dict
     from codegen.identify.validation import validate, validate_fitted
 
+    refuse_contradictions(reading.findings)
     drives, others = reading.drives[: len(logs)], reading.drives[len(logs) :]
     with within(", ".join(map(str, logs))), console.status("identifying"):
         found = identify_car(config, drives)
-    with within(config_path):
-        limits = reached(found.vehicle, config)
-        text = read_text(config_path, CONFIG_BYTES_MAX, "name an ars.toml", ConfigError)
-        written = identified_toml(found, text, config_path)
+    limits = reached(found.vehicle, config)
+    text = read_text(config_path, CONFIG_BYTES_MAX, "name an ars.toml", ConfigError)
+    written = identified_toml(found, text, config_path)
     validations = [validate(found, drive) for drive in others] if others else validate_fitted(found, drives)
     contents = {output: written.encode("utf-8")}
     if report_path is not None:
@@ -255,6 +256,7 @@ def _print_plan(plan: DrivePlan) -> None:
     console.say(text_table(PREDICTED_HEADER, predicted_rows(plan)))
     if lines := need_lines(plan):
         console.say("", "not determined, and what it needs:", *(f"  {line}" for line in lines))
+    console.say("", "A tyre curve is determined with its D.")
 
 
 def _report(

@@ -13,8 +13,8 @@ import math
 from dataclasses import dataclass
 
 from codegen.configuration import Config
-from codegen.configuration.population import Population, value_of, varying_keys
 from codegen.errors import ConfigError
+from codegen.vehicle.population import Population, value_of, varying_keys
 
 MEMBERS_MAX = 4096
 """Largest number of combinations that the design accepts, far above that of both ends and the middle of each deviation."""

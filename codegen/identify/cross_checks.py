@@ -15,7 +15,7 @@ import numpy as np
 from codegen.arrays import BoolArray, FloatArray
 from codegen.identify.conditioning import PLATEAU_SAMPLES, Conditioned, clipped
 from codegen.identify.drive import Drive
-from codegen.identify.findings import FROZEN, OFFSET, SATURATED, SIGN, Finding
+from codegen.identify.findings import CONTRADICTION, FROZEN, OFFSET, SATURATED, SIGN, Finding
 from codegen.identify.quantities import QUANTITIES
 
 TINY = float(np.finfo(np.float64).tiny)
@@ -57,6 +57,9 @@ TURNING_M_S2 = 0.5
 """Standard deviation of the lateral acceleration from which signs and units can be compared."""
 SLOPE_LOW, SLOPE_HIGH = 0.6, 1.7
 """Range of the ratio of lateral acceleration to speed times yaw rate. Roll adds some 10 %; transients and banked roads more."""
+SLOPE_FACTOR_MAX, AGREEMENT = 3.0, 0.8
+"""Factor between both that is an error, and their correlation from which it is one. Fast steering of the rear wheels alone
+halves the ratio and the correlation; km/h read as m/s divides the ratio by 3.6."""
 CORRELATION = 0.3
 """Smallest correlation of steering and yaw rate that has a sign."""
 
@@ -226,8 +229,10 @@ def _signs(drive: Drive) -> Iterator[Finding]:
         if x.size and max(np.std(x), np.std(y)) > TURNING_M_S2 and np.std(x) > 0.0:
             slope = float(x @ y / (x @ x))
             if not SLOPE_LOW <= slope <= SLOPE_HIGH:
+                is_gross = not 1.0 / SLOPE_FACTOR_MAX <= slope <= SLOPE_FACTOR_MAX
+                is_clear = float(x @ y) ** 2 > AGREEMENT**2 * float((x @ x) * (y @ y))
                 text = f"it is {slope:.3g} times vx * yaw_rate, where about 1 is normal; check sign and unit of all three"
-                yield Finding(drive.name, "lateral_acceleration", SIGN, text)
+                yield Finding(drive.name, "lateral_acceleration", CONTRADICTION if is_gross and is_clear else SIGN, text)
     for key in ("steering_wheel_angle", "delta_f"):
         angle = drive.signals.get(key)
         if angle is None:

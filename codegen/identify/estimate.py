@@ -59,7 +59,7 @@ class Fit:
         noise: (m, outputs) robust standard deviation of the residuals of each segment; 1 where nothing is compared.
         residuals: (rows, outputs) measured minus simulated, NaN where not compared.
         information: (k, k) of the data alone, in units of the prior: its curvature after elimination of the initial states.
-        covariance: (k, k) of z, prior included; zero for parameters that are not free.
+        covariance: (k, k) of z, prior included; zero for parameters that count as exact.
     """
 
     problem: Problem
@@ -187,10 +187,11 @@ class _Solver:
             found.gradient[:, count:] + moved / problem.start_spread,
         )
 
-    def rows(self, here: _Point, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return weighted mean errors (blocks, outputs) and their derivatives (blocks, outputs, f), initial states eliminated.
+    def rows(self, here: _Point, noise: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return weighted mean errors (blocks, outputs), their derivatives (blocks, outputs, f), and the curvature (f, f).
 
-        Their sum of squares is the cost to first order; their product is the gradient of each block.
+        The initial states are eliminated. The sum of the squared errors is the cost to first order; the product of errors and
+        derivatives is the gradient of each block.
         """
         problem, values, count = self.problem, self.values(here.z), len(self.free)
         noise = problem.of_blocks(noise)
@@ -205,7 +206,8 @@ class _Solver:
         number = np.maximum(np.add.reduceat(self.known, first, axis=0, dtype=np.int64), 1)
         summed: FloatArray = np.add.reduceat(by_z, first, axis=0)
         summed *= (robust / (noise * np.sqrt(number)))[:, :, None]
-        return np.asarray(scaled * robust, dtype=np.float64), summed
+        inliers = summed[np.abs(scaled * robust) <= HUBER]
+        return np.asarray(scaled * robust, dtype=np.float64), summed, inliers.T @ inliers
 
     def minimise(self, z: FloatArray, starts: FloatArray, noise: FloatArray, decrement: float) -> _Point:
         """Return the minimum for a given noise (Levenberg-Marquardt with bounds). Raises CodegenError if the start diverges."""
@@ -310,9 +312,7 @@ def fit(
     identity = np.eye(len(z))
     window = max(round(WINDOW_S / (problem.samples.step * problem.average)), 1)
     _, offsets = problem.blocks
-    error, by_z = solver.rows(here, noise)
-    inliers = by_z[np.abs(error) <= HUBER]
-    hessian = inliers.T @ inliers
+    error, by_z, hessian = solver.rows(here, noise)
     inverse = np.asarray(np.linalg.inv(hessian + identity), dtype=np.float64)
     scores = _scores(error, by_z, offsets, window, inverse)
     meat = _long_run(scores, offsets, window) + identity
@@ -331,6 +331,14 @@ def fit(
         information,
         covariance,
     )
+
+
+def curvature(fitted: Fit, chosen: BoolArray) -> FloatArray:
+    """Return the curvature (c, c) of the data's cost at a fit, in z of chosen parameters (k,), which may have been held."""
+    solver = _Solver(fitted.problem, chosen, fitted.values)
+    z = fitted.problem.prior.scaled(fitted.values)[chosen]
+    *_, result = solver.rows(solver.point(z, fitted.starts, fitted.noise), fitted.noise)
+    return result
 
 
 def _first(solver: _Solver, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

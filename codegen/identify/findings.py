@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from codegen.errors import CodegenError
 
 CLOCK = "clock"
 GAP = "gap"
@@ -12,6 +15,7 @@ IMPOSSIBLE = "impossible value"
 FROZEN = "frozen"
 OFFSET = "offset"
 SIGN = "sign or unit"
+CONTRADICTION = "contradiction"
 UNUSED = "not used"
 REMARK = "remark"
 
@@ -22,10 +26,10 @@ class Finding:
 
     Attributes:
         drive: name of the drive.
-        quantity: key of QUANTITIES; "" for the whole log.
+        quantity: key of QUANTITIES, or several with commas; "" for the whole log.
         kind: one of the constants of this module.
         text: one line: what, where, and a remedy if there is one.
-        lost: number of samples (of the log) that became NaN because of it.
+        lost: number of samples (of the log) of each quantity that became NaN because of it.
     """
 
     drive: str
@@ -37,3 +41,19 @@ class Finding:
     def __str__(self) -> str:
         place = f"{self.drive}: {self.quantity}" if self.quantity else self.drive
         return f"{place}: {self.text}"
+
+
+def merged(findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings in which quantities of one drive with the same finding share it."""
+    found: dict[Finding, list[str]] = {}
+    for each in findings:
+        found.setdefault(replace(each, quantity=""), []).append(each.quantity)
+    return [replace(each, quantity=", ".join(quantities)) for each, quantities in found.items()]
+
+
+def refuse_contradictions(findings: Iterable[Finding]) -> None:
+    """Raise CodegenError if signals of a drive contradict each other."""
+    for each in findings:
+        if each.kind == CONTRADICTION:
+            what, _, remedy = each.text.partition("; ")
+            raise CodegenError(what, where=f"{each.drive}: {each.quantity}", remedy=f"{remedy} in names.toml, for --signals")

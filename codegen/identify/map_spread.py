@@ -8,11 +8,11 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.configuration.population import BAND, draw
 from codegen.errors import CodegenError
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
 from codegen.units import KM_H
+from codegen.vehicle.population import BAND, draw
 
 CARS = 60
 SEED = 1

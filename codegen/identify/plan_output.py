@@ -13,7 +13,7 @@ from codegen.identify.summary import significant
 from codegen.units import DEGREE, KM_H
 from hil_sim.scenario_files import OVERRIDE_COLUMN, STEERING_COLUMNS
 
-DRIVE_HEADER = ("drive", "manoeuvre", "km/h", "steering wheel ±deg", "rear angle ±deg", "s", "largest m/s²")
+DRIVE_HEADER = ("drive", "manoeuvre", "km/h", "steering wheel ±deg", "rear angle ±deg", "s", "largest m/s^2")
 PREDICTED_HEADER = ("quantity", "configured", "unit", "standard deviation", "of that before %", "determined")
 
 MANIFEST_WHAT = "measurement programme"

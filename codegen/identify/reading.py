@@ -15,7 +15,7 @@ from codegen.identify.channels import Channel, Databases, Log, Samples, open_log
 from codegen.identify.conditioning import Conditioned, condition
 from codegen.identify.cross_checks import cross_check, without_frozen, without_saturated
 from codegen.identify.drive import Drive
-from codegen.identify.findings import UNUSED, Finding
+from codegen.identify.findings import UNUSED, Finding, merged
 from codegen.identify.names import NO_SETTINGS, Names, SignalChoice, line_of
 from codegen.identify.quantities import QUANTITIES, REQUIRED, Quantity
 from codegen.identify.resampling import TIME_RESOLUTION_S, resample
@@ -150,7 +150,7 @@ def _read(
     )
     if empty is not None:
         raise CodegenError(f"{empty} has no usable value", where=f"{path}: {sources[empty].channel}", remedy="check the log")
-    return drive, sources, findings
+    return drive, sources, merged(findings)
 
 
 def _sign_signals(log: Log, names: Names, chosen: Mapping[str, object], path: Path) -> dict[str, Channel]:

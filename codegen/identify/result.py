@@ -20,7 +20,7 @@ _RENAMED = {"stiffness_factor_b_per_rad": "cornering_stiffness_n_per_rad"}
 
 
 def identified_keys(found: Identification) -> dict[str, tuple[float | int, float]]:
-    """Return the key of each determined quantity -> its value and standard deviation, in the unit of the key.
+    """Return the key of each uncertain quantity -> its value and standard deviation, in the unit of the key.
 
     The tyre of an axle of which anything is determined has its cornering stiffness, determined or not, because B would change
     with its other factors.
@@ -29,7 +29,7 @@ def identified_keys(found: Identification) -> dict[str, tuple[float | int, float
     keys: dict[str, tuple[float | int, float]] = {}
     for quantity in found.quantities.values():
         parameter = quantity.parameter
-        if not parameter.key or not quantity.is_identified:
+        if not parameter.key or not quantity.is_uncertain:
             continue
         value, deviation = quantity.value / parameter.size, quantity.standard_deviation / parameter.size
         if parameter.name == "actuator_delay":

@@ -14,21 +14,20 @@ from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.identify.drive import Drive
 from codegen.identify.estimate import Fit, fit
+from codegen.identify.held import undetermined_curves, with_held_spread
 from codegen.identify.identifiability import WEAK_SHARE_MAX, Direction, Identifiability, analyse
 from codegen.identify.model import AXLES, OUTPUTS
 from codegen.identify.parameters import BY_NAME, CURVES, HANDLING, PARAMETERS, Parameter, configured
-from codegen.identify.reached import reached
 from codegen.identify.shooting import DriveSamples, Problem, actuator_problem, filled, front_signal, vehicle_problem
 from codegen.identify.start import actuator_start, starting_values
-from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
 RELAXATION_START_M = 0.2
 RATE_COST_MIN = 20.0
 """Least rise of the cost without a rate limit with which the limit counts as reached: that of 6 standard deviations. Up to the
 limit, the cost does not depend on it, so its curvature at the largest rate that was reached proves nothing."""
 NO_SIDESLIP = (
-    "no drive has sideslip: the common level of cornering stiffnesses and yaw inertia rests on the model, which leaves out "
-    "roll; measure sideslip if a map is to keep its slip bounds exactly"
+    "no drive of --log has sideslip: the common level of cornering stiffnesses and yaw inertia rests on the model, which "
+    "leaves out roll; measure sideslip if a map is to keep its slip bounds exactly"
 )
 ROUNDS_MAX = 3
 """Fits of the car with shifts and integration steps that follow from the last one."""
@@ -41,9 +40,9 @@ class Quantity:
     Attributes:
         parameter: entry of the table.
         value: identified, or the configured value if it is not determined.
-        standard_deviation: of the identified value; NaN if it is not determined.
+        standard_deviation: of the value; NaN if it counts as exact.
         configured: configured value.
-        is_identified: whether the drives determine it.
+        is_identified: whether the drives determine it. A value that they do not determine is the configured one.
         note: reason why not, with the manoeuvre that is missing; or a limit of the value.
     """
 
@@ -54,6 +53,11 @@ class Quantity:
     is_identified: bool
     note: str = ""
 
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether the value varies from car to car within its standard deviation."""
+        return math.isfinite(self.standard_deviation)
+
 
 @dataclass(frozen=True, eq=False)
 class Identification:
@@ -63,7 +67,7 @@ class Identification:
         config: given configuration.
         quantities: name -> quantity, all of `parameters.PARAMETERS`.
         names: names of the quantities in `correlation`.
-        correlation: (k, k) of the determined quantities.
+        correlation: (k, k) of the uncertain quantities.
         directions: combinations that the drives do not determine.
         vehicle: fit of the car. actuator: fit of the actuator, None without its signals.
         notes: messages for the user.
@@ -109,7 +113,7 @@ def identify(config: Config, drives: Sequence[Drive]) -> Identification:
         source = (
             "it follows from the command and the configured actuator" if is_commanded else "the rear wheels count as straight"
         )
-        notes.append(f"no drive has delta_r: {source}")
+        notes.append(f"no drive of --log has delta_r: {source}")
     _fit_ratio(samples, centre, found)
 
     vehicle, judged = _fit_vehicle(samples, config, centre, rear, found)
@@ -123,6 +127,9 @@ def identify(config: Config, drives: Sequence[Drive]) -> Identification:
         deviation = math.hypot(front.standard_deviation, BY_NAME["rear_offset"].spread)
         note = "less that of the rear angle, which is not known: no rear angle command was measured"
         found["front_offset"] = replace(front, standard_deviation=deviation, note=note)
+    for axle, (peak, *_) in zip(AXLES, CURVES, strict=True):
+        if not found[peak].is_identified:
+            notes.append(f"the curve of the {axle} tyres is as configured, and counts as exact")
     if not samples.has("sideslip"):
         notes.append(NO_SIDESLIP)
     used = vehicle.problem.segments.first
@@ -131,7 +138,9 @@ def identify(config: Config, drives: Sequence[Drive]) -> Identification:
             notes.append(f"{name} is not used for the car: it has no second with speed, yaw rate, front and rear angle")
     names, correlation = _correlation(found, (vehicle, *(() if actuator is None else (actuator,))))
     ordered = {parameter.name: found[parameter.name] for parameter in PARAMETERS}
-    return Identification(config, ordered, names, correlation, tuple(directions), vehicle, actuator, tuple(notes))
+    identified = [{each.parameter.title} for each in found.values() if each.is_identified]
+    left = tuple(direction for direction in directions if direction.components.keys() not in identified)
+    return Identification(config, ordered, names, correlation, left, vehicle, actuator, tuple(notes))
 
 
 def judge(
@@ -142,18 +151,26 @@ def judge(
     determined = {name for name, is_identified in zip(names, judged.is_identified, strict=True) if is_identified}
     shares = dict(zip(names, judged.shares.tolist(), strict=True))
     weak = {name for name in HANDLING if determined & set(HANDLING) and shares.get(name, 1.0) <= WEAK_SHARE_MAX} - determined
-    # What is free of a curve after `undetermined_curves` is determined with it.
-    curves = {name for curve in CURVES for name in curve}
+    # What is free of a curve after `undetermined_curves` is determined with it; what is held spreads as assumed.
+    peaks = {name: curve[0] for curve in CURVES for name in curve}
+    kept = {name for name, is_free in zip(names, fitted.free, strict=True) if is_free}
     for index, parameter in enumerate(fitted.problem.prior.parameters):
         name = parameter.name
         if name in found:
             continue
         note = "" if name in determined else _missing(parameter, samples)
-        if name in curves - determined and fitted.free[index]:
+        if peaks.get(name) in kept and name not in kept:
+            note = f"as configured, but not as exact; drive: {parameter.manoeuvre}"
+            found[name] = Quantity(parameter, centre[name], float(deviations[index]), centre[name], False, note)
+            continue
+        if name in peaks.keys() & kept - determined:
             note = f"not determined alone, but as a part of its curve; alone: {parameter.manoeuvre}"
+        if name in kept and (others := [other for other, peak in peaks.items() if peak == name and other not in kept]):
+            titles = ", ".join(BY_NAME[other].title for other in others)
+            note = f"with {titles} as configured, for whose errors its deviation allows"
         if name in weak:
             note = f"weakly determined; better with: {parameter.manoeuvre}"
-        is_kept = name in determined | curves | weak and bool(fitted.free[index])
+        is_kept = name in kept & (determined | peaks.keys() | weak)
         found[name] = _quantity(parameter, fitted.values[index], deviations[index], centre, is_kept, note)
 
 
@@ -252,8 +269,8 @@ def _fit_vehicle(
     """Return the fit, and what is determined.
 
     What a fit does not determine is held in the next one: quantities of the tyre curves, so that the stiffnesses belong to the
-    curves that are written; and a relaxation length too short for the plant, which is added to `found` as zero. The directions
-    are those of the first fit.
+    curves that are written; and a relaxation length too short for the plant, which is added to `found` as zero. The covariance
+    allows for the error of held curves. The directions are those of the first fit.
     """
     front, is_wheel = front_signal(samples, config)
     # The angle of the front wheels needs no ratio; that of the steering wheel does.
@@ -276,31 +293,10 @@ def _fit_vehicle(
             found[relaxation.name] = _quantity(relaxation, 0.0, deviation, centre, True, note)
             held[relaxation.name] = 0.0
         if not held:
-            return result, replace(judged, directions=first.directions)
+            curves = np.array([any(name in curve for curve in CURVES) for name in names])
+            return with_held_spread(result, curves & ~free), replace(judged, directions=first.directions)
         free = free & [name not in held for name in names]
         centre, values = {**centre, **held}, {**result.named(), **held}
-
-
-def undetermined_curves(fitted: Fit, judged: Identifiability, config: Config) -> list[str]:
-    """Return the quantities of the tyre curves that the next fit holds at their configured values, where D is not determined.
-
-    Without the peak, the drives do not tell D from C and the load sensitivity; nor, in the next fit, from E; nor, in the last,
-    from the stiffness. A curve that was not driven beyond its slip bound is held as a whole: the map rests on that bound.
-    """
-    names, values = fitted.problem.prior.names, fitted.named()
-    departure = config.limits.slip_departure_percent / 100.0
-    held: list[str] = []
-    for axle, curve, load, slip in zip(AXLES, CURVES, static_wheel_loads(config), reached(fitted, config).slip, strict=True):
-        peak, shape, curvature, sensitivity = curve
-        free = {name for name in curve if fitted.free[names.index(name)]}
-        if peak not in free or judged.is_identified[names.index(peak)]:
-            continue
-        keys = {BY_NAME[name].key.rpartition(".")[2]: values[name] for name in (f"{axle}_stiffness", *curve)}
-        tyre = getattr(config.tyre, axle).model_copy(update={**keys, "stiffness_factor_b_per_rad": None})
-        is_beyond = MagicFormulaTyre.from_config(tyre, load, config.road.friction).departure(slip) >= departure
-        steps = ({shape, sensitivity}, {curvature}, {peak}) if is_beyond else ({*curve},)
-        held += next(sorted(step & free) for step in steps if step & free)
-    return held
 
 
 def _free(problem: Problem, samples: DriveSamples, is_wheel: bool) -> BoolArray:
@@ -334,12 +330,12 @@ def _same(first: Problem, second: Problem) -> bool:
 
 
 def _correlation(found: dict[str, Quantity], fits: Sequence[Fit]) -> tuple[tuple[str, ...], FloatArray]:
-    """Return names and correlation of the determined quantities; zero between quantities of different fits."""
-    names = tuple(parameter.name for parameter in PARAMETERS if found[parameter.name].is_identified)
+    """Return names and correlation of the uncertain quantities; zero between quantities of different fits."""
+    names = tuple(parameter.name for parameter in PARAMETERS if found[parameter.name].is_uncertain)
     result = np.eye(len(names))
     for one in fits:
         deviation = np.sqrt(np.diag(one.covariance))
-        at = {name: k for k, name in enumerate(one.problem.prior.names) if one.free[k]}
+        at = {name: k for k, name in enumerate(one.problem.prior.names) if deviation[k]}
         for i, first in enumerate(names):
             for j, second in enumerate(names):
                 if i != j and first in at and second in at:

@@ -22,8 +22,16 @@ ROUNDING = 1e-9
 
 SIGNAL_HEADER = ("drive", "quantity", "signal", "unit", "samples", "period [ms]", "with a value [%]")
 FINDING_HEADER = ("drive", "quantity", "finding", "lost", "what")
-QUANTITY_HEADER = ("quantity", "value", "±95 %", "unit", "configured", "")
-VALIDATION_HEADER = ("drive", "", "free run deg/s", "largest", "one step deg/s", "of deg/s", "lateral acceleration m/s²")
+QUANTITY_HEADER = ("quantity", "value", "±95 %", "unit", "configured", "remark")
+VALIDATION_HEADER = (
+    "drive",
+    "car",
+    "free run, rms [deg/s]",
+    "free run, largest [deg/s]",
+    "one step, rms [deg/s]",
+    "measured, rms [deg/s]",
+    "lateral acceleration, rms [m/s^2]",
+)
 WHITENESS_HEADER = ("errors of", "lag one", "Q", "lags", "probability", "white")
 
 
@@ -36,6 +44,11 @@ def significant(value: float, digits: int) -> str:
 def _shown(value: float, parameter: Parameter, digits: int = 5) -> str:
     """Return a value in the unit of its key. Rounding errors, which drives without noise leave, count as zero."""
     return significant(value / parameter.size if abs(value) > ROUNDING * parameter.spread else 0.0, digits)
+
+
+def _shown_to(value: float, parameter: Parameter, interval: str) -> str:
+    """Return a value in the unit of its key, with as many decimals as its interval."""
+    return f"{value / parameter.size:.{len(interval.partition('.')[2])}f}" if float(interval) else _shown(value, parameter)
 
 
 def signal_rows(reading: Reading) -> list[tuple[str, ...]]:
@@ -58,10 +71,11 @@ def finding_rows(reading: Reading) -> list[tuple[str, ...]]:
 def quantity_row(quantity: Quantity) -> tuple[str, ...]:
     """Return a row of QUANTITY_HEADER."""
     parameter = quantity.parameter
+    interval = _shown(CONFIDENCE * quantity.standard_deviation, parameter, 2) if quantity.is_uncertain else "-"
     return (
         parameter.title,
-        _shown(quantity.value, parameter) if quantity.is_identified else "-",
-        _shown(CONFIDENCE * quantity.standard_deviation, parameter, 2) if quantity.is_identified else "-",
+        _shown_to(quantity.value, parameter, interval) if quantity.is_identified else "-",
+        interval,
         parameter.unit,
         _shown(quantity.configured, parameter),
         quantity.note,

@@ -21,13 +21,13 @@ import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config, Tightening
-from codegen.configuration.population import draw
 from codegen.configuration.tightening import FRACTION_MIN, SHARE_MAX, SHARE_MIN
 from codegen.errors import ConfigError, MapError
 from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.optimum.turns import turns_of
+from codegen.vehicle.population import draw
 
 OPTION = "--uncertain"
 CONFIDENCE = 0.95

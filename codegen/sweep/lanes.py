@@ -17,13 +17,13 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.configuration.population import Population
 from codegen.errors import CodegenError, ConfigError
 from codegen.sil.batch import Lanes
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sweep.spec import FACTORS, NOISE, Spec, Values
 from codegen.units import KM_H
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters, varied_cars
+from codegen.vehicle.population import Population
 from hil_sim.scenarios import Kind, Scenario
 
 Factors = Mapping[str, FloatArray]

@@ -17,7 +17,6 @@ import numpy as np
 from codegen import configuration
 from codegen.cache import cache_folder
 from codegen.configuration import Config, Identified
-from codegen.configuration.population import Population, changed_car, require_identified
 from codegen.design.family import measured_keys
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.errors import CodegenError, ConfigError, within
@@ -29,6 +28,7 @@ from codegen.sweep.spec import FACTORS, Spec
 from codegen.sweep.versions import sources_digest
 from codegen.tuning.tune import tune
 from codegen.vehicle.plant_car import plant_parameters
+from codegen.vehicle.population import Population, changed_car, require_identified
 
 SPEC: dict[str, Any] = {"samples": 1000, "seed": 1, "scenarios": ["step-steer", "sine-with-dwell"]}
 """Campaign without a `sweep.toml`."""

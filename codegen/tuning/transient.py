@@ -19,7 +19,6 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config, Schedule
 from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
-from codegen.configuration.population import Population
 from codegen.design.family import ELLIPSOID_SHARE, measured_keys
 from codegen.design.loss import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
@@ -30,6 +29,7 @@ from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.units import KM_H
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters, varied_cars
+from codegen.vehicle.population import Population
 
 OVERSHOOT_PERCENT, SETTLING_S = 1.3, 1.05
 """Targets for the configured car."""

@@ -9,7 +9,6 @@ from scipy.stats import chi2, norm
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.configuration.population import Population, draw
 from codegen.design.family import MEASURABLE, Member, measured_keys, members, nominal, origin
 from codegen.design.margins import gains_of, loop_margins
 from codegen.design.sampled import frequency_grid, sample
@@ -17,6 +16,7 @@ from codegen.design.search import Demands
 from codegen.design.tune import design
 from codegen.errors import ConfigError
 from codegen.units import KM_H
+from codegen.vehicle.population import Population, draw
 
 from .conftest import small_config
 

@@ -13,9 +13,23 @@ from hypothesis import strategies as st
 
 from codegen.errors import CodegenError
 from codegen.identify.conditioning import clipped
-from codegen.identify.findings import CLOCK, FROZEN, GAP, IMPOSSIBLE, OFFSET, REMARK, RESERVED, SATURATED, SIGN
+from codegen.identify.cross_checks import cross_check
+from codegen.identify.findings import (
+    CLOCK,
+    CONTRADICTION,
+    FROZEN,
+    GAP,
+    IMPOSSIBLE,
+    OFFSET,
+    REMARK,
+    RESERVED,
+    SATURATED,
+    SIGN,
+    refuse_contradictions,
+)
 from codegen.identify.names import Names
 from codegen.identify.reading import Reading, read_drives
+from tests.identify.drives import Course, drive, true_car
 from tests.identify.made import DURATION, SIGNALS, Frames, Wave, frames, kinds, wave, write_bus
 
 TIME = np.arange(0.0, DURATION, 0.01)
@@ -396,14 +410,42 @@ def test_an_offset_that_is_subtracted_in_part_is_reported_in_full(tmp_path: Path
     assert finding.text == "an offset of 0.015 rad/s at standstill; offset = 0.02 in names.toml subtracts it"
 
 
-@pytest.mark.parametrize("factor", [-1.0, 9.81, 1.0 / 9.81])
-def test_a_wrong_sign_or_unit_of_the_lateral_acceleration(factor: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("factor", "kind"), [(0.5, SIGN), (2.5, SIGN), (-1.0, CONTRADICTION), (3.6, CONTRADICTION), (1.0 / 3.6, CONTRADICTION)]
+)
+def test_a_wrong_sign_or_unit_of_the_lateral_acceleration(factor: float, kind: str, tmp_path: Path) -> None:
     wrong = columns()
     wrong["lateral_acceleration [m/s^2]"] *= factor
-    if factor > 1.0:
-        wrong["lateral_acceleration [m/s^2]"] *= 0.5
     reading = read(tmp_path, wrong)
-    assert kinds(reading) == [("lateral_acceleration", SIGN)]
+    assert kinds(reading) == [("lateral_acceleration", kind)]
+
+
+def test_contradictory_signals_are_refused(tmp_path: Path) -> None:
+    wrong = columns(yaw_rate=lambda time: -SIGNALS["yaw_rate"](time), steering_wheel_angle=lambda time: 0.0 * time)
+    findings = read(tmp_path, wrong).findings
+    with pytest.raises(CodegenError) as error:
+        refuse_contradictions(findings)
+    assert error.value.where == "drive: lateral_acceleration"
+    assert error.value.what == "it is -0.997 times vx * yaw_rate, where about 1 is normal"
+    assert error.value.remedy == "check sign and unit of all three in names.toml, for --signals"
+    refuse_contradictions(each for each in findings if each.kind != CONTRADICTION)
+
+
+def test_fast_steering_of_the_rear_wheels_is_no_contradiction() -> None:
+    """The lateral acceleration and the yaw rate are out of phase: see `SLOPE_FACTOR_MAX`."""
+    config, errors = true_car(100)
+    one = drive(config, (Course(config).rear_sweep(90.0, 1.4),), 0, errors)
+    units = {"delta_f": ("rad", 1, 0.0), "delta_r": ("rad", 1, 0.0), "steering_wheel_angle": ("rad", 1, 0.0)}
+    units |= {"yaw_rate": ("rad/s", 1, 0.0), "lateral_acceleration": ("m/s^2", 1, 0.0)}
+    refuse_contradictions(cross_check(one, units))
+
+
+def test_a_gap_of_all_signals_is_one_finding(tmp_path: Path) -> None:
+    kept = (TIME < 1.0) | (TIME > 1.5)
+    reading = read(tmp_path, {key: values[kept] for key, values in columns().items()}, TIME[kept])
+    (finding,) = reading.findings
+    assert finding.kind == GAP
+    assert finding.quantity.split(", ") == list(reading.drives[0].signals)
 
 
 def test_a_steering_wheel_with_the_other_sign(tmp_path: Path) -> None:

@@ -11,11 +11,12 @@ from codegen.configuration import Config, parse, preset_text
 from codegen.errors import CodegenError
 from codegen.identify.drive import Drive
 from codegen.identify.estimate import Fit
+from codegen.identify.held import undetermined_curves
 from codegen.identify.identifiability import Direction, Identifiability, analyse
 from codegen.identify.parameters import BY_NAME, CURVES, configured
 from codegen.identify.reached import reached
 from codegen.identify.result import identified_keys, identified_toml, understeer_gradient
-from codegen.identify.run import Identification, Quantity, identify, judge, undetermined_curves
+from codegen.identify.run import Identification, Quantity, identify, judge
 from codegen.identify.validation import validate, whiteness
 from codegen.units import DEGREE
 from codegen.vehicle.single_track import SingleTrack
@@ -247,7 +248,7 @@ def test_what_is_missing_is_named() -> None:
     assert "drive 3 is not used for the car" in " ".join(found.notes)
     found = identify(known, [without(drives[2], "delta_r", "delta_r_command")])
     assert "the rear wheels count as straight" in " ".join(found.notes)
-    assert "no drive has sideslip" in " ".join(found.notes)
+    assert "no drive of --log has sideslip" in " ".join(found.notes)
 
 
 @pytest.mark.parametrize("degrees", [0.5, 2.0])

@@ -9,7 +9,6 @@ from scipy.stats import binomtest
 
 from codegen import configuration
 from codegen.configuration import Tightening
-from codegen.configuration.population import draw
 from codegen.errors import CodegenError
 from codegen.map_file import map as npz
 from codegen.map_file.bounds import Binding
@@ -18,6 +17,7 @@ from codegen.optimum.nonlinear import slip_use
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import solve_case
 from codegen.optimum.uncertain import CONFIDENCE, SEED, car_count, keeps, lost_allowed, solve_uncertain, uses_of
+from codegen.vehicle.population import draw
 from tests.optimum.cars import PAPER, SteadyModel, changed
 from tests.optimum.populations import uncertain
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.configuration.population import BAND, COVERAGE, draw
 from codegen.errors import CodegenError
 from codegen.identify.map_spread import map_spread
 from codegen.identify.model import OUTPUTS
@@ -36,6 +35,7 @@ from codegen.identify.validation import Validation
 from codegen.report.html.blocks import MUTED, Block, Chart, Gallery, Section, Table, Text, axis, layout, line, numbers, scale_of
 from codegen.report.style import BLUE, GREEN, VERMILION
 from codegen.units import DEGREE, KM_H
+from codegen.vehicle.population import BAND, COVERAGE, draw
 from codegen.vehicle.tyre import AxleTyres
 
 POINTS_MAX = 3_000
@@ -204,6 +204,8 @@ def _curves(found: Identification, identified: Config, one: Reached) -> list[Cha
         caption = f"Side force of the {axle} axle at static load. The dashed line is the largest slip of the drives."
         if drawn:
             caption += " The band has the curves of 95 % of the cars that the drives leave possible, at each slip."
+            if f"tyre.{axle}.peak_factor_p1" not in identified.identified.keys:
+                caption += " The shape of the curve is as configured and counts as exact."
         charts.append(Chart(f"curve-{axle}", {"data": data, "layout": look}, caption, caption))
     return charts
 

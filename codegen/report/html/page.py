@@ -48,6 +48,7 @@ def plotly_javascript() -> str:
 
 
 _CODE = re.compile(r"`([^`]+)`")
+_SQUARE = re.compile(r"\b(m|s)\^2")
 
 
 def render(title: str, sections: Sequence[Section]) -> bytes:
@@ -83,8 +84,8 @@ def render(title: str, sections: Sequence[Section]) -> bytes:
 
 
 def prose(text: str) -> Markup:
-    """Return text as HTML; words between backticks are code."""
-    return Markup(_CODE.sub(r"<code>\1</code>", html.escape(text, quote=False)))
+    """Return text as HTML; words between backticks are code, and m^2 and s^2 are m² and s²."""
+    return Markup(_SQUARE.sub(r"\1²", _CODE.sub(r"<code>\1</code>", html.escape(text, quote=False))))
 
 
 def charts_of(sections: Sequence[Section]) -> list[Chart]:

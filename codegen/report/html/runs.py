@@ -88,8 +88,7 @@ def run_blocks(
         yield Text("Evaluated as a recording. Name the scenario with `--scenario` to get its figures.", "notice")
     yield run_chart(runs, config, scenario.title, step_time=scenario.step_time)
     evaluation = evaluate(scenario, config, runs, look_up)
-    rows = [tuple(cell.replace("m/s^2", "m/s²") for cell in row) for row in metric_rows(evaluation)]
-    yield Table(f"Figures of each run: {scenario.title}", ("", *evaluation.runs), rows)
+    yield Table(f"Figures of each run: {scenario.title}", ("", *evaluation.runs), metric_rows(evaluation))
 
 
 def run_chart(

@@ -75,7 +75,7 @@ def _gain(one: ReferenceMap, other: ReferenceMap) -> Tile:
     return Tile(
         title,
         f"{100.0 * own:.0f} % of the grid",
-        f"front-steered: {100.0 * theirs:.0f} %; where both are safe, yaw rate {ratio:+.0f} % in the median",
+        f"front-steered: {100.0 * theirs:.0f} %; where both are safe, yaw rate {round(ratio):+d} % in the median",
     )
 
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from scipy.stats import binom, binomtest
 
-from codegen.configuration.population import draw
 from codegen.optimum.uncertain import CONFIDENCE, SEED, keeps, solve_uncertain, uses_of
+from codegen.vehicle.population import draw
 from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.parts import UNCERTAIN
 from tests.evidence.progress import Progress

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from codegen import configuration
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.configuration.population import draw
 from codegen.errors import ConfigError
+from codegen.vehicle.population import draw, with_values
+from codegen.vehicle.tyre import AxleTyres
 
 COUNT = 1_000
 STIFFNESS, INERTIA, DELAY = (
@@ -41,6 +43,40 @@ def test_cars_have_the_deviations_and_the_correlation_and_differ_in_nothing_else
     assert cars[0].tyre.rear == config.tyre.rear
     assert draw(config, 3, 1)[2] == cars[2]
     assert draw(config, 3, 2)[2] != cars[2]
+
+
+PEAK, SHAPE = "tyre.rear.peak_factor_p1", "tyre.rear.shape_factor_c"
+WEAK = 0.08
+
+
+def slip_bounds(cars: list[Config]) -> FloatArray:
+    return np.array([AxleTyres.from_config(car).rear_slip_bound for car in cars])
+
+
+def test_the_slip_bound_is_drawn_instead_of_d_where_it_is_known_better() -> None:
+    """In the covariance, C moves D so that the slip bound stays."""
+    keys, shape = [PEAK, SHAPE], configuration.preset().tyre.rear.shape_factor_c
+    near = [np.log(AxleTyres.from_config(with_values(configuration.preset(), [SHAPE], np.array([c]))).rear_slip_bound)
+            for c in (shape - 1e-3, shape + 1e-3)]  # fmt: skip
+    peak = configuration.preset().tyre.rear.peak_factor_p1
+    gain = -peak * (near[1] - near[0]) / 2e-3  # change of D for a change of C at which the slip bound stays
+    own = 0.005 * peak
+    deviation = float(np.hypot(gain * WEAK, own))
+    cars = draw(identified(keys, [deviation, WEAK], [[1.0, gain * WEAK / deviation], [gain * WEAK / deviation, 1.0]]), COUNT, 1)
+    spread = np.log(slip_bounds(cars) / slip_bounds([configuration.preset()]))
+    # Four standard errors. Drawn in D, the slip bound would be lower by more than that on average, as it bends over C.
+    assert spread.std() == pytest.approx(0.005, rel=4.0 / (2.0 * COUNT) ** 0.5)
+    assert abs(spread.mean()) < 4.0 * 0.005 / COUNT**0.5
+    assert np.std([car.tyre.rear.shape_factor_c for car in cars]) == pytest.approx(WEAK, rel=4.0 / (2.0 * COUNT) ** 0.5)
+
+
+def test_d_is_drawn_where_it_is_known_better() -> None:
+    peak = configuration.preset().tyre.rear.peak_factor_p1
+    cars = draw(identified([PEAK, SHAPE], [0.001, WEAK], [[1.0, 0.0], [0.0, 1.0]]), COUNT, 1)
+    drawn = np.array([car.tyre.rear.peak_factor_p1 for car in cars])
+    assert drawn.std() == pytest.approx(0.001, rel=4.0 / (2.0 * COUNT) ** 0.5)
+    assert drawn.mean() == pytest.approx(peak, abs=4.0 * 0.001 / COUNT**0.5)
+    assert slip_bounds(cars).std() > 0.01 * slip_bounds(cars).mean()
 
 
 def test_a_car_that_no_file_may_have_is_drawn_again() -> None:

@@ -1,8 +1,14 @@
-"""Cars that the measured drives leave possible: draws of the identified keys from their joint normal distribution."""
+"""Cars that the measured drives leave possible: draws of the identified keys from their joint normal distribution.
+
+C, D and E of a tyre that did not reach its peak compensate for each other: the drives determine the force up to the slip that
+was reached far better than D. To first order, the covariance of these factors says so, but the force is far from linear in
+them. So the slip bound of an axle is drawn instead of D where it is known better, and D follows from it.
+"""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +18,7 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config, parse
 from codegen.errors import ConfigError
+from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
 TRIES_MAX = 1000
 """Draws for each car until one has values that an `ars.toml` may have: one car in 20,000 misses a window that 1 % of the draws
@@ -20,6 +27,8 @@ COVERAGE = 0.95
 """Share of the drawn cars inside a band."""
 BAND = (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE))
 """Quantiles at the ends of a band."""
+SLOPE_STEP = 1e-3
+"""Step, in standard deviations, of the derivatives of a slip bound."""
 SHRINKAGE_STEPS = 20
 """Steps in which a point of the ellipsoid is moved to the mean until an `ars.toml` may have its values."""
 
@@ -32,14 +41,16 @@ class Population:
         config: the identified car; keys that are not identified keep its values.
         keys: dotted names, k of them.
         mean: (k,) values of the car.
-        root: (k, k), matrix whose product with its transpose is the covariance; its columns are principal axes of the
-            correlations.
+        root: (k, k), matrix whose product with its transpose is the covariance of what is drawn; its columns are principal axes
+            of the correlations.
+        bounded: place of D in `keys` -> axle of which the slip bound is drawn instead: its logarithm, times the mean of D.
     """
 
     config: Config
     keys: tuple[str, ...]
     mean: FloatArray
     root: FloatArray
+    bounded: dict[int, str]
 
     @classmethod
     def of(cls, config: Config, keys: Sequence[str] | None = None) -> Population:
@@ -59,12 +70,36 @@ class Population:
                 where="identified.correlations",
                 remedy="take the table as `codegen identify` wrote it",
             )
-        root = np.array(identified.standard_deviations)[places][:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-        return cls(config, chosen, np.array([value_of(config, key) for key in chosen]), root)
+        deviations = np.array(identified.standard_deviations)[places]
+        root = deviations[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+        mean = np.array([value_of(config, key) for key in chosen])
+        bounded = {}
+        for place, axle in _drawable_bounds(config, chosen):
+            slopes = np.zeros(len(chosen))
+            for k in np.flatnonzero([key.startswith(f"tyre.{axle}.") for key in chosen]):
+                step = np.zeros(len(chosen))
+                step[k] = SLOPE_STEP * deviations[k]
+                low, high = (math.log(_slip_bound(config, axle, chosen, mean + each)) for each in (-step, step))
+                slopes[k] = (high - low) / (2.0 * step[k]) if step[k] else 0.0
+            of_bound = mean[place] * slopes @ root
+            if np.linalg.norm(of_bound) < np.linalg.norm(root[place]):
+                root[place] = of_bound
+                bounded[place] = axle
+        return cls(config, chosen, mean, root, bounded)
 
     def car(self, generator: np.random.Generator) -> Config:
         """Return one draw. Raises ConfigError if an `ars.toml` may not have its values."""
-        return with_values(self.config, self.keys, self.mean + self.root @ generator.standard_normal(len(self.mean)))
+        return self._moved(self.root @ generator.standard_normal(len(self.mean)))
+
+    def _moved(self, move: FloatArray) -> Config:
+        """Return the car that differs from the mean by `move` (k,). Raises ConfigError if an `ars.toml` may not have it."""
+        values = self.mean + move
+        for place, axle in self.bounded.items():
+            values[place] = self.mean[place]
+            wanted = _slip_bound(self.config, axle, self.keys, self.mean) * math.exp(move[place] / self.mean[place])
+            # At a given cornering stiffness, the slip bound is proportional to D.
+            values[place] *= wanted / _slip_bound(self.config, axle, self.keys, values)
+        return with_values(self.config, self.keys, values)
 
     def possible_car(self, generator: np.random.Generator) -> Config:
         """Return the first draw that an `ars.toml` may have. Raises ConfigError if there is hardly any."""
@@ -105,7 +140,7 @@ class Population:
         for step in range(SHRINKAGE_STEPS):
             moved = radius * (1.0 - step / SHRINKAGE_STEPS) * self.root @ direction
             try:
-                return with_values(self.config, self.keys, self.mean + moved)
+                return self._moved(moved)
             except ConfigError:
                 continue
         return self.config
@@ -123,6 +158,29 @@ def draw(config: Config, count: int, seed: int) -> list[Config]:
     population = Population.of(config)
     generator = np.random.default_rng(seed)
     return [population.possible_car(generator) for _ in range(count)]
+
+
+def _drawable_bounds(config: Config, keys: Sequence[str]) -> list[tuple[int, str]]:
+    """Return the place of D among keys, and the axle, for each tyre of which D and another factor of its shape vary."""
+    found = []
+    for axle in ("front", "rear"):
+        table = f"tyre.{axle}."
+        others = (f"{table}shape_factor_c", f"{table}curvature_factor_e")
+        vary = f"{table}peak_factor_p1" in keys and any(key in keys for key in others)
+        if vary and getattr(config.tyre, axle).cornering_stiffness_n_per_rad is not None:
+            found.append((list(keys).index(f"{table}peak_factor_p1"), axle))
+    return found
+
+
+def _slip_bound(config: Config, axle: str, keys: Sequence[str], values: FloatArray) -> float:
+    """Return the slip bound in rad of an axle with values (k,) of dotted keys. Raises ConfigError if it has none."""
+    table = f"tyre.{axle}."
+    changed = {
+        key.removeprefix(table): value for key, value in zip(keys, values.tolist(), strict=True) if key.startswith(table)
+    }
+    load = static_wheel_loads(config)[axle == "rear"]
+    tyre = MagicFormulaTyre.from_config(getattr(config.tyre, axle).model_copy(update=changed), load, config.road.friction)
+    return tyre.slip_bound(config.limits.slip_departure_percent / 100.0, f"tyre.{axle}")
 
 
 def require_identified(config: Config) -> None:

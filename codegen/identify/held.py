@@ -1,0 +1,65 @@
+"""Quantities of the tyre curves that are held as configured, and what their uncertainty adds to that of the others.
+
+The curve of a tyre that did not reach its peak shows in the drives as a small bend of the force, of which D, C, E and the load
+sensitivity are almost interchangeable causes. What the drives would say about each of them is mostly an error of the model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from codegen.arrays import BoolArray
+from codegen.configuration import Config
+from codegen.identify.estimate import Fit, curvature
+from codegen.identify.identifiability import Identifiability
+from codegen.identify.model import AXLES
+from codegen.identify.parameters import BY_NAME, CURVES
+from codegen.identify.reached import reached
+from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
+
+
+def undetermined_curves(fitted: Fit, judged: Identifiability, config: Config) -> list[str]:
+    """Return the quantities of the tyre curves that the next fit holds at their configured values, where D is not determined.
+
+    Without the peak, the drives do not tell D from C and the load sensitivity; nor, in the next fit, from E; nor, in the last,
+    from the stiffness. A curve that was not driven beyond its slip bound is held as a whole: the map rests on that bound.
+    """
+    names, values = fitted.problem.prior.names, fitted.named()
+    departure = config.limits.slip_departure_percent / 100.0
+    held: list[str] = []
+    for axle, curve, load, slip in zip(AXLES, CURVES, static_wheel_loads(config), reached(fitted, config).slip, strict=True):
+        peak, shape, curvature, sensitivity = curve
+        free = {name for name in curve if fitted.free[names.index(name)]}
+        if peak not in free or judged.is_identified[names.index(peak)]:
+            continue
+        keys = {BY_NAME[name].key.rpartition(".")[2]: values[name] for name in (f"{axle}_stiffness", *curve)}
+        tyre = getattr(config.tyre, axle).model_copy(update={**keys, "stiffness_factor_b_per_rad": None})
+        is_beyond = MagicFormulaTyre.from_config(tyre, load, config.road.friction).departure(slip) >= departure
+        steps = ({shape, sensitivity}, {curvature}, {peak}) if is_beyond else ({*curve},)
+        held += next(sorted(step & free) for step in steps if step & free)
+    return held
+
+
+def with_held_spread(fitted: Fit, held: BoolArray) -> Fit:
+    """Return the fit with the covariance of all quantities if those in `held` (k,) are as uncertain as assumed before.
+
+    With H the curvature, the prior included, of free quantities f and held ones h, a change of h moves the fit of f by G =
+    -H_ff^-1 H_fh. What the drives say about h beyond that is not used. The assumption about f holds on the way too, which
+    leaves the covariance (I + G^T G)^-1 for h.
+    """
+    free = fitted.free & ~held
+    if not held.any():
+        return fitted
+    both = np.flatnonzero(free | held)
+    f, h = free[both], held[both]
+    information = curvature(fitted, free | held)
+    gain = -np.linalg.solve(information[np.ix_(f, f)] + np.eye(f.sum()), information[np.ix_(f, h)])
+    spread = np.linalg.inv(np.eye(h.sum()) + gain.T @ gain)
+    moved = np.zeros((len(both), h.sum()))
+    moved[f], moved[h] = gain, np.eye(h.sum())
+    covariance = fitted.covariance.copy()
+    added = moved @ spread @ moved.T
+    covariance[np.ix_(both, both)] += 0.5 * (added + added.T)
+    return replace(fitted, covariance=covariance)
