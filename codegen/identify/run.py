@@ -160,7 +160,7 @@ def judge(
             continue
         note = "" if name in determined else _missing(parameter, samples)
         if peaks.get(name) in kept and name not in kept:
-            note = f"as configured, but not as exact; drive: {parameter.manoeuvre}"
+            note = f"as configured, with an assumed deviation; drive: {parameter.manoeuvre}"
             found[name] = Quantity(parameter, centre[name], float(deviations[index]), centre[name], False, note)
             continue
         if name in peaks.keys() & kept - determined:

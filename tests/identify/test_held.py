@@ -42,7 +42,7 @@ def test_what_is_held_keeps_its_value_and_spreads_as_was_assumed() -> None:
     assert not one.is_identified
     assert one.value == one.configured
     assert 0.5 * one.parameter.spread < one.standard_deviation < one.parameter.spread
-    assert one.note.startswith("as configured, but not as exact; drive: slowly increasing steer")
+    assert one.note.startswith("as configured, with an assumed deviation; drive: slowly increasing steer")
     assert peak.is_identified
     assert peak.note == "with front C, front load sensitivity as configured, for whose errors its deviation allows"
 
