@@ -80,7 +80,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 def write_together(files: Mapping[Path, bytes]) -> None:
     """Write a temporary file beside each path, then rename them all. If one cannot be written, all previous files remain. Links
-    are followed.
+    are followed. A rename that fails leaves those before it done; then the content of all is on the same disk already.
 
     Raises:
         CodegenError: a folder is missing, a path is a folder or a device, the disk is full, or similar.
