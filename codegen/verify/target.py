@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import subprocess
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,13 +113,18 @@ def zig(arguments: Sequence[str], folder: Path) -> str:
         CodegenError: `ziglang` is not installed.
         BuildError: zig fails.
     """
+    result = zig_result(arguments, folder)
+    require_success(result, "the cross compiler")
+    return result.stdout
+
+
+def zig_result(arguments: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run `zig` as above, and return what it answered. Raises CodegenError if `ziglang` is not installed."""
     program = require("ziglang") / "zig"  # what `python -m ziglang` runs, but without another Python
     # Kept nowhere: no folder is used twice, so zig's own cache would only grow.
     cache = str(folder.parent / "cache")
     environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
-    result = run_program([str(program), *arguments], folder, environment=environment)
-    require_success(result, "the cross compiler")
-    return result.stdout
+    return run_program([str(program), *arguments], folder, environment=environment)
 
 
 PAGE = 0x1000

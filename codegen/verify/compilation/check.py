@@ -19,7 +19,7 @@ from codegen.errors import BuildError
 from codegen.sil.toolchain import require_success, run
 from codegen.verify import on_host
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.compilation.mixtures import HOSTED, mixtures, not_refused, takes_fast_math, units_with_reals
+from codegen.verify.compilation.mixtures import mixtures, not_refused, takes_fast_math, units_with_reals
 from codegen.verify.on_host import COMPILED_PROGRAMS, PROGRAMS
 from codegen.verify.packages import module, require
 from codegen.verify.target import CORES, CORTEX_M4F, FLAGS, INCLUDES, X86_64, Core, source_tree, zig
@@ -168,6 +168,9 @@ def _units(subject: Subject) -> dict[str, tuple[str, ...]]:
         below[name] = tuple(path for path in headers if path.endswith(suffix))
     return below
 
+
+HOSTED = ("-target", "x86_64-linux-musl")
+"""Target whose system headers come with clang, so that the Linux program compiles everywhere."""
 
 SHOWS = (
     "gcc and clang compile the C without a warning as {standards}, each header alone and as C++, for {cores}; the objects need "

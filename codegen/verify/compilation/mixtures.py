@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from codegen.errors import BuildError
 from codegen.verify.check import Subject
-from codegen.verify.target import FLAGS, source_tree, zig
+from codegen.verify.target import FLAGS, source_tree, zig_result
 
 REFUSES = "different builds"
 """Phrase of the error of a source or header that meets one of another build."""
@@ -21,11 +20,15 @@ FUNCTION = re.compile(r"\)\s*\{")
 WITHOUT_IDENTITY = ("include/{prefix}_sections.h", "linux/ars_xcp.h")
 """Headers that are the same in every build."""
 
-HOSTED = ("-target", "x86_64-linux-musl")
-"""Target whose system headers come with clang, so that the Linux program compiles everywhere."""
+EMPTY = "empty"
+"""Folder of the empty system headers."""
+_PREPROCESS = ("-E", "-nostdinc", "-Iinclude", "-isystem", EMPTY, "-fno-caret-diagnostics")
 
 _INCLUDE = re.compile(r'^#include "([^"\n]+)"', re.MULTILINE)
+_SYSTEM = re.compile(r"^#include <([^>\n]+)>", re.MULTILINE)
 _IDENTITY = re.compile(r"^#define +(\w+_BUILD) +0x([0-9A-F]+)u$", re.MULTILINE)
+_INCLUDED = re.compile(r"In file included from ([^:]+):")
+_ERROR = re.compile(r"([^:]+):\d+:\d+: error:")
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 
 
@@ -76,20 +79,17 @@ def not_refused(subject: Subject) -> Iterator[str]:
             continue
         start, end = identity.span(2)
         other = f"{text[:start]}{int(identity[2], 16) ^ 1:08X}{text[end:]}"
-        with source_tree({**subject.sources("include", "src", "linux"), header: other}) as tree:
-            for pair in pairs:
-                if pair.header == header and not _refuses(pair.source, (), REFUSES, tree):
-                    name = PurePosixPath(header).name
-                    yield f"{pair.source}:1: it takes a {name} of another build"
+        with source_tree({**_preprocessed(subject), header: other}) as tree:
+            for source in _accepting([pair.source for pair in pairs if pair.header == header], (), REFUSES, tree):
+                yield f"{source}:1: it takes a {PurePosixPath(header).name} of another build"
 
 
 def takes_fast_math(subject: Subject) -> Iterator[str]:
     """Yield sources that compute with reals and accept -ffast-math. Raises CodegenError if there is no compiler."""
-    with source_tree(subject.sources("include", "src", "linux")) as tree:
-        for source in units_with_reals(subject):
-            for flag in FAST_FLAGS:
-                if not _refuses(source, (flag,), REFUSES_FAST, tree):
-                    yield f"{source}:1: it takes {flag}"
+    with source_tree(_preprocessed(subject)) as tree:
+        for flag in FAST_FLAGS:
+            for source in _accepting(units_with_reals(subject), (flag,), REFUSES_FAST, tree):
+                yield f"{source}:1: it takes {flag}"
 
 
 def units_with_reals(subject: Subject) -> tuple[str, ...]:
@@ -99,10 +99,23 @@ def units_with_reals(subject: Subject) -> tuple[str, ...]:
     return tuple(sorted(path for path, text in texts.items() if real.search(text) and FUNCTION.search(text)))
 
 
-def _refuses(source: str, flags: tuple[str, ...], phrase: str, tree: Path) -> bool:
-    """Return whether preprocessing a source fails with an #error that contains the phrase."""
-    try:
-        zig(["cc", *HOSTED, *FLAGS, *flags, "-Iinclude", "-E", source], tree)
-    except BuildError as error:
-        return phrase in error.what
-    return False
+def _preprocessed(subject: Subject) -> dict[str, str | bytes]:
+    """Return the sources with empty system headers: only macros of the build and of the compiler decide here."""
+    sources = subject.sources("include", "src", "linux")
+    system = {name for path in sources for name in _SYSTEM.findall(text_of(subject, path))}
+    return {**sources, **{f"{EMPTY}/{name}": "" for name in system}}
+
+
+def _accepting(sources: Sequence[str], flags: tuple[str, ...], phrase: str, tree: Path) -> list[str]:
+    """Return the sources whose preprocessing meets no #error that contains the phrase."""
+    output = zig_result(["cc", *FLAGS, *flags, *_PREPROCESS, *sources], tree).stderr
+    refusing = set()
+    source = ""  # that includes the header of the next message, directly or indirectly
+    for line in output.splitlines():
+        if included := _INCLUDED.match(line):
+            source = source or included[1]
+            continue
+        if phrase in line and (error := _ERROR.match(line)):
+            refusing.add(source or error[1])
+        source = ""
+    return [each for each in sources if each not in refusing]
