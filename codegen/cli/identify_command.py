@@ -282,7 +282,7 @@ def _print_result(
 ) -> None:
     from codegen.identify import summary
 
-    console.warn(*(str(finding) for finding in reading.findings))
+    console.warn(*(str(finding) for finding in reading.findings), *summary.doubts(validations))
     console.note(*found.notes)
     rows = summary.quantity_rows(found)
     console.say(text_table(summary.QUANTITY_HEADER[:-1], [row[:-1] for row in rows]))

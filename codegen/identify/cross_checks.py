@@ -60,8 +60,13 @@ SLOPE_LOW, SLOPE_HIGH = 0.6, 1.7
 SLOPE_FACTOR_MAX, AGREEMENT = 3.0, 0.8
 """Factor between both that is an error, and their correlation from which it is one. Fast steering of the rear wheels alone
 halves the ratio and the correlation; km/h read as m/s divides the ratio by 3.6."""
+IN_PHASE, STEERING_RATIO = 0.3, 15.0
+"""Rear angle over front angle from which the car moves sideways more than it turns, and a usual ratio if only the angle of the
+steering wheel is known."""
 CORRELATION = 0.3
 """Smallest correlation of steering and yaw rate that has a sign."""
+PAIRS = (("delta_r", "delta_r_command"), ("delta_f", "steering_wheel_angle"))
+"""Angles and what moves them."""
 
 
 def without_saturated(signals: dict[str, Conditioned], drive: str) -> tuple[dict[str, Conditioned], list[Finding]]:
@@ -229,19 +234,39 @@ def _signs(drive: Drive) -> Iterator[Finding]:
         if x.size and max(np.std(x), np.std(y)) > TURNING_M_S2 and np.std(x) > 0.0:
             slope = float(x @ y / (x @ x))
             if not SLOPE_LOW <= slope <= SLOPE_HIGH:
-                is_gross = not 1.0 / SLOPE_FACTOR_MAX <= slope <= SLOPE_FACTOR_MAX
+                largest = np.inf if _is_in_phase(drive) else SLOPE_FACTOR_MAX
+                is_gross = not 1.0 / SLOPE_FACTOR_MAX <= slope <= largest
                 is_clear = float(x @ y) ** 2 > AGREEMENT**2 * float((x @ x) * (y @ y))
                 text = f"it is {slope:.3g} times vx * yaw_rate, where about 1 is normal; check sign and unit of all three"
                 yield Finding(drive.name, "lateral_acceleration", CONTRADICTION if is_gross and is_clear else SIGN, text)
     for key in ("steering_wheel_angle", "delta_f"):
-        angle = drive.signals.get(key)
-        if angle is None:
-            continue
-        both = np.isfinite(yaw_rate) & np.isfinite(angle) & (speed > MOVING_M_S)
-        x, y = _centred(angle[both]), _centred(yaw_rate[both])
-        size = float(np.sqrt((x @ x) * (y @ y)))
-        if size > 0.0 and float(x @ y) < -CORRELATION * size:
+        if key in drive.signals and _correlation(drive.signals[key], yaw_rate, speed > MOVING_M_S) < -CORRELATION:
             yield Finding(drive.name, key, SIGN, "the car turns against it; check the signs of it and of yaw_rate")
+    for key, cause in PAIRS:
+        moved, by = drive.signals.get(key), drive.signals.get(cause)
+        if moved is not None and by is not None and _correlation(moved, by, np.isfinite(speed)) < -CORRELATION:
+            yield Finding(drive.name, key, SIGN, f"it moves against {cause}; check the signs of both")
+
+
+def _correlation(first: FloatArray, second: FloatArray, used: BoolArray) -> float:
+    """Return the correlation of two signals where both are known; zero if one is constant."""
+    both = np.isfinite(first) & np.isfinite(second) & used
+    x, y = _centred(first[both]), _centred(second[both])
+    size = float(np.sqrt((x @ x) * (y @ y)))
+    return float(x @ y) / size if size > 0.0 else 0.0
+
+
+def _is_in_phase(drive: Drive) -> bool:
+    """Return whether the rear wheels follow the front ones so far that the car moves sideways more than it turns."""
+    rear = drive.signals.get("delta_r", drive.signals.get("delta_r_command"))
+    front = drive.signals.get("delta_f")
+    if front is None:
+        front = drive.signals["steering_wheel_angle"] / STEERING_RATIO
+    if rear is None:
+        return False
+    both = np.isfinite(rear) & np.isfinite(front)
+    x, y = _centred(front[both]), _centred(rear[both])
+    return float(x @ y) > IN_PHASE * float(x @ x)
 
 
 def _centred(values: FloatArray) -> FloatArray:

@@ -320,7 +320,9 @@ def fit(
     chosen = np.ix_(free, free)
     sandwich = inverse @ meat @ inverse
     # Rounding errors of the product are not symmetric. They are large where the drives hardly tell two parameters apart.
-    covariance[chosen], information[chosen] = 0.5 * (sandwich + sandwich.T), hessian
+    size, vectors = np.linalg.eigh(0.5 * (sandwich + sandwich.T))
+    bounded = (vectors * np.minimum(size, 1.0)) @ vectors.T  # no direction is known less than before the drives
+    covariance[chosen], information[chosen] = 0.5 * (bounded + bounded.T), hessian
     return Fit(
         problem,
         solver.values(z),

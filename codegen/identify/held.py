@@ -23,8 +23,8 @@ from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 def undetermined_curves(fitted: Fit, judged: Identifiability, config: Config) -> list[str]:
     """Return the quantities of the tyre curves that the next fit holds at their configured values, where D is not determined.
 
-    Without the peak, the drives do not tell D from C and the load sensitivity; nor, in the next fit, from E; nor, in the last,
-    from the stiffness. A curve that was not driven beyond its slip bound is held as a whole: the map rests on that bound.
+    Without the peak, the drives do not tell D from C and the load sensitivity; nor, in the next fit, from E. D is held too if,
+    in the last one, the curve was not driven beyond its slip bound.
     """
     names, values = fitted.problem.prior.names, fitted.named()
     departure = config.limits.slip_departure_percent / 100.0
@@ -34,11 +34,13 @@ def undetermined_curves(fitted: Fit, judged: Identifiability, config: Config) ->
         free = {name for name in curve if fitted.free[names.index(name)]}
         if peak not in free or judged.is_identified[names.index(peak)]:
             continue
+        if others := {shape, sensitivity} & free or {curvature} & free:
+            held += sorted(others)
+            continue
         keys = {BY_NAME[name].key.rpartition(".")[2]: values[name] for name in (f"{axle}_stiffness", *curve)}
         tyre = getattr(config.tyre, axle).model_copy(update={**keys, "stiffness_factor_b_per_rad": None})
-        is_beyond = MagicFormulaTyre.from_config(tyre, load, config.road.friction).departure(slip) >= departure
-        steps = ({shape, sensitivity}, {curvature}, {peak}) if is_beyond else ({*curve},)
-        held += next(sorted(step & free) for step in steps if step & free)
+        if MagicFormulaTyre.from_config(tyre, load, config.road.friction).departure(slip) < departure:
+            held.append(peak)
     return held
 
 
@@ -49,12 +51,11 @@ def with_held_spread(fitted: Fit, held: BoolArray) -> Fit:
     -H_ff^-1 H_fh. What the drives say about h beyond that is not used. The assumption about f holds on the way too, which
     leaves the covariance (I + G^T G)^-1 for h.
     """
-    free = fitted.free & ~held
     if not held.any():
         return fitted
-    both = np.flatnonzero(free | held)
-    f, h = free[both], held[both]
-    information = curvature(fitted, free | held)
+    both = np.flatnonzero(fitted.free | held)
+    f, h = fitted.free[both], held[both]
+    information = curvature(fitted, fitted.free | held)
     gain = -np.linalg.solve(information[np.ix_(f, f)] + np.eye(f.sum()), information[np.ix_(f, h)])
     spread = np.linalg.inv(np.eye(h.sum()) + gain.T @ gain)
     moved = np.zeros((len(both), h.sum()))

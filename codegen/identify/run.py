@@ -16,7 +16,7 @@ from codegen.identify.drive import Drive
 from codegen.identify.estimate import Fit, fit
 from codegen.identify.held import undetermined_curves, with_held_spread
 from codegen.identify.identifiability import WEAK_SHARE_MAX, Direction, Identifiability, analyse
-from codegen.identify.model import AXLES, OUTPUTS
+from codegen.identify.model import OUTPUTS
 from codegen.identify.parameters import BY_NAME, CURVES, HANDLING, PARAMETERS, Parameter, configured
 from codegen.identify.shooting import DriveSamples, Problem, actuator_problem, filled, front_signal, vehicle_problem
 from codegen.identify.start import actuator_start, starting_values
@@ -127,9 +127,6 @@ def identify(config: Config, drives: Sequence[Drive]) -> Identification:
         deviation = math.hypot(front.standard_deviation, BY_NAME["rear_offset"].spread)
         note = "less that of the rear angle, which is not known: no rear angle command was measured"
         found["front_offset"] = replace(front, standard_deviation=deviation, note=note)
-    for axle, (peak, *_) in zip(AXLES, CURVES, strict=True):
-        if not found[peak].is_identified:
-            notes.append(f"the curve of the {axle} tyres is as configured, and counts as exact")
     if not samples.has("sideslip"):
         notes.append(NO_SIDESLIP)
     used = vehicle.problem.segments.first
@@ -151,7 +148,7 @@ def judge(
     determined = {name for name, is_identified in zip(names, judged.is_identified, strict=True) if is_identified}
     shares = dict(zip(names, judged.shares.tolist(), strict=True))
     weak = {name for name in HANDLING if determined & set(HANDLING) and shares.get(name, 1.0) <= WEAK_SHARE_MAX} - determined
-    # What is free of a curve after `undetermined_curves` is determined with it; what is held spreads as assumed.
+    # What is free of a curve after `undetermined_curves` is taken with it; what is held beside a stiffness spreads as assumed.
     peaks = {name: curve[0] for curve in CURVES for name in curve}
     kept = {name for name, is_free in zip(names, fitted.free, strict=True) if is_free}
     for index, parameter in enumerate(fitted.problem.prior.parameters):
@@ -159,7 +156,7 @@ def judge(
         if name in found:
             continue
         note = "" if name in determined else _missing(parameter, samples)
-        if peaks.get(name) in kept and name not in kept:
+        if name in peaks.keys() - kept and f"{name.partition('_')[0]}_stiffness" in kept & (determined | weak):
             note = f"as configured, with an assumed deviation; drive: {parameter.manoeuvre}"
             found[name] = Quantity(parameter, centre[name], float(deviations[index]), centre[name], False, note)
             continue

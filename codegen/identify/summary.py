@@ -17,6 +17,9 @@ from codegen.units import DEGREE, KM_H
 CONFIDENCE = 1.96
 """Half of the width of a 95 % interval in standard deviations."""
 
+TURNING, DOUBT = 1.0 * DEGREE, 0.5
+"""Yaw rate (rms, rad/s) from which a drive shows whether it is predicted, and the fraction of it that is too large an error."""
+
 ROUNDING = 1e-9
 """Largest rounding error, as a fraction of a quantity's spread before the drives."""
 
@@ -75,7 +78,7 @@ def quantity_row(quantity: Quantity) -> tuple[str, ...]:
     return (
         parameter.title,
         _shown_to(quantity.value, parameter, interval) if quantity.is_identified else "-",
-        interval,
+        interval if quantity.is_identified or not quantity.is_uncertain else f"({interval})",
         parameter.unit,
         _shown(quantity.configured, parameter),
         quantity.note,
@@ -106,8 +109,9 @@ def reached_lines(found: Identification, one: Reached) -> list[str]:
         f"{one.lateral_acceleration:.1f} m/s^2."
     ]
     for axle, slip, friction in zip(("front", "rear"), one.slip, one.friction, strict=True):
-        held = "; the identified curve holds up to there" if found.quantities[f"{axle}_peak"].is_identified else ""
-        lines.append(f"The {axle} tyres reached {slip / DEGREE:.1f} deg of slip and a friction of {friction:.2f}{held}.")
+        is_identified = found.quantities[f"{axle}_peak"].is_identified
+        held = "the identified curve holds up to there" if is_identified else "D, C and E are as configured"
+        lines.append(f"The {axle} tyres reached {slip / DEGREE:.1f} deg of slip and a friction of {friction:.2f}; {held}.")
     return lines
 
 
@@ -120,6 +124,16 @@ def validation_rows(validations: Sequence[Validation]) -> list[tuple[str, ...]]:
             acceleration = f"{run.acceleration_error:.3f}" if math.isfinite(run.acceleration_error) else "-"
             rows.append((each.name, name, *(f"{value / DEGREE:.3f}" for value in angles), acceleration))
     return rows
+
+
+def doubts(validations: Sequence[Validation]) -> list[str]:
+    """Return a line for each drive that the identified car does not predict."""
+    return [
+        f"{each.name}: the free run of the identified car has an error of {each.identified.yaw_rate_error / DEGREE:.3g} deg/s, "
+        f"where {each.identified.yaw_rate_size / DEGREE:.3g} deg/s were measured; check signs and units of all signals"
+        for each in validations
+        if each.identified.yaw_rate_size > TURNING and each.identified.yaw_rate_error > DOUBT * each.identified.yaw_rate_size
+    ]
 
 
 def whiteness_rows(validation: Validation) -> list[tuple[str, ...]]:
@@ -188,5 +202,5 @@ def to_dict(found: Identification, one: Reached, validations: Sequence[Validatio
             }
             for each in validations
         ],
-        "notes": list(found.notes),
+        "notes": [*found.notes, *doubts(validations)],
     }

@@ -179,8 +179,9 @@ def judged(name: str, share: float) -> dict[str, Quantity]:
     [
         ("peak", 10.0, (), ("load_sensitivity", "shape")),
         ("peak", 10.0, ("load_sensitivity", "shape"), ("curvature",)),
-        ("peak", 10.0, ("load_sensitivity", "shape", "curvature"), ("peak",)),
-        ("peak", 95.0, (), ("curvature", "load_sensitivity", "peak", "shape")),
+        ("peak", 10.0, ("load_sensitivity", "shape", "curvature"), ()),
+        ("peak", 95.0, (), ("load_sensitivity", "shape")),
+        ("peak", 95.0, ("load_sensitivity", "shape", "curvature"), ("peak",)),
         ("peak", 10.0, ("load_sensitivity", "shape", "curvature", "peak"), ()),
         ("shape", 95.0, (), ()),
     ],

@@ -23,6 +23,7 @@ from codegen.identify.summary import (
     SIGNAL_HEADER,
     VALIDATION_HEADER,
     WHITENESS_HEADER,
+    doubts,
     finding_rows,
     quantity_rows,
     reached_lines,
@@ -122,7 +123,7 @@ def _values(found: Identification, one: Reached) -> Sequence[Block]:
     rows = quantity_rows(found)
     blocks: list[Block] = [
         Table(
-            "Values with their 95 % intervals; a dash where the drives do not determine a value",
+            "Values with their 95 % intervals; a dash: not determined by the drives; parentheses: an assumed interval",
             QUANTITY_HEADER,
             rows,
             words=(0, 3, 5),
@@ -146,7 +147,11 @@ def _prediction(validations: Sequence[Validation], is_held_out: bool) -> Sequenc
     blocks: list[Block] = []
     if not is_held_out:
         blocks.append(Text("No drive was held out: the values were identified from these drives.", "notice"))
-    caption = "Root mean square error of the yaw rate: simulated from speed and steering angles alone, and one sample ahead"
+    blocks += [Text(text, "notice") for text in doubts(validations)]
+    caption = (
+        "Errors of the yaw rate, simulated from speed and steering angles alone (free run) and one sample ahead (one step); "
+        "the measured yaw rate itself; and the errors of the lateral acceleration in the free run. rms: root mean square"
+    )
     blocks.append(Table(caption, VALIDATION_HEADER, validation_rows(validations), words=(0, 1)))
     for number, each in enumerate(validations):
         blocks.append(Gallery(list(_run_charts(each, f"run-{number}"))))
@@ -204,8 +209,6 @@ def _curves(found: Identification, identified: Config, one: Reached) -> list[Cha
         caption = f"Side force of the {axle} axle at static load. The dashed line is the largest slip of the drives."
         if drawn:
             caption += " The band has the curves of 95 % of the cars that the drives leave possible, at each slip."
-            if f"tyre.{axle}.peak_factor_p1" not in identified.identified.keys:
-                caption += " The shape of the curve is as configured and counts as exact."
         charts.append(Chart(f"curve-{axle}", {"data": data, "layout": look}, caption, caption))
     return charts
 
