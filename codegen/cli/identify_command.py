@@ -288,8 +288,8 @@ def _print_result(
     console.say(text_table(summary.QUANTITY_HEADER[:-1], [row[:-1] for row in rows]))
     if missing := [(row[0], row[-1]) for row in rows if row[-1]]:
         console.say("", *(f"{name}: {note}" for name, note in missing))
-    if found.directions:
-        console.say("", "not determined by these drives:", *(f"  {direction.text}" for direction in found.directions))
+    if together := [direction.text for direction in found.directions if len(direction.components) > 1]:
+        console.say("", "not told apart by these drives:", *(f"  {text}" for text in together))
     console.say("", *summary.reached_lines(found, limits), "")
     console.say(text_table(summary.VALIDATION_HEADER, summary.validation_rows(validations), left=2))
     console.say(summary.whiteness_line(validations))

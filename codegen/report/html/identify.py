@@ -106,7 +106,8 @@ def _spread(identified: Config) -> Iterator[Block]:
     caption = (
         f"Yaw rate of the case {spread.case}. Lines: the identified car. Bands: {100.0 * COVERAGE:g} % of "
         f"{spread.cars} cars drawn from the values, standard deviations and correlations above. A line ends where its car has "
-        "no feasible turn, a band where half of the cars have none."
+        "no feasible turn, a band where half of the cars have none. The line need not lie in the middle: a limit that one car "
+        "meets first is another one for another car."
     )
     yield Chart("spread", {"data": data, "layout": look}, caption, caption)
     width = (spread.high - spread.low) / DEGREE
@@ -135,9 +136,10 @@ def _values(found: Identification, one: Reached) -> Sequence[Block]:
             for direction in found.directions
         ]
         caption = (
-            "What these drives do not determine, with the uncertainty that is left of the one before, and the singular value"
+            "What these drives do not determine. Left: its standard deviation as a fraction of that before the drives. Effect: "
+            "by how many standard deviations of the noise one standard deviation before changes the drives (singular value)"
         )
-        blocks.append(Table(caption, ("combination", "left", "singular value"), texts))
+        blocks.append(Table(caption, ("combination", "left", "effect"), texts))
     blocks += [Text(note, "notice") for note in found.notes]
     blocks += [Text(text) for text in reached_lines(found, one)]
     return blocks
