@@ -106,7 +106,8 @@ def _parsed(data: dict[str, Any], where: object) -> Config:
     try:
         return parse(data, where)
     except ConfigError as error:
-        raise ConfigError(f"with the identified values, {error.what}", where=error.where, remedy=error.remedy) from None
+        remedy = "check units and signs of the signals, and the other values of this file"
+        raise ConfigError(f"with the identified values, {error.what}", where=error.where, remedy=remedy) from None
 
 
 def understeer_gradient(found: Identification) -> tuple[float, float]:
