@@ -139,6 +139,12 @@ def _damped(matrix: FloatArray, damping: float) -> FloatArray:
     return np.asarray(matrix * (1.0 + damping * np.eye(matrix.shape[-1])), dtype=np.float64)
 
 
+def diverged() -> CodegenError:
+    """Return the error for drives that the model cannot follow at all."""
+    remedy = "check units and signs of the signals, and the configured car"
+    return CodegenError("the simulation of the drives diverges", where="identify", remedy=remedy)
+
+
 class _Solver:
     """The problem in z of its free parameters; `values` are those of the others."""
 
@@ -213,8 +219,7 @@ class _Solver:
         """Return the minimum for a given noise (Levenberg-Marquardt with bounds). Raises CodegenError if the start diverges."""
         here = self.point(z, starts, noise)
         if not math.isfinite(here.cost):
-            remedy = "check units and signs of the signals, and the configured car"
-            raise CodegenError("the simulation of the drives diverges", where="identify", remedy=remedy)
+            raise diverged()
         damping = DAMPING
         for _ in range(ITERATIONS_MAX):
             # A parameter stays at its bound where the cost falls beyond it.

@@ -13,7 +13,7 @@ from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.identify.drive import Drive
-from codegen.identify.estimate import Fit, fit
+from codegen.identify.estimate import Fit, diverged, fit
 from codegen.identify.held import undetermined_curves, with_held_spread
 from codegen.identify.identifiability import WEAK_SHARE_MAX, Direction, Identifiability, analyse
 from codegen.identify.model import OUTPUTS
@@ -29,6 +29,8 @@ NO_SIDESLIP = (
     "no drive of --log has sideslip: the common level of cornering stiffnesses and yaw inertia rests on the model, which "
     "leaves out roll; measure sideslip if a map is to keep its slip bounds exactly"
 )
+SPEED_FACTOR_CHANGE = 0.05
+"""Difference of the speed factor from one that no speed sensor has."""
 ROUNDS_MAX = 3
 """Fits of the car with shifts and integration steps that follow from the last one."""
 
@@ -110,9 +112,8 @@ def identify(config: Config, drives: Sequence[Drive]) -> Identification:
     rear = rear_angle(samples, config, values)
     if not samples.has("delta_r"):
         is_commanded = samples.has("delta_r_command")
-        source = (
-            "it follows from the command and the configured actuator" if is_commanded else "the rear wheels count as straight"
-        )
+        commanded = "it follows from the command and the configured actuator, which counts as exact"
+        source = commanded if is_commanded else "the rear wheels count as straight"
         notes.append(f"no drive of --log has delta_r: {source}")
     _fit_ratio(samples, centre, found)
 
@@ -125,10 +126,13 @@ def identify(config: Config, drives: Sequence[Drive]) -> Identification:
     if not found["rear_offset"].is_identified and found["front_offset"].is_identified:
         front = found["front_offset"]
         deviation = math.hypot(front.standard_deviation, BY_NAME["rear_offset"].spread)
-        note = "less that of the rear angle, which is not known: no rear angle command was measured"
+        note = "less that of the rear angle, which is not known: rear angle and its command were not measured together"
         found["front_offset"] = replace(front, standard_deviation=deviation, note=note)
     if not samples.has("sideslip"):
         notes.append(NO_SIDESLIP)
+    factor = found["speed_factor"]
+    if factor.is_identified and abs(factor.value - 1.0) > SPEED_FACTOR_CHANGE:
+        notes.append(f"the speed factor is {factor.value:.2f}; check the configured wheelbase and mass, and the measured speed")
     used = vehicle.problem.segments.first
     for name, low, high in zip(samples.names, samples.begin[:-1], samples.begin[1:], strict=True):
         if not ((used >= low) & (used < high)).any():
@@ -136,8 +140,8 @@ def identify(config: Config, drives: Sequence[Drive]) -> Identification:
     names, correlation = _correlation(found, (vehicle, *(() if actuator is None else (actuator,))))
     ordered = {parameter.name: found[parameter.name] for parameter in PARAMETERS}
     identified = [{each.parameter.title} for each in found.values() if each.is_identified]
-    left = tuple(direction for direction in directions if direction.components.keys() not in identified)
-    return Identification(config, ordered, names, correlation, left, vehicle, actuator, tuple(notes))
+    left = {frozenset(each.components): each for each in reversed(directions) if each.components.keys() not in identified}
+    return Identification(config, ordered, names, correlation, tuple(left.values())[::-1], vehicle, actuator, tuple(notes))
 
 
 def judge(
@@ -316,7 +320,10 @@ def _converge(
         if result is not None and _same(problem, result.problem):
             break
         before = (None, None) if result is None else (result.starts, result.noise)
-        result = fit(problem, np.array([values[name] for name in problem.prior.names]), free, *before)
+        try:
+            result = fit(problem, np.array([values[name] for name in problem.prior.names]), free, *before)
+        except np.linalg.LinAlgError:  # derivatives beyond all numbers
+            raise diverged() from None
         values = result.named()
     assert result is not None
     return result

@@ -17,8 +17,9 @@ from codegen.units import DEGREE, KM_H
 CONFIDENCE = 1.96
 """Half of the width of a 95 % interval in standard deviations."""
 
-TURNING, DOUBT = 1.0 * DEGREE, 0.5
-"""Yaw rate (rms, rad/s) from which a drive shows whether it is predicted, and the fraction of it that is too large an error."""
+TURNING, DOUBT = 1.0 * DEGREE, 0.15
+"""Yaw rate (rms, rad/s) from which a drive shows whether it is predicted, and the fraction of it that is too large an error:
+4 % for a multi-body car that rolls."""
 
 ROUNDING = 1e-9
 """Largest rounding error, as a fraction of a quantity's spread before the drives."""
@@ -90,10 +91,11 @@ def quantity_rows(found: Identification) -> list[tuple[str, ...]]:
     gravity = found.config.road.gravity_m_s2
     value, deviation = (each / DEGREE * gravity for each in understeer_gradient(found))
     is_known = math.isfinite(deviation)
+    interval = f"{CONFIDENCE * deviation:.2g}" if is_known else "-"
     gradient = (
         "understeer gradient",
-        f"{value:.4g}" if is_known else "-",
-        f"{CONFIDENCE * deviation:.2g}" if is_known else "-",
+        f"{value:.{len(interval.partition('.')[2])}f}" if is_known else "-",
+        interval,
         "deg/g",
         "",
         "" if is_known else "needs both cornering stiffnesses",
@@ -103,11 +105,8 @@ def quantity_rows(found: Identification) -> list[tuple[str, ...]]:
 
 def reached_lines(found: Identification, one: Reached) -> list[str]:
     """Return what the drives reached, as sentences."""
-    low, high = one.speed
-    lines = [
-        f"The drives cover {low / KM_H:.0f} to {high / KM_H:.0f} km/h and a lateral acceleration up to "
-        f"{one.lateral_acceleration:.1f} m/s^2."
-    ]
+    speeds = " to ".join(dict.fromkeys(f"{each / KM_H:.0f}" for each in one.speed))
+    lines = [f"The drives cover {speeds} km/h and a lateral acceleration up to {one.lateral_acceleration:.1f} m/s^2."]
     for axle, slip, friction in zip(("front", "rear"), one.slip, one.friction, strict=True):
         is_identified = found.quantities[f"{axle}_peak"].is_identified
         held = "the identified curve holds up to there" if is_identified else "D, C and E are as configured"
@@ -132,7 +131,7 @@ def doubts(validations: Sequence[Validation]) -> list[str]:
         f"{each.name}: the free run of the identified car has an error of {each.identified.yaw_rate_error / DEGREE:.3g} deg/s, "
         f"where {each.identified.yaw_rate_size / DEGREE:.3g} deg/s were measured; check signs and units of all signals"
         for each in validations
-        if each.identified.yaw_rate_size > TURNING and each.identified.yaw_rate_error > DOUBT * each.identified.yaw_rate_size
+        if each.identified.yaw_rate_error > DOUBT * max(each.identified.yaw_rate_size, TURNING)
     ]
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from codegen.configuration import Config, parse, preset_text
 from codegen.errors import CodegenError
+from codegen.identify import run
 from codegen.identify.drive import Drive
 from codegen.identify.estimate import Fit
 from codegen.identify.held import undetermined_curves
@@ -293,3 +294,23 @@ def test_whiteness() -> None:
     assert not found.is_white
     assert found.first == pytest.approx(0.3, abs=0.05)  # three standard deviations of 1/sqrt(n)
     assert BY_NAME.keys() >= set(identified().names)
+
+
+def test_derivatives_beyond_all_numbers_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A yaw rate with the other sign, without a lateral acceleration that contradicts it, gave them for one car."""
+
+    def singular(*_: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(run, "fit", singular)
+    config, _, drives = driven()
+    with pytest.raises(CodegenError, match="diverges; check units and signs of the signals"):
+        identify(configured_car(config), [without(drives[0], "delta_r", "delta_r_command")])
+
+
+def test_a_wrong_wheelbase_is_noted() -> None:
+    config, _, drives = driven()
+    known = configured_car(config)
+    vehicle = known.vehicle.model_copy(update={"cg_to_front_axle_m": 1.2 * known.vehicle.cg_to_front_axle_m})
+    notes = identify(known.model_copy(update={"vehicle": vehicle}), drives[:3]).notes
+    assert any(note.endswith("check the configured wheelbase and mass, and the measured speed") for note in notes)
