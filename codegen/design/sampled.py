@@ -106,8 +106,8 @@ class SampledCar:
         loop = _times_line(list(self.denominator), 1.0, held)
         for _ in range(self.delay):
             loop = _times_line(loop, 1.0, 1.0)
-        first = len(loop) - len(feedback)
-        return _is_inside_unit_circle([*loop[:first], *(one - other for one, other in zip(loop[first:], feedback, strict=True))])
+        aligned = [0.0] * (len(loop) - len(feedback)) + feedback
+        return _is_inside_unit_circle([one - other for one, other in zip(loop, aligned, strict=True)])
 
     def growth(self, kp: npt.ArrayLike, ki: npt.ArrayLike) -> FloatArray:
         """Return the growth rate (...) in 1/s of the slowest motion of the closed loop; below zero where it decays."""

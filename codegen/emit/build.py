@@ -172,7 +172,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     """
     config = with_signals(reference_map, config)
     code = _code(reference_map, config, options, inputs)
-    evidence = Evidence.of(reference_map, code.parts.total, config, numpy_type(options.precision))
+    evidence = Evidence(reference_map, code.parts.total, config, numpy_type(options.precision))
     context, prefix = {**code.context, "readme": _readme_facts(code.parts, evidence)}, options.prefix
     files = {
         **code.files,
@@ -201,6 +201,18 @@ def build_code(reference_map: ReferenceMap, config: Config, options: BuildOption
     """
     code = _code(reference_map, with_signals(reference_map, config), options, inputs)
     return Folder(code.files, code.facts)
+
+
+def build_facts(reference_map: ReferenceMap, config: Config) -> dict[str, Any]:
+    """Return the manifest of the default build of a map without the consequences of a loss, which take long, and without hashes.
+
+    Raises:
+        BuildError, MapError: as `build`.
+    """
+    config, options = with_signals(reference_map, config), BuildOptions("checked")
+    code = _code(reference_map, config, options, BuildInputs("", "", ""))
+    evidence = Evidence(reference_map, code.parts.total, config, numpy_type(options.precision))
+    return {**code.facts, **evidence.to_dict(with_loss=False)}
 
 
 def with_signals(reference_map: ReferenceMap, config: Config) -> Config:
