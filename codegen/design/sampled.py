@@ -100,14 +100,14 @@ class SampledCar:
 
         The characteristic polynomial is w z^d D - (kp w + ki T z) N with w = z - 1, and N/D the car without its delay d.
         """
-        kp, ki = np.asarray(kp, dtype=np.float64), np.asarray(ki, dtype=np.float64)
+        kp, ki, one = np.asarray(kp, dtype=np.float64), np.asarray(ki, dtype=np.float64), np.ones(())
         held = np.where(ki == 0.0, 1.0, 0.0)  # without integral part its pole is at z = 0 instead of z = 1
         feedback = _times_line(list(self.numerator), kp + ki * self.sampling_time, held * kp + ki * self.sampling_time)
-        loop = _times_line(list(self.denominator), 1.0, held)
+        loop = _times_line(list(self.denominator), one, held)
         for _ in range(self.delay):
-            loop = _times_line(loop, 1.0, 1.0)
-        aligned = [0.0] * (len(loop) - len(feedback)) + feedback
-        return _is_inside_unit_circle([one - other for one, other in zip(loop, aligned, strict=True)])
+            loop = _times_line(loop, one, one)
+        unmatched = len(loop) - len(feedback)
+        return _is_inside_unit_circle([*loop[:unmatched], *map(np.subtract, loop[unmatched:], feedback)])
 
     def growth(self, kp: npt.ArrayLike, ki: npt.ArrayLike) -> FloatArray:
         """Return the growth rate (...) in 1/s of the slowest motion of the closed loop; below zero where it decays."""
@@ -146,14 +146,14 @@ def _stable(matrices: FloatArray) -> BoolArray:
     return result
 
 
-Coefficients = Sequence[FloatArray | float]
-"""Coefficients (...) of polynomials in w = z - 1, highest power first."""
+Coefficients = Sequence[FloatArray]
+"""Coefficients (...) of polynomials in w = z - 1, highest power first; they broadcast together."""
 
 
-def _times_line(polynomial: Coefficients, slope: npt.ArrayLike, constant: npt.ArrayLike) -> list[FloatArray | float]:
+def _times_line(polynomial: Coefficients, slope: FloatArray, constant: FloatArray) -> list[FloatArray]:
     """Return polynomial times (slope w + constant)."""
-    raised, same = [*(each * slope for each in polynomial), 0.0], [0.0, *(each * constant for each in polynomial)]
-    return [one + other for one, other in zip(raised, same, strict=True)]
+    raised, same = [each * slope for each in polynomial], [each * constant for each in polynomial]
+    return [raised[0], *(one + other for one, other in zip(raised[1:], same[:-1], strict=True)), same[-1]]
 
 
 def _is_inside_unit_circle(polynomial: Coefficients) -> BoolArray:

@@ -204,7 +204,7 @@ def build_code(reference_map: ReferenceMap, config: Config, options: BuildOption
 
 
 def build_facts(reference_map: ReferenceMap, config: Config) -> dict[str, Any]:
-    """Return the manifest of the default build of a map without the consequences of a loss, which take long, and without hashes.
+    """Return the manifest of a map's default build without hashes and without the consequences of a loss, which take long.
 
     Raises:
         BuildError, MapError: as `build`.

@@ -106,7 +106,7 @@ def shrink(
         other[left], at_other[left] = np.where(same, other[left], new[left]), np.where(same, at_other[left], at_new[left])
         new[left], at_new[left], is_first[left] = tried, value, sign[left] * value > 0.0
         left = left[np.abs(new - other)[left] > tolerance]
-        share[left] = _next_share(*(values[left] for values in (new, other, old, at_new, at_other, at_old)), tolerance)
+        share[left] = _next_share(new[left], other[left], old[left], at_new[left], at_other[left], at_old[left], tolerance)
     low, high = np.where(is_first, new, other), np.where(is_first, other, new)
     value_low, value_high = np.where(is_first, at_new, at_other), np.where(is_first, at_other, at_new)
     drop = value_low - value_high

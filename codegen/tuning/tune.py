@@ -224,8 +224,8 @@ class _Drives:
 
     def _profile(self, driver: Driver) -> FloatArray:
         """Return the inputs (steps, 7), INPUT_COLUMNS, of a front angle of 1 rad / steering ratio at 1 m/s."""
-        profile = unit_step(self.config, STEER_TIME, DURATION)
-        time: FloatArray = np.arange(profile.shape[0], dtype=np.float64) * self.config.plant.sampling_time_s
+        profile = unit_step(self.software.config, STEER_TIME, DURATION)
+        time: FloatArray = np.arange(profile.shape[0], dtype=np.float64) * self.software.config.plant.sampling_time_s
         share = np.clip((time - STEER_TIME) / STEER_DURATION, 0.0, 1.0)
         share[time >= DRIVER_TIME] = driver(time[time >= DRIVER_TIME] - DRIVER_TIME)
         profile[:, INPUT_COLUMNS.index("steering_wheel_command")] = share
