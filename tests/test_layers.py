@@ -14,7 +14,7 @@ LEVELS = (
     ("codegen.errors", "codegen.interrupts"),
     ("codegen.cache", "codegen.files", "codegen.programs", "codegen.arrays", "codegen.text_table", "codegen.units"),
     ("codegen.configuration",),
-    ("codegen.vehicle",),
+    ("codegen.vehicle", "codegen.metrics"),
     ("codegen.map_file",),
     ("codegen.optimum",),
     ("codegen.ecu_map", "codegen.design"),

@@ -52,7 +52,7 @@ from codegen.text_table import text_table
 from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
 from hil_sim.logs import save_csv
-from hil_sim.metrics import Evaluation, StepMetrics, evaluate, step_metrics
+from hil_sim.metrics import Evaluation, evaluate, step_metrics
 from hil_sim.scenarios import DEFAULT, find
 from hil_sim.suite.subjects import recommended_config, tuned
 
@@ -72,22 +72,21 @@ RUN_NOTES = (
 class Reproduction:
     """All results, and the paths of the files.
 
-    `runs` are the paper's; `tracking` is C1's map with the recommended controller.
+    `runs` are figures of the paper's runs, see `step_metrics`; `tracking` is C1's map with the recommended controller.
     """
 
     table: tuple[TableRow, ...]
-    runs: Mapping[str, StepMetrics]
-    passive: StepMetrics
-    tracking: StepMetrics
+    runs: Mapping[str, Mapping[str, Any]]
+    passive: Mapping[str, Any]
+    tracking: Mapping[str, Any]
     evaluation: Evaluation
     outputs: Mapping[str, Path]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the results for JSON."""
-        named = {**self.runs, TRACKING: self.tracking, "passive": self.passive}
         return {
             "table": [row.__dict__ for row in self.table],
-            "runs": {name: metrics.to_dict() for name, metrics in named.items()},
+            "runs": {**self.runs, TRACKING: self.tracking, "passive": self.passive},
             "outputs": {name: str(path) for name, path in self.outputs.items()},
         }
 

@@ -20,9 +20,10 @@ from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config, Schedule
 from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
 from codegen.design.family import ELLIPSOID_SHARE, measured_keys
-from codegen.design.loss import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.map_file.map import ReferenceMap
+from codegen.metrics import Runs, StepResponse
+from codegen.metrics.runs import is_spinning
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
@@ -58,7 +59,6 @@ SPEED_MIN_KM_H = 25.0
 
 STEER_TIME, DURATION, STEADY_WINDOW = 0.2, 4.0, 0.5
 """Times in s: a step begins, ends, and is averaged for the steady yaw rate."""
-SETTLING_BAND_FRACTION, RISEN_SHARE = 0.02, 0.9
 
 LEADS_S = (-0.02, 0.0, 0.02, 0.04, 0.06, 0.08, 0.10, 0.12, 0.14)
 """Leads of the first pairs. Lead amplifies noise: 0.14 s turn 0.01 deg of the front angle into about 0.1 deg of rear angle."""
@@ -295,16 +295,12 @@ class _Search:
         parameters.lead_angle_max = 0.5
         parameters.response_samples = self.ahead / self.software.config.controller.sampling_time_s
         yaw_rate, sideslip, slip = self.software.run(self.profile, self.lanes.pick(driven.ravel()), parameters, COLUMNS)
-        period = self.software.config.controller.sampling_time_s
-        after = yaw_rate[round(STEER_TIME / period) :]
-        steady = after[-round(STEADY_WINDOW / period) :].mean(axis=0)
-        share = after / steady
-        outside = np.abs(share - 1.0) > SETTLING_BAND_FRACTION
-        settling = period * (outside.shape[0] - np.argmax(outside[::-1], axis=0)) * outside.any(axis=0)
-        rise = period * _crossing(share, RISEN_SHARE)
-        spins = ((np.abs(sideslip) > SPIN_SIDESLIP) & (np.abs(slip) > SPIN_REAR_SLIP)).any(axis=0) | ~(steady > 0.0)
+        time = np.arange(len(yaw_rate), dtype=np.float64) * self.software.config.controller.sampling_time_s
+        step = StepResponse(Runs(time, {"yaw_rate_rad_s": yaw_rate}, STEER_TIME), STEADY_WINDOW)
+        spins = is_spinning(sideslip, slip).any(axis=0) | ~(step.yaw_rate > 0.0)
         each = np.full((3, *driven.shape), np.inf)
-        each[:, driven] = np.where(spins, np.inf, np.stack([100.0 * (share.max(axis=0) - 1.0), settling, rise]))
+        found = np.stack([step.overshoot_percent, step.time_outside_band_s, step.rise_time_interpolated_s])
+        each[:, driven] = np.where(spins, np.inf, found)
         largest, larger = each.max(axis=-1), each[:2, :, LARGER_FROM:].max(axis=-1)
         figures = np.concatenate([largest[:2], larger, largest[2:]])
         result: FloatArray = figures[:, : cars * count].reshape(len(FIGURES), cars, count)
@@ -357,19 +353,6 @@ class _Search:
         both = self.limits[:, 0] == DEVIATION_OVERSHOOT_PERCENT
         rows = np.concatenate([pairs.T, figures[[0, 1, 4], 0], figures[:1, both].max(axis=1, initial=0.0)])
         return tuple(Response(speed, *(round(float(value), 4) for value in rows[:, k])) for k, speed in enumerate(self.speeds))
-
-
-def _crossing(share: FloatArray, level: float) -> FloatArray:
-    """Return the samples (n,) after which signals (samples, n) first reach a level.
-
-    The result is interpolated linearly, so that small differences between pairs count."""
-    after = np.maximum(np.argmax(share >= level, axis=0), 1)
-    column = np.arange(share.shape[1])
-    below, above = share[after - 1, column], share[after, column]
-    rising = above > below
-    part = np.where(rising, (level - below) / np.where(rising, above - below, 1.0), 1.0)
-    result: FloatArray = after - 1 + np.clip(part, 0.0, 1.0)
-    return result
 
 
 def family_of(config: Config) -> tuple[FloatArray, FloatArray]:
