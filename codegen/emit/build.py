@@ -183,7 +183,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         **{f"linux/{name}": verbatim(f"linux/{name}") for name in LINUX},
         f"{prefix}.a2l": render("a2l.j2", context),
         **take_over_files(context),
-        **contract_files(context, code.files),
+        **contract_files(context),
         "README.md": render("README.md.j2", context),
     }
     files[DEVIATIONS] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
