@@ -105,7 +105,7 @@ def test_pages_are_plain_markdown() -> None:
     """Directives, roles and targets of MyST appear as text on a code host."""
     text = {page: (ROOT / page).read_text(encoding="utf-8") for page in PAGES}
     directives = {name for page in PAGES for name in re.findall(r"^ *(?:`{3,}|:{3,})\{(.+?)\}", text[page], re.MULTILINE)}
-    assert directives == MADE_BY_SPHINX
+    assert directives <= MADE_BY_SPHINX
     noise = re.compile(r"\{[\w:]+\}`|^\([\w-]+\)=$|<project:|^:::", re.MULTILINE)
     assert {page: found for page in PAGES if (found := noise.findall(text[page]))} == {}
 
