@@ -20,7 +20,6 @@ from codegen import configuration
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.emit.from_files import prepare
-from codegen.emit.write import write_folder
 from codegen.errors import CheckFailed
 from codegen.files import make_folder, write_atomically
 from codegen.map_file import map as npz
@@ -153,7 +152,7 @@ def reproduce(folder: Path, done: Callable[[int, int], None] | None = None) -> R
     built = {name: outputs[f"map {CASES[case]}"] for name, case in RUNS.items()}
     for name, map_path in (*built.items(), (TRACKING, outputs["map 4WS-2, tracking"])):
         prepared = prepare(map_path, target=folder / "generated" / map_path.stem)
-        write_folder(prepared.folder, prepared.target)
+        prepared.write()
         software = load(prepared.target)
         if not software.selftest():
             raise CheckFailed("the generated self-test fails", where=prepared.target, remedy="report it")

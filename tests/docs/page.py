@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from codegen.configuration import load, preset_text
-from tests.docs.blocks import ROOT, Block, Command, blocks, commands, matches
+from tests.docs.blocks import ROOT, Block, Command, blocks, commands_of, matches
 
 NOT_RUN: Mapping[str, str] = {  # command on the page: reason
     'pip install "ars-codegen[verify]"': "needs a package index",
@@ -138,7 +138,7 @@ def run_page(page_blocks: Sequence[Block], folder: Path, setup: Callable[[Path],
             if block.mark is not None:
                 write(block, shell.where())
             elif block.language in ("console", "sh"):
-                for command in commands(block):
+                for command in commands_of(block):
                     run_command(block, command, shell)
             elif block.language == "python":
                 program = shell.where() / "block.py"
