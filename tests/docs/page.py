@@ -74,7 +74,7 @@ SETUPS: Mapping[str, Callable[[Path], None]] = {
 GROUP, OWN_GROUP = "239.74.163.2", f"239.75.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
 """Bus of the examples, and this process's own: pages run in parallel."""
 
-PROGRESS = re.compile(r"^\S[^\n]*: \d+ %\n", re.MULTILINE)  # a line of progress without a terminal
+PROGRESS = re.compile(r"^\S[^\n]*: \d+ %(, [^\n]+)?\n", re.MULTILINE)  # a line of progress without a terminal
 
 
 END = "\x1e"  # encloses the exit code after the output of each command
