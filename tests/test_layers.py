@@ -12,7 +12,15 @@ PACKAGES = ("codegen", "hil_sim")
 LEVELS = (
     ("codegen",),  # the package itself: its version
     ("codegen.errors", "codegen.interrupts"),
-    ("codegen.cache", "codegen.files", "codegen.programs", "codegen.arrays", "codegen.text_table", "codegen.units"),
+    (
+        "codegen.requirements",
+        "codegen.cache",
+        "codegen.files",
+        "codegen.programs",
+        "codegen.arrays",
+        "codegen.text_table",
+        "codegen.units",
+    ),
     ("codegen.configuration",),
     ("codegen.vehicle",),
     ("codegen.map_file",),
