@@ -60,4 +60,4 @@ def _source(ours: Distribution | None) -> str:
     url = urlsplit(record.get("url", ""))
     if url.scheme != "file":
         return "CHECKOUT-OR-WHEEL"
-    return "-e " * record.get("dir_info", {}).get("editable", False) + shlex.quote(url2pathname(url.path))
+    return "-e " * bool(record.get("dir_info", {}).get("editable")) + shlex.quote(url2pathname(url.path))
