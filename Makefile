@@ -1,15 +1,19 @@
 # The ways in. Needs Python 3.11 or newer with venv, a C compiler and make; all else goes into .venv.
 
-PYTHON ?= python3
-UV     ?= uv
+PYTHON  ?= python3
+# Installs the packages if it exists, else pip does. `make UV= ...` uses pip.
+UV      ?= $(shell command -v uv)
 
-VENV   := .venv
-BIN    := $(VENV)/bin
-# Two stamps: what the lock file pins, and the project itself on top of it.
-PINNED := $(VENV)/.pinned
-READY  := $(VENV)/.ready
-# -qq: errors only.
-PIP    := $(BIN)/python -m pip --disable-pip-version-check install -qq
+VENV    := .venv
+BIN     := $(VENV)/bin
+# Three stamps: the packages of the run time and the report, the project itself, and all other packages.
+PINNED  := $(VENV)/.pinned
+RUN     := $(VENV)/.run
+READY   := $(VENV)/.ready
+by_uv    = $(UV) pip install --python $(BIN)/python $(1) || { echo "uv does not read pip's settings; add UV= to use pip" >&2; exit 2; }
+by_pip   = $(BIN)/python -m pip --disable-pip-version-check install --no-compile $(1)
+# Both show their progress on a terminal.
+install  = $(call $(if $(UV),by_uv,by_pip),--no-deps $$([ -t 1 ] || echo -q) $(1))
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -18,7 +22,7 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check install -qq
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-sil: $(READY) ## solve the paper's three maps, build the C, run C1 and C2, plot; results under build/
+sil: $(RUN) ## solve the paper's three maps, build the C, run C1 and C2, plot; results under build/
 	@$(BIN)/codegen paper -o build
 
 docs: $(READY) ## the guide, as pages to open from disk: build/docs/index.html; writes the parts of docs/ that come from the code
@@ -46,10 +50,13 @@ bench: $(READY) ## the benchmarks that every machine can run, also into benchmar
 bench-can: $(READY) ## the bench on vcan0: lock-step against real time, punctuality by the clock
 	@$(BIN)/python -m tests.evidence.vcan.vcan_run -- $(BIN)/python -m benchmarks can
 
-lock: ## requirements.lock from pyproject.toml (with UPGRADE=1: newest versions); needs uv
-	@command -v $(UV) >/dev/null || { echo "uv is missing: install it, e.g. pipx install uv" >&2; exit 2; }
-	@$(UV) pip compile pyproject.toml --quiet --universal --fork-strategy fewest --all-extras --generate-hashes \
-		--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) -o requirements.lock
+COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --generate-hashes --no-emit-index-url --no-emit-find-links \
+	--custom-compile-command "make lock"
+
+lock: ## both lock files from pyproject.toml (with UPGRADE=1: newest versions); needs uv
+	@[ "$(UV)" ] || { echo "uv is missing: install it, e.g. pipx install uv" >&2; exit 2; }
+	@$(COMPILE) --all-extras $(if $(UPGRADE),--upgrade) pyproject.toml -o requirements.lock
+	@printf 'hatchling\neditables\n' | $(COMPILE) --extra report --no-annotate -c requirements.lock pyproject.toml - -o requirements-run.lock
 
 generated: $(READY) ## the committed reference output in generated/, the pictures of README and guide, and its reference pages
 	@$(BIN)/codegen solve --case 4ws-2 -o generated/4ws2-paper.npz
@@ -79,12 +86,19 @@ venv: $(READY) ## .venv with the project and all its tools
 preflight:
 	@sh scripts/preflight.sh "$(PYTHON)"
 
-$(PINNED): requirements.lock | preflight
-	@echo "Making $(VENV): about 150 packages, a minute or more the first time."
+$(PINNED): requirements-run.lock requirements.lock | preflight
+	@echo "Making $(VENV): $$(grep -c == $<) packages to run codegen, installed by $(if $(UV),uv,pip)."
 	@$(PYTHON) -m venv --clear $(VENV)
-	@$(PIP) --require-hashes -r requirements.lock
+	@$(call install,--require-hashes -r $<)
 	@touch $@
 
-$(READY): pyproject.toml $(PINNED) | preflight
-	@$(PIP) --no-deps --no-build-isolation -e .
+$(RUN): pyproject.toml $(PINNED) | preflight
+	@$(call install,-q --no-build-isolation -e .)
+	@touch $@
+
+$(READY): requirements.lock $(RUN) | preflight
+	@echo "Completing $(VENV): $$(grep -c == $<) packages with those of tests, guide and tools, a minute or more the first time."
+	@$(call install,--require-hashes -r $<)
+# Python that may not keep what it compiles would compile every package in every process.
+	@$(if $(PYTHONDONTWRITEBYTECODE),$(BIN)/python -m compileall -q -j 0 $(VENV)/lib >/dev/null || true)
 	@touch $@

@@ -17,6 +17,7 @@ import can
 
 from codegen.configuration.can import Can
 from codegen.errors import CodegenError, one_line
+from codegen.requirements import pip_install
 from hil_sim.codec import Frame
 
 LOCAL_INTERFACES = ("virtual", "socketcan", "udp_multicast")
@@ -27,7 +28,7 @@ NETWORK = Path("/sys/class/net")
 ARPHRD_CAN, CANFD_MTU = 280, 72
 """Kind of a CAN interface, and size of a frame of CAN FD (linux/if_arp.h, linux/can.h)."""
 
-_PACKAGES = {"udp_multicast": ("msgpack", "pip install msgpack")}
+_PACKAGES = {"udp_multicast": "msgpack"}
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,10 @@ class Bus:
 
     def __init__(self, address: BusAddress, can_of_build: Can | None = None) -> None:
         self.address = address
-        package, remedy = _PACKAGES.get(address.interface, ("", ""))
+        package = _PACKAGES.get(address.interface)
         if package and importlib.util.find_spec(package) is None:
-            raise CodegenError(f"{address.interface} needs the package {package}", where="--bus", remedy=remedy)
+            what = f"{address.interface} needs the package {package}"
+            raise CodegenError(what, where="--bus", remedy=pip_install(package))
         settings: dict[str, Any] = {}
         if can_of_build is not None and address.interface not in LOCAL_INTERFACES:
             settings["bitrate"] = round(can_of_build.bitrate_kbit_s * 1e3)

@@ -40,6 +40,7 @@ from codegen.configuration.can import FRAME_BYTES, FRAME_BYTES_MAX
 from codegen.errors import CodegenError
 from codegen.files import read_text, reason_of, write_atomically
 from codegen.interrupts import deferred
+from codegen.requirements import missing
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.codec import Frame
 
@@ -335,7 +336,7 @@ class BusLog:
                 "no format for a log of the bus", where=path, remedy=f"end its name in one of {', '.join(FORMATS)}"
             )
         if form is Mf4Writer and importlib.util.find_spec("asammdf") is None:
-            raise CodegenError("asammdf, which writes MF4, is missing", where=path, remedy='pip install "ars-codegen[tools]"')
+            raise missing("asammdf", "writes MF4", path)
         self._format: type[Writer] = form
         self._path = path
         self._head = Head(channel, start, dbc)

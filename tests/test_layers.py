@@ -7,12 +7,20 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("codegen", "hil_sim")
+PACKAGES = ("ars_codegen", "codegen", "hil_sim")
 
 LEVELS = (
     ("codegen",),  # the package itself: its version
     ("codegen.errors", "codegen.interrupts"),
-    ("codegen.cache", "codegen.files", "codegen.programs", "codegen.arrays", "codegen.text_table", "codegen.units"),
+    (
+        "codegen.requirements",
+        "codegen.cache",
+        "codegen.files",
+        "codegen.programs",
+        "codegen.arrays",
+        "codegen.text_table",
+        "codegen.units",
+    ),
     ("codegen.configuration",),
     ("codegen.vehicle", "codegen.metrics"),
     ("codegen.map_file",),
@@ -28,12 +36,13 @@ LEVELS = (
     ("codegen.console",),
     ("codegen.cli",),
     ("codegen.__main__",),
+    ("ars_codegen",),
 )
 LEVEL = {layer: level for level, layers in enumerate(LEVELS) for layer in layers}
 
 
 def source_files(root: Path) -> dict[str, Path]:
-    """Return the file of each module of both packages."""
+    """Return the file of each module of the packages."""
     found = {}
     for path in sorted(path for package in PACKAGES for path in (root / package).rglob("*.py")):
         parts = path.relative_to(root).with_suffix("").parts

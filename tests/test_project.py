@@ -10,12 +10,13 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
 EXTRAS = {name: lines for name, lines in PROJECT["optional-dependencies"].items() if name != "all"}
-LOCK = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+LOCK, RUN_LOCK = ((ROOT / name).read_text(encoding="utf-8") for name in ("requirements.lock", "requirements-run.lock"))
 LICENCES = (ROOT / "THIRD-PARTY-LICENSES.md").read_text(encoding="utf-8")
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 FOUND = re.findall(r"^\| ([a-z0-9-]+) \| ([a-z, ]+) \| (.+) \|$", LICENCES, re.MULTILINE)
@@ -62,17 +63,32 @@ def test_licences_of_the_project_and_of_its_output() -> None:
             assert path.is_dir() or any(name in table for name in names), place
 
 
+def pins(lock: str) -> dict[str, tuple[str, frozenset[str]]]:
+    """Return the version and the hashes of each package of a lock file."""
+    blocks = re.split(r"^(?=[a-z0-9-]+==)", lock, flags=re.MULTILINE)[1:]
+    parts = (re.match(r"([a-z0-9-]+)==([^ ;\\]+)", block) for block in blocks)
+    return {part[1]: (part[2], frozenset(re.findall("--hash=(sha256:[0-9a-f]{64})", part.string))) for part in parts if part}
+
+
 def test_the_lock_file_pins_every_requirement_within_its_range() -> None:
     (everything,) = map(Requirement, PROJECT["optional-dependencies"]["all"])
     assert (everything.name, everything.extras) == ("ars-codegen", EXTRAS.keys())
-    pins = dict(re.findall(r"^([a-z0-9-]+)==([^ ;\\]+)", LOCK, re.MULTILINE))
+    found = pins(LOCK)
     lines = [*PROJECT["dependencies"], *PYPROJECT["build-system"]["requires"], *itertools.chain(*EXTRAS.values())]
     for requirement in map(Requirement, lines):
-        assert requirement.specifier.contains(pins.get(requirement.name, "0")), f"{requirement}: run make lock"
-    blocks = re.split(r"^(?=[a-z0-9-]+==)", LOCK, flags=re.MULTILINE)[1:]
-    assert [block.splitlines()[0] for block in blocks if "--hash=sha256:" not in block] == []
+        assert requirement.specifier.contains(found.get(requirement.name, ("0",))[0]), f"{requirement}: run make lock"
+    assert [name for name, (_, hashes) in found.items() if not hashes] == []
     # Neither a local path nor an index: each machine uses its own package source.
-    assert re.findall(r"://|^-|--(?!hash=)|@ ", LOCK, re.MULTILINE) == []
+    assert re.findall(r"://|^-|--(?!hash=)|@ ", LOCK + RUN_LOCK, re.MULTILINE) == []
+
+
+def test_the_lock_file_of_the_run_time_has_the_same_pins_and_all_that_they_require() -> None:
+    found = pins(RUN_LOCK)
+    assert found.items() <= pins(LOCK).items()
+    required = {*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["report"], *PYPROJECT["build-system"]["requires"]}
+    required |= {"editables", *itertools.chain(*(importlib.metadata.requires(name) or () for name in found))}
+    here = [each for each in map(Requirement, required) if not each.marker or each.marker.evaluate({"extra": ""})]
+    assert {canonicalize_name(each.name) for each in here} <= found.keys()
 
 
 def test_files_and_names_in_contributing_exist() -> None:

@@ -14,6 +14,7 @@ from codegen.cli.base import cli, example, json_option, note_edited
 from codegen.cli.options import FileType, build_folder, checked_path, configuration_file
 from codegen.errors import CheckFailed
 from codegen.files import write_atomically
+from codegen.requirements import packages_of, pip_install
 
 if TYPE_CHECKING:
     from codegen.doctor import Finding
@@ -108,7 +109,7 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
             f"{len(report.failed)} of {len(report.outcomes)} checks failed: {', '.join(report.failed)}", where=build
         )
     if not passed:
-        raise CheckFailed("no check could be run", where=build, remedy='pip install "ars-codegen[verify]"')
+        raise CheckFailed("no check could be run", where=build, remedy=pip_install(*packages_of("verify")))
     harnesses = found["checks"].get("contracts", {}).get("figures", {}).get("harnesses", {})
     open_count = sum(verdict == "open" for verdict in harnesses.values())
     counts = {"not run": not_run, "contracts open": open_count}

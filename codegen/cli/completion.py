@@ -63,7 +63,18 @@ complete -o nosort -F %(complete_func)s %(prog_name)s
 """
 
 
-class PathsInBash(BashComplete):
+class ForBothNames(ShellComplete):
+    """A completion script for both names of the command."""
+
+    def source(self) -> str:
+        """Return the scripts of both names; each calls the command under its own name."""
+        from codegen.cli.entry import OTHER_NAME
+
+        other = type(self)(self.cli, {}, OTHER_NAME, self.complete_var)
+        return super().source() + self.source_template % other.source_vars()
+
+
+class PathsInBash(ForBothNames, BashComplete):
     """Completion for bash: click's, with quoting of special characters in file names, no space after a folder, and support
     for ':' and '=' in values."""
 
@@ -90,7 +101,7 @@ class PathsInBash(BashComplete):
         return "\n".join(map(self.format_completion, items))
 
 
-class _WholeWord(ShellComplete):
+class _WholeWord(ForBothNames):
     """Completion for shells that treat `--option=value` as one word: a completion replaces the whole word."""
 
     def get_completions(self, args: list[str], incomplete: str) -> list[CompletionItem[str]]:

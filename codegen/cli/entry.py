@@ -18,7 +18,8 @@ from codegen.cli.commands import cli
 from codegen.errors import CodegenError, one_line
 from codegen.interrupts import Handler, install_handlers, raise_once
 
-PROGRAM = "codegen"
+PROGRAM, OTHER_NAME = "codegen", "ars-codegen"
+"""Both commands; messages and help name the first one."""
 COMPLETION = "_CODEGEN_COMPLETE"
 """Environment variable of completion requests; click's convention."""
 

@@ -293,9 +293,10 @@ def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: st
 @json_option
 def paper(output: Path, as_json: bool) -> None:
     """Reproduce the paper: solve its three maps, build the C, run C1 and C2, compare its tables with ours."""
-    from codegen.report.paper import reproduce
-
     with console.progress("reproducing the paper") as progress:
+        progress(0, 1, "loading")
+        from codegen.report.paper import reproduce
+
         result = reproduce(output, done=progress)
     if as_json:
         console.print_json(result.to_dict())

@@ -5,17 +5,15 @@ from __future__ import annotations
 import importlib
 import os
 import platform
-import re
 import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-import tomllib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -24,87 +22,10 @@ from codegen.cache import cache_folder
 from codegen.doctor import Finding, State, buses
 from codegen.errors import BuildError, one_line
 from codegen.programs import run_program
+from codegen.requirements import Requirement, extras_of, pip_install, requirements
 from codegen.sil.toolchain import compiler_command, compiler_identity
 from codegen.verify import cbmc
 from codegen.verify.packages import MissingTool
-
-DISTRIBUTION = "ars-codegen"
-EVERYTHING = "all"
-PYPROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
-
-_REQUIREMENT = re.compile(
-    r"\s*(?P<name>[A-Za-z0-9][\w.-]*)\s*(?:\[(?P<extras>[^]]*)\])?\s*\(?(?P<bounds>[^;)]*)\)?\s*(?:;(?P<marker>.*))?"
-)
-_EXTRA = re.compile(r"""extra\s*==\s*['"](?P<extra>[^'"]+)['"]""")
-_BOUND = re.compile(r"\s*(?P<operator>>=|<|==|<=|>|!=|~=)\s*(?P<version>[\w.]+)\s*")
-
-
-@dataclass(frozen=True)
-class Requirement:
-    """A package and its accepted versions.
-
-    Attributes:
-        bounds: version bounds as written, such as ">=2.4,<3".
-        extra: extra that requires it; "" if it is always required.
-    """
-
-    name: str
-    bounds: str
-    extra: str = ""
-
-    def allows(self, version: str) -> bool:
-        """Return whether a version is accepted. Compares only release numbers, which suffices for the bounds that the project
-        uses: `>=` and `<`."""
-        for bound in filter(None, self.bounds.split(",")):
-            match = _BOUND.fullmatch(bound)
-            if match is None:
-                continue
-            here, there = _numbers(version), _numbers(match["version"])
-            if match["operator"] == ">=" and here < there:
-                return False
-            if match["operator"] == "<" and here >= there:
-                return False
-        return True
-
-
-def requirements() -> tuple[tuple[Requirement, ...], str]:
-    """Return all requirements, and where they were read. The extra `all`, which only names the others, is omitted."""
-    if PYPROJECT.is_file():  # a checkout: its file is current even if an older one is installed
-        project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
-        listed = {"": project["dependencies"], **project.get("optional-dependencies", {})}
-        read = (parse(line, extra) for extra, lines in listed.items() if extra != EVERYTHING for line in lines)
-        return tuple(read), "pyproject.toml"
-    try:
-        lines = requires(DISTRIBUTION) or []
-    except PackageNotFoundError:
-        return (), "nothing: neither installed nor a checkout"
-    return tuple(
-        each for each in map(parse, lines) if each.extra != EVERYTHING and each.name != DISTRIBUTION
-    ), "the installed package"
-
-
-def parse(line: str, extra: str = "") -> Requirement:
-    """Parse a requirement of PEP 508, `casadi<4,>=3.8; extra == "x"`; of the markers only the extra is used."""
-    match = _REQUIREMENT.match(line)
-    if match is None:
-        raise ValueError(f"not a requirement: {line!r}")
-    marked = _EXTRA.search(match["marker"] or "")
-    bounds = ",".join(sorted(map(str.strip, match["bounds"].split(",")), reverse=True))
-    return Requirement(match["name"], bounds, extra or (marked["extra"] if marked else ""))
-
-
-def extras_of(asked: Iterable[Requirement]) -> list[str]:
-    """Return the names of the extras, in the order of the requirements."""
-    return [extra for extra in dict.fromkeys(each.extra for each in asked) if extra]
-
-
-def _numbers(version: str) -> tuple[int, ...]:
-    """Return the release segment of PEP 440 without trailing zeros: 1.0 is 1."""
-    numbers = [int(number) for number in re.match(r"\d*(?:\.\d+)*", version)[0].split(".") if number]  # type: ignore[index]
-    while numbers and numbers[-1] == 0:
-        numbers.pop()
-    return tuple(numbers)
-
 
 PERIOD = 0.001
 """Step of the plant, in s."""
@@ -244,7 +165,7 @@ def python() -> Finding:
 def needed(asked: Requirement) -> Finding:
     """Check a package that codegen always needs. It is imported, because an installed package may be broken."""
     serves = SERVES.get(asked.name, "")
-    remedy = f'pip install "{asked.name}{asked.bounds}"'
+    remedy = pip_install(asked.name)
     found = _version(asked.name)
     if found is None:
         return Finding(asked.name, State.MISSING, f"not installed; {asked.bounds} is required", serves, remedy, needed=True)
@@ -254,7 +175,7 @@ def needed(asked: Requirement) -> Finding:
         importlib.import_module(MODULES.get(asked.name, asked.name))
     except Exception as error:  # an incompatible package may raise anything
         what = f"{found} cannot be imported: {one_line(error, 120) or type(error).__name__}"
-        again = f'pip install --force-reinstall "{asked.name}{asked.bounds}"'
+        again = remedy.replace("install", "install --force-reinstall", 1)
         return Finding(asked.name, State.BAD, what, serves, again, needed=True)
     return Finding(asked.name, State.GOOD, found, serves, needed=True)
 
@@ -269,9 +190,8 @@ def extra(name: str, asked: Iterable[Requirement]) -> Finding:
     if not missing and not wrong:
         return Finding(name, State.GOOD, f"{len(asked)} package{'s' * (len(asked) != 1)}", serves)
     parts = ([f"without {', '.join(missing)}"] if missing else []) + wrong
-    return Finding(
-        name, State.MISSING if missing else State.BAD, "; ".join(parts), serves, f'pip install "ars-codegen[{name}]"'
-    )
+    remedy = pip_install(*missing, *(each.name for each, _ in others))
+    return Finding(name, State.MISSING if missing else State.BAD, "; ".join(parts), serves, remedy)
 
 
 def _version(name: str) -> str | None:

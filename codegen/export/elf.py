@@ -14,6 +14,7 @@ from typing import Any, Literal, Self
 
 from codegen.errors import BuildError, CodegenError
 from codegen.files import read_file
+from codegen.requirements import missing
 
 ELF_BYTES_MAX = 2**30
 """Largest program file with debug information, in bytes."""
@@ -240,9 +241,7 @@ def _parsed(name: str, content: bytes) -> Any:
         elffile = importlib.import_module("elftools.elf.elffile")
         exceptions = importlib.import_module("elftools.common.exceptions")
     except ImportError:
-        raise CodegenError(
-            "the package pyelftools is missing", where="codegen a2l", remedy='pip install "ars-codegen[tools]"'
-        ) from None
+        raise missing("pyelftools", "reads ELF", "codegen a2l") from None
     try:
         return elffile.ELFFile(BytesIO(content))
     except exceptions.ELFError:

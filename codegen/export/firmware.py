@@ -28,6 +28,7 @@ from codegen.emit.text import comment_text
 from codegen.errors import BuildError, CodegenError, one_line
 from codegen.files import resolved
 from codegen.programs import run_program
+from codegen.requirements import pip_install
 from codegen.sil.software import Software, load
 from codegen.sil.toolchain import require_success
 from hil_sim.codec import Frame, frame_of
@@ -246,9 +247,9 @@ def choose_toolchain(wanted: str | None) -> Toolchain:
     if wanted != "gcc" and has_zig:
         return "zig"
     if wanted == "zig":
-        raise CodegenError("it is not installed", where="ziglang", remedy="pip install ziglang")
+        raise CodegenError("it is not installed", where="ziglang", remedy=pip_install("ziglang"))
     remedy = "install it (Debian, Ubuntu: apt install gcc-arm-none-eabi)"
-    raise CodegenError("it is not installed", where=GCC, remedy=f"{remedy}, or take --toolchain zig (pip install ziglang)")
+    raise CodegenError("it is not installed", where=GCC, remedy=f"{remedy}, or take --toolchain zig ({pip_install('ziglang')})")
 
 
 def require_tools() -> None:

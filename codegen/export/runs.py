@@ -29,6 +29,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration.signals import RECORDED
 from codegen.errors import CodegenError
 from codegen.files import write_atomically
+from codegen.requirements import missing
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim.logs import EPOCH, to_csv
 
@@ -75,8 +76,7 @@ def check_formats(paths: Iterable[Path]) -> None:
             known = ", ".join(FORMATS)
             raise CodegenError("no format for a run", where=path, remedy=f"end its name in {known}; a picture goes to --plot")
         if form.package is not None and importlib.util.find_spec(form.package) is None:
-            what = f"{form.package}, which writes {path.suffix}, is missing"
-            raise CodegenError(what, where=path, remedy='pip install "ars-codegen[tools]"')
+            raise missing(form.package, f"writes {path.suffix}", path)
 
 
 def save(record: FloatArray, path: Path, scenario: str = "") -> None:

@@ -28,9 +28,10 @@ from codegen.identify.findings import CLOCK
 from codegen.identify.names import Names
 from codegen.identify.stamps import blocks
 from codegen.importing import child, table
-from codegen.importing.bus_log import BYTES_MAX, LOGS, TOOLS, frames
+from codegen.importing.bus_log import BYTES_MAX, LOGS, frames
 from codegen.importing.quantities import Name, take_apart, unit_of
 from codegen.importing.source import TABLE_BYTES_MAX, read, text_of
+from codegen.requirements import missing
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
@@ -196,7 +197,7 @@ def _parquet(path: Path, names: Names) -> Log:
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError:
-        raise CodegenError("pyarrow, which reads .parquet, is missing", where=path, remedy=TOOLS) from None
+        raise missing("pyarrow", "reads .parquet", path) from None
     with _damage(path, "Parquet file"):
         schema = parquet.read_schema(path)
         columns = list(schema.names)
@@ -252,7 +253,7 @@ def _in_child(path: Path, function: str, *arguments: Any) -> Any:
         try:
             return child.call("codegen.importing.mf4", function, path, *arguments, **child.LOG)
         except ImportError:
-            raise CodegenError("asammdf, which reads .mf4, is missing", where=path, remedy=TOOLS) from None
+            raise missing("asammdf", "reads .mf4", path) from None
 
 
 # --- logs of a bus -------------------------------------------------------------------------------------------------------
@@ -346,7 +347,7 @@ def load_database(path: Path) -> Database:
     try:
         from cantools import database
     except ImportError:
-        raise CodegenError("cantools, which reads databases of buses, is missing", where=path, remedy=TOOLS) from None
+        raise missing("cantools", "reads databases of buses", path) from None
     with _damage(path, "database of a CAN bus"):
         # Not strict: databases in use have signals that overlap, or that are longer than their message.
         found: Database = database.load_file(path, database_format=path.suffix.lower()[1:], strict=False)  # type: ignore[assignment]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from codegen.errors import CodegenError, one_line
 from codegen.files import reason_of, require_regular
 from codegen.importing import child
+from codegen.requirements import pip_install
 
 if TYPE_CHECKING:
     import can
@@ -19,7 +20,6 @@ LOGS = (".blf", ".asc", ".log", ".mf4")
 """Extensions of the formats."""
 
 REMEDY = "give a log that `codegen hil --log` or another tool wrote"
-TOOLS = 'pip install "ars-codegen[tools]"'
 BYTES_MAX = 2**30
 LINE_BYTES_MAX = 2**20
 TIME_MAX_S = 1e11
@@ -49,7 +49,8 @@ def frames(path: Path) -> Iterator[can.Message]:
     except CodegenError:
         raise
     except ImportError as error:
-        raise CodegenError(f"the package that reads it is missing ({one_line(error)})", where=path, remedy=TOOLS) from None
+        what = f"the package that reads it is missing ({one_line(error)})"
+        raise CodegenError(what, where=path, remedy=pip_install("asammdf")) from None
     except Exception as error:  # readers may raise anything for a damaged file
         raise CodegenError(f"not a readable log of a CAN bus ({one_line(error)})", where=path, remedy=REMEDY) from None
 

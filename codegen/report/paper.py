@@ -46,38 +46,28 @@ from codegen.report.scenario_plots import after_step
 from codegen.report.summary import metric_rows
 from codegen.report.tyre_plots import tyre_figure
 from codegen.sil.compile import find_compiler
-from codegen.sil.software import load
+from codegen.sil.software import Software, load
 from codegen.text_table import text_table
 from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
 from hil_sim.logs import save_csv
 from hil_sim.metrics import Evaluation, evaluate, step_metrics
 from hil_sim.scenarios import DEFAULT, find
-from hil_sim.suite.subjects import recommended_config, tuned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-TRACKING = "C1 tracking"
-RUN_NOTES = (
-    "C1 is the paper's PI on the 4WS-2 map, C2 the same on the FWS map.",
-    "C1 tracking is the recommended controller on the map of C1.",
-)
-"""Map of C1 with the recommended controller instead of the paper's, for comparison."""
+PASSIVE = "passive car"
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """All results, and the paths of the files.
-
-    `runs` are figures of the paper's runs, see `step_metrics`; `tracking` is C1's map with the recommended controller.
-    """
+    """All results, and the paths of the files. `runs` are figures of the paper's runs, see `step_metrics`."""
 
     table: tuple[TableRow, ...]
     runs: Mapping[str, Mapping[str, Any]]
     passive: Mapping[str, Any]
-    tracking: Mapping[str, Any]
     evaluation: Evaluation
     outputs: Mapping[str, Path]
 
@@ -85,7 +75,7 @@ class Reproduction:
         """Return the results for JSON."""
         return {
             "table": [row.__dict__ for row in self.table],
-            "runs": {**self.runs, TRACKING: self.tracking, "passive": self.passive},
+            "runs": {**self.runs, "passive": self.passive},
             "outputs": {name: str(path) for name, path in self.outputs.items()},
         }
 
@@ -107,8 +97,7 @@ class Reproduction:
             "",
             "The paper's maximum fits the steady value; the printed PI overshoots a reference that jumps. The paper's plant is",
             "a commercial multi-body car whose data are not published, so its sideslip cannot be compared.",
-            f'"{TRACKING}" is the map of C1 with the recommended controller, kind "tracking", instead of the paper\'s;',
-            "`codegen sil --suite tracking` compares them, and simpler ideas, over speeds, cars and roads.",
+            "`codegen sil --suite tracking` compares the PI with the recommended controller over speeds, cars and roads.",
             "",
             "Written",
             "",
@@ -117,62 +106,55 @@ class Reproduction:
         return "\n".join(text).splitlines()
 
 
-def reproduce(folder: Path, done: Callable[[int, int], None] | None = None) -> Reproduction:
+def reproduce(folder: Path, done: Callable[[int, int, str], None] | None = None) -> Reproduction:
     """Solve, build, simulate and draw everything under `folder`.
 
     Args:
-        done: called after each part with the number of finished parts, and of all parts.
+        done: called before each part with the number of finished parts, the number of all parts, and the name of the part.
 
     Raises:
         CodegenError: the folder cannot be written, there is no compiler, or a self-test fails.
     """
-    config, count = configuration.preset(), itertools.count(1)
-    parts = 2 * (len(RUNS) + 1) + 3  # the maps, the tuned map, the runs, the pictures, and the report
+    parts = (*(f"map {title}" for title in CASES.values()), *(f"C and run of {name}" for name in RUNS), "pictures", "report")
+    finished = itertools.count()
 
-    def tell() -> None:
+    def begin() -> None:
+        number = next(finished)
         if done is not None:
-            done(next(count), parts)
+            done(number, len(parts), parts[number] if number < len(parts) else "")
 
+    config = configuration.preset()
     find_compiler()  # before anything is written
     make_folder(folder)
-    maps = {}
-    for case in CASES:
+    maps, outputs = {}, {}
+    for case, title in CASES.items():
+        begin()
         maps[case] = solve_case(config, case)
-        tell()
-    outputs: dict[str, Path] = {}
-    for case, reference_map in maps.items():
-        outputs[f"map {CASES[case]}"] = folder / f"{case.replace('-', '')}.npz"
-        npz.save(reference_map, outputs[f"map {CASES[case]}"])
+        outputs[f"map {title}"] = folder / f"{case.replace('-', '')}.npz"
+        npz.save(maps[case], outputs[f"map {title}"])
     manoeuvre = find(DEFAULT)
-    records = {}
-    outputs["map 4WS-2, tracking"] = folder / "4ws2-tracking.npz"
-    best = tuned(maps[RUNS["C1"]], recommended_config(config))
-    npz.save(solve_case(best, RUNS["C1"]), outputs["map 4WS-2, tracking"])
-    tell()
-    built = {name: outputs[f"map {CASES[case]}"] for name, case in RUNS.items()}
-    for name, map_path in (*built.items(), (TRACKING, outputs["map 4WS-2, tracking"])):
+    records, built = {}, {}
+    for name, case in RUNS.items():
+        begin()
+        map_path = outputs[f"map {CASES[case]}"]
         prepared = prepare(map_path, target=folder / "generated" / map_path.stem)
         prepared.write()
-        software = load(prepared.target)
+        built[name] = software = load(prepared.target)
         if not software.selftest():
             raise CheckFailed("the generated self-test fails", where=prepared.target, remedy="report it")
         records[name] = run(software, manoeuvre)
-        records["passive car"] = run(software, manoeuvre, controlled=False)
         outputs[f"C for {name}"] = prepared.target
-        outputs[f"run {name}"] = folder / f"{name.lower().replace(' ', '-')}.csv"
+        outputs[f"run {name}"] = folder / f"{name.lower()}.csv"
         save_csv(records[name], outputs[f"run {name}"])
-        tell()
-    records = {name: records[name] for name in (*RUNS, TRACKING, "passive car")}
+    records[PASSIVE] = run(software, manoeuvre, controlled=False)
+    begin()
     outputs.update(_draw(folder, config, maps, records))
-    tell()
-    outputs.update(_report(folder, config, best, maps, records))
-    tell()
-    ratio = config.steering.ratio
-    metrics = {name: step_metrics(record, manoeuvre.steer_time, ratio) for name, record in records.items()}
-    passive = metrics.pop("passive car")
-    tracking = metrics.pop(TRACKING)
-    evaluation = evaluate(manoeuvre, config, records)
-    return Reproduction(tuple(optimum_rows(config)), metrics, passive, tracking, evaluation, outputs)
+    begin()
+    outputs.update(_report(folder, config, built["C1"], maps, records))
+    begin()
+    metrics = {name: step_metrics(record, manoeuvre.steer_time, config.steering.ratio) for name, record in records.items()}
+    passive = metrics.pop(PASSIVE)
+    return Reproduction(tuple(optimum_rows(config)), metrics, passive, evaluate(manoeuvre, config, records), outputs)
 
 
 def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], records: Mapping[str, Any]) -> dict[str, Path]:
@@ -192,25 +174,23 @@ def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], record
 
 
 def _report(
-    folder: Path, config: Config, best: Config, maps: Mapping[str, ReferenceMap], records: Mapping[str, Any]
+    folder: Path, config: Config, software: Software, maps: Mapping[str, ReferenceMap], records: Mapping[str, Any]
 ) -> dict[str, Path]:
     """Write everything on one page; nothing if Plotly, an optional package, is not installed."""
     if importlib.util.find_spec("plotly") is None:
         return {}
     named = [NamedMap(CASES[case], reference_map) for case, reference_map in maps.items()]
     named.sort(key=lambda one: one.map.case != RUNS["C1"])  # the report is about the first map
-    build = folder / "generated" / "4ws2"
-    software = load(build)
     material = Material(
         named[0],
         named[1:],
         config,
         configured=True,
-        build=build,
+        build=folder / "generated" / "4ws2",
         runs=records,
         scenario=find(DEFAULT),
-        loops={"C1, PI": config, TRACKING: best},
-        notes=tuple(RUN_NOTES),
+        loops={"C1": config},
+        notes=("C1 is the paper's PI on the 4WS-2 map, C2 the same on the FWS map.",),
         of_paper=True,
         faults=fault_data(run_all(config, lambda scenario: run_through_can(software, scenario))),
     )

@@ -105,7 +105,6 @@ SPEED_SIGNAL = _Signal("Speed\n(km/h)", "speed_m_s")
 RUN_LINES: Mapping[str, Mapping[str, Any]] = {
     "C1": {"color": style.CONTROLLER_COLOURS["pi"]},
     "C2": {"color": style.GREY},
-    "C1 tracking": {"color": style.CONTROLLER_COLOURS["tracking"]},
     "passive": {"color": style.CONTROLLER_COLOURS["passive"], "linestyle": ":"},
     **{kind: {"color": colour} for kind, colour in style.CONTROLLER_COLOURS.items() if kind != "passive"},
 }

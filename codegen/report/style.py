@@ -47,7 +47,6 @@ FREQUENCY_TICKS = (0.2, 0.5, 1.0, 2.0, 3.0)
 RUN_NAMES = {
     "C1": "C1 (4WS-2 map, PI)",
     "C2": "C2 (FWS map, PI)",
-    "C1 tracking": "4WS-2, tracking",
     "passive": "passive car",
 }
 
@@ -111,7 +110,8 @@ def to_png(figure: Figure) -> bytes:
         # Each drawing shifts the layout slightly, so it is fixed after the first one.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
-        figure.savefig(stream, format="png", dpi="figure", metadata={"Software": None})
+        # `savefig` would draw it once more before it writes.
+        figure.canvas.print_png(stream, metadata={"Software": None})  # type: ignore[attr-defined]
     return stream.getvalue()
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from codegen.errors import BuildError, CheckFailed, CodegenError
+from codegen.requirements import missing
 from codegen.sweep import store
 from codegen.sweep.chunk import Work, software
 from codegen.sweep.plan import Plan
@@ -92,9 +93,7 @@ class Dask:
         try:
             import distributed
         except ImportError:
-            raise CodegenError(
-                "distributed is missing", where="--scheduler", remedy='pip install "ars-codegen[sweep]"'
-            ) from None
+            raise missing("distributed", "reaches the cluster", "--scheduler") from None
         library: Any = distributed  # it has types, but not for all
         self.address = address
         self._as_completed, self._killed = library.as_completed, library.scheduler.KilledWorker

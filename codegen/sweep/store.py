@@ -23,6 +23,7 @@ import numpy.typing as npt
 from codegen.errors import CodegenError
 from codegen.files import read_file, replace_durably, require_regular, write_atomically
 from codegen.interrupts import deferred
+from codegen.requirements import missing
 from codegen.sil.vector import ISAS
 from codegen.sweep.chunk import Table
 from codegen.sweep.plan import Plan
@@ -51,7 +52,7 @@ FACTS, PARTS, RUNS = "campaign.json", "parts", "runs.parquet"
 def require_pyarrow() -> None:
     """Raise CodegenError if pyarrow is missing."""
     if importlib.util.find_spec("pyarrow") is None:
-        raise CodegenError("pyarrow is missing", where="codegen sweep", remedy='pip install "ars-codegen[sweep]"')
+        raise missing("pyarrow", "writes Parquet", "codegen sweep")
 
 
 def facts_text(plan: Plan) -> str:

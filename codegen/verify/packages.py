@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen.errors import CodegenError
-
-EXTRA = 'pip install "ars-codegen[verify]"'
+from codegen.requirements import pip_install
 
 
 class MissingTool(CodegenError):
@@ -25,12 +24,12 @@ def module(name: str, package: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise MissingTool(f"it cannot be imported ({error})", where=package, remedy=EXTRA) from None
+        raise MissingTool(f"it cannot be imported ({error})", where=package, remedy=pip_install(package)) from None
 
 
 def require(name: str) -> Path:
     """Return the folder of a package that contains a program. Raises MissingTool: it is not installed."""
     spec = importlib.util.find_spec(name)
     if spec is None or not spec.submodule_search_locations:
-        raise MissingTool("it is not installed", where=name, remedy=EXTRA)
+        raise MissingTool("it is not installed", where=name, remedy=pip_install(name))
     return Path(spec.submodule_search_locations[0])

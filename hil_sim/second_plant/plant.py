@@ -25,12 +25,14 @@ from typing import Any
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.errors import CodegenError
+from codegen.requirements import pip_install
 from codegen.sil.plant import PlantInput, PlantSample
 
 PUBLISHED = {1: "Ford Escort", 2: "BMW 320i", 3: "VW Vanagon"}
 """The cars of the package that have the data of the multi-body model."""
 
 DEFAULT_CAR = 2
+PACKAGE = "commonroad-vehicle-models"
 
 
 def module(name: str) -> Any:
@@ -44,8 +46,8 @@ def module(name: str) -> Any:
     except ImportError as error:
         raise CodegenError(
             f"the multi-body car cannot be imported ({error})",
-            where="commonroad-vehicle-models",
-            remedy='pip install "ars-codegen[crosscheck]"',
+            where=PACKAGE,
+            remedy=pip_install(PACKAGE),
         ) from None
 
 
@@ -57,7 +59,7 @@ def published(number: int = DEFAULT_CAR) -> Any:
     """
     if number not in PUBLISHED:
         known = ", ".join(f"{key} ({name})" for key, name in PUBLISHED.items())
-        raise CodegenError(f"there is no multi-body car {number}", where="commonroad-vehicle-models", remedy=f"known: {known}")
+        raise CodegenError(f"there is no multi-body car {number}", where=PACKAGE, remedy=f"known: {known}")
     return module("vehicle_parameters").setup_vehicle_parameters(vehicle_id=number)
 
 
@@ -277,8 +279,8 @@ class RearSteeredCar:
         if self._tyres.calls != [WHEELS] * FUNCTIONS:
             raise CodegenError(
                 "the multi-body car does not call its tyre functions once a wheel; this release is not known",
-                where="commonroad-vehicle-models",
-                remedy='pip install "ars-codegen[crosscheck]"',
+                where=PACKAGE,
+                remedy=pip_install(PACKAGE),
             )
         for place, excess in zip(REAR_SPIN, self._tyres.spin_excess, strict=True):
             if state[place] >= 0.0:  # the package stops a wheel that would turn backwards

@@ -16,6 +16,7 @@ from codegen.emit.laws import LAWS
 from codegen.errors import CodegenError
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
+from codegen.requirements import pip_install
 from codegen.sil.software import Software
 from codegen.units import KM_H
 from hil_sim.suite.background import Background
@@ -99,10 +100,6 @@ Stage = Callable[[str], AbstractContextManager[Steps]]
 Count = Callable[[Mapping[str, bytes], Mapping[str, Any]], int]
 """Function from files and manifest of a build to the worst-case instructions of a step; called in another process."""
 
-THIRD_PARTY_MISSING = (
-    'the third party\'s plant is not installed: pip install "ars-codegen[crosscheck]"; its rows are not measured'
-)
-
 
 @contextmanager
 def unseen(title: str) -> Iterator[Steps]:
@@ -155,7 +152,10 @@ def run_full_suite(
 def _collect(
     driven: Mapping[str, AsyncResult[tuple[CellResult, ...]]], counted: AsyncResult[int] | None, stage: Stage
 ) -> tuple[ExternalFigures, list[str]]:
-    cells, instructions, notes = {}, None, [] if driven else [THIRD_PARTY_MISSING]
+    cells, instructions, notes = {}, None, []
+    if not driven:
+        remedy = pip_install("commonroad-vehicle-models")
+        notes.append(f"the third party's plant is not installed, so its rows are not measured; {remedy}")
     with stage("third party's plant and instructions") as steps:
         for done, (name, found) in enumerate(driven.items(), start=1):
             try:

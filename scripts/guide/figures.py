@@ -80,7 +80,7 @@ def step() -> Figure:
     scenario = find("step-steer", paper.config)
     runs = {
         "C1": run(paper, scenario),
-        "C1 tracking": run(tracking, find("step-steer", tracking.config)),
+        "tracking": run(tracking, find("step-steer", tracking.config)),
         "passive": run(paper, scenario, controlled=False),
     }
     return run_figure(runs, "Step steer at 42.5 km/h: the paper's PI and the recommended controller", window=(9.8, 12.5))

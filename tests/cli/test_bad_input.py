@@ -127,14 +127,10 @@ def test_a_missing_compiler_is_reported(refused: Refused, monkeypatch: pytest.Mo
     assert "compiler" in line and "install" in line
 
 
-@pytest.mark.parametrize(
-    ("package", "command", "extra"), [("asammdf", f"{SIL} -o run.mf4", "tools"), ("plotly", REPORT, "report")]
-)
-def test_the_extra_with_a_missing_package_is_named(
-    refused: Refused, monkeypatch: pytest.MonkeyPatch, package: str, command: str, extra: str
-) -> None:
-    found = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == package else found(name, *more))
-    monkeypatch.setitem(sys.modules, package, None)
+@pytest.mark.parametrize(("package", "command"), [("asammdf>=8.8,<9", f"{SIL} -o run.mf4"), ("plotly>=7.1,<8", REPORT)])
+def test_a_missing_package_is_named(refused: Refused, monkeypatch: pytest.MonkeyPatch, package: str, command: str) -> None:
+    found, module = importlib.util.find_spec, package.partition(">")[0]
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == module else found(name, *more))
+    monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setattr("hil_sim.bench.run", lambda *_, **__: pytest.fail("it ran"))
-    assert f'pip install "ars-codegen[{extra}]"' in refused(*command.split())
+    assert f'pip install "{package}"' in refused(*command.split())

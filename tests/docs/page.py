@@ -15,8 +15,19 @@ from codegen.configuration import load, preset_text
 from tests.docs.blocks import ROOT, Block, Command, blocks, commands_of, matches
 
 NOT_RUN: Mapping[str, str] = {  # command on the page: reason
-    'pip install "ars-codegen[verify]"': "needs a package index",
-    'pip install "ars-codegen[crosscheck]"': "needs a package index, as above",
+    **dict.fromkeys(
+        (
+            "pip install .",
+            'pip install -e ".[report,tools]"',
+            'pip install ".[verify]"',
+            'pip install ".[crosscheck]"',
+            "pip wheel --no-deps -w dist .",
+            "pip install dist/ars_codegen-*.whl",
+            "pip install --require-hashes --no-deps -r requirements-run.lock",
+            "pip install --no-deps --no-build-isolation -e .",
+        ),
+        "needs the checkout and a package index",
+    ),
     "make test": "needs the checkout; the page is about the run that this is a part of",
     "codegen sweep --spec sweep.toml --scheduler tcp://scheduler:8786 -o campaign": "needs a cluster; tests/sweep starts one",
     **dict.fromkeys(
@@ -74,7 +85,7 @@ SETUPS: Mapping[str, Callable[[Path], None]] = {
 GROUP, OWN_GROUP = "239.74.163.2", f"239.75.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
 """Bus of the examples, and this process's own: pages run in parallel."""
 
-PROGRESS = re.compile(r"^\S[^\n]*: \d+ %\n", re.MULTILINE)  # a line of progress without a terminal
+PROGRESS = re.compile(r"^\S[^\n]*: \d+ %(, [^\n]+)?\n", re.MULTILINE)  # a line of progress without a terminal
 
 
 END = "\x1e"  # encloses the exit code after the output of each command

@@ -194,4 +194,4 @@ def test_bad_input_is_one_line(refused: Refused, tmp_path: Path, monkeypatch: py
     assert "the C does not compile" in refused("fmu", "--build", edited, "--what", "loop", "-o", "old.fmu")
     there = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "fmpy" else there(name, *rest))
-    assert refused(*plant, "car.fmu").endswith('is missing; pip install "ars-codegen[tools]"')
+    assert refused(*plant, "car.fmu").endswith('is missing; pip install "fmpy>=0.3.32,<0.4"')

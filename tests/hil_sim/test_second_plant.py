@@ -183,5 +183,5 @@ def test_an_impossible_run_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ["vehiclemodels", *(name for name in sys.modules if name.startswith("vehiclemodels."))]:
         monkeypatch.setitem(sys.modules, name, None)
     for use in (published, lambda: car_of(parameters), lambda: MultiBodyPlant(base, 20.0, parameters)):
-        with pytest.raises(CodegenError, match=r'pip install "ars-codegen\[crosscheck\]"$'):
+        with pytest.raises(CodegenError, match=r'pip install "commonroad-vehicle-models>=3\.0\.2,<3\.1"$'):
             use()

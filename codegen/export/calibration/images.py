@@ -17,6 +17,7 @@ from codegen.export.a2l import fill
 from codegen.export.calibration.layout import CalibrationObject, Layout, Values, layout_of_a2l, read_layout
 from codegen.export.elf import ELF_BYTES_MAX, Elf
 from codegen.files import read_file
+from codegen.requirements import missing
 
 ELF_MAGIC = b"\x7fELF"
 IMAGE_REMEDY = "give a linked program as ELF, S-record or Intel HEX"
@@ -150,9 +151,7 @@ def _records(content: bytes, path: Path) -> Any:
     try:
         bincopy = importlib.import_module("bincopy")
     except ImportError:
-        raise CodegenError(
-            "the package bincopy is missing", where="codegen calibrate", remedy='pip install "ars-codegen[tools]"'
-        ) from None
+        raise missing("bincopy", "reads S-records and Intel HEX", "codegen calibrate") from None
     records = bincopy.BinFile()
     with _undamaged(path):
         text = content.decode("ascii")

@@ -31,6 +31,7 @@ from codegen.export.fmu import layers
 from codegen.export.fmu.description import Description, build_description, model_description
 from codegen.export.fmu.model_view import ROOTS, TITLES, context, row, step_size
 from codegen.export.fmu.variables import WITH_BUS, Variable, Version, What, parameter_variables, variables_of
+from codegen.requirements import missing, pip_install
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.plant import plant_sources
 from codegen.sil.software import compile_build, require_can_side, writable_flags
@@ -45,16 +46,15 @@ _LICENCE = re.compile(r"^ *Copyright \(C\).*?POSSIBILITY OF SUCH DAMAGE\.$", re.
 
 def headers(version: Version) -> dict[str, bytes]:
     """Return name -> content of the standard's C headers. Raises CodegenError: fmpy or its headers are missing."""
-    remedy = 'pip install "ars-codegen[tools]"'
     # Located, not imported: only its files are needed, and its import is slow.
     found = importlib.util.find_spec("fmpy")
     if found is None or found.origin is None:
-        raise CodegenError("fmpy, which has the headers of the FMI standard, is missing", where="codegen fmu", remedy=remedy)
+        raise missing("fmpy", "has the headers of the FMI standard", "codegen fmu")
     folder = Path(found.origin).parent / "c-code"
     try:
         return {name: (folder / name).read_bytes() for name in _HEADERS[version]}
     except OSError as error:
-        raise CodegenError(f"cannot be read ({error.strerror})", where=folder, remedy=remedy) from None
+        raise CodegenError(f"cannot be read ({error.strerror})", where=folder, remedy=pip_install("fmpy")) from None
 
 
 def licence(files: dict[str, bytes]) -> bytes:

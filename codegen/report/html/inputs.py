@@ -15,8 +15,9 @@ from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
 from codegen.files import read_file, require_regular
 from codegen.importing import child
-from codegen.importing.bus_log import LOGS, TOOLS, frames
+from codegen.importing.bus_log import LOGS, frames
 from codegen.report.bus_tables import FaultEntry, FaultFile
+from codegen.requirements import missing
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.logs import load_csv
 
@@ -158,7 +159,7 @@ def _read_parquet(path: Path) -> FloatArray:
     try:
         from pyarrow import ArrowException, parquet
     except ImportError:
-        raise _missing("pyarrow", path) from None
+        raise missing("pyarrow", f"reads {path.suffix}", path) from None
     try:
         table = parquet.read_table(path, columns=list(RECORD_COLUMNS))
         columns = [np.asarray(table.column(name), dtype=np.float64) for name in RECORD_COLUMNS]
@@ -172,7 +173,7 @@ def _read_mf4(path: Path) -> FloatArray | None:
     try:
         columns = child.call("codegen.importing.mf4", "columns", path, RECORD_COLUMNS, **child.LOG)
     except ImportError:
-        raise _missing("asammdf", path) from None
+        raise missing("asammdf", f"reads {path.suffix}", path) from None
     except Exception as error:  # asammdf may raise anything for a damaged file
         raise _no_run(path, error) from None
     return None if columns is None else _checked(np.column_stack(columns), path)
@@ -206,8 +207,3 @@ def _checked(record: FloatArray, path: Path) -> FloatArray:
 def _no_run(path: Path, error: Exception) -> CodegenError:
     columns, reason = ", ".join(RECORD_COLUMNS), re.sub("'<.*>'", "it", one_line(error))  # asammdf names an object in memory
     return CodegenError(f"not a readable run ({reason})", where=path, remedy=f"its columns are {columns}")
-
-
-def _missing(package: str, path: Path) -> CodegenError:
-    what = f"{package}, which reads {path.suffix}, is missing"
-    return CodegenError(what, where=path, remedy=TOOLS)

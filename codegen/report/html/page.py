@@ -15,8 +15,8 @@ from markupsafe import Markup
 
 from codegen import __version__
 from codegen.emit.render import templates_root
-from codegen.errors import CodegenError
 from codegen.report.html.blocks import Chart, Cuts, Gallery, Section
+from codegen.requirements import missing
 
 
 def require_plotly(command: str) -> None:
@@ -29,8 +29,7 @@ def require_plotly(command: str) -> None:
         CodegenError: Plotly is not installed.
     """
     if importlib.util.find_spec("plotly") is None:
-        remedy = 'pip install "ars-codegen[report]"'
-        raise CodegenError("plotly, which draws its pictures, is missing", where=f"codegen {command}", remedy=remedy)
+        raise missing("plotly", "draws its pictures", f"codegen {command}")
 
 
 def plotly_javascript() -> str:

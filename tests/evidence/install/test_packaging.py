@@ -36,7 +36,7 @@ def sources(folder: str, pattern: str) -> set[str]:
 
 def test_the_wheel_has_modules_types_presets_and_templates_and_nothing_else(wheel: zipfile.ZipFile) -> None:
     metadata = f"ars_codegen-{codegen.__version__}.dist-info"
-    modules = {f"{package}/{name}" for package in ("codegen", "hil_sim") for name in sources(package, "*.py")}
+    modules = {f"{package}/{name}" for package in ("ars_codegen", "codegen", "hil_sim") for name in sources(package, "*.py")}
     presets = {f"codegen/configuration/presets/{name}" for name in sources("codegen/configuration/presets", "*.toml")}
     templates = {f"codegen/_templates/{name}": f"templates/{name}" for name in sources("templates", "*")}
     copied = {**{name: name for name in modules | presets}, **templates}
@@ -47,8 +47,8 @@ def test_the_wheel_has_modules_types_presets_and_templates_and_nothing_else(whee
     } <= copied.keys()
     assert len(templates) > 10
     names = {name for name in wheel.namelist() if not name.startswith(f"{metadata}/")}
-    assert {"codegen/py.typed", "hil_sim/py.typed"} <= names >= copied.keys()
-    assert {name.split("/")[0] for name in names} == {"codegen", "hil_sim"}
+    assert {"ars_codegen/py.typed", "codegen/py.typed", "hil_sim/py.typed"} <= names >= copied.keys()
+    assert {name.split("/")[0] for name in names} == {"ars_codegen", "codegen", "hil_sim"}
     assert {name for name in names if name.startswith("codegen/_templates/")} == templates.keys()
     assert not [name for name in names if "__pycache__" in name or name.endswith((".pyc", ".so", ".o"))]
     for name, source in copied.items():

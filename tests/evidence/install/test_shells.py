@@ -15,13 +15,13 @@ compopt() { echo compopt "$1" "$2"; }
 COMP_LINE=$1 COMP_POINT=${#1}
 shift
 COMP_WORDS=("$@") COMP_CWORD=$(($# - 1))
-_codegen_completion codegen
+"_${COMP_WORDS[0]//-/_}_completion" "${COMP_WORDS[0]}"
 printf '[%s]' "${COMPREPLY[@]}"
 """
-IN_FISH = 'codegen completion fish | source; complete -C "codegen show my"'
+IN_FISH = 'codegen completion fish | source; complete -C "ars-codegen show my"'
 IN_ZSH = """
 compdef() { :; }; compadd() { print -r -- $*; }; source <(codegen completion zsh)
-words=(codegen show my); CURRENT=3; _codegen_completion
+words=(ars-codegen show my); CURRENT=3; _ars_codegen_completion
 """
 """The completion function alone, with stubs of the line editor."""
 
@@ -34,7 +34,7 @@ def bash(line: str, *words: str) -> tuple[str, ...]:
     ("command", "expected"),
     [
         (bash("codegen show my"), "compopt -o filenames\n[my map.npz]"),
-        (bash("codegen init oth"), "compopt -o filenames\ncompopt -o nospace\n[other/]"),
+        (bash("ars-codegen init oth"), "compopt -o filenames\ncompopt -o nospace\n[other/]"),
         (bash("codegen show *"), "[]"),
         # bash splits words at the colon.
         (bash("codegen hil --bus a:v --ecu na", "codegen", "hil", "--bus", "a", ":", "v", "--ecu", "na"), "[native]"),
@@ -50,6 +50,7 @@ def test_files_and_words_are_completed(
     program.parent.mkdir()
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m codegen "$@"\n')
     program.chmod(0o755)
+    program.with_name("ars-codegen").symlink_to(program)
     monkeypatch.chdir(tmp_path)
     Path("my map.npz").write_text("")
     Path("other").mkdir()
