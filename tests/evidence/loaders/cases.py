@@ -13,7 +13,7 @@ from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.progress import Progress
 from tests.loader_cases import Loader, damaged, fault_of, loaders
 
-CASES, QUICK_CASES = 100_000, 5_000
+CASES, QUICK_CASES = 100_000, 2_500
 Block = tuple[str, int, int]
 """Loader, seed and number of its cases."""
 BLOCK_SIZE = 200

@@ -35,7 +35,7 @@ SHOWS = "the project's own tests detect every small fault in the generated C"
 MUTANTS_MIN = 300
 """Smallest number of mutants of a campaign."""
 EQUIVALENT_FRACTION_MAX = 0.05
-QUICK_COUNT = 400
+QUICK_COUNT = 300
 """Mutants of a quick campaign: those with the lowest hashes of their names, so that they stay the same."""
 PROCESS_COUNT = 2
 PLANTED_ONLY = ("tracking rough stack",)
