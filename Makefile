@@ -36,7 +36,7 @@ screenshots: sil docs ## report, explorer and guide as pictures at three widths,
 test: $(READY) ## the tests that every change needs; minutes
 	@$(BIN)/python -m pytest -n auto -q
 
-evidence: $(READY) ## what a release needs, with records in docs/evidence; PART=name for one part, QUICK=1 for less of it
+evidence: $(READY) ## what a release needs, with records in docs/evidence; PART=name for one part, QUICK=1 as CI runs it
 	@$(BIN)/python -m tests.evidence $(PART) $(if $(QUICK),--quick)
 
 check: $(READY) ## lint, format and types, nothing changed

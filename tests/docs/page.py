@@ -31,7 +31,7 @@ NOT_RUN: Mapping[str, str] = {  # command on the page: reason
     "make test": "needs the checkout; the page is about the run that this is a part of",
     "codegen sweep --spec sweep.toml --scheduler tcp://scheduler:8786 -o campaign": "needs a cluster; tests/sweep starts one",
     **dict.fromkeys(
-        ("make evidence", "make evidence PART=mutation", "make evidence PART=mutation QUICK=1"),
+        (f"make evidence{options}" for options in ("", " PART=mutation", " QUICK=1", " PART=mutation QUICK=1")),
         "needs the checkout; the page is about the run that this is a part of",
     ),
     "python -m tests.export.demo_bus fmi-ls-bus-examples fmi-ls-bus/headers": "needs checkouts of other projects",
