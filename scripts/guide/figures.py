@@ -162,7 +162,7 @@ def nonlinear() -> Figure:
     """The committed map beside that of the same case with the nonlinear tyre."""
     data = configuration.preset().model_dump(mode="json")
     data["cases"]["4ws-2"]["tyre_model"] = "magic-formula"
-    maps = _map(), solve_case(configuration.parse(data, "docs/figures.py"), "4ws-2")
+    maps = _map(), solve_case(configuration.parse(data, "scripts/guide/figures.py"), "4ws-2")
     return map_difference_figure(maps, (slip_use(maps[0]), slip_use(maps[1])), ("linear tyre", "nonlinear tyre"))
 
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x94F418E9u
+#define ARS_CAN_BUILD 0x67E2976Fu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

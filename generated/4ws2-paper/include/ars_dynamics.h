@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x94F418E9u
+#define ARS_DYNAMICS_BUILD 0x67E2976Fu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

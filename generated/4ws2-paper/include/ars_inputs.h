@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x94F418E9u
+#define ARS_INPUTS_BUILD 0x67E2976Fu
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

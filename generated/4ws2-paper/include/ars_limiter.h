@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x94F418E9u
+#define ARS_LIMITER_BUILD 0x67E2976Fu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

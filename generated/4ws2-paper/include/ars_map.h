@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x94F418E9u
+#define ARS_MAP_BUILD 0x67E2976Fu
 
 /* Numbers of breakpoints. */
 enum {

@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x94F418E9u
+#if ARS_CONSTANTS_BUILD != 0x67E2976Fu
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x94F418E9u
+#if ARS_CONTROLLER_BUILD != 0x67E2976Fu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x94F418E9u
+#if ARS_MAP_BUILD != 0x67E2976Fu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -78,7 +78,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "94F418E9";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "67E2976F";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x1D7A4DFAu;
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x94F418E9u
+#if ARS_CHECKSUM_BUILD != 0x67E2976Fu
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

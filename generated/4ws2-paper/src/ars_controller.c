@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x94F418E9u
+#if ARS_CONTROLLER_BUILD != 0x67E2976Fu
 #error "ars_controller.h and this source come from different builds"
 #endif
 

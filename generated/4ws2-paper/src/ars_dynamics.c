@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x94F418E9u
+#if ARS_DYNAMICS_BUILD != 0x67E2976Fu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x94F418E9u
+#if ARS_INPUTS_BUILD != 0x67E2976Fu
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x79BB8596u
+#define ARS_INPUTS_BUILD 0x547A97C9u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

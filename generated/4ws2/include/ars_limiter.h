@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x79BB8596u
+#define ARS_LIMITER_BUILD 0x547A97C9u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

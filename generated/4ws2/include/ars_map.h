@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x79BB8596u
+#define ARS_MAP_BUILD 0x547A97C9u
 
 /* Numbers of breakpoints. */
 enum {

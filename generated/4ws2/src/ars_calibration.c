@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x79BB8596u
+#if ARS_CONSTANTS_BUILD != 0x547A97C9u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x79BB8596u
+#if ARS_CONTROLLER_BUILD != 0x547A97C9u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x79BB8596u
+#if ARS_MAP_BUILD != 0x547A97C9u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -107,7 +107,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "79BB8596";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "547A97C9";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x144B542Cu;
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x79BB8596u
+#if ARS_CHECKSUM_BUILD != 0x547A97C9u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x79BB8596u
+#if ARS_E2E_BUILD != 0x547A97C9u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 
