@@ -25,7 +25,8 @@ help: ## this list
 sil: $(RUN) ## solve the paper's three maps, build the C, run C1 and C2, plot; results under build/
 	@$(BIN)/codegen paper -o build
 
-docs: $(READY) ## the guide, as pages to open from disk: build/docs/index.html
+docs: $(READY) ## the guide, as pages to open from disk: build/docs/index.html; writes the parts of docs/ that come from the code
+	@$(BIN)/python -m scripts.guide
 	@$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
 	@echo "the guide: build/docs/index.html"
 
@@ -35,7 +36,7 @@ screenshots: sil docs ## report, explorer and guide as pictures at three widths,
 test: $(READY) ## the tests that every change needs; minutes
 	@$(BIN)/python -m pytest -n auto -q
 
-evidence: $(READY) ## what a release needs, with records in docs/evidence; PART=name for one part, QUICK=1 for less of it
+evidence: $(READY) ## what a release needs, with records in docs/evidence; PART=name for one part, QUICK=1 as CI runs it
 	@$(BIN)/python -m tests.evidence $(PART) $(if $(QUICK),--quick)
 
 check: $(READY) ## lint, format and types, nothing changed
@@ -57,7 +58,7 @@ lock: ## both lock files from pyproject.toml (with UPGRADE=1: newest versions); 
 	@$(COMPILE) --all-extras $(if $(UPGRADE),--upgrade) pyproject.toml -o requirements.lock
 	@printf 'hatchling\neditables\n' | $(COMPILE) --extra report --no-annotate -c requirements.lock pyproject.toml - -o requirements-run.lock
 
-generated: $(READY) ## the committed reference output in generated/, and README's pictures
+generated: $(READY) ## the committed reference output in generated/, the pictures of README and guide, and its reference pages
 	@$(BIN)/codegen solve --case 4ws-2 -o generated/4ws2-paper.npz
 	@$(BIN)/codegen build --map generated/4ws2-paper.npz -o generated/4ws2-paper
 	@rm -rf build/recommended && $(BIN)/codegen init build/recommended >/dev/null
@@ -71,12 +72,13 @@ generated: $(READY) ## the committed reference output in generated/, and README'
 	@$(BIN)/codegen sil --suite tracking --plot docs/images/tracking.png >/dev/null
 	@$(BIN)/codegen sil --suite references --plot docs/images/references.png >/dev/null
 	@$(BIN)/codegen sil --build generated/4ws2-paper --can --scenario ecu-loss --plot docs/images/ecu-loss.png >/dev/null
+	@$(BIN)/python -m scripts.guide --figures
 
 wheel: $(READY) ## sdist, and the wheel built from it, in dist/
 	@$(BIN)/python -m build --no-isolation --outdir dist
 
 clean: ## remove what was made, except .venv
-	rm -rf build dist docs/_figures .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage *.egg-info
+	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage *.egg-info
 	find . -path ./$(VENV) -prune -o -type d -name __pycache__ -exec rm -rf {} +
 
 venv: $(READY) ## .venv with the project and all its tools

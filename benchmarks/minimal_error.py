@@ -21,8 +21,8 @@ from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Software
 from codegen.units import KM_H
 from codegen.vehicle.dynamics import PLANT_OUTPUTS, PLANT_STATES, two_track
+from codegen.vehicle.tyre import slip_bounds
 from hil_sim.metrics.run import column
-from hil_sim.metrics.step import slip_bounds
 from hil_sim.suite.cells import STEER_TIME, Cell, cells
 from hil_sim.suite.subjects import DELAY_SAMPLES, Subject, recommended
 

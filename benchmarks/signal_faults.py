@@ -14,10 +14,10 @@ import numpy as np
 
 from benchmarks.tables import CountReport, Row
 from codegen.configuration import Case, Config
+from codegen.metrics.runs import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Measurement, Software
 from codegen.units import KM_H
-from hil_sim.metrics.run import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from hil_sim.suite.cells import cells, front_angle
 from hil_sim.suite.subjects import recommended
 

@@ -1,9 +1,14 @@
-"""The guide: `python -m sphinx -W --keep-going -b html docs build/docs`. Needs no network, and asks no clock."""
+"""The guide: `python -m sphinx -W --keep-going -b html docs build/docs`. Needs no network, and asks no clock.
+
+The pages are plain Markdown, which a code host shows as well.
+"""
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
+from typing import Any
 
 DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS.parent), str(DOCS / "_ext"), str(DOCS)]
@@ -19,17 +24,15 @@ smartquotes = False
 
 extensions = [
     "myst_parser",
-    "sphinx_click",
     "sphinx_copybutton",
-    "sphinx_design",
     "from_code",
     "math_as_mathml",
 ]
 source_suffix = {".md": "markdown"}
-exclude_patterns = ["_ext", "_static", "_figures", "Thumbs.db"]
+exclude_patterns = ["_ext", "_static", "Thumbs.db"]
 nitpicky = True
 
-myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 # Pages are also read where there is no Sphinx: Pygments does not know every kind of block that they name.
 suppress_warnings: list[str] = []
@@ -49,3 +52,16 @@ html_theme_options = {"navigation_with_keys": True, "source_view_link": ""}
 copybutton_prompt_text = "$ "
 copybutton_only_copy_prompt_lines = True
 copybutton_exclude = ".linenos, .gp, .go"
+
+
+def _add_navigation(app: Any, page: str, source: list[str]) -> None:
+    """Add a table of contents to the start page for each list of pages in it, with its heading."""
+    if page == app.config.root_doc:
+        for heading, pages in re.findall(r"^## (.+)\n\n((?:- .+\n)+)", source[0], re.MULTILINE):
+            names = "\n".join(re.findall(r"^- \[.+?\]\((.+?)\.md\)", pages, re.MULTILINE))
+            source[0] += f"\n```{{toctree}}\n:caption: {heading}\n:hidden:\n\n{names}\n```\n"
+
+
+def setup(app: Any) -> None:
+    """Register what is above."""
+    app.connect("source-read", _add_navigation)

@@ -20,17 +20,13 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.design.sampled import matrix_exponential
 from codegen.errors import CodegenError
+from codegen.metrics.sine_with_dwell import DWELL_FREQUENCY, DWELL_LENGTH, DWELL_PAUSE
 from codegen.units import KM_H, STANDARD_GRAVITY
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import static_wheel_loads
 
 Columns = Mapping[str, npt.ArrayLike]
 
-DWELL_FREQUENCY = 0.7
-DWELL_PAUSE = 0.5
-"""FMVSS 126, S7.9: a sine of 0.7 Hz whose second peak is held for 500 ms."""
-DWELL_LENGTH = 1.0 / DWELL_FREQUENCY + DWELL_PAUSE
-"""Duration of the steering input from its beginning to its completion, in s."""
 DWELL_MULTIPLE = 5.0
 """FMVSS 126, S5.2.3: from five times the angle that gives 0.3 g on, the lateral displacement is judged."""
 DWELL_ACCELERATION = 0.3 * STANDARD_GRAVITY

@@ -33,7 +33,7 @@ YOUNG_S = 60.0
 
 
 def begin() -> None:
-    """Create the folder of the run, and remove those of killed runs. Called once, by the process with the workers."""
+    """Create the folder of the run, and remove those of killed runs."""
     for path in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError):
             if time.time() - path.stat().st_mtime > YOUNG_S:
@@ -47,13 +47,8 @@ def begin() -> None:
     fcntl.flock(os.open(os.environ[VARIABLE], os.O_RDONLY), fcntl.LOCK_EX)  # until the process ends
 
 
-def end() -> None:
-    """Remove the folder of the run."""
-    shutil.rmtree(os.environ.pop(VARIABLE, ""), ignore_errors=True)
-
-
 def folder() -> Path:
-    """Return the folder of the run; outside pytest, create it for this process."""
+    """Return the folder of the run. The first process that calls this, which starts the others, creates and removes it."""
     if VARIABLE not in os.environ:
         begin()
         atexit.register(shutil.rmtree, os.environ[VARIABLE], ignore_errors=True)  # a run may begin another one in the meantime
@@ -62,8 +57,8 @@ def folder() -> Path:
 
 @contextlib.contextmanager
 def locked(key: str) -> Iterator[Path]:
-    """Hold the lock of a key across all workers, and yield a path for its entry (a file or a folder)."""
-    path = folder() / hashlib.sha256(key.encode()).hexdigest()
+    """Hold the lock of a key across all processes, and yield a path for its entry (a file or a folder)."""
+    path = folder() / hashlib.sha256(f"{__file__} {key}".encode()).hexdigest()  # a copy of the checkout has its own
     with path.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield path

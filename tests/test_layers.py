@@ -22,7 +22,7 @@ LEVELS = (
         "codegen.units",
     ),
     ("codegen.configuration",),
-    ("codegen.vehicle",),
+    ("codegen.vehicle", "codegen.metrics"),
     ("codegen.map_file",),
     ("codegen.optimum",),
     ("codegen.ecu_map", "codegen.design"),

@@ -221,10 +221,9 @@ def build(
 ) -> None:
     """Generate the C of a map: controller, lookup, dynamics, CMake, README, manifest."""
     from codegen.emit.evidence import placement_line, placement_summary
-    from codegen.emit.folder import differences
     from codegen.emit.from_files import prepare
     from codegen.emit.text import Precision
-    from codegen.emit.write import check_target, write_folder
+    from codegen.emit.write import check_target
     from codegen.plausibility.check import all_warnings
     from codegen.plausibility.map import require_grip
 
@@ -239,16 +238,18 @@ def build(
         console.note(*prepared.chosen.notes)
     target, files = prepared.target, [*sorted(prepared.folder.files), "manifest.json"]
     if check:
-        found = differences(prepared.folder, target)
+        found, others = prepared.differences(), prepared.other_tools
         if as_json:
-            console.print_json({"build": str(target), "up_to_date": not found, "differences": found})
+            result = {"build": str(target), "up_to_date": not found, "differences": found}
+            console.print_json({**result, "other_tools": others})
         if found:
             more = f" and {len(found) - 1} more" if len(found) > 1 else ""
             raise CheckFailed(f"not up to date: {found[0]}{more}", where=target, remedy="run the same command without --check")
         if not as_json:
+            console.note(*(f"the build was made with {each}: the same files" for each in others))
             console.say(f"{target}: up to date")
         return
-    changed = write_folder(prepared.folder, target)
+    changed = prepared.write()
     manifest = prepared.folder.manifest
     warnings = list(all_warnings(prepared.chosen.config, prepared.reference_map, manifest))
     result = {"build": str(target), "changed": changed, "files": files, "configuration": prepared.chosen.source}

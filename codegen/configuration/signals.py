@@ -10,6 +10,7 @@ it.
 
 from __future__ import annotations
 
+import enum
 import math
 from dataclasses import MISSING, dataclass, fields, replace
 from functools import lru_cache
@@ -23,6 +24,17 @@ STATUSES = {
     "FAIL_SAFE": "neither front angle nor yaw rate is valid: the rear angle returns to zero",
 }
 """Names of the controller's status, from code 0, with their meanings."""
+
+
+class Status(enum.IntEnum):
+    """Status of a controller step, in the order of STATUSES; the C enum `<prefix>_status_t`."""
+
+    TRACKING = 0
+    LIMITED = 1
+    STANDBY = 2
+    DEGRADED = 3
+    FAIL_SAFE = 4
+
 
 UNIT_SUFFIXES = {"m/s": "_m_s", "rad": "_rad", "rad/s": "_rad_s", "m/s^2": "_m_s2", "m": "_m", "": ""}
 """Suffixes of the names of columns and variables, by unit."""
@@ -342,6 +354,23 @@ CARRIED = tuple(each for each in MEASURED if not each.is_used)
 
 RECORDED = tuple(each for each in CARRIED if each.is_of_plant)
 """Forwarded signals that a run records in a column of their own."""
+
+RECORD_COLUMNS = (
+    "time_s",
+    "speed_m_s",
+    "front_angle_rad",
+    "yaw_rate_rad_s",
+    "yaw_rate_reference_rad_s",
+    "sideslip_rad",
+    "lateral_acceleration_m_s2",
+    "rear_angle_command_rad",
+    "rear_angle_rad",
+    "slip_front_rad",
+    "slip_rear_rad",
+    *(each.variable for each in RECORDED),
+    "status",
+)
+"""Columns of a run, in order. All values belong to the time of the sample."""
 
 
 @lru_cache

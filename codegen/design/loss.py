@@ -28,6 +28,7 @@ import numpy.typing as npt
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.map_file.map import ReferenceMap
+from codegen.metrics.runs import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.optimum.turns import passively_feasible, turns_behind
 from codegen.units import KM_H
 from codegen.vehicle.dynamics import Model, two_track
@@ -45,9 +46,6 @@ SETTLING_ROUNDS = 4
 STEP_MAX = 0.005
 """Largest step in s; the largest sideslip angles then differ by less than 0.001 deg from those with 1 ms."""
 
-SPIN_SIDESLIP = math.radians(10.0)
-"""A car spins where its sideslip angle is beyond this while its rear axle slides: beyond SPIN_REAR_SLIP at its middle."""
-SPIN_REAR_SLIP = math.radians(5.0)
 SETTLED_SIDESLIP_RATE = math.radians(0.1)
 """rad/s; a turn is steady where neither this nor SETTLED_YAW_ACCELERATION (rad/s^2) is exceeded."""
 SETTLED_YAW_ACCELERATION = math.radians(0.5)

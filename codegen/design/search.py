@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from codegen.arrays import BoolArray, ComplexArray, FloatArray
+from codegen.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from codegen.configuration import Tuning
 from codegen.design.family import Member
 from codegen.design.margins import Margins, loop_margins, worst_of
@@ -190,16 +190,21 @@ def _search(cars: Cars, demands: Demands) -> tuple[float, float]:
 
 
 def _largest(cars: Cars, demands: Demands, kps: FloatArray) -> FloatArray:
-    """Return the largest Ki for each Kp (n,), by bisection of its logarithm; 0 where even KI_MIN is too much."""
+    """Return the largest Ki for each Kp (n,), by bisection of its logarithm; 0 where even KI_MIN is too much.
 
-    def met(ki: FloatArray) -> BoolArray:
-        return np.asarray(demands.met(cars.margins(kps[:, np.newaxis], ki[:, np.newaxis])).all(axis=-1))
+    A Kp that cannot reach the largest Ki any more is left with a smaller one, found so far.
+    """
+
+    def met(some: IndexArray, ki: FloatArray) -> BoolArray:
+        return np.asarray(demands.met(cars.margins(kps[some, np.newaxis], ki[:, np.newaxis])).all(axis=-1))
 
     low: FloatArray = np.full(kps.shape, KI_MIN)
     high: FloatArray = np.full(kps.shape, KI_MAX)
-    possible = met(low)
+    possible = met(np.arange(kps.size), low)
+    low[~possible] = high[~possible] = 0.0
     for _ in range(BISECTIONS):
-        middle = np.sqrt(low * high)
-        inside = met(middle)
-        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    return np.where(possible, low, 0.0)
+        some = np.flatnonzero(possible & (high > low.max()))
+        middle = np.sqrt(low[some] * high[some])
+        inside = met(some, middle)
+        low[some], high[some] = np.where(inside, middle, low[some]), np.where(inside, high[some], middle)
+    return low

@@ -27,6 +27,8 @@ from codegen.vehicle.dynamics import single_track
 
 STEPS = 30
 """Steps of Newton's method, which starts at the map's own turn, within a few percent of the solution."""
+CHANGE_MAX = 1e-13
+"""Largest change of the last step, rad and rad/s: rounding."""
 RESIDUAL_MAX = 1e-8
 """Largest residual of a steady turn, 1/s^2 and rad/s^2."""
 SPEEDS, EDGE_SHARES = 121, (*np.arange(0.05, 0.95, 0.05), 0.95, 0.97, 0.98, 0.99, 1.0)
@@ -105,7 +107,9 @@ def _on_one_layer(reference_map: ReferenceMap, lookup: Lookup, car: Config, conf
     newton = ca.Function("newton", [x, u], [x - ca.solve(ca.jacobian(rate, x), rate)])
     residual = ca.Function("residual", [x, u], [rate])
     for _ in range(STEPS):
-        state = np.asarray(newton(state, inputs))
+        before, state = state, np.asarray(newton(state, inputs))
+        if not (np.abs(state - before) > CHANGE_MAX).any():  # NaN stays
+            break
     settled = np.abs(np.asarray(residual(state, inputs))).max(axis=0) <= RESIDUAL_MAX  # false for NaN
     # A table below the optimum is no excess; where it is above, the trim follows the table.
     excess = state[1] - np.fmax(wanted, optimum.yaw_rate)

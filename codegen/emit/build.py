@@ -7,7 +7,8 @@ import importlib.metadata
 import math
 import shlex
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,8 @@ OF_REFERENCE_MODEL = ("grip", "reference_model")
 """Units of the laws that use the reference model."""
 LINUX = ("ars_xcp.c", "ars_xcp.h")
 """C files of the Linux program that are the same in every build."""
+BLANK_ID = "\0" * 8
+"""Stands for the id while the files are rendered that it is a hash of. No other text has this character."""
 NUMBERS = {"zero": 0.0, "quarter": 0.25, "half": 0.5, "one": 1.0, "two": 2.0, "five": 5.0, "minus_one": -1.0}
 """Literals that every template may print."""
 EXAMPLE_DURATION = 5.0
@@ -102,16 +105,20 @@ class BuildOptions:
 
 @dataclass(frozen=True)
 class BuildView:
-    """Facts of the build that every template may print."""
+    """Facts of the build that every template may print; `epk` is the id as text."""
 
     name: str
     prefix: str
     PREFIX: str
     version: str
-    id: str
     epk: str
     domain: str
     sources: tuple[str, ...]
+
+    @property
+    def id(self) -> str:
+        """The id as a C literal."""
+        return f"0x{self.epk}u"
 
 
 @dataclass(frozen=True)
@@ -152,7 +159,7 @@ class _Parts:
 
 @dataclass(frozen=True)
 class _Code:
-    """Headers and sources of a build by path, the template context of its other files, and the facts for the manifest."""
+    """C of a build by path, the template context of its other files, and the facts for the manifest."""
 
     files: dict[str, bytes]
     context: dict[str, Any]
@@ -172,18 +179,14 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     """
     config = with_signals(reference_map, config)
     code = _code(reference_map, config, options, inputs)
-    evidence = Evidence.of(reference_map, code.parts.total, config, numpy_type(options.precision))
+    evidence = Evidence(reference_map, code.parts.total, config, numpy_type(options.precision))
     context, prefix = {**code.context, "readme": _readme_facts(code.parts, evidence)}, options.prefix
     files = {
         **code.files,
         f"{prefix}.dbc": render("dbc.j2", context),
-        "example/example_main.c": render("example/example_main.c.j2", context),
-        "linux/ars_ecu_config.h": render("linux/ars_ecu_config.h.j2", context),
-        "linux/ars_ecu.c": render("linux/ars_ecu.c.j2", context),
-        **{f"linux/{name}": verbatim(f"linux/{name}") for name in LINUX},
         f"{prefix}.a2l": render("a2l.j2", context),
         **take_over_files(context),
-        **contract_files(context, code.files),
+        **contract_files(context),
         "README.md": render("README.md.j2", context),
     }
     files[DEVIATIONS] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
@@ -200,7 +203,19 @@ def build_code(reference_map: ReferenceMap, config: Config, options: BuildOption
         BuildError, MapError: as `build`.
     """
     code = _code(reference_map, with_signals(reference_map, config), options, inputs)
-    return Folder(code.files, code.facts)
+    return Folder({path: text for path, text in code.files.items() if path.startswith(("include/", "src/"))}, code.facts)
+
+
+def build_facts(reference_map: ReferenceMap, config: Config) -> dict[str, Any]:
+    """Return the manifest of a map's default build without hashes and without the consequences of a loss, which take long.
+
+    Raises:
+        BuildError, MapError: as `build`.
+    """
+    config, options = with_signals(reference_map, config), BuildOptions("checked")
+    code = _code(reference_map, config, options, BuildInputs("", "", ""))
+    evidence = Evidence(reference_map, code.parts.total, config, numpy_type(options.precision))
+    return {**code.facts, **evidence.to_dict(with_loss=False)}
 
 
 def with_signals(reference_map: ReferenceMap, config: Config) -> Config:
@@ -224,14 +239,12 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     more = OF_REFERENCE_MODEL if law.uses_reference_model else ()
     headers, sources = (*HEADERS, *more), (*SOURCES, *more)
     real = c_type(options.precision)
-    identity = _build_id(config, options, inputs)
     view = BuildView(
         name=comment_text(options.name),
         prefix=options.prefix,
         PREFIX=options.prefix.upper(),
         version=__version__,
-        id=f"0x{identity}u",
-        epk=identity,
+        epk=BLANK_ID,
         domain=_domain(total),
         sources=tuple(f"src/{options.prefix}_{source}.c" for source in sources),
     )
@@ -277,7 +290,14 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     files = {
         **{f"include/{prefix}_{name}.h": render(f"include/{name}.h.j2", context) for name in headers},
         **{f"src/{prefix}_{name}.c": render(f"src/{name}.c.j2", context) for name in sources},
+        "example/example_main.c": render("example/example_main.c.j2", context),
+        "linux/ars_ecu_config.h": render("linux/ars_ecu_config.h.j2", context),
+        "linux/ars_ecu.c": render("linux/ars_ecu.c.j2", context),
+        **{f"linux/{name}": verbatim(f"linux/{name}") for name in LINUX},
     }
+    identity = _build_id(files)
+    files = {path: text.replace(BLANK_ID.encode(), identity.encode()) for path, text in files.items()}
+    context["build"] = replace(view, epk=identity)
     bound = error_bound(total, numpy_type(options.precision))
     parts = _Parts(reference_map, config, options, inputs, total, table, bound, placed)
     return _Code(files, context, parts, _facts(parts, dynamics, context["checksum"], identity))
@@ -316,11 +336,13 @@ def check_inputs(reference_map: ReferenceMap, config: Config) -> None:
         )
 
 
-def _build_id(config: Config, options: BuildOptions, inputs: BuildInputs) -> str:
-    """Return eight hexadecimal digits that change with any input. All headers and sources of a build contain them."""
-    words = [__version__, inputs.map_sha256, config.to_json(), options.name, options.prefix, options.precision]
-    words += [options.request.words] if options.request else []
-    return hashlib.sha256("\n".join(words).encode()).hexdigest()[:8].upper()
+def _build_id(files: Mapping[str, bytes]) -> str:
+    """Return eight hexadecimal digits that change with any path or byte of the C, in which the id itself is blank.
+
+    All headers and sources of a build contain them. Nothing else changes them: builds with the same id are the same program.
+    """
+    hashes = "".join(f"{hashlib.sha256(text).hexdigest()} {path}\n" for path, text in sorted(files.items()))
+    return hashlib.sha256(hashes.encode()).hexdigest()[:8].upper()
 
 
 def _domain(total: TotalMap) -> str:

@@ -9,6 +9,7 @@ column ends it.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +17,7 @@ from functools import cached_property
 from codegen.emit.misra_rules import RULES, category
 
 _APART = re.compile(r'/\*.*?\*/|"(?:\\.|[^"\\\n])*"', re.DOTALL)
+_WORD = re.compile(r"\w+")
 _FUNCTION = re.compile(r"^\w+_SECTION_CODE (?P<static>static )?[^(=]*?\b(?P<name>\w+)\(")
 _OBJECT = re.compile(r"^(?:\w+_SECTION_\w+ )?static const \w+ (?P<name>\w+)(?:\[[^=]*)? =")
 
@@ -72,10 +74,10 @@ class Unit:
         """Return the name of the function that a line belongs to, "" at file scope."""
         return next((each.name for each in self.functions if each.line <= line <= each.end), "")
 
-    def mentions(self, name: str) -> int:
-        """Return the number of occurrences of a name in the file."""
-        word = re.compile(rf"\b{name}\b")
-        return sum(len(word.findall(line)) for line in self.lines)
+    @cached_property
+    def mentions(self) -> Counter[str]:
+        """Number of occurrences of each name in the file."""
+        return Counter(word for line in self.lines for word in _WORD.findall(line))
 
 
 def units(files: Mapping[str, bytes]) -> tuple[Unit, ...]:
@@ -168,7 +170,7 @@ def _functions_for_callers(sources: tuple[Unit, ...]) -> Places:
     """Yield external functions that nothing in the build calls."""
     for unit in sources:
         for each in unit.functions:
-            if not each.static and sum(source.mentions(each.name) for source in sources) == 1:
+            if not each.static and sum(source.mentions[each.name] for source in sources) == 1:
                 yield unit, each.line
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from codegen.configuration import Config
@@ -133,34 +134,41 @@ def placement_line(manifest: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Design results of one build. `margins` is None for a kind without feedback, `excess` if it does not apply."""
+    """Design results of one build, each computed when it is first read: from a map, its extension as stored in a number type,
+    and the configuration."""
 
+    reference_map: ReferenceMap
+    total: TotalMap
     config: Config
-    margins: Weakest | None
-    loss: LossOfFunction
-    limiter_cut: LimiterCut
-    excess: Excess | None
+    real: Real
 
-    @classmethod
-    def of(cls, reference_map: ReferenceMap, total: TotalMap, config: Config, real: Real) -> Evidence:
-        """Compute the results from a map, its extension as stored in a number type, and the configuration.
+    @cached_property
+    def margins(self) -> Weakest | None:
+        """Margins of the feedback; None without one."""
+        return margins_of(self.config)
 
-        Raises:
-            BuildError: see `law_of`.
-        """
-        return cls(
-            config,
-            margins_of(config),
-            loss_of_function(reference_map, config),
-            LimiterCut.of_map(reference_map, config),
-            model_excess(reference_map, total, config, real) if asks_for_more(reference_map, config) else None,
-        )
+    @cached_property
+    def loss(self) -> LossOfFunction:
+        """Consequences of losing rear steering."""
+        return loss_of_function(self.reference_map, self.config)
 
-    def to_dict(self) -> dict[str, Any]:
+    @cached_property
+    def limiter_cut(self) -> LimiterCut:
+        """Cells of the map that the limiter cuts."""
+        return LimiterCut.of_map(self.reference_map, self.config)
+
+    @cached_property
+    def excess(self) -> Excess | None:
+        """Excess yaw rate of the reference model; None if none is possible."""
+        if not asks_for_more(self.reference_map, self.config):
+            return None
+        return model_excess(self.reference_map, self.total, self.config, self.real)
+
+    def to_dict(self, with_loss: bool = True) -> dict[str, Any]:
         """Return the results for the manifest. Margins and excess are rounded, so that they do not depend on the machine."""
+        loss = {"loss_of_function": self.loss.to_dict()} if with_loss else {}
         excess = {} if self.excess is None else {"reference_model_excess": self._excess(self.excess)}
-        facts = {"margins": self._margins(), "loss_of_function": self.loss.to_dict(), "limiter_cut": self.limiter_cut.to_dict()}
-        return {**facts, **excess}
+        return {"margins": self._margins(), **loss, "limiter_cut": self.limiter_cut.to_dict(), **excess}
 
     def _excess(self, found: Excess) -> dict[str, Any]:
         return {

@@ -1,4 +1,4 @@
-"""Render a build from files: read them, name the build and hash its inputs."""
+"""A build from files: read them, name the build, hash its inputs, and compare or write the result."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from pathlib import Path
 
 from codegen.ecu_map.placement import Request
 from codegen.emit.build import BuildInputs, BuildOptions, build
-from codegen.emit.folder import Folder
+from codegen.emit.folder import Folder, differences, read_manifest
+from codegen.emit.take_over import with_tools
 from codegen.emit.text import Precision
-from codegen.errors import within
+from codegen.emit.write import write_folder
+from codegen.errors import BuildError, within
 from codegen.map_file import archive
 from codegen.map_file import map as npz
 from codegen.map_file.map import Chosen, ReferenceMap, choose_config
@@ -19,12 +21,45 @@ from codegen.map_file.map import Chosen, ReferenceMap, choose_config
 
 @dataclass(frozen=True)
 class Prepared:
-    """A rendered build and its inputs."""
+    """A rendered build and its inputs.
+
+    Versions of tools are information: a build at the target that differs only in the versions that it names is up to date.
+    """
 
     folder: Folder
     target: Path
     reference_map: ReferenceMap
     chosen: Chosen
+
+    @property
+    def recorded_tools(self) -> dict[str, str]:
+        """Versions that the build at the target names; those of this build if there are none to compare."""
+        own: dict[str, str] = self.folder.manifest["tools"]
+        try:
+            found: dict[str, str] = read_manifest(self.target)["tools"]
+            is_like_own = found.keys() == own.keys() and all(isinstance(each, str) for each in found.values())
+        except (BuildError, KeyError, AttributeError):
+            return own
+        return found if is_like_own else own
+
+    @property
+    def other_tools(self) -> list[str]:
+        """Tools whose version differs from the one that the build at the target names, both versions in words."""
+        own, recorded = self.folder.manifest["tools"], self.recorded_tools
+        return [f"{name} {recorded[name]}, here {own[name]}" for name in own if own[name] != recorded[name]]
+
+    def differences(self) -> list[str]:
+        """Return the changes that `write` would make. Raises BuildError: see `codegen.emit.folder.differences`."""
+        return differences(with_tools(self.folder, self.recorded_tools), self.target)
+
+    def write(self) -> bool:
+        """Write the build unless the target is up to date, and return whether anything changed.
+
+        Raises:
+            BuildError: see `write_folder`.
+        """
+        recorded = with_tools(self.folder, self.recorded_tools)
+        return write_folder(self.folder if differences(recorded, self.target) else recorded, self.target)
 
 
 def prepare(

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
+from codegen.emit.folder import Folder
 from codegen.emit.render import render
 
 
@@ -115,6 +116,13 @@ def sbom(files: Mapping[str, bytes], facts: Mapping[str, Any]) -> bytes:
     text = json.dumps(document, sort_keys=True)
     serial = uuid.uuid5(uuid.NAMESPACE_OID, text).urn
     return (json.dumps({**document, "serialNumber": serial}, indent=1) + "\n").encode("ascii")
+
+
+def with_tools(folder: Folder, tools: Mapping[str, str]) -> Folder:
+    """Return a build with other tool versions in its manifest and its bill of materials."""
+    facts = {**folder.manifest, "tools": dict(tools)}
+    files = {path: data for path, data in folder.files.items() if path != FILE}
+    return Folder({**files, FILE: sbom(files, facts)}, facts)
 
 
 def _hashes(sha256: str) -> list[dict[str, str]]:

@@ -40,8 +40,11 @@ def literal(value: float, precision: Precision) -> str:
     Raises:
         ValueError: the value is not finite in that precision.
     """
-    with np.errstate(over="ignore"):
-        number = numpy_type(precision)(value)
+    number: float | np.floating = value
+    kind = numpy_type(precision)
+    if not isinstance(value, kind):  # the tables are in the precision already
+        with np.errstate(over="ignore"):
+            number = kind(value)
     if not math.isfinite(number):
         raise ValueError(f"{value!r} has no finite {precision}-precision literal")
     digits = str(number)

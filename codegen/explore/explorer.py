@@ -38,7 +38,7 @@ from codegen.units import KM_H
 from hil_sim import manoeuvres
 from hil_sim.manoeuvres import Settings
 from hil_sim.metrics.run import column, spin_time
-from hil_sim.metrics.step import step_metrics
+from hil_sim.metrics.standards import step_metrics
 from hil_sim.scenarios import SCENARIOS
 
 Data = dict[str, Any]
@@ -123,15 +123,15 @@ def figures(record: FloatArray, config: Config) -> Data:
     if spin_time(record) is not None:
         return {"spins": True}
     found = step_metrics(record, STEER_TIME, config.steering.ratio)
-    turns = found.settled and abs(found.yaw_rate_steady_deg_s) > 1e-3
+    turns = found["settled"] and abs(found["yaw_rate_steady_deg_s"]) > 1e-3
     return {
-        "settled": found.settled,
-        "overshoot_percent": round(found.overshoot_percent, 2) if turns else None,
-        "rise_time_s": round(found.rise_time_s, 3) if turns else None,
-        "yaw_rate_steady_deg_s": round(found.yaw_rate_steady_deg_s, 3) if found.settled else None,
-        "sideslip_peak_deg": round(found.sideslip_abs_max_deg, 3),
-        "rear_angle_peak_deg": round(max(abs(found.rear_angle_min_deg), abs(found.rear_angle_max_deg)), 3),
-        "lateral_acceleration_m_s2": round(found.lateral_acceleration_max_m_s2, 3),
+        "settled": found["settled"],
+        "overshoot_percent": round(found["overshoot_percent"], 2) if turns else None,
+        "rise_time_s": round(found["rise_time_s"], 3) if turns else None,
+        "yaw_rate_steady_deg_s": round(found["yaw_rate_steady_deg_s"], 3) if found["settled"] else None,
+        "sideslip_peak_deg": round(found["sideslip_abs_max_deg"], 3),
+        "rear_angle_peak_deg": round(max(abs(found["rear_angle_min_deg"]), abs(found["rear_angle_max_deg"])), 3),
+        "lateral_acceleration_m_s2": round(found["lateral_acceleration_max_m_s2"], 3),
     }
 
 

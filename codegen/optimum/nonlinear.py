@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -128,7 +129,11 @@ class NonlinearTurns:
         return solution, found.grip_yaw_rate
 
     def edge(self, speed: FloatArray, front_angle_max: float = FRONT_ANGLE_MAX) -> Edge:
-        """See `SteadyTurns`: the root of the margin between the last feasible of some angles and the next one."""
+        """See `SteadyTurns`. Results are cached, because build and tuning need that of a map several times."""
+        return _kept_edge(self, tuple(speed.tolist()), front_angle_max)
+
+    def find_edge(self, speed: FloatArray, front_angle_max: float) -> Edge:
+        """Return the edge: the root of the margin between the last feasible of some angles and the next one."""
         angles = front_angle_max * (1.0 + BEYOND) * np.linspace(0.0, 1.0, SCAN_POINTS)
         speeds, fronts = (values.ravel() for values in np.broadcast_arrays(speed[:, np.newaxis], angles))
         margins = np.concatenate([self._margin(block) for block in _blocks(Points(speeds, fronts))])
@@ -150,12 +155,10 @@ class NonlinearTurns:
         front_angle *= 1.0 - INSIDE
         found = self._found(Points(speed, np.where(ends, front_angle, 0.0)))
         turns = found.turns
-        return Edge(
-            front_angle=front_angle,
-            yaw_rate=np.where(ends, turns.yaw_rate, np.nan),
-            rear_angle=np.where(ends, turns.rear_angle, np.nan),
-            grip_limited=ends & found.grip,
-        )
+        values = (np.where(ends, turns.yaw_rate, np.nan), np.where(ends, turns.rear_angle, np.nan), ends & found.grip)
+        for array in (front_angle, *values):
+            array.setflags(write=False)  # shared through the cache
+        return Edge(front_angle, *values)
 
     def lateral_acceleration_cap(self, asked: FloatArray, /) -> float:
         """Return the largest value of the map: grip depends on speed and front angle, and the cap must not cut an optimum."""
@@ -308,6 +311,11 @@ class NonlinearTurns:
         """Half the derivative of the objective by the yaw rate."""
         slope: FloatArray = -turns.yaw_rate + self.problem.sideslip_weight * turns.sideslip * turns.rates[SIDESLIP]
         return slope
+
+
+@lru_cache(maxsize=8)
+def _kept_edge(turns: NonlinearTurns, speed: tuple[float, ...], front_angle_max: float) -> Edge:
+    return turns.find_edge(np.array(speed), front_angle_max)
 
 
 def _blocks(points: Points) -> list[Points]:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from codegen import configuration
 from codegen.configuration import Config
-from codegen.emit.build import BuildInputs, BuildOptions, build, check_inputs
+from codegen.emit.build import build_facts, check_inputs
 from codegen.emit.laws import is_untuned
 from codegen.emit.limiter_view import LimiterCut
 from codegen.emit.manifest import read_build
@@ -91,7 +91,7 @@ def _judge_map(config: Config, reference_map: ReferenceMap) -> Found:
         if is_untuned(config):
             check_inputs(reference_map, config)
         elif not beyond_grip(reference_map):
-            manifest = build(reference_map, config, BuildOptions("checked"), BuildInputs("", "", "")).manifest
+            manifest = build_facts(reference_map, config)
     except CodegenError as error:
         refused.append(str(error))
     found = _judge(config, reference_map, manifest)

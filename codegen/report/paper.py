@@ -20,7 +20,6 @@ from codegen import configuration
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.emit.from_files import prepare
-from codegen.emit.write import write_folder
 from codegen.errors import CheckFailed
 from codegen.files import make_folder, write_atomically
 from codegen.map_file import map as npz
@@ -52,7 +51,7 @@ from codegen.text_table import text_table
 from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
 from hil_sim.logs import save_csv
-from hil_sim.metrics import Evaluation, StepMetrics, evaluate, step_metrics
+from hil_sim.metrics import Evaluation, evaluate, step_metrics
 from hil_sim.scenarios import DEFAULT, find
 
 if TYPE_CHECKING:
@@ -64,20 +63,19 @@ PASSIVE = "passive car"
 
 @dataclass(frozen=True)
 class Reproduction:
-    """All results, and the paths of the files."""
+    """All results, and the paths of the files. `runs` are figures of the paper's runs, see `step_metrics`."""
 
     table: tuple[TableRow, ...]
-    runs: Mapping[str, StepMetrics]
-    passive: StepMetrics
+    runs: Mapping[str, Mapping[str, Any]]
+    passive: Mapping[str, Any]
     evaluation: Evaluation
     outputs: Mapping[str, Path]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the results for JSON."""
-        named = {**self.runs, "passive": self.passive}
         return {
             "table": [row.__dict__ for row in self.table],
-            "runs": {name: metrics.to_dict() for name, metrics in named.items()},
+            "runs": {**self.runs, "passive": self.passive},
             "outputs": {name: str(path) for name, path in self.outputs.items()},
         }
 
@@ -140,7 +138,7 @@ def reproduce(folder: Path, done: Callable[[int, int, str], None] | None = None)
         begin()
         map_path = outputs[f"map {CASES[case]}"]
         prepared = prepare(map_path, target=folder / "generated" / map_path.stem)
-        write_folder(prepared.folder, prepared.target)
+        prepared.write()
         built[name] = software = load(prepared.target)
         if not software.selftest():
             raise CheckFailed("the generated self-test fails", where=prepared.target, remedy="report it")

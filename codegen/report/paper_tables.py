@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from codegen.configuration import Config
 from codegen.optimum.turns import turns_of
 from codegen.units import KM_H
-from hil_sim.metrics import StepMetrics
 
 TABLE_SPEED_KM_H = 43.9
 TABLE_FRONT_ANGLE_DEG = 4.0
@@ -93,16 +93,16 @@ def optimum_table(rows: Sequence[TableRow]) -> Table:
     return header, cells
 
 
-def run_table(runs: Mapping[str, StepMetrics]) -> Table:
+def run_table(runs: Mapping[str, Mapping[str, Any]]) -> Table:
     """Return the figures of the paper's runs, by their names in RUNS, with the printed values."""
     header = ("", "steady, here", "peak, here", "paper's maximum", "least |sideslip|, here", "paper's")
     rows: list[tuple[str, ...]] = [
         (
             f"{name} ({CASES[RUNS[name]]} map)",
-            f"{metrics.yaw_rate_steady_deg_s:.2f} deg/s",
-            f"{metrics.yaw_rate_peak_deg_s:.2f}",
+            f"{metrics['yaw_rate_steady_deg_s']:.2f} deg/s",
+            f"{metrics['yaw_rate_peak_deg_s']:.2f}",
             f"{PAPER_RUNS[name][0]:.2f}",
-            f"{metrics.sideslip_abs_min_deg:.2f} deg",
+            f"{metrics['sideslip_abs_min_deg']:.2f} deg",
             f"{PAPER_RUNS[name][1]:.2f}",
         )
         for name, metrics in runs.items()

@@ -12,6 +12,7 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import one_line
+from codegen.metrics.sine_with_dwell import DISPLACEMENT_TIME, RATIOS, SineWithDwell
 from codegen.report import style
 from codegen.report.run_plots import Mark, Span, heading, looks_of, run_figure, signal_limits, until_spin
 
@@ -113,18 +114,17 @@ def _runs(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray]) ->
 
 def _dwell_marks(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray]) -> list[Mark]:
     """Return the evaluation times of FMVSS 126: beginning and completion of steer of the first car, and times after them."""
-    from hil_sim.metrics import sine_with_dwell
-
     looks_of(runs)
-    times = sine_with_dwell.steering_times(next(iter(_runs(scenario, config, runs).values())))
-    if times is None:
+    first = next(iter(_runs(scenario, config, runs).values()))
+    beginning, _, completion = (float(times[0]) for times in SineWithDwell(first.runs).times)
+    if math.isnan(completion):
         return []
     marks = [
-        Mark(times.beginning, "begin"),
-        Mark(times.beginning + sine_with_dwell.DISPLACEMENT_TIME, f"+{sine_with_dwell.DISPLACEMENT_TIME:g} s"),
-        Mark(times.completion, "end"),
+        Mark(beginning, "begin"),
+        Mark(beginning + DISPLACEMENT_TIME, f"+{DISPLACEMENT_TIME:g} s"),
+        Mark(completion, "end"),
     ]
-    return marks + [Mark(times.completion + after, f"+{after:g} s") for after, _ in sine_with_dwell.RATIO_TIMES]
+    return marks + [Mark(completion + after, f"+{after:g} s") for after, _ in RATIOS.values()]
 
 
 def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], title: str) -> Figure:

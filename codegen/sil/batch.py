@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +155,12 @@ class Lanes:
     command_factor: FloatArray | float = 1.0
     controlled: BoolArray | bool = True
     noise: FloatArray | None = None
+
+    def pick(self, runs: BoolArray) -> Lanes:
+        """Return the runs (n,) that are true."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        chosen = {name: value[..., runs] for name, value in values.items() if isinstance(value, np.ndarray) and name != "cars"}
+        return replace(self, cars=self.cars[runs], **chosen)
 
 
 @dataclass(frozen=True)

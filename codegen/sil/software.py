@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import enum
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +19,9 @@ import numpy.typing as npt
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.configuration.signals import MEASURED, RECORDED, SignalDefinition
+from codegen.configuration.signals import RECORD_COLUMNS as RECORD_COLUMNS
 from codegen.configuration.signals import Measurement as Measurement
+from codegen.configuration.signals import Status as Status
 from codegen.emit.can_view import task_name, task_view
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
@@ -29,33 +30,6 @@ from codegen.emit.text import Precision, c_type, literal, numpy_type
 from codegen.errors import BuildError
 from codegen.sil.compile import DEFAULT_FLAGS, Library, Mode, compile_library
 from codegen.sil.plant import plant_sources
-
-RECORD_COLUMNS = (
-    "time_s",
-    "speed_m_s",
-    "front_angle_rad",
-    "yaw_rate_rad_s",
-    "yaw_rate_reference_rad_s",
-    "sideslip_rad",
-    "lateral_acceleration_m_s2",
-    "rear_angle_command_rad",
-    "rear_angle_rad",
-    "slip_front_rad",
-    "slip_rear_rad",
-    *(each.variable for each in RECORDED),
-    "status",
-)
-"""Columns of a run, in order. All values belong to the time of the sample."""
-
-
-class Status(enum.IntEnum):
-    """Status of a controller step; the C enum `<prefix>_status_t`."""
-
-    TRACKING = 0
-    LIMITED = 1
-    STANDBY = 2
-    DEGRADED = 3
-    FAIL_SAFE = 4
 
 
 @dataclass(frozen=True)

@@ -13,17 +13,18 @@ import numpy.typing as npt
 
 from codegen.arrays import FloatArray
 from codegen.errors import BuildError, within
+from codegen.metrics import Figures, figures
+from codegen.metrics.runs import COLUMNS, Runs
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.sil.vector import best_isa, machine_runs
 from codegen.sweep import lanes
 from codegen.sweep.lanes import Drawn, Profile
-from codegen.sweep.metrics import COLUMNS, Figures, Runs, figures
 from codegen.sweep.plan import Controller, Plan, RunKey
 from codegen.sweep.spec import MAX_CONTROLLERS
 from codegen.units import KM_H
 from codegen.vehicle.plant_car import PLANT_PARAMETERS
-from hil_sim.metrics.step import slip_bounds
+from codegen.vehicle.tyre import slip_bounds
 
 Table = dict[str, npt.NDArray[Any]]
 """Column name -> values, one row for each run, by run number."""
@@ -172,9 +173,7 @@ def replay(plan: Plan, run: int) -> Replayed:
     profile, own = plan.profiles[key.scenario], plan.controllers[key.controller]
     driven = lanes.conditions(plan.config, profile, drawn.factors, len(samples))
     every = lanes.lanes(plan.spec, samples, key.scenario, profile, plan.config, drawn, driven)
-    # Two runs, because NumPy sums a single column in another order than one of several.
-    alone_at = [at, (at + 1) % len(samples)] if len(samples) > 1 else [at]
-    alone = lanes.only(every, alone_at)
+    alone = lanes.only(every, [at])
     records, figures_of_run = {}, Figures()
     for controller in (own, *(other for other in plan.controllers if other is not own)):
         batch = replace(alone, controlled=controller.controlled)
@@ -182,8 +181,8 @@ def replay(plan: Plan, run: int) -> Replayed:
         records[controller.name] = np.ascontiguousarray(record[:, :, 0].T)
         if controller is own:
             places = [RECORD_COLUMNS.index(name) for name in COLUMNS]
-            both = lanes.Conditions(**{name: values[alone_at] for name, values in asdict(driven).items()})
-            of_map = _map_yaw_rate(plan, controller, both, record[places])
+            conditions = lanes.Conditions(**{name: values[[at]] for name, values in asdict(driven).items()})
+            of_map = _map_yaw_rate(plan, controller, conditions, record[places])
             figures_of_run = _figures(plan, profile, record[places], batch, of_map)
     row = {"run": float(run), "sample": float(key.sample)}
     row |= {name: float(values[at]) for name, values in _varied(drawn.factors, driven).items()}

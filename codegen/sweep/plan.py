@@ -21,12 +21,12 @@ from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, ConfigError, suggestion, within
 from codegen.map_file.map import ReferenceMap
+from codegen.metrics import TABLES
 from codegen.sil.batch import Isa, best_isa
 from codegen.sweep import measured
 from codegen.sweep import spec as specification
 from codegen.sweep.lanes import Profile, cars, profile_of
 from codegen.sweep.measured import MeasuredCar
-from codegen.sweep.metrics import MEASURES
 from codegen.sweep.spec import PASSIVE, Spec
 from codegen.units import KM_H
 from hil_sim.scenarios import SCENARIOS, Scenario, find
@@ -264,11 +264,11 @@ def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:
     except CodegenError as error:
         if error.where != "--scenario":
             raise ConfigError(error.what, where=f"{place}: {error.where}", remedy=error.remedy) from None
-        here = [each.name for each in SCENARIOS.values() if each.kind in MEASURES and not each.faults]
+        here = [each.name for each in SCENARIOS.values() if each.kind in TABLES and not each.faults]
         remedy = f"known here: {', '.join(here)}, or a .csv or .toml file{suggestion(name, here)}"
         raise ConfigError(error.what, where=place, remedy=remedy) from None
-    if scenario.kind not in MEASURES:
-        known = " and ".join(MEASURES)
+    if scenario.kind not in TABLES:
+        known = " and ".join(TABLES)
         raise ConfigError(
             f"{scenario.name} has no figures for a campaign", where=place, remedy=f"take scenarios of the kinds {known}"
         )

@@ -335,7 +335,7 @@ def _is_stable(
         controlled=np.full(mass.size, fill_value=True),
         noise=None,
     )
-    yaw_rate = software.run(_pulse(config), lanes, applied, columns=("yaw_rate_rad_s",))[0]
+    yaw_rate = software.run(_pulse(software.config), lanes, applied, columns=("yaw_rate_rad_s",))[0]
     time = np.arange(yaw_rate.shape[0]) * config.controller.sampling_time_s
 
     def swing(window: tuple[float, float]) -> FloatArray:

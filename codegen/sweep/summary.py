@@ -17,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.arrays import FloatArray
+from codegen.metrics.sine_with_dwell import RATIOS, displacement_min
 from codegen.sweep.lanes import MASS_KEY
 from codegen.sweep.plan import Plan
 from codegen.sweep.store import YES_NO, read_batches
-from hil_sim.metrics.sine_with_dwell import DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY, HEAVY_MASS, RATIO_TIMES
 
 Group = tuple[str, str]
 """Scenario and controller."""
@@ -211,16 +211,14 @@ def _count(outcome: Outcome, names: list[str], table: Mapping[str, npt.NDArray[A
 
 
 def _count_failures(failed_by: dict[str, int], table: Mapping[str, npt.NDArray[Any]], plan: Plan) -> None:
-    """Count the failures by criterion of `hil_sim.metrics.sine_with_dwell` (FMVSS 126, S5.2); a run that spins counts as a
+    """Count the failures by criterion of `codegen.metrics.sine_with_dwell` (FMVSS 126, S5.2); a run that spins counts as a
     spin only."""
     spun = table["spun_at_s"]
     mass = table.get(MASS_KEY, np.full(spun.size, plan.config.vehicle.mass_kg))
-    heavy = mass * (1.0 + table.get("mass_percent", np.zeros(spun.size)) / 100.0) > HEAVY_MASS
     fails = {"spin": ~np.isnan(spun)}
-    for after, most in RATIO_TIMES:
-        name = f"yaw_rate_ratio_{after:.2f}_s".replace(".", "_", 1)
-        fails[name] = table[f"{name}_percent"] > most
-    least = np.where(heavy, DISPLACEMENT_MIN_HEAVY, DISPLACEMENT_MIN)
+    for name, (_, most) in RATIOS.items():
+        fails[name.removesuffix("_percent")] = table[name] > most
+    least = displacement_min(mass * (1.0 + table.get("mass_percent", np.zeros(spun.size)) / 100.0))
     fails["lateral_displacement"] = table["lateral_displacement_m"] < least
     for name, where in fails.items():
         failed_by[name] = failed_by.get(name, 0) + int(np.count_nonzero(where))

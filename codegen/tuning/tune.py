@@ -21,11 +21,11 @@ import numpy as np
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config, parse
 from codegen.configuration.controller import TRIM_MAX_PERCENT
-from codegen.design.loss import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.design.tune import Design, design
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.model_excess import Excess, asks_for_more, model_excess
 from codegen.map_file.map import ReferenceMap
+from codegen.metrics.runs import is_spinning
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
 from codegen.plausibility.build import TRIM_WARNING_FACTOR
@@ -218,14 +218,13 @@ class _Drives:
             noise[lost_from:] = math.nan
             lanes = replace(lanes, noise=noise)
         sideslip, slip = self.software.run(self._profile(driver), lanes, parameters, ("sideslip_rad", "slip_rear_rad"))
-        # Written so that NaN counts as a spin.
-        held = (np.abs(sideslip) <= SPIN_SIDESLIP) | (np.abs(slip) <= SPIN_REAR_SLIP)
-        return ~held.all(axis=0), np.degrees(np.nan_to_num(np.abs(sideslip[lost_from:]), nan=math.pi).max(axis=0))
+        spins: BoolArray = np.any(is_spinning(sideslip, slip), axis=0)
+        return spins, np.degrees(np.nan_to_num(np.abs(sideslip[lost_from:]), nan=math.pi).max(axis=0))
 
     def _profile(self, driver: Driver) -> FloatArray:
         """Return the inputs (steps, 7), INPUT_COLUMNS, of a front angle of 1 rad / steering ratio at 1 m/s."""
-        profile = unit_step(self.config, STEER_TIME, DURATION)
-        time: FloatArray = np.arange(profile.shape[0], dtype=np.float64) * self.config.plant.sampling_time_s
+        profile = unit_step(self.software.config, STEER_TIME, DURATION)
+        time: FloatArray = np.arange(profile.shape[0], dtype=np.float64) * self.software.config.plant.sampling_time_s
         share = np.clip((time - STEER_TIME) / STEER_DURATION, 0.0, 1.0)
         share[time >= DRIVER_TIME] = driver(time[time >= DRIVER_TIME] - DRIVER_TIME)
         profile[:, INPUT_COLUMNS.index("steering_wheel_command")] = share

@@ -296,6 +296,15 @@ class AxleTyres:
         return cls(front, rear, front.slip_bound(departure, "tyre.front"), rear.slip_bound(departure, "tyre.rear"))
 
 
+def slip_bounds(config: Config) -> tuple[float, float] | None:
+    """Return the slip bounds of front and rear axle in a map of the configured car, in rad; None for tyres without bounds."""
+    try:
+        tyres = AxleTyres.from_config(config)
+    except ConfigError:  # nearly linear tyres; a map from another tool needs no bound
+        return None
+    return tyres.front_slip_bound, tyres.rear_slip_bound
+
+
 def load_transfer_per_lateral_acceleration(config: Config) -> tuple[float, float]:
     """Return the load that moves from the inner to the outer wheel of the front and of the rear axle, N for each m/s^2.
 

@@ -3,9 +3,6 @@
 EVA analyses `verify/every_function.c` with all sources. It covers what CBMC does not: indices inside structs, pointers to
 objects whose block has ended, overlapping copies, and objects that several units define differently. It keeps NaN as a possible
 value after a comparison, so most claims about numbers are left to the proofs of the contracts.
-
-EVA evaluates the contracts in ACSL on the way. It assumes none of them, because every clause becomes a check. A wrong contract
-hides no alarm, and no clause is confirmed with the help of another one.
 """
 
 from __future__ import annotations
@@ -21,7 +18,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from codegen.emit.contracts.files import FOLDER, acsl_command, acsl_path, frama_c_command
+from codegen.emit.contracts.files import FOLDER, frama_c_command
 from codegen.programs import run_program
 from codegen.verify.check import Effort, Outcome, Subject, Verdict, stored
 from codegen.verify.packages import MissingTool
@@ -32,7 +29,6 @@ SHOWS = (
 LIMITS = (
     "EVA keeps NaN as a possible value after a comparison. Its alarms about the conversion of a float to an integer are left "
     "to the contracts, which cover each conversion.",
-    "EVA does not confirm most clauses of the contracts on numbers, for the same reason. Their proof is that of the contracts.",
     "Types have the sizes of a 32-bit little-endian target. The tables of the map have the values of this build.",
 )
 EXPLAINED = {"is_nan_or_infinite": "a float converted to an integer may be NaN for EVA; the contracts show that it is not"}
@@ -40,18 +36,14 @@ EXPLAINED = {"is_nan_or_infinite": "a float converted to an integer may be NaN f
 INSTALL = "apt install frama-c-base"
 REPORT = "alarms.csv"
 TIME_LIMIT_S = 600.0
-_FAULT = re.compile(
-    r"^\[kernel(?:\] (\S+:\d+):\s+(?=User Error|syntax error)|:annot-error\] (\S+:\d+): (?=Warning))((?:[\w ]+:\s+)?.*)",
-    re.MULTILINE,
-)
-"""Message about C, or about an annotation, that Frama-C cannot read."""
-_CLAUSE = re.compile(rb"^    (?=(?:requires|ensures) )", re.MULTILINE)
+_FAULT = re.compile(r"^\[kernel\] (\S+:\d+):\s+(?=User Error|syntax error)((?:[\w ]+:\s+)?.*)", re.MULTILINE)
+"""Message about C that Frama-C cannot read."""
 _VERSION = re.compile(r"\d+\.\d+\S*(?: \(\w+\))?")
 
 
 @dataclass(frozen=True)
 class Property:
-    """A property with EVA's verdict: location, kind and verdict in EVA's words, and the property in ACSL."""
+    """A property with EVA's verdict: location, kind, verdict and property in EVA's words."""
 
     file: str
     line: int
@@ -62,20 +54,8 @@ class Property:
 
     @property
     def is_alarm(self) -> bool:
-        """Whether it is undefined behaviour that EVA could not exclude, or a clause that is false for certain."""
-        if self.is_clause or self.kind.startswith("precondition of "):
-            return "Invalid" in self.status
-        return self.file.startswith(("src/", "include/")) and not self.is_valid
-
-    @property
-    def is_clause(self) -> bool:
-        """Whether it is a clause of a contract, over all calls of the function."""
-        return self.file.startswith(f"{FOLDER}/") and self.kind in ("precondition", "postcondition")
-
-    @property
-    def is_valid(self) -> bool:
-        """Whether EVA established it."""
-        return self.status in ("Valid", "Considered valid")
+        """Whether it is undefined behaviour of the build that EVA could not exclude."""
+        return self.file.startswith(("src/", "include/")) and self.status not in ("Valid", "Considered valid")
 
     def __str__(self) -> str:
         """Format as one line."""
@@ -83,58 +63,43 @@ class Property:
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Run EVA on a build. Raises MissingTool: Frama-C is not installed."""
+    """Run EVA on a build, in full also in a quick run. Raises MissingTool: Frama-C is not installed."""
+    del effort
     program = shutil.which("frama-c")
     if program is None:
         raise MissingTool("it is not installed", where="frama-c", remedy=INSTALL)
     version = _VERSION.search(run_program([program, "-version"]).stdout)
     tools = {"Frama-C": version[0] if version else "?"}
-    report, log = _analyse(subject.sources("include", "src", FOLDER), subject.prefix, effort)
+    report, log = _analyse(subject.sources("include", "src", FOLDER), subject.prefix)
     if report is None:
         return Outcome(SHOWS, "not analysed", Verdict.FAILED, (log,), limits=LIMITS, tools=tools)
-    properties = list(_properties(report))
-    alarms, clauses = ([each for each in properties if each.is_alarm], [each for each in properties if each.is_clause])
-    count = sum(each.is_valid for each in clauses)
-    confirmed = f"; {count} of {len(clauses)} clauses of the contracts confirmed as well" if clauses else ""
+    alarms = [each for each in _properties(report) if each.is_alarm]
     findings = tuple(str(alarm) for alarm in alarms if alarm.kind not in EXPLAINED)
     return Outcome(
         shows=SHOWS,
-        figure=f"{len(findings)} alarms, and {len(alarms) - len(findings)} explained{confirmed}",
+        figure=f"{len(findings)} alarms, and {len(alarms) - len(findings)} explained",
         verdict=Verdict.FAILED if findings else Verdict.PASSED,
         findings=findings,
-        figures={
-            "alarms": dict(Counter(alarm.kind for alarm in alarms)),
-            "explained": EXPLAINED,
-            "clauses": {"confirmed": count, "number": len(clauses)},
-        },
+        figures={"alarms": dict(Counter(alarm.kind for alarm in alarms)), "explained": EXPLAINED},
         limits=LIMITS,
         tools=tools,
     )
 
 
-def _analyse(files: Mapping[str, bytes], prefix: str, effort: Effort) -> tuple[str | None, str]:
-    """Return EVA's report as CSV, or None and the first line of its log that explains why there is none.
-
-    A quick run reads the contracts and leaves them out of the analysis, which takes a third of the time.
-    """
-    header = acsl_path(prefix)
-    checked = {header: _CLAUSE.sub(b"    check ", files.get(header, b""))}
+def _analyse(files: Mapping[str, bytes], prefix: str) -> tuple[str | None, str]:
+    """Return EVA's report as CSV, or None and the first line of its log that explains why there is none."""
     sources = sorted(path for path in files if path.startswith("src/") and path.endswith(".c"))
-    commands = [frama_c_command(prefix, [*([] if effort.quick else [header]), *sources], REPORT)]
-    if effort.quick:
-        commands.insert(0, acsl_command(prefix, sources))
-    with stored({**files, **checked}) as folder:
-        for command in commands:
-            try:
-                # Frama-C takes the current folder from PWD.
-                environment = {**os.environ, "PWD": str(folder)}
-                result = run_program(shlex.split(command), folder, timeout=TIME_LIMIT_S, environment=environment)
-            except subprocess.TimeoutExpired:
-                return None, f"Frama-C did not end within {TIME_LIMIT_S:.0f} s"
-            if result.returncode and (fault := _FAULT.search(result.stdout)):
-                return None, f"{fault[1] or fault[2]}: {' '.join(fault[3].split())}"
-            if result.returncode:
-                return None, f"Frama-C ended with exit code {result.returncode}"
+    command = shlex.split(frama_c_command(prefix, sources, REPORT))
+    with stored(files) as folder:
+        try:
+            # Frama-C takes the current folder from PWD.
+            result = run_program(command, folder, timeout=TIME_LIMIT_S, environment={**os.environ, "PWD": str(folder)})
+        except subprocess.TimeoutExpired:
+            return None, f"Frama-C did not end within {TIME_LIMIT_S:.0f} s"
+        if result.returncode and (fault := _FAULT.search(result.stdout)):
+            return None, f"{fault[1]}: {' '.join(fault[2].split())}"
+        if result.returncode:
+            return None, f"Frama-C ended with exit code {result.returncode}"
         return (folder / REPORT).read_text(encoding="utf-8"), ""
 
 

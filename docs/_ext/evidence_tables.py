@@ -6,31 +6,20 @@ from collections import Counter
 from typing import Any
 
 from codegen.emit.requirements import ENGINES as CHECKS
-from tests.evidence.parts import PARTS
+from tests.evidence import record
+from tests.evidence.parts import PARTS, Part
 from tests.evidence.record import Record
 
 
-def _summary_row(record: Record) -> str:
-    """Return the row of a part: what it shows, then figure, form, state and duration of the run that speaks best for it."""
-    form = record.best
-    if form is None:
-        return f"| `{record.part.name}` | {record.part.shows} | no record | | |"
-    run = record.runs[form]
-    fault = record.fault(form)
-    return (
-        f"| `{record.part.name}` | {record.part.shows} | {run['figure']}{f' (**{fault}**)' if fault else ''} | {form} "
-        f"| {_duration(run['duration_s'])} |"
-    )
-
-
-def _duration(seconds: int) -> str:
-    return f"{seconds} s" if seconds < 120 else f"{round(seconds / 60)} min"
-
-
 def summary() -> str:
-    """Return one row for each part: what it shows, the figure, the form and duration of the run."""
-    lines = ["| part | a full run shows that | figure | run | took |", "| --- | --- | --- | --- | --- |"]
-    return "\n".join([*lines, *(_summary_row(Record.read(part)) for part in PARTS)]) + "\n"
+    """Return one row for each part: the figure of its last full run, the run's state and its duration."""
+    rows = []
+    for part in PARTS:
+        run = record.read(part)
+        state, figure, seconds = record.state(part, run), run["figure"] if run else "", run["duration_s"] if run else None
+        duration = "" if seconds is None else f"{seconds} s" if seconds < 120 else f"{round(seconds / 60)} min"
+        rows.append([f"`{part.name}`", figure, state if state == "current" else f"**{state}**", duration])
+    return _table(["part", "figure", "full run", "took"], rows)
 
 
 def _cell(value: Any) -> str:
@@ -44,21 +33,19 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
     return "".join(f"| {' | '.join(row)} |\n" for row in escaped)
 
 
-def _section(record: Record, form: str) -> str:
-    run = record.runs[form]
-    rows = [["subject, SHA-256", f"`{run['hashes']['subject']}`"], ["own code, SHA-256", f"`{run['hashes']['own_code']}`"]]
-    rows += [[name, version] for name, version in sorted(run["tools"].items())]
+def _section(part: Part, run: Record) -> str:
+    rows = [["subject and own code, SHA-256", f"`{run['hash']}`"], *map(list, sorted(run["tools"].items()))]
     tables: dict[tuple[str, ...], list[list[str]]] = {}
     entries = {name: value for name, value in run["figures"].items() if isinstance(value, dict)}
-    shared = Counter(map(tuple, entries.values()))
+    alike = Counter(map(tuple, entries.values()))
     for name, value in run["figures"].items():
         if name not in entries:
             rows.append([name, _cell(value)])
-        elif shared[tuple(value)] > 1:  # such as one for each file: a row of a table
+        elif alike[tuple(value)] > 1:  # such as one for each file: a row of a table
             tables.setdefault(tuple(value), []).append([name, *map(_cell, value.values())])
         else:
             rows += [[f"{name}: {inner}", _cell(figure)] for inner, figure in value.items()]
-    text = [f"## {record.part.name}\n", f"The {form} run ({record.fault(form) or 'passed'}): {run['figure']}.\n"]
+    text = [f"## {part.name}\n", f"The full run ({record.state(part, run)}): {run['figure']}.\n"]
     text += [f"- {_cell(finding)}" for finding in run["findings"]] + [""] * bool(run["findings"])
     text += [
         _table(["", ""], rows),
@@ -68,9 +55,8 @@ def _section(record: Record, form: str) -> str:
 
 
 def details() -> str:
-    """Return a section for each part with its findings, all figures of its run, the tools and the hashes of what it ran on."""
-    records = map(Record.read, PARTS)
-    return "\n".join(_section(record, form) for record in records if (form := record.best))
+    """Return a section for each full run with its findings, all its figures, the tools and the hash of what it ran on."""
+    return "\n".join(_section(part, run) for part in PARTS if (run := record.read(part)))
 
 
 HEADS = dict(
@@ -81,19 +67,18 @@ HEADS = dict(
 
 def planted_faults() -> str:
     """Return a table of the planted faults and the checks that find each of them."""
-    (record,) = (Record.read(part) for part in PARTS if part.name == "faults")
-    form = "full" if "full" in record.runs else record.best
-    run = record.runs.get(form or "", {"figure": "no record", "figures": {}})
-    state = f" ({record.fault(form)})" if form and record.fault(form) else ""
+    (part,) = (part for part in PARTS if part.name == "faults")
+    run = record.read(part)
+    figures = run["figures"] if run else {}
     rows: list[list[str]] = []
     kind = ""
-    for name, fault in run["figures"].items():
+    for name, fault in figures.items():
         if fault["kind"] != kind:
             kind = fault["kind"]
             rows.append([f"**{kind}**"] + [""] * len(HEADS))
         rows.append([name, *("●" if check in fault["found by"] else "" for check in HEADS)])
-    found = [fault["found by"] for fault in run["figures"].values()]
+    found = [fault["found by"] for fault in figures.values()]
     rows.append(["**found**", *(str(sum(check in names for names in found)) for check in HEADS)])
     both = sum(bool({"contracts", "memory"} & set(names)) for names in found)
-    head = f"The last {form} run{state}: {run['figure']}. CBMC and EVA together find {both}."
+    head = f"The full run ({record.state(part, run)}): {run['figure'] if run else ''}. CBMC and EVA together find {both}."
     return "\n".join([head, "", _table(["fault", *HEADS.values()], rows)]) + "\n"

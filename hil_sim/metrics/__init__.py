@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from hil_sim.metrics import others, sine_with_dwell, steering_response, step
+from hil_sim.metrics import others, standards, steering_response
 from hil_sim.metrics.run import LookUp, Metric, Run, column, spin_time
-from hil_sim.metrics.step import StepMetrics, step_metrics
+from hil_sim.metrics.standards import step_metrics
 from hil_sim.metrics.verdict import coverage, verdict
 from hil_sim.scenarios import Kind, Scenario
 
@@ -22,7 +22,6 @@ __all__ = [
     "Metric",
     "Run",
     "RunMetrics",
-    "StepMetrics",
     "column",
     "coverage",
     "evaluate",
@@ -32,9 +31,9 @@ __all__ = [
 ]
 
 MEASURES: Mapping[Kind, Callable[[Run], list[Metric]]] = {
-    "step": step.measure,
+    "step": standards.measure_step,
     "ramp": steering_response.measure_ramp,
-    "sine-with-dwell": sine_with_dwell.measure,
+    "sine-with-dwell": standards.measure_sine_with_dwell,
     "frequency": steering_response.measure_frequency_response,
     "speed-ramp": others.measure_speed_ramp,
     "straight": others.measure_straight,

@@ -149,7 +149,7 @@ def measure_recording(run: Run) -> list[Metric]:
         Metric("yaw_rate_error_rms_deg_s", "yaw rate - reference, rms", "deg/s", _rms(error)),
         Metric("map_error_rms_deg_s", "yaw rate - map, rms", "deg/s", _rms(map_error(run, everything))),
         Metric("rear_rate_abs_max_deg_s", "|rear angle rate|, largest", "deg/s", rear_rate(run, everything)),
-        *common(run, everything),
+        *common(run, -math.inf),
     ]
 
 

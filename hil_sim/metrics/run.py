@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,17 +13,14 @@ import numpy.typing as npt
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
+from codegen.metrics.runs import Extremes, FigureTable, Runs, spin_times
 from codegen.sil.software import RECORD_COLUMNS, Status
+from codegen.vehicle.tyre import slip_bounds
 from hil_sim.scenarios import Scenario
 
 LookUp = Callable[[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike, npt.ArrayLike], npt.NDArray[Any]]
 """The map's steady yaw rate (rad/s) as a function of speed (m/s), front angle (rad), friction estimate (NaN: unknown) and
 longitudinal acceleration (m/s^2)."""
-
-SPIN_SIDESLIP = math.radians(10.0)
-"""Sideslip angle beyond which a car spins: no driver holds it, and later metrics are meaningless."""
-SPIN_REAR_SLIP = math.radians(5.0)
-"""Rear slip angle that a spin needs as well: in a tight turn at walking speed the sideslip angle alone is as large."""
 
 
 def column(record: FloatArray, name: str) -> FloatArray:
@@ -33,12 +30,8 @@ def column(record: FloatArray, name: str) -> FloatArray:
 
 def spin_time(record: FloatArray) -> float | None:
     """Return the time in s of the first sample of a recording (samples, 12) in which the car spins; None where it does not."""
-    spinning = np.abs(column(record, "sideslip_rad")) > SPIN_SIDESLIP
-    spinning &= np.abs(column(record, "slip_rear_rad")) > SPIN_REAR_SLIP
-    # A state that is not finite counts as a spin as well.
-    spinning |= ~np.isfinite(record[:, : RECORD_COLUMNS.index("slip_rear_rad") + 1]).all(axis=1)
-    first = np.flatnonzero(spinning)
-    return float(column(record, "time_s")[first[0]]) if first.size else None
+    found = float(spin_times(Runs.of_record(record, 0.0))[0])
+    return None if math.isnan(found) else found
 
 
 @dataclass(frozen=True)
@@ -48,6 +41,9 @@ class Figures:
     def to_dict(self) -> dict[str, Any]:
         """Return JSON values."""
         return asdict(self)
+
+
+NO_YES = ("no", "yes")
 
 
 @dataclass(frozen=True)
@@ -69,7 +65,7 @@ class Metric:
     value: float | bool | None
     digits: int = 2
     until: float = math.inf
-    words: tuple[str, str] = ("no", "yes")
+    words: tuple[str, str] = NO_YES
 
 
 @dataclass(frozen=True)
@@ -91,6 +87,18 @@ class Run:
         """Return a column of angles or angular rates in deg or deg/s."""
         result: FloatArray = np.rad2deg(column(self.record, name))
         return result
+
+    @cached_property
+    def runs(self) -> Runs:
+        """The run as one of n."""
+        return Runs.of_record(
+            self.record,
+            self.scenario.steer_time,
+            steering_ratio=self.config.steering.ratio,
+            mass=self.config.vehicle.mass_kg,
+            slip_bounds=slip_bounds(self.config),
+            map_yaw_rate=None if self.map_yaw_rate is None else self.map_yaw_rate[-1],
+        )
 
     @cached_property
     def time(self) -> FloatArray:
@@ -143,25 +151,15 @@ def largest(values: FloatArray, where: BoolArray | None = None) -> float | None:
     return float(np.abs(chosen).max()) if chosen.size else None
 
 
-def extremes(run: Run, name: str, where: BoolArray) -> tuple[float | None, float | None]:
-    """Return the smallest and the largest value of an angle in deg; None where there is no sample."""
-    values = run.degrees(name)[where]
-    return (float(values.min()), float(values.max())) if values.size else (None, None)
-
-
-def common(run: Run, where: BoolArray | None = None) -> list[Metric]:
-    """Return the extremes of the motion over samples, by default all after the driver begins. Every scenario has them."""
-    where = run.after if where is None else where
-    rear_low, rear_high = extremes(run, "rear_angle_rad", where)
+def rows_of(table: FigureTable) -> list[Metric]:
+    """Return the figures of one run as rows of a table."""
+    values, ends = table.of_one(), {figure: np.asarray(table.until(figure.name)) for figure in table.figures()}
     return [
-        Metric("yaw_rate_abs_max_deg_s", "|yaw rate|, largest", "deg/s", largest(run.degrees("yaw_rate_rad_s"), where)),
-        Metric("sideslip_abs_max_deg", "|sideslip|, largest", "deg", largest(run.degrees("sideslip_rad"), where)),
-        Metric("rear_angle_min_deg", "rear angle, smallest", "deg", rear_low),
-        Metric("rear_angle_max_deg", "rear angle, largest", "deg", rear_high),
-        Metric(
-            "lateral_acceleration_max_m_s2",
-            "lateral acceleration, largest",
-            "m/s^2",
-            largest(run["lateral_acceleration_m_s2"], where),
-        ),
+        Metric(each.name, each.title, each.unit, values[each.name], each.digits, float(end.flat[0]), each.words or NO_YES)
+        for each, end in ends.items()
     ]
+
+
+def common(run: Run, begin: float | None = None) -> list[Metric]:
+    """Return the extremes of the motion from a time in s on, by default where the driver begins. Every scenario has them."""
+    return rows_of(Extremes(run.runs if begin is None else replace(run.runs, steer_time=begin)))

@@ -11,12 +11,13 @@ import numpy as np
 from codegen.arrays import BoolArray, FloatArray
 from codegen.ecu_map.total import Rule
 from codegen.emit.limiter_view import limiter_bounds
+from codegen.metrics.sine_with_dwell import MEETS_CRITERIA
 from codegen.sil.software import Status
 from codegen.units import KM_H
+from codegen.vehicle.tyre import slip_bounds
 from hil_sim.metrics.others import CONE_CLEARANCE
 from hil_sim.metrics.run import Metric, Run
-from hil_sim.metrics.sine_with_dwell import MEETS_CRITERIA, missed_criteria
-from hil_sim.metrics.step import slip_bounds
+from hil_sim.metrics.standards import missed_criteria
 
 STEADY_ERROR_MAX_PERCENT = 2.0
 """Largest error to map or reference, in percent, of a car that follows it."""

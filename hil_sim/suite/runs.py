@@ -6,19 +6,22 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
+from codegen.metrics import Runs, SlipOfBound, StepResponse
+from codegen.metrics.runs import spin_times
 from codegen.sil.batch import Lanes
-from codegen.sil.software import Software
+from codegen.sil.software import RECORD_COLUMNS, Software
 from codegen.tuning.transient import unit_step
 from codegen.units import KM_H
 from codegen.vehicle.plant_car import plant_parameters
+from codegen.vehicle.tyre import slip_bounds
 from hil_sim.metrics import evaluate
-from hil_sim.metrics.run import Figures, spin_time
-from hil_sim.metrics.step import StepMetrics, slip_bounds, step_metrics
+from hil_sim.metrics.run import Figures
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cells import DURATION, STEER_TIME, Cell, Condition, front_angle
 from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
@@ -93,36 +96,37 @@ def judge(
         steer_time: time in s at which the driver begins.
         car: car with the bounds on slip and sideslip; None omits those figures.
     """
-    spun_at = spin_time(record)
-    if spun_at is not None:
-        return CellResult(cell, condition, spun_at - steer_time, False, *[None] * 7)
-    found = step_metrics(record, steer_time, map_yaw_rate=reference)
-    return CellResult(
-        cell=cell,
-        condition=condition,
-        spun_at_s=None,
-        settled=found.settled,
-        overshoot_percent=max(found.overshoot_percent, 0.0),
-        rise_time_s=found.rise_time_s,
-        settling_time_s=found.settling_time_s,
-        sideslip_max_deg=found.sideslip_abs_max_deg,
-        yaw_rate_steady_deg_s=found.yaw_rate_steady_deg_s,
-        map_error_percent=found.map_error_percent,
-        map_overshoot_percent=found.map_overshoot_percent,
-        **_against_bounds(found, car),
-    )
+    bounds = None if car is None else slip_bounds(car)
+    return _judge_all(Runs.of_record(record, steer_time, map_yaw_rate=reference, slip_bounds=bounds), [cell], condition, car)[0]
 
 
-def _against_bounds(found: StepMetrics, car: Config | None) -> dict[str, float]:
-    if car is None:
-        return {}
-    sideslip = max(abs(found.sideslip_steady_deg), car.limits.sideslip_max_deg)
-    figures = {"sideslip_excess_deg": max(found.sideslip_abs_max_deg - sideslip, 0.0)}
-    bounds = slip_bounds(car)
-    if bounds is not None:
-        shares = found.slip_front_steady_deg / bounds[0], found.slip_rear_steady_deg / bounds[1]
-        figures["slip_percent"] = 100.0 * math.radians(max(map(abs, shares)))
-    return figures
+def _judge_all(runs: Runs, points: Sequence[Cell], condition: str, car: Config | None) -> tuple[CellResult, ...]:
+    """Return the figures of runs, one for each cell; see `judge`."""
+    step, spun_at = StepResponse(runs), spin_times(runs)
+    columns = {
+        "settled": step.settled,
+        "overshoot_percent": np.maximum(step.overshoot_percent, 0.0),
+        "rise_time_s": step.rise_time_s,
+        "settling_time_s": step.settling_time_s,
+        "sideslip_max_deg": step.sideslip_abs_max_deg,
+        "yaw_rate_steady_deg_s": step.yaw_rate_steady_deg_s,
+        "map_error_percent": step.map_error_percent,
+        "map_overshoot_percent": step.map_overshoot_percent,
+    }
+    if car is not None:
+        slip = SlipOfBound(runs)
+        columns["slip_percent"] = np.maximum(slip.slip_front_steady_of_bound_percent, slip.slip_rear_steady_of_bound_percent)
+        bound = np.maximum(np.abs(step.sideslip_steady_deg), car.limits.sideslip_max_deg)
+        columns["sideslip_excess_deg"] = np.maximum(step.sideslip_abs_max_deg - bound, 0.0)
+    results = []
+    for place, (cell, spun) in enumerate(zip(points, spun_at.tolist(), strict=True)):
+        if math.isnan(spun):
+            values = {name: float(column[place]) for name, column in columns.items()}
+            known: dict[str, Any] = {name: None if math.isnan(value) else value for name, value in values.items()}
+            results.append(CellResult(cell, condition, None, **{**known, "settled": bool(known["settled"])}))
+        else:
+            results.append(CellResult(cell, condition, spun - runs.steer_time, False, *[None] * 7))
+    return tuple(results)
 
 
 def run_table(subject: Subject, under: Sequence[Condition], points: Sequence[Cell]) -> dict[str, tuple[CellResult, ...]]:
@@ -147,12 +151,14 @@ def run_table(subject: Subject, under: Sequence[Condition], points: Sequence[Cel
         )
         records = software.run(unit_step(config, STEER_TIME, DURATION), lanes, software.parameters(**subject.parameters))
         look_up = software.software.function("map_yaw_rate_on_road")
-        results[condition.name] = tuple(
-            judge(record, cell, condition.name, look_up(speed, angle, estimate), car=plant)
-            for record, cell, speed, angle in zip(
-                np.ascontiguousarray(records.transpose(2, 1, 0)), points, speeds.tolist(), angles.tolist(), strict=True
-            )
+        runs = Runs(
+            np.arange(records.shape[1], dtype=np.float64) * config.controller.sampling_time_s,
+            dict(zip(RECORD_COLUMNS, records, strict=True)),
+            STEER_TIME,
+            slip_bounds=slip_bounds(plant),
+            map_yaw_rate=np.array([look_up(*at, estimate) for at in zip(speeds.tolist(), angles.tolist(), strict=True)]),
         )
+        results[condition.name] = _judge_all(runs, points, condition.name, plant)
     return results
 
 

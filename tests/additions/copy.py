@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PARTS = ("codegen", "hil_sim", "templates", "tests", "benchmarks", "docs", "pyproject.toml", "README.md")
+PARTS = ("codegen", "hil_sim", "templates", "tests", "benchmarks", "docs", "scripts", "pyproject.toml", "README.md")
 
 
 @dataclass

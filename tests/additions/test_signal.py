@@ -115,9 +115,7 @@ decoded = [dbc.decode_message(frame.id, frame.data) for frame in bus.frames if f
 assert max(abs(each["LateralSpeed"]) for each in decoded) > 0.1, decoded[-1]
 
 # the guide, and the README of the build
-sys.path.append("docs/_ext")
-import config_tables
-import interface_tables
+from scripts.guide import config_tables, interface_tables
 meaning = "lateral speed of the centre of gravity, positive to the left"
 assert f"| m/s, {meaning} |" in config_tables.markdown()
 assert f"| `lateral_speed_m_s` | m/s | {meaning.capitalize()} |" in interface_tables.run_columns()

@@ -1,5 +1,6 @@
 """From a configuration to a run, and the common behaviour of all commands: notes, JSON, help, versions, exit codes."""
 
+import importlib.metadata
 import json
 import re
 import shutil
@@ -10,10 +11,11 @@ import pytest
 
 from codegen import configuration
 from codegen.cli import cli
+from codegen.emit.from_files import prepare
 from codegen.optimum import uncertain
 from codegen.sil.software import RECORD_COLUMNS
 
-from .conftest import BUILD, MAP, TRACKING, Refused, Run, edit, python
+from .conftest import BUILD, MAP, TRACKING, Refused, Run, edit, everything_in, python
 
 
 def test_from_init_to_run(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -42,6 +44,29 @@ def test_build_check(run: Run, here: Path) -> None:
     stale = run(*build, "--check")
     assert (stale.code, stale.err.count("\n")) == (1, 1)
     assert "src/ars_controller.c" in stale.err
+
+
+def test_a_build_that_another_numpy_made_is_up_to_date(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the versions may differ. Every other change is reported, and nothing else with it."""
+    build, folder = ("build", "--map", shutil.copy(MAP, "4ws2.npz")), Path("generated/4ws2")
+    assert run(*build).code == 0
+    (folder / "verify.json").write_text("{}")
+    files, version = everything_in(folder), importlib.metadata.version
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "9.9.9" if name == "numpy" else version(name))
+    current = run(*build, "--check")
+    assert (current.code, current.out) == (0, "generated/4ws2: up to date\n")
+    assert f"numpy {version('numpy')}, here 9.9.9" in current.err
+    assert "(unchanged)" in run(*build).out and everything_in(folder) == files
+    prepared = prepare(Path("4ws2.npz"))
+    for path in ("manifest.json", "sbom.cdx.json", "README.md", "ars.dbc", "src/ars_map.c", "verify/every_function.c"):
+        content = (folder / path).read_bytes()
+        (folder / path).write_bytes(content.replace(b"0.1.0", b"0.1.1") if path.endswith(".json") else content + b"\n")
+        assert prepared.differences() == [f"{path}: differs"]
+        (folder / path).write_bytes(content)
+    stale = run(*build, "--precision", "double", "--check", "--json")
+    assert stale.code == 1 and {"manifest.json: differs", "sbom.cdx.json: differs"} < {*json.loads(stale.out)["differences"]}
+    assert run(*build, "--precision", "double").code == 0
+    assert json.loads((folder / "manifest.json").read_text())["tools"]["numpy"] == "9.9.9"
 
 
 def test_check_prints_a_line_per_warning_and_returns_1(run: Run, here: Path) -> None:

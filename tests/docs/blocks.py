@@ -81,7 +81,7 @@ def _mark(lines: list[str], before: int) -> tuple[str, str] | None:
     return None if mark is None else (mark["name"], mark["value"])
 
 
-def commands(block: Block) -> list[Command]:
+def commands_of(block: Block) -> list[Command]:
     """Return the commands of a `console` or `sh` block; a backslash at the end of a line joins the next one."""
     console, going = block.language == "console", False
     found: list[tuple[list[str], list[str]]] = []  # lines of a command, and of its output

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from codegen.configuration import load, preset_text
-from tests.docs.blocks import ROOT, Block, Command, blocks, commands, matches
+from tests.docs.blocks import ROOT, Block, Command, blocks, commands_of, matches
 
 NOT_RUN: Mapping[str, str] = {  # command on the page: reason
     **dict.fromkeys(
@@ -31,7 +31,7 @@ NOT_RUN: Mapping[str, str] = {  # command on the page: reason
     "make test": "needs the checkout; the page is about the run that this is a part of",
     "codegen sweep --spec sweep.toml --scheduler tcp://scheduler:8786 -o campaign": "needs a cluster; tests/sweep starts one",
     **dict.fromkeys(
-        ("make evidence", "make evidence PART=mutation", "make evidence PART=mutation QUICK=1"),
+        (f"make evidence{options}" for options in ("", " PART=mutation", " QUICK=1", " PART=mutation QUICK=1")),
         "needs the checkout; the page is about the run that this is a part of",
     ),
     "python -m tests.export.demo_bus fmi-ls-bus-examples fmi-ls-bus/headers": "needs checkouts of other projects",
@@ -149,7 +149,7 @@ def run_page(page_blocks: Sequence[Block], folder: Path, setup: Callable[[Path],
             if block.mark is not None:
                 write(block, shell.where())
             elif block.language in ("console", "sh"):
-                for command in commands(block):
+                for command in commands_of(block):
                     run_command(block, command, shell)
             elif block.language == "python":
                 program = shell.where() / "block.py"

@@ -9,7 +9,8 @@ import click
 import pytest
 
 from codegen.cli import cli
-from tests.docs.blocks import PAGES, ROOT, blocks, commands
+from scripts.guide import commands, config_tables, pages
+from tests.docs.blocks import PAGES, ROOT, blocks, commands_of
 from tests.docs.page import EXAMPLES, NOT_RUN, REPLACEMENTS
 
 ALL = {page: blocks(page) for page in PAGES}
@@ -18,10 +19,14 @@ COMMANDS = [
     for page in PAGES
     for block in ALL[page]
     if block.language in ("console", "sh") and block.mark is None
-    for command in commands(block)
+    for command in commands_of(block)
 ]
 NAME_IN_C = re.compile(r"\b(?:ars|ARS)_\w+")
 LINK = re.compile(r"\]\((?!https?://|mailto:)([^)#\s]*)(?:#([^)\s]+))?\)")
+FENCED = re.compile(r"^( *```+)(.*?)^\1$", re.MULTILINE | re.DOTALL)
+LINKED = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("benchmarks/*.md"), *ROOT.glob("generated/*/*.md")])
+MADE_BY_SPHINX = {"evidence-summary", "evidence-details", "planted-faults"}
+"""Directives, which a code host shows as empty blocks."""
 
 
 def words_of(text: str) -> list[list[str]]:
@@ -70,32 +75,68 @@ def test_names_in_blocks_of_c_exist() -> None:
         assert names <= known, f"{block.place}: {sorted(names - known)}"
 
 
-def anchors(path: Path) -> set[str]:
-    """Return the anchors of the headings of a page: those of MyST (as GitHub's), and those of docutils."""
-    text = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    titles = [title.lower() for title in re.findall(r"^#{1,4} (.+)$", text, re.MULTILINE)]
-    github = {re.sub(r"[^\w\- ]", "", title).replace(" ", "-") for title in titles}
-    return github | {re.sub(r"[^a-z0-9]+", "-", title).strip("-") for title in titles}
+def prose_of(page: Path) -> str:
+    """Return the text of a page without its fenced blocks."""
+    return FENCED.sub("", page.read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("page", [*PAGES, "CONTRIBUTING.md", "CHANGELOG.md", "THIRD-PARTY-LICENSES.md"])
-def test_links_have_a_target(page: str) -> None:
-    source = ROOT / page
-    for name, anchor in LINK.findall(source.read_text(encoding="utf-8")):
-        target = source.parent / unquote(name) if name else source
-        assert target.exists(), f"{page}: {name}"
-        if anchor and target.suffix == ".md":
-            assert anchor in anchors(target), f"{page}: {name}#{anchor}"
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of the headings of a page as GitHub makes them; MyST makes the same."""
+    titles = [
+        re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", title) for title in re.findall(r"^#{1,6} (.+)$", prose_of(page), re.MULTILINE)
+    ]
+    plain = [re.sub(r"[^\w\- ]", "", title.strip().lower()).replace(" ", "-") for title in titles]
+    repeated = [plain[:number].count(anchor) for number, anchor in enumerate(plain)]
+    return {f"{anchor}-{count}" if count else anchor for anchor, count in zip(plain, repeated, strict=True)}
 
 
-def test_every_key_of_ars_toml_has_its_meaning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "docs/_ext"))
-    import config_tables
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_and_pictures_have_a_target_on_a_code_host(page: Path) -> None:
+    broken = []
+    for name, anchor in LINK.findall(re.sub(r"`[^`\n]*`", "", prose_of(page))):
+        target = (page.parent / unquote(name)).resolve() if name else page
+        is_known = target.is_relative_to(ROOT) and target.exists()
+        if not is_known or (anchor and target.suffix == ".md" and anchor not in anchors(target)):
+            broken.append(f"{name}#{anchor}" if anchor else name)
+    assert broken == []
 
+
+def test_pages_are_plain_markdown() -> None:
+    """Directives, roles and targets of MyST appear as text on a code host."""
+    text = {page: (ROOT / page).read_text(encoding="utf-8") for page in PAGES}
+    directives = {name for page in PAGES for name in re.findall(r"^ *(?:`{3,}|:{3,})\{(.+?)\}", text[page], re.MULTILINE)}
+    assert directives <= MADE_BY_SPHINX
+    noise = re.compile(r"\{[\w:]+\}`|^\([\w-]+\)=$|<project:|^:::", re.MULTILINE)
+    assert {page: found for page in PAGES if (found := noise.findall(text[page]))} == {}
+
+
+def test_parts_of_pages_that_come_from_the_code_are_current() -> None:
+    made = pages.pages()
+    stale = [path.name for path, text in made.items() if path.read_text(encoding="utf-8") != text]
+    assert stale == [], "run `make docs`, and commit the pages"
+    regions = [name for path in made for name in re.findall(r"^<!-- from the code: (\S+)", made[path], re.MULTILINE)]
+    assert {*regions} == {*pages.REGIONS}
+    assert sum(path.read_text(encoding="utf-8").count("\n<!-- end -->") for path in made) == len(regions)
+
+
+def test_every_key_of_ars_toml_has_its_meaning() -> None:
     text = config_tables.markdown()
     fields = [(key, field) for _, model in config_tables.sections() for key, field in model.model_fields.items()]
     plain = {key for key, field in fields if config_tables._section_of(field.annotation) is None} - {"cases"}
     assert plain <= set(re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE))
+
+
+def test_every_command_and_option_has_its_line() -> None:
+    sections = re.split(r"^## ", commands.markdown(), flags=re.MULTILINE)[1:]
+    assert [section.partition("\n")[0] for section in sections] == [
+        "codegen",
+        *(f"codegen {name}" for name in cli.list_commands(None)),
+    ]
+    for section, command in zip(sections, [cli, *(cli.commands[name] for name in sorted(cli.commands))], strict=True):
+        listed = set(re.findall(r"--[\w-]+", " ".join(re.findall(r"^\| `(.+?)` \|", section, re.MULTILINE))))
+        shown = [each for each in command.params if isinstance(each, click.Option) and not each.hidden]
+        assert listed == {name for each in shown for name in each.opts + each.secondary_opts if len(name) > 2}
+        assert "```text\ncodegen" in section.partition("Example")[2], section
 
 
 def test_the_interface_names_every_command() -> None:

@@ -30,7 +30,8 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
             report = runner.run(subjects[folder], Effort(effort.quick), checks=[check])
             return asdict(report.outcomes[check.name])
 
-        return _outcome(progress.once(f"{folder.name} {check.name}", make))
+        values = progress.once(f"{folder.name} {check.name}", make)
+        return Outcome(**{**values, "verdict": Verdict(values["verdict"])})
 
     with ThreadPoolExecutor(THREAD_COUNT) as pool:
         outcomes = dict(zip(steps, pool.map(step, steps), strict=True))
@@ -39,12 +40,6 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
             ordered = {check.name: outcomes[folder, check] for check in CHECKS}
             record.write(VerificationReport(subject, effort, ordered), folder)
     return _summary(outcomes)
-
-
-def _outcome(values: dict[str, Any]) -> Outcome:
-    """Rebuild an outcome from its JSON values."""
-    lists = {name: tuple(values[name]) for name in ("findings", "limits")}
-    return Outcome(**{**values, **lists, "verdict": Verdict(values["verdict"])})
 
 
 def _summary(outcomes: dict[tuple[Path, Registered], Outcome]) -> Outcome:

@@ -6,7 +6,6 @@ from codegen.verify.check import Subject
 from codegen.verify.runner import CHECKS
 from tests.evidence.faults.planted import FAULTS, QUICK, planted, read_faults
 from tests.evidence.parts import FOLDERS, ROOT
-from tests.evidence.record import Record
 
 
 def test_each_fault_fits_the_committed_build() -> None:
@@ -41,10 +40,10 @@ def test_the_table_marks_the_checks_that_find_a_fault(monkeypatch: pytest.Monkey
         "two": {"kind": "bounds", "found by": ["memory"]},
         "three": {"kind": "NaN", "found by": []},
     }
-    run = {"figure": "3 of 3", "figures": figures, "verdict": "passed", "hashes": {}}
-    monkeypatch.setattr(evidence_tables.Record, "read", lambda part: Record(part, {"full": run}))
+    run = {"figure": "3 of 3", "figures": figures, "verdict": "passed", "hash": ""}
+    monkeypatch.setattr(evidence_tables.record, "read", lambda part: run)
     text = evidence_tables.planted_faults()
-    assert text.startswith("The last full run (subject and own code changed since): 3 of 3. CBMC and EVA together find 2.\n")
+    assert text.startswith("The full run (changed since): 3 of 3. CBMC and EVA together find 2.\n")
     head, _, *rows = (line.strip("| ").split(" | ") for line in text.strip().splitlines()[2:])
     assert [row[0] for row in rows] == ["**bounds**", "one", "two", "**NaN**", "three", "**found**"]
     column = [row[1].strip() if len(row) > 1 else "" for row in rows]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from codegen.metrics.runs import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.optimum.turns import turns_of
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Measurement
@@ -25,7 +26,6 @@ from codegen.tuning.tune import (
     with_controller,
 )
 from codegen.units import KM_H
-from hil_sim.metrics.run import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from hil_sim.suite.subjects import of_config
 from tests import builds
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from codegen.emit.contracts.acsl import acsl_header
 from codegen.emit.contracts.contract import Unit
 from codegen.emit.contracts.units import contracts_of
 from codegen.emit.render import render
@@ -17,8 +16,8 @@ SOLVER = "--undefined-shift-check --no-standard-checks --unwinding-assertions --
 """Without slicing, CBMC copies structs of floats whole, which its SMT encoding does not support."""
 
 
-READ = "frama-c -machdep x86_32 -cpp-extra-args=-Iinclude -kernel-warn-key annot-error=abort"
-"""Frama-C, which rejects annotations that it cannot read. A 32-bit x86 has the sizes of types of a Cortex-M."""
+FRAMA_C = "frama-c -machdep x86_32 -cpp-extra-args=-Iinclude"
+"""Frama-C. A 32-bit x86 has the sizes of types of a Cortex-M."""
 EVERY_FUNCTION = "every_function.c"
 """Entry for abstract interpreters, in the same folder."""
 EVA = (
@@ -34,17 +33,7 @@ def frama_c_command(prefix: str, sources: Iterable[str], report: str) -> str:
     # Subdividing the values of a checksum multiplies the time and gains nothing.
     checksums = ",".join(f"{name}:0" for name in ("crc_step", f"{prefix}_checksum_real", f"{prefix}_checksum_whole"))
     options = EVA.format(checksums=checksums)
-    return f"{READ} {FOLDER}/{EVERY_FUNCTION} {' '.join(sources)} {options} -then -report-csv {report}"
-
-
-def acsl_command(prefix: str, sources: Iterable[str]) -> str:
-    """Return the command that reads a build in its folder with its contracts in ACSL, and rejects one that it cannot read."""
-    return f"{READ} {acsl_path(prefix)} {' '.join(sources)}"
-
-
-def acsl_path(prefix: str) -> str:
-    """Return the path of the contracts in ACSL."""
-    return f"{FOLDER}/{prefix}_acsl.h"
+    return f"{FRAMA_C} {FOLDER}/{EVERY_FUNCTION} {' '.join(sources)} {options} -then -report-csv {report}"
 
 
 def command_of(
@@ -80,23 +69,15 @@ def _checks_of(unit: Unit) -> Iterator[str]:
             yield CONVERSIONS
 
 
-def contract_files(context: Mapping[str, Any], code: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return content by path.
-
-    Args:
-        context: of the templates of a build.
-        code: headers and sources of the build by path.
-    """
+def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
+    """Return content by path, for the template context of a build."""
     contracts = contracts_of(context)
     known = {**context, "contracts": contracts}
     prefix = context["build"].prefix
     eva = {**known, "command": frama_c_command(prefix, context["build"].sources, "alarms.csv")}
-    acsl = {**known, "command": acsl_command(prefix, context["build"].sources)}
-    in_c = render("contracts/contract.h.j2", known)
     files = {
-        f"{FOLDER}/{prefix}_contracts.h": in_c,
+        f"{FOLDER}/{prefix}_contracts.h": render("contracts/contract.h.j2", known),
         f"{FOLDER}/{EVERY_FUNCTION}": render("contracts/every_function.c.j2", eva),
-        acsl_path(prefix): acsl_header(acsl, [*(text for path, text in code.items() if path.endswith(".h")), in_c]),
     }
     for lemma in contracts.lemmas:
         command = command_of(lemma.name, [f"src/{each}.c" for each in lemma.linked], lemma.unwind)

@@ -221,7 +221,6 @@ def _build_view(manifest: Mapping[str, Any], prefix: str) -> BuildView:
         prefix=prefix,
         PREFIX=prefix.upper(),
         version=str(manifest["version"]),
-        id=f"0x{manifest['build_id']}u",
         epk=str(manifest["build_id"]),
         domain=f"road friction {facts['friction']:g}, 0 to {speed / KM_H:.4g} km/h, front angles to {angle:.4g} rad",
         sources=(),

@@ -16,6 +16,7 @@ from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap, choose_config
+from codegen.metrics.step import STEADY_WINDOW
 from codegen.report.bus_tables import fault_data
 from codegen.report.html.inputs import Files, read_files
 from codegen.report.html.maps import NamedMap
@@ -25,7 +26,6 @@ from codegen.sil.software import load
 from codegen.sweep.region import Region, confirm, region
 from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
-from hil_sim.metrics.step import STEADY_WINDOW
 from hil_sim.scenario_files import of_run
 from hil_sim.scenarios import DEFAULT, Scenario, find
 from hil_sim.suite.subjects import Build, Subject, around_folder, of_folder

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -66,7 +67,7 @@ from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, YA
 from codegen.report.summary import TYRE, map_summary, tyre_note
 from codegen.sweep.region import Region
 from codegen.units import KM_H
-from hil_sim.metrics import StepMetrics, step_metrics
+from hil_sim.metrics import step_metrics
 from hil_sim.metrics.run import LookUp
 from hil_sim.scenarios import Scenario
 
@@ -355,7 +356,7 @@ def _optimum(material: Material) -> Iterator[Block]:
     yield tyre_charts(material.config)
 
 
-def _paper_runs(material: Material) -> dict[str, StepMetrics]:
+def _paper_runs(material: Material) -> dict[str, dict[str, Any]]:
     if not material.of_paper or material.runs is None or material.scenario is None:
         return {}
     at, ratio = material.scenario.steer_time, material.config.steering.ratio

@@ -123,6 +123,7 @@ def scheduler() -> Iterator[tuple[subprocess.Popen[str], str]]:
         yield process, next(found[0] for line in process.stderr if (found := re.findall(r"tcp://127\.0\.0\.1:\d+", line)))
 
 
+@pytest.mark.long
 def test_a_dead_scheduler_is_reported_in_one_line_and_finished_chunks_are_kept(
     plan: Plan, whole: bytes, tmp_path: Path
 ) -> None:

@@ -86,6 +86,7 @@ def braking(front_angle_deg: float) -> Scenario:
     return replace(SCENARIOS["step-steer"], duration=6.5, drive=drive)
 
 
+@pytest.mark.long
 def test_maps_for_braking_keep_the_rear_slip_of_a_car_that_brakes() -> None:
     """The speed is not imposed: the car's own tyres brake. Without the stack its rear axle slips half as much again."""
     tuned = npz.load(COMMITTED).config

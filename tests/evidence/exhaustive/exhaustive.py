@@ -96,7 +96,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
             for path in source.functions:
                 place = f"{source.subject.name}/{path}"
                 keys = {f"{place}: {claim.name}": claim for claim in claims if source.path(claim.unit) == path}
-                todo = {key: claim for key, claim in keys.items() if progress.get(f"{key} {stride}") is None}
+                todo = {key: claim for key, claim in keys.items() if progress.done.get(f"{key} {stride}") is None}
                 program = (
                     pool.submit(compile_program, compiler, source, path, [*todo.values()], Path(scratch, place))
                     if todo

@@ -42,7 +42,7 @@ def test_each_map(kind: Kind, name: str) -> None:
             judge.run(found)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [pytest.param(kind, marks=[] if kind == "tracking" else pytest.mark.long) for kind in KINDS])
 def test_every_check_of_a_kind_in_double_precision(kind: Kind) -> None:
     for judge in (*whole(kind), SANITIZED):
         if not judge.of_single:
@@ -92,6 +92,7 @@ def test_a_negative_entry_is_invalid() -> None:
     assert not software.function("map_valid")() and not software.function("selftest")()
 
 
+@pytest.mark.long
 def test_the_self_test_covers_each_number_of_a_stack() -> None:
     """One number of either table of a layer, or a friction of the stack, is changed by the smallest step."""
     folder = case("feedforward rough stack").built.folder

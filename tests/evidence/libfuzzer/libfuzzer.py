@@ -62,7 +62,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
         running = {
             key: pool.submit(fuzz, clang, subject, name, inputs, count)
             for key, subject, name, inputs in todo
-            if progress.get(f"{key} {count}") is None
+            if progress.done.get(f"{key} {count}") is None
         }
         results: dict[str, dict[str, Any]] = {
             key: progress.once(f"{key} {count}", lambda key=key: asdict(running[key].result())) for key, *_ in todo

@@ -13,7 +13,7 @@ from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.progress import Progress
 from tests.loader_cases import Loader, damaged, fault_of, loaders
 
-CASES, QUICK_CASES = 100_000, 5_000
+CASES, QUICK_CASES = 100_000, 2_500
 Block = tuple[str, int, int]
 """Loader, seed and number of its cases."""
 BLOCK_SIZE = 200
@@ -31,11 +31,11 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     for name, loader in found.items():
         count = max(1, round(share * loader.weight))
         blocks += [(name, seed, min(BLOCK_SIZE, count - seed * BLOCK_SIZE)) for seed in range(-(-count // BLOCK_SIZE))]
-    waiting = [block for block in blocks if progress.get(_key(block)) is None]
+    waiting = [block for block in blocks if progress.done.get(_key(block)) is None]
     with ProcessPoolExecutor(os.cpu_count()) as pool:  # unlike a Pool, it reports a worker that crashes
         for block, faults in zip(waiting, pool.map(_block, waiting), strict=True):
             progress.keep(_key(block), faults)
-    findings = [fault for block in blocks for fault in progress.get(_key(block))]
+    findings = [fault for block in blocks for fault in progress.done.get(_key(block))]
     cases = sum(count for _, _, count in blocks)
     verdict = Verdict.FAILED if findings else Verdict.PASSED
     return Outcome(SHOWS, f"{cases:,} files for {len(found)} loaders", verdict, tuple(findings))

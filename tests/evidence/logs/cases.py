@@ -52,11 +52,11 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
         for kind, count in counts.items()
         for seed in range(-(-count // BLOCK_SIZE))
     ]
-    waiting = [block for block in blocks if progress.get(_key(block)) is None]
+    waiting = [block for block in blocks if progress.done.get(_key(block)) is None]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         for block, result in zip(waiting, pool.map(_block, waiting), strict=True):
             progress.keep(_key(block), result)
-    results = {block: progress.get(_key(block)) for block in blocks}
+    results = {block: progress.done.get(_key(block)) for block in blocks}
     findings = [fault for result in results.values() for fault in result["faults"]]
     figures = {
         kind: {

@@ -35,7 +35,7 @@ SHOWS = "the project's own tests detect every small fault in the generated C"
 MUTANTS_MIN = 300
 """Smallest number of mutants of a campaign."""
 EQUIVALENT_FRACTION_MAX = 0.05
-QUICK_COUNT = 400
+QUICK_COUNT = 300
 """Mutants of a quick campaign: those with the lowest hashes of their names, so that they stay the same."""
 PROCESS_COUNT = 2
 PLANTED_ONLY = ("tracking rough stack",)
@@ -162,12 +162,12 @@ class _Judges:
 
     def answers(self, questions: Sequence[Job], what: str) -> list[str]:
         """Return what kills each mutant, in order."""
-        new = [one for one in questions if self._progress.get(_named(one)) is None]
+        new = [one for one in questions if self._progress.done.get(_named(one)) is None]
         with show_progress(what) as show:
             for done, (question, answer) in enumerate(zip(new, self._pool.imap(_answer, new, chunksize=4), strict=True), 1):
                 self._progress.keep(_named(question), answer)
                 show(done, len(new))
-        return [self._progress.get(_named(one)) for one in questions]
+        return [self._progress.done.get(_named(one)) for one in questions]
 
 
 def _named(question: Job) -> str:

@@ -32,7 +32,14 @@ def changed(path: str, old: str, new: str, files: Mapping[str, bytes] | None = N
 
 
 @pytest.mark.parametrize("toolchain", TOOLCHAINS)
-@pytest.mark.parametrize("name", ["4ws2-paper", "4ws2", "FD, 24 bytes, profile 11C, 29 bits", "FD, 64 bytes, profile 5"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "4ws2",
+        *(pytest.param(name, marks=pytest.mark.long) for name in ("4ws2-paper", "FD, 24 bytes, profile 11C, 29 bits")),
+        "FD, 64 bytes, profile 5",
+    ],
+)
 def test_the_frames_are_those_of_the_software_in_the_loop(name: str, toolchain: Toolchain) -> None:
     found = run_project(made(name).folder.files, name, toolchain)
     assert found.passed, found

@@ -20,8 +20,6 @@ from hil_sim.session import EcuKind, Setup, run_hil
 from tests import builds, frame_kinds
 from tests.evidence.vcan.conftest import FOLDER
 
-pytestmark = pytest.mark.vcan
-
 RATE_LIMIT_DEG_S = 30.0
 """Rate limit of the paper's actuator."""
 SYNC_FRAMES_MAX = 2
@@ -36,6 +34,7 @@ FAULTS = (
     Fault("duplicate", 1.2, 0.05),
     Fault("not-a-number", 1.4, 0.05, "VehicleMotion", "yaw_rate"),
 )
+STEP = replace(find("step-steer"), duration=2.0, steer_time=1.0, drive=manoeuvres.step(1.0))
 kinds = pytest.mark.parametrize("kind", ["native", pytest.param("cffi", marks=pytest.mark.long)])
 
 
@@ -55,8 +54,8 @@ def corner(duration: float, *faults: Fault) -> Scenario:
 @pytest.mark.parametrize(
     ("build", "scenario", "kind"),
     [
-        ("4ws2-paper", replace(find("step-steer"), duration=2.0, steer_time=1.0, drive=manoeuvres.step(1.0)), "native"),
-        ("4ws2-paper", replace(find("step-steer"), duration=2.0, steer_time=1.0, drive=manoeuvres.step(1.0)), "cffi"),
+        ("4ws2-paper", STEP, "native"),
+        pytest.param("4ws2-paper", STEP, "cffi", marks=pytest.mark.long),
         pytest.param("4ws2", find("sine-with-dwell"), "native", marks=pytest.mark.long),
     ],
 )

@@ -25,8 +25,6 @@ from tests import builds
 from tests.evidence.vcan.conftest import FOLDER
 from tests.evidence.vcan.interfaces import add_vcan, remove, set_interface
 
-pytestmark = pytest.mark.vcan
-
 CONFIG = builds.CONFIG
 MOTION, CONDITIONS, COMMAND = (
     message.id for message in (CONFIG.can.vehicle_motion, CONFIG.can.vehicle_conditions, CONFIG.can.rear_steer_command)

@@ -11,8 +11,6 @@ from tests.docs.blocks import PAGES, blocks
 from tests.docs.page import run_page
 from tests.evidence.vcan.interfaces import set_interface
 
-pytestmark = pytest.mark.vcan
-
 ON_VCAN = {page: found for page in PAGES if (found := [block for block in blocks(page) if block.needs_vcan])}
 
 

@@ -42,8 +42,6 @@ from tests import builds, frame_kinds
 from tests.evidence.vcan.conftest import FOLDER
 from tests.xcp.description import Description
 
-pytestmark = pytest.mark.vcan
-
 CAN = builds.CONFIG.can
 TIMEOUT_S = 10.0
 """Timeout in s; only a failure waits this long."""

@@ -17,8 +17,8 @@ from tests.sil import e2e_profiles
 from tests.verify import builds, planted
 
 MODULES = {check.name: check.module for check in CHECKS}
-LONG = ("contracts", "static-analysis", "sanitizers")
-"""Checks that run only in the long form."""
+QUICK = ("memory",)
+"""Checks of the quick form: those that neither `make test` nor the quick form of the part "builds" runs."""
 
 
 def other_car() -> Folder:
@@ -73,7 +73,7 @@ NOT_RUN = {(check, name) for check in ("budgets", "contracts") for name in ("dou
 
 
 def case(check: str, name: str) -> object:
-    is_long = check in LONG or name != "stack"
+    is_long = check not in QUICK or name != "stack"
     return pytest.param(check, name, marks=[pytest.mark.long] if is_long else [], id=f"{check}-{name}")
 
 

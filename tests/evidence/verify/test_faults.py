@@ -138,6 +138,7 @@ def test_a_header_that_is_not_for_cxx_is_found() -> None:
     assert all("ars_e2e_" in finding and "extern" in finding for finding in outcome.findings)
 
 
+@pytest.mark.long
 def test_the_map_of_another_version_is_judged_by_its_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its order of operations may differ; a wrong cell is still detected."""
     monkeypatch.setattr(sanitizers, "run_all", lambda config, runner: [])

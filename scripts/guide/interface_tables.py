@@ -6,13 +6,10 @@ import re
 from pathlib import Path
 from typing import Any
 
+from scripts.guide.markdown import table
+
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "generated/4ws2"
-
-
-def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    lines = [head, tuple("---" for _ in head), *rows]
-    return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in lines) + "\n"
 
 
 def _figure(value: float | None) -> str:
@@ -57,7 +54,7 @@ def can_matrix() -> str:
             )
             for signal in sorted(message.signals, key=lambda one: one.start)
         ]
-        parts.append(_table(("signal", "start bit", "bits", "order", "code", "factor", "range", "not available"), rows))
+        parts.append(table(("signal", "start bit", "bits", "order", "code", "factor", "range", "not available"), rows))
     return "\n".join(parts)
 
 
@@ -65,20 +62,28 @@ def diagnostics() -> str:
     """The bits of `Diagnostics`."""
     from codegen.emit.can_view import DIAGNOSTICS
 
-    return _table(("bit", "name", "set where"), [(f"{one.bit}", f"`{one.name}`", one.text) for one in DIAGNOSTICS])
+    return table(("bit", "name", "set where"), [(f"{one.bit}", f"`{one.name}`", one.text) for one in DIAGNOSTICS])
 
 
 def run_columns() -> str:
     """The columns of a run, in their order."""
     from codegen.export.runs import COLUMNS
 
-    return _table(("column", "unit", "meaning"), [(f"`{one.name}`", one.unit, one.meaning) for one in COLUMNS])
+    return table(("column", "unit", "meaning"), [(f"`{one.name}`", one.unit, one.meaning) for one in COLUMNS])
 
 
 def exit_codes() -> str:
     """The table of exit codes of `interface.md`, which outside readers go by."""
-    text = (ROOT / "docs/interface.md").read_text(encoding="utf-8")
-    found = re.search(r"(?m)^\| exit code \|.*\n(?:\|.*\n)+", text)
+    return _of_interface(r"(?m)^\| exit code \|.*\n(?:\|.*\n)+")
+
+
+def map_file() -> str:
+    """The section on the map file of `interface.md`."""
+    return _of_interface(r"(?s)(?<=## Reference map, `\.npz`\n).*?(?=\n## )")
+
+
+def _of_interface(pattern: str) -> str:
+    found = re.search(pattern, (ROOT / "docs/interface.md").read_text(encoding="utf-8"))
     assert found is not None
     return found[0]
 
@@ -98,4 +103,4 @@ def c_functions(header: str) -> str:
         rows.append((f"`{found['name']}`", sentence))
     if not rows:
         raise LookupError(f"{header}: no function with a comment")
-    return _table(("function", "what it does"), rows)
+    return table(("function", "what it does"), rows)

@@ -1,45 +1,40 @@
 """The figures of the guide: all are drawn from the code, the committed maps and runs of the committed builds.
 
-`python docs/figures.py FOLDER` draws them into a folder; the guide does so when it is built. Same code, same bytes.
+Same code, same bytes.
 """
 
 from __future__ import annotations
 
 import functools
+import io
 import math
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-if __name__ == "__main__":
-    sys.path[:0] = [str(ROOT), str(ROOT / "docs/_ext")]
-
-import frame_layout  # noqa: E402
-import sketches  # noqa: E402
-
-from codegen import configuration  # noqa: E402
-from codegen.configuration import KM_H  # noqa: E402
-from codegen.design.margins import gains_of, nominal_margins  # noqa: E402
-from codegen.ecu_map.extend import extend  # noqa: E402
-from codegen.ecu_map.total import RULE_TEXT, Rule  # noqa: E402
-from codegen.files import write_atomically  # noqa: E402
-from codegen.map_file import map as npz  # noqa: E402
-from codegen.optimum.nonlinear import slip_use  # noqa: E402
-from codegen.optimum.problem import SteadyTurnProblem  # noqa: E402
-from codegen.optimum.solve import solve_case  # noqa: E402
-from codegen.report import style as look  # noqa: E402
-from codegen.report.map_difference import map_difference_figure  # noqa: E402
-from codegen.report.map_plots import front_angle_cut_figure, map_figure  # noqa: E402
-from codegen.report.run_plots import run_figure  # noqa: E402
-from codegen.report.tyre_plots import tyre_figure  # noqa: E402
+from codegen import configuration
+from codegen.configuration import KM_H
+from codegen.design.margins import gains_of, nominal_margins
+from codegen.ecu_map.extend import extend
+from codegen.ecu_map.total import RULE_TEXT, Rule
+from codegen.files import write_atomically
+from codegen.map_file import map as npz
+from codegen.optimum.nonlinear import slip_use
+from codegen.optimum.problem import SteadyTurnProblem
+from codegen.optimum.solve import solve_case
+from codegen.report import style as look
+from codegen.report.map_difference import map_difference_figure
+from codegen.report.map_plots import front_angle_cut_figure, map_figure
+from codegen.report.run_plots import run_figure
+from codegen.report.tyre_plots import tyre_figure
+from scripts.guide import frame_layout, sketches
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+ROOT = Path(__file__).resolve().parents[2]
 MAP = ROOT / "generated/4ws2-paper.npz"
 BUILD, RECOMMENDED = ROOT / "generated/4ws2-paper", ROOT / "generated/4ws2"
 WIDTH = 7.4
@@ -253,18 +248,24 @@ FIGURES: dict[str, Callable[[], Figure]] = {
 }
 
 
+def _small(png: bytes) -> bytes:
+    """Return a picture with at most 256 colours, each within 14 of 255 of the original: a third of the bytes."""
+    from PIL import Image
+
+    small = io.BytesIO()
+    with Image.open(io.BytesIO(png)) as picture:
+        reduced = picture.convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        reduced.save(small, "png", optimize=True, dpi=picture.info["dpi"])
+    return small.getvalue()
+
+
 def draw_all(folder: Path) -> list[Path]:
-    """Draw every figure into a folder; what is there already and the same is left alone."""
+    """Draw every figure into a folder, and return those that are new or have changed."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name, draw in FIGURES.items():
-        path, content = folder / f"{name}.png", look.to_png(draw())
+        path, content = folder / f"{name}.png", _small(look.to_png(draw()))
         if not path.is_file() or path.read_bytes() != content:
             write_atomically(path, content)
-        written.append(path)
+            written.append(path)
     return written
-
-
-if __name__ == "__main__":
-    for drawn in draw_all(Path(sys.argv[1])):
-        print(drawn)

@@ -18,6 +18,9 @@ from codegen.configuration.section import Breakpoints, Meaning, Range, RangeOrZe
 from codegen.identify.names import Names, SignalChoice
 from codegen.identify.parameters import PARAMETERS
 from codegen.identify.quantities import QUANTITIES
+from scripts.guide.markdown import table
+
+KEYS = ("key", "type and range", "default", "meaning")
 
 
 def meaning(model: type[BaseModel], key: str) -> str:
@@ -105,15 +108,6 @@ def _rows(model: type[BaseModel]) -> Iterator[tuple[str, FieldInfo, str]]:
             yield key, field, meaning(model, key)
 
 
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("[cases.", "\\[cases.")
-
-
-def _table(rows: list[tuple[str, str, str, str]]) -> list[str]:
-    lines = ["| key | type and range | default | meaning |", "|---|---|---|---|"]
-    return [*lines, *(f"| {' | '.join(_cell(one) for one in row)} |" for row in rows), ""]
-
-
 def _plain_docstring(model: type[BaseModel]) -> str:
     text = " ".join((model.__doc__ or "").split())
     return re.sub(r"(?<!`)\b(\w+_\w+)\b(?!`)", r"`\1`", text)
@@ -149,13 +143,13 @@ def markdown() -> str:
         if not rows:
             continue
         title = {"": "Top level", "tyre.front": "`[tyre.front]` and `[tyre.rear]`"}.get(name, f"`[{name}]`")
-        lines += [f"## {title}", "", *([] if not name else [_plain_docstring(model), ""]), *_table(rows)]
+        lines += [f"## {title}", "", *([] if not name else [_plain_docstring(model), ""]), table(KEYS, rows)]
     for title, model in inline_tables():
         rows = [
             (f"`{key}`", described(field.annotation, tuple(field.metadata)), _default(field), meaning(model, key))
             for key, field in model.model_fields.items()
         ]
-        lines += [f"## {title}", "", _plain_docstring(model), "", *_table(rows)]
+        lines += [f"## {title}", "", _plain_docstring(model), "", table(KEYS, rows)]
     return "\n".join(lines)
 
 
@@ -178,9 +172,8 @@ def names_markdown() -> str:
         (f"`{key}`", described(field.annotation, tuple(field.metadata)), _default(field), meaning(SignalChoice, key))
         for key, field in SignalChoice.model_fields.items()
     ]
-    lines = ["| table | quantity | names that need no table |", "|---|---|---|"]
-    lines += [f"| {' | '.join(row)} |" for row in tables]
-    return "\n".join([*_table(top), "A table for each quantity:", "", *lines, "", "Its keys:", "", *_table(signal)])
+    names = table(("table", "quantity", "names that need no table"), tables)
+    return "\n".join([table(KEYS, top), "A table for each quantity:\n", names, "Its keys:\n", table(KEYS, signal)])
 
 
 def quantities_markdown() -> str:
@@ -189,8 +182,7 @@ def quantities_markdown() -> str:
     for each in PARAMETERS:
         spread = f"{100.0 * each.spread:g} %" if each.is_relative else f"{_number(each.spread / each.size)} {each.unit}".strip()
         rows.append((each.title, f"`{each.key}`" if each.key else "–", spread, each.manoeuvre))
-    lines = ["| quantity | key | spread before | manoeuvre |", "|---|---|---|---|"]
-    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+    return table(("quantity", "key", "spread before", "manoeuvre"), rows)
 
 
 def _typed(field: FieldInfo) -> str:
