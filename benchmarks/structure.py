@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("codegen", "hil_sim", "tests", "benchmarks")
+PACKAGES = ("ars_codegen", "codegen", "hil_sim", "tests", "benchmarks")
 
 
 def figures_of(root: Path) -> dict[str, int]:
@@ -34,7 +34,7 @@ def figures_of(root: Path) -> dict[str, int]:
     templates = [path.read_text() for path in (root / "templates").rglob("*.j2")]
     found["templates"] = len(templates)
     found["templates without an expression"] = sum(not re.search(r"\{\{|\{%", text) for text in templates)
-    product = {path: text for path, text in sources.items() if path.parts[0] in ("codegen", "hil_sim")}
+    product = {path: text for path, text in sources.items() if path.parts[0] in ("ars_codegen", "codegen", "hil_sim")}
     importers = Counter(module for path, text in product.items() for module in set(_imports(path, text)))
     names = {_module(path) for path in product}
     found["modules with one importer"] = sum(importers[name] == 1 for name in names)

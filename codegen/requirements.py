@@ -27,11 +27,16 @@ class Requirement:
     Attributes:
         bounds: version bounds as written, such as ">=2.4,<3".
         extra: extra that requires it; "" if it is always required.
+        features: extras of the package itself, as written.
     """
 
     name: str
     bounds: str
     extra: str = ""
+    features: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.name}[{self.features}]{self.bounds}" if self.features else f"{self.name}{self.bounds}"
 
     def allows(self, version: str) -> bool:
         """Return whether a version is accepted. Compares only release numbers, which suffices for the bounds that the project
@@ -74,7 +79,7 @@ def parse(line: str, extra: str = "") -> Requirement:
         raise ValueError(f"not a requirement: {line!r}")
     marked = _EXTRA.search(match["marker"] or "")
     bounds = ",".join(sorted(map(str.strip, match["bounds"].split(",")), reverse=True))
-    return Requirement(match["name"], bounds, extra or (marked["extra"] if marked else ""))
+    return Requirement(match["name"], bounds, extra or (marked["extra"] if marked else ""), match["extras"] or "")
 
 
 def extras_of(asked: Iterable[Requirement]) -> list[str]:
@@ -92,8 +97,8 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 def pip_install(*packages: str) -> str:
     """Return the command that installs packages, with the versions that codegen accepts; the remedy for a missing one."""
-    bounds = {each.name: each.bounds for each in requirements()[0]}
-    return " ".join(("pip install", *(f'"{name}{bounds.get(name, "")}"' for name in packages)))
+    known = {each.name: each for each in requirements()[0]}
+    return " ".join(("pip install", *(f'"{known.get(name, name)}"' for name in packages)))
 
 
 def missing(package: str, purpose: str, where: object) -> CodegenError:

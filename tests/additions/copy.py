@@ -11,7 +11,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PARTS = ("codegen", "hil_sim", "templates", "tests", "benchmarks", "docs", "scripts", "pyproject.toml", "README.md")
+PARTS = (
+    "ars_codegen",
+    "codegen",
+    "hil_sim",
+    "templates",
+    "tests",
+    "benchmarks",
+    "docs",
+    "scripts",
+    "pyproject.toml",
+    "README.md",
+)
 
 
 @dataclass

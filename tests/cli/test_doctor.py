@@ -10,7 +10,7 @@ from unittest.mock import Mock, call
 import pytest
 
 from codegen.doctor import Finding, State, buses, examination
-from codegen.requirements import Requirement, extras_of, parse, requirements
+from codegen.requirements import Requirement, extras_of, parse, pip_install, requirements
 
 from .conftest import ROOT, Run
 
@@ -18,7 +18,10 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 
 
 def test_requirements_match_the_project() -> None:
-    assert parse('x[more]>=1; python_version < "3.12" and extra == "dev"') == Requirement("x", ">=1", "dev")
+    assert parse('x[more]>=1; python_version < "3.12" and extra == "dev"') == Requirement("x", ">=1", "dev", "more")
+    assert pip_install("numpy", "cyclonedx-python-lib") == (
+        'pip install "numpy>=2.4,<3" "cyclonedx-python-lib[json-validation]>=11.12,<12"'
+    )
     asked, source = requirements()
     always = [parse(line).name for line in PROJECT["dependencies"]]
     assert (source, [each.name for each in asked if not each.extra]) == ("pyproject.toml", always)

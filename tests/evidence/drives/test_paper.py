@@ -14,7 +14,12 @@ ROOT = Path(__file__).resolve().parents[3]
 
 @pytest.fixture(scope="module")
 def reproduction(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
-    return reproduce(tmp_path_factory.mktemp("paper") / "build")
+    told: list[tuple[int, int, str]] = []
+    made = reproduce(tmp_path_factory.mktemp("paper") / "build", lambda *step: told.append(step))
+    count = len(told) - 1
+    assert [step[:2] for step in told] == [(k, count) for k in range(count + 1)]
+    assert [bool(step[2]) for step in told] == [True] * count + [False]  # every part is named before it begins
+    return made
 
 
 def test_yaw_rates_of_the_table(reproduction: Reproduction) -> None:
