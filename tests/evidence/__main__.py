@@ -13,6 +13,7 @@ import multiprocessing
 import os
 import sys
 import time
+import traceback
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -77,7 +78,7 @@ def _runs(parts: Sequence[Part], effort: Effort) -> Iterator[tuple[Record, float
 def run_part(part: Part, effort: Effort) -> tuple[Record, float, float]:
     """Run one part; return its record, its duration and its CPU time in s.
 
-    A missing tool and a build that cannot be tested are outcomes too.
+    A missing tool, a build that cannot be tested and a crash are outcomes too.
     """
     scratch = SCRATCH / f"{part.name}-{'quick' if effort.quick else hash_of((*part.patterns, *CODE))[:16]}"
     if effort.quick:
@@ -89,9 +90,11 @@ def run_part(part: Part, effort: Effort) -> tuple[Record, float, float]:
             outcome = importlib.import_module(f"tests.evidence.{part.module}").run(FOLDERS, effort, Progress(scratch))
         else:
             outcome = pytest_part.run(part, effort, scratch)
-    except CodegenError as error:
-        verdict = Verdict.NOT_RUN if isinstance(error, MissingTool) else Verdict.FAILED
-        outcome = Outcome("", "no figure", verdict, (str(error),))
+    except Exception as error:
+        if not isinstance(error, CodegenError):  # a crash of this part; the others run
+            traceback.print_exc()
+        is_failed = isinstance(error, CodegenError) and not isinstance(error, MissingTool)
+        outcome = Outcome("", "no figure", Verdict.FAILED if is_failed else Verdict.NOT_RUN, (str(error) or repr(error),))
     if outcome.verdict is not Verdict.NOT_RUN:  # finished: the next run starts over
         scratch.unlink(missing_ok=True)
     seconds = time.monotonic() - begun

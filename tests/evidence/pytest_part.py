@@ -19,8 +19,7 @@ from tests.evidence.progress import Progress
 RESULTS = "ARS_EVIDENCE_RESULTS"
 """Environment variable with the file of results: "" for a test that passed."""
 FAILED, SKIPPED = "failed: ", "skipped: "
-PR_SET_PDEATHSIG = 1
-"""From the kernel's linux/prctl.h."""
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def run(part: Part, effort: Effort, results: Path) -> Outcome:

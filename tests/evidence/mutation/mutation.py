@@ -23,7 +23,7 @@ from codegen.sil.toolchain import compiler_command
 from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.mutation.equivalents import Equivalent, read
 from tests.evidence.mutation.judging import SURVIVED, Bench
-from tests.evidence.mutation.mutants import Mutant, definitions, mutants_of
+from tests.evidence.mutation.mutants import Key, Mutant, definitions, mutants_of
 from tests.evidence.mutation.planted import planted_in
 from tests.evidence.mutation.source import Unit
 from tests.evidence.progress import Progress
@@ -85,7 +85,7 @@ def campaign(
     """
     tally, progress = Tally(), progress or Progress()
     with ExitStack() as stack:
-        benches = []
+        cases: list[tuple[Case, dict[str, Unit], dict[str, list[Mutant]]]] = []
         known: set[tuple[str, ...]] = set()
         for name in names:
             scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ars-mutation-")))
@@ -95,14 +95,18 @@ def campaign(
             units = {path: Unit.read(path, files) for path in case.tree.units if paths is None or path in paths}
             own = {path: [*(mutants_of(unit) if name in COMMITTED and definitions(unit) not in known else ()),
                           *planted_in(case, unit)] for path, unit in units.items()}  # fmt: skip
-            own = {path: mutants for path, mutants in own.items() if mutants}
             known |= {definitions(unit) for unit in units.values()}
-            benches.append(Bench(case, own, units, {path: _applicable(case, judges_of(case.kind, path)) for path in own}))
+            cases.append((case, units, own))
+            tally.exist += [(case.name, mutant) for mutants in own.values() for mutant in mutants]
+        chosen, benches = _chosen(tally.exist, most), []
+        for case, units, own in cases:
+            some = {path: [one for one in mutants if (case.name, one.key) in chosen] for path, mutants in own.items()}
+            some = {path: mutants for path, mutants in some.items() if mutants}
+            benches.append(Bench(case, some, units, {path: _applicable(case, judges_of(case.kind, path)) for path in some}))
             benches[-1].prepare()
             tally.faults += [f"{case.name}: unaltered, it fails {name}: {text}" for name, text in benches[-1].faults.items()]
         todo = [(index, path, number) for index, bench in enumerate(benches) for path, mutants in bench.mutants.items()
                 for number in range(1, len(mutants) + 1)]  # fmt: skip
-        tally.exist = [(benches[index].case.name, benches[index].mutants[path][number - 1]) for index, path, number in todo]
         if not tally.faults:
             with _Judges(benches, progress) as judges:
                 unaltered: list[Job] = [(index, path, 0, None) for index, bench in enumerate(benches) for path in bench.mutants]
@@ -110,10 +114,9 @@ def campaign(
                 tally.faults += [f"{benches[index].case.name}/{path}: with no mutant selected, it fails {answer}"
                                  for (index, path, _, _), answer in zip(unaltered, answers, strict=True)
                                  if answer != SURVIVED]  # fmt: skip
-                chosen = _chosen(benches, todo, most)
-                answers = judges.answers([(*one, None) for one in chosen], "mutants")
+                answers = judges.answers([(*one, None) for one in todo], "mutants")
                 tally.judged = [Judged(benches[index].case.name, benches[index].mutants[path][number - 1], answer)
-                                for (index, path, number), answer in zip(chosen, answers, strict=True)]  # fmt: skip
+                                for (index, path, number), answer in zip(todo, answers, strict=True)]  # fmt: skip
                 if most is None:
                     tally.powerless = _ineffective(benches, judges, tally)
     return tally
@@ -124,13 +127,10 @@ def _applicable(case: Case, judges: Sequence[Judge]) -> list[Judge]:
     return [judge for judge in judges if not (judge.of_one_layer and case.built.total.layers)]
 
 
-def _chosen(benches: Sequence[Bench], todo: list[tuple[int, str, int]], most: int | None) -> list[tuple[int, str, int]]:
-    def rank(one: tuple[int, str, int]) -> str:
-        index, path, number = one
-        return hashlib.sha256(f"{index} {benches[index].mutants[path][number - 1].key}".encode()).hexdigest()
-
-    chosen = set(sorted(todo, key=rank)[:most])
-    return [one for one in todo if one in chosen]
+def _chosen(exist: Sequence[tuple[str, Mutant]], most: int | None) -> set[tuple[str, Key]]:
+    """Return build and key of the mutants to run: all, or those with the lowest hashes."""
+    keys = [(build, mutant.key) for build, mutant in exist]
+    return set(sorted(keys, key=lambda one: hashlib.sha256(f"{one[0]} {one[1]}".encode()).hexdigest())[:most])
 
 
 Job = tuple[int, str, int, str | None]
