@@ -46,7 +46,7 @@ def paper_total(case: str = "4ws-2") -> TotalMap:
 
 def changed(config: Config, **tables: Mapping[str, Any]) -> Config:
     """Return a configuration with some keys of some tables replaced; see `Config.replace`."""
-    return config.replace(tables)
+    return config.replace(tables, "test")
 
 
 def nonlinear(config: Config, case: str) -> Config:
