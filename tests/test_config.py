@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from codegen.configuration import Case, Config, check_name, load, parse, preset, preset_text
-from codegen.errors import ConfigError
+from codegen.configuration import Case, Config, Limits, check_name, load, parse, preset, preset_text
+from codegen.errors import CodegenError, ConfigError
 
 
 def refused(source: str | Path | dict[str, Any]) -> str:
@@ -260,3 +260,49 @@ def test_invalid_files_are_rejected(tmp_path: Path, content: bytes, words: str) 
     assert "not a file" in refused(tmp_path)
     message = refused(tmp_path / "ars.toml")
     assert "No such file" in message and "codegen init" in message
+
+
+def test_other_values_make_another_configuration() -> None:
+    """Dotted keys, tables and sections; the configuration itself does not change."""
+    config = preset()
+    before = config.to_json()
+    made = config.replace(
+        {
+            "vehicle.mass_kg": 2100.0,
+            "tyre": {"rear": {"peak_factor_p1": 0.9}},
+            "tyre.rear.shape_factor_c": 1.4,
+            "cases": {"a.b": {"sideslip_weight_per_s2": 5.0}, "4ws-2": {"rear_steering": True}},
+            "can": config.can,
+        }
+    )
+    assert (made.vehicle.mass_kg, made.value("tyre.rear.shape_factor_c"), made.tyre.rear.peak_factor_p1) == (2100.0, 1.4, 0.9)
+    assert made.tyre.front == config.tyre.front and made.vehicle.track_m == config.vehicle.track_m
+    assert list(made.cases) == [*config.cases, "a.b"] and made.cases["4ws-2"] == config.cases["4ws-2"]
+    assert config.to_json() == before and made.replace({"road.friction": 0.5}).replace({"road.friction": 0.9}) == made
+    whole = config.replace({"limits": Limits()})
+    assert whole.limits == Limits() and config.replace({}) == config
+    array = config.unchecked({"vehicle.mass_kg": [1.0, 2.0], "tyre.front.shape_factor_c": None})
+    assert array.vehicle.mass_kg == [1.0, 2.0] and array.tyre.front.shape_factor_c is None  # type: ignore[comparison-overlap]
+    assert array.tyre.rear is config.tyre.rear and config.to_json() == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"vehicle.mas_kg": 2100.0}, "vehicle.mas_kg: unknown key; did you mean 'mass_kg'?"),
+        ({"vehicel.mass_kg": 2100.0}, "vehicel: unknown key; did you mean 'vehicle'?"),
+        ({"vehicle.mass_kg": "heavy"}, "vehicle.mass_kg: a number is needed, not 'heavy'"),
+        ({"vehicle.mass_kg": 2.1}, "vehicle.mass_kg: 2.1 is outside 200 to 60000 kg; check the value and its unit"),
+        ({"vehicle.mass_kg.factor": 2.0}, "vehicle.mass_kg: a number is needed, not {'factor': 2.0}"),
+        (
+            {"plant.sampling_time_s": 0.002, "rear_actuator.lag_s": 0.002},
+            "rear_actuator.lag_s must be at least twice plant.sampling_time_s",
+        ),
+    ],
+)
+def test_a_wrong_key_or_value_is_named(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(CodegenError) as raised:
+        preset().replace(changes)
+    assert words in str(raised.value)
+    with pytest.raises(ConfigError, match=r"^set 3: "):
+        preset().replace(changes, "set 3")

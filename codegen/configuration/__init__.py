@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 import json
 import math
 import tomllib
@@ -307,9 +309,50 @@ class Config(Section):
         cases = {name: case.model_copy(update={"tyre_model": tyre_model}) for name, case in self.cases.items()}
         return self.model_copy(update={"cases": cases})
 
+    def replace(self, changes: Mapping[str, Any], where: object = "") -> Config:
+        """Return the configuration with other values, validated as a whole.
+
+        Args:
+            changes: dotted key of `ars.toml` -> value, such as {"vehicle.mass_kg": 2100.0}. A mapping changes those keys of a
+                table that it names, and so do mappings in it; a section replaces the whole table.
+            where: location for the error message.
+
+        Raises:
+            ConfigError: there is no such key, or it cannot have this value.
+        """
+        data: dict[str, Any] = {name: getattr(self, name) for name in Config.model_fields}
+        for key, value in changes.items():
+            name, *rest = key.split(".")
+            data[name] = _merged(data.get(name), functools.reduce(lambda inner, part: {part: inner}, reversed(rest), value))
+        return parse(data, where)
+
+    def unchecked(self, changes: Mapping[str, Any]) -> Config:
+        """Return the configuration with other values at dotted keys, not validated: for arrays, or a check that follows."""
+        config: Config = self
+        for key, value in changes.items():
+            path = key.split(".")
+            sections = list(itertools.accumulate(path[:-1], getattr, initial=config))
+            config = functools.reduce(
+                lambda child, place: sections[place].model_copy(update={path[place]: child}), reversed(range(len(path))), value
+            )
+        return config
+
+    def value(self, key: str) -> Any:
+        """Return the value of a dotted key. Raises AttributeError if there is none."""
+        return functools.reduce(getattr, key.split("."), self)
+
     def to_json(self) -> str:
         """Return canonical JSON: the same configuration gives the same bytes."""
         return json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def _merged(old: Any, new: Any) -> Any:
+    """Return `new`, with the keys that it does not name from `old` if both are tables."""
+    if not isinstance(new, Mapping):
+        return new
+    if isinstance(old, Section):
+        old = old.model_dump()
+    return {**old, **{key: _merged(old.get(key), value) for key, value in new.items()}} if isinstance(old, Mapping) else new
 
 
 def parse(data: Mapping[str, Any], where: object) -> Config:
@@ -317,7 +360,7 @@ def parse(data: Mapping[str, Any], where: object) -> Config:
 
     Args:
         data: the tables and keys.
-        where: location for the error message, usually a file.
+        where: location for the error message, usually a file; "" if there is none.
 
     Raises:
         ConfigError: the first fault, with its key.

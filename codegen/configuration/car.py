@@ -31,7 +31,7 @@ class Vehicle(Section):
     @property
     def wheelbase(self) -> float:
         """Wheelbase L in m."""
-        return float(self.cg_to_front_axle_m + self.cg_to_rear_axle_m)
+        return self.cg_to_front_axle_m + self.cg_to_rear_axle_m
 
 
 class Road(Section):

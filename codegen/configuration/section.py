@@ -133,17 +133,18 @@ def first_fault(
 
     Args:
         error: raised by validating `model`.
-        where: location for the message, usually a file.
+        where: location for the message, usually a file; "" if there is none.
         key_of: formats a location as a key.
     """
     # A misspelt key explains a value that seems missing, so it is reported first.
     fault = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
     location = tuple(part for part in fault["loc"] if not _is_union_label(part))
     key = key_of(location) or "the file as a whole"
+    place = f"{where}: {key}" if where else key
     if fault["type"] == "extra_forbidden":
         word, known = str(location[-1]), _fields_at(model, location)
         remedy = suggestion(word, known).lstrip("; ") or f"known here: {', '.join(known)}"
-        return kind("unknown key", where=f"{where}: {key}", remedy=remedy)
+        return kind("unknown key", where=place, remedy=remedy)
     if fault["type"] == "value_error":
         message = str(fault["ctx"]["error"])
     elif fault["type"] in ("model_type", "model_attributes_type", "dict_type"):
@@ -155,7 +156,7 @@ def first_fault(
     else:
         message = f"{fault['msg']} (not {shown(fault['input'])})"
     what, _, remedy = message.partition("; ")
-    return kind(what, where=f"{where}: {key}", remedy=remedy or "correct the value")
+    return kind(what, where=place, remedy=remedy or "correct the value")
 
 
 def shown(value: object) -> str:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from codegen.configuration import Config
 from codegen.errors import ConfigError
-from codegen.vehicle.population import Population, value_of, varying_keys
+from codegen.vehicle.population import Population, varying_keys
 
 MEMBERS_MAX = 4096
 """Largest number of combinations that the design accepts, far above that of both ends and the middle of each deviation."""
@@ -126,8 +126,8 @@ def _measured(config: Config) -> list[dict[str, float]]:
 
 
 def _deviation(car: Config, config: Config, key: str) -> float:
-    value = value_of(car, key)
-    return value / value_of(config, key) if MEASURABLE[key].endswith("_factor") else value
+    value = float(car.value(key))
+    return value / config.value(key) if MEASURABLE[key].endswith("_factor") else value
 
 
 def origin(config: Config) -> str:

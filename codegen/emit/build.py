@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from codegen import __version__
-from codegen.configuration import Config, check_name, parse
+from codegen.configuration import Config, check_name
 from codegen.configuration.signals import CARRIED, STATUSES
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import Lookup, error_bound
@@ -227,8 +227,7 @@ def with_signals(reference_map: ReferenceMap, config: Config) -> Config:
     can = config.can.with_signal(ACCELERATION.key) if reference_map.quantity is ACCELERATION else config.can
     if can is config.can:
         return config
-    changed = {**config.model_dump(mode="json"), "can": can.model_dump(mode="json")}
-    return parse(changed, "a stack over longitudinal acceleration needs its signal")
+    return config.replace({"can": can}, "a stack over longitudinal acceleration needs its signal")
 
 
 def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, inputs: BuildInputs) -> _Code:

@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from codegen.configuration import Config, parse
+from codegen.configuration import Config
 from codegen.configuration.section import Range
-from codegen.errors import CodegenError, ConfigError
+from codegen.errors import CodegenError
 from codegen.map_file.map import on_road
 from codegen.units import KM_H
 
@@ -33,6 +33,7 @@ SCALES = {
     "response_percent": "response_gain_s",
 }
 """Control -> the row of the gain schedule that it scales."""
+SCHEDULE = "controller.tracking.schedule"
 STEP_SPEED, STEP_ANGLE, STEP_ROAD = "step.speed_km_h", "step.angle_deg", "step.road_percent"
 
 
@@ -199,28 +200,21 @@ def apply(start: Config, case: str, controls: tuple[Control, ...], values: Value
     config = on_road(start, moved.pop(FRICTION)) if FRICTION in moved else start
     if not any(_is_of_config(key) for key in moved):
         return config
-    data = config.model_dump(mode="json")
+    tracking = config.controller.tracking
+    changes: dict[str, Any] = {}
     for key, value in moved.items():
         if key == LAMBDA:
-            data["cases"][case][WEIGHT_KEY] = value
+            changes["cases"] = {case: {WEIGHT_KEY: value}}
         elif key in SCALES:
-            tracking = data["controller"]["tracking"]
-            schedule = tracking["schedule"]
-            untuned = {"lead_s": tracking["lead_s"]}.get(SCALES[key], 0.0)
-            at_start = schedule.get(SCALES[key]) or [untuned] * len(schedule["speed_km_h"])
-            schedule[SCALES[key]] = [float(f"{gain * value / 100.0:.6g}") for gain in at_start]
+            assert tracking.schedule is not None  # a law with gains over speed
+            untuned = {"lead_s": tracking.lead_s}.get(SCALES[key], 0.0)
+            at_start = getattr(tracking.schedule, SCALES[key]) or [untuned] * len(tracking.schedule.speed_km_h)
+            changes[f"{SCHEDULE}.{SCALES[key]}"] = [float(f"{gain * value / 100.0:.6g}") for gain in at_start]
             if key in ("proportional_percent", "integral_percent"):  # the stored margins belong to other gains
-                schedule |= dict.fromkeys(("gain_margin_db", "phase_margin_deg", "sensitivity"))
+                changes |= dict.fromkeys(f"{SCHEDULE}.{name}" for name in ("gain_margin_db", "phase_margin_deg", "sensitivity"))
         elif _is_of_config(key):
-            section, _, name = key.rpartition(".")
-            table = data
-            for part in section.split("."):
-                table = table[part]
-            table[name] = value
-    try:
-        return parse(data, "settings")
-    except ConfigError as error:
-        raise ConfigError(error.what, where=error.where.removeprefix("settings: "), remedy=error.remedy) from None
+            changes[key] = value
+    return config.replace(changes)
 
 
 def _is_of_config(key: str) -> bool:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from codegen.configuration import Config, parse
+from codegen.configuration import Config
 from codegen.errors import ConfigError
 from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
@@ -28,15 +28,14 @@ def under_acceleration(config: Config, acceleration: float) -> Config:
         ConfigError: a wheel lifts, an axle has not enough grip, or a tyre leaves the range of a configuration.
     """
     where = f"at {acceleration:g} m/s^2"
-    tyres = {}
+    changes = {}
     moving = force_shares(config, acceleration)
     for axle, load, share in zip(AXLES, static_wheel_loads(config), moving, strict=True):
         moved = load_transfer(config, acceleration) * (-0.5 if axle == "front" else 0.5)
         factor = 1.0 + moved / load
         if factor <= 0.0:
             raise ConfigError(f"the {axle} wheels lift", where=where, remedy="check vehicle.cg_height_m")
-        own = getattr(config.tyre, axle)
-        tyre = MagicFormulaTyre.from_config(own, load, config.road.friction)
+        tyre = MagicFormulaTyre.from_config(getattr(config.tyre, axle), load, config.road.friction)
         peak = tyre.peak(load * factor, config.road.friction)
         force = 0.5 * share * config.vehicle.mass_kg * acceleration
         if abs(force) >= peak:
@@ -46,18 +45,14 @@ def under_acceleration(config: Config, acceleration: float) -> Config:
                 remedy="check [longitudinal]",
             )
         left = math.sqrt(1.0 - (force / peak) ** 2)
-        tyres[axle] = own.model_copy(
-            update={
-                "cornering_stiffness_n_per_rad": None,
-                "stiffness_factor_b_per_rad": tyre.stiffness_factor,
-                # The sum of D over both wheels, load (1 + x) and load (1 - x), is right for every x.
-                "peak_factor_p1": left * factor * (tyre.peak_factor + tyre.peak_load_sensitivity * (factor - 1.0)),
-                "peak_load_sensitivity_p2": left * tyre.peak_load_sensitivity,
-            }
-        )
-    changed = config.model_copy(update={"tyre": config.tyre.model_copy(update=tyres)})
-    # `model_copy` validates nothing, and this configuration may be written into a file.
-    return parse(changed.model_dump(mode="json"), where)
+        changes[f"tyre.{axle}"] = {
+            "cornering_stiffness_n_per_rad": None,
+            "stiffness_factor_b_per_rad": tyre.stiffness_factor,
+            # The sum of D over both wheels, load (1 + x) and load (1 - x), is right for every x.
+            "peak_factor_p1": left * factor * (tyre.peak_factor + tyre.peak_load_sensitivity * (factor - 1.0)),
+            "peak_load_sensitivity_p2": left * tyre.peak_load_sensitivity,
+        }
+    return config.replace(changes, where)
 
 
 def like_friction(config: Config, acceleration: float) -> float:

@@ -48,19 +48,11 @@ def on_road(config: Config, friction: float) -> Config:
     Raises:
         ConfigError: the friction (or B) is none that a configuration may have.
     """
-    tyres = {}
+    changes: dict[str, Any] = {"road.friction": friction}
     for axle, load in zip(("front", "rear"), static_wheel_loads(config), strict=True):
-        tyre = getattr(config.tyre, axle)
-        factor = MagicFormulaTyre.from_config(tyre, load, config.road.friction).stiffness_factor
-        tyres[axle] = tyre.model_copy(update={"cornering_stiffness_n_per_rad": None, "stiffness_factor_b_per_rad": factor})
-    changed = config.model_copy(
-        update={
-            "road": config.road.model_copy(update={"friction": friction}),
-            "tyre": config.tyre.model_copy(update=tyres),
-        }
-    )
-    # `model_copy` validates nothing, and this configuration may be written into a file.
-    return parse(changed.model_dump(mode="json"), f"on a road of friction {friction:g}")
+        tyre = MagicFormulaTyre.from_config(getattr(config.tyre, axle), load, config.road.friction)
+        changes[f"tyre.{axle}"] = {"cornering_stiffness_n_per_rad": None, "stiffness_factor_b_per_rad": tyre.stiffness_factor}
+    return config.replace(changes, f"on a road of friction {friction:g}")
 
 
 def changed(config: Config, stack: tables.Stack, value: float) -> Config:

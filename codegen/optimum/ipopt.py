@@ -118,13 +118,7 @@ def _stability(model: Any, x: Any, u: Any) -> tuple[Any, Any]:
 def without_shifts(config: Config) -> Config:
     """Return the configuration for which the map is solved: tyres without shifts and lag."""
     none = {"horizontal_shift_deg": 0.0, "vertical_shift_n": 0.0}
-    tyres = {axle: getattr(config.tyre, axle).model_copy(update=none) for axle in ("front", "rear")}
-    return config.model_copy(
-        update={
-            "tyre": config.tyre.model_copy(update=tyres),
-            "plant": config.plant.model_copy(update={"relaxation_length_m": 0.0}),
-        }
-    )
+    return config.replace({"tyre": {"front": none, "rear": none}, "plant.relaxation_length_m": 0.0})
 
 
 Progress = Callable[[int, int], None]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
@@ -22,13 +22,15 @@ from codegen.sil.batch import Lanes
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sweep.spec import FACTORS, NOISE, Spec, Values
 from codegen.units import KM_H
-from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters, varied_cars
+from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
 from codegen.vehicle.population import Population
 from hil_sim.scenarios import Kind, Scenario
 
 Factors = Mapping[str, FloatArray]
 
 MASS_KEY = "vehicle.mass_kg"
+DEVIATIONS = ("mass", "yaw_inertia", "tyre_peak", "front_stiffness", "rear_stiffness")
+"""Factors in percent that `vehicle.plant_car.deviations` has."""
 DELAY_KEY = "plant.command_delay_samples"
 """Key of a measured car that is no parameter of the plant but an input of the batch."""
 
@@ -91,7 +93,7 @@ def draw_samples(spec: Spec, samples: range, config: Config, population: Populat
     measured = [population.possible_car(_stream(spec, sample, _CAR_STREAM)) for sample in samples]
     values = np.array([population.values(car) for car in measured]).T
     factors |= dict(zip(population.keys, values, strict=True))
-    return Drawn(factors, cars(config, factors, count, np.array([plant_parameters(car) for car in measured])))
+    return Drawn(factors, cars(config, factors, count, measured))
 
 
 def _stream(spec: Spec, block: int, number: int) -> np.random.Generator:
@@ -248,8 +250,8 @@ class Conditions:
     friction_estimate: FloatArray
 
 
-def cars(config: Config, factors: Factors, count: int, base: FloatArray | None = None) -> FloatArray:
-    """Return rows (count, k) of PLANT_PARAMETERS: the configured car, or cars `base` (count, k), changed by factors.
+def cars(config: Config, factors: Factors, count: int, base: Sequence[Config] | None = None) -> FloatArray:
+    """Return rows (count, k) of PLANT_PARAMETERS: the configured car, or `count` cars `base`, changed by factors.
 
     Raises:
         ConfigError: a centre of gravity comes too near an axle.
@@ -266,16 +268,12 @@ def cars(config: Config, factors: Factors, count: int, base: FloatArray | None =
             where="factors.cg_shift_m",
             remedy=f"stay below {shift_max:.2f} m",
         )
-    table = varied_cars(
-        config,
-        mass=factor("mass_percent"),
-        yaw_inertia=factor("yaw_inertia_percent"),
-        cg_shift=shift,
-        tyre_peak=factor("tyre_peak_percent"),
-        front_stiffness=factor("front_stiffness_percent"),
-        rear_stiffness=factor("rear_stiffness_percent"),
-        base=base,
-    )
+    given = {name: factor(f"{name}_percent") for name in DEVIATIONS} | {"cg_shift": shift}
+    if base is None:
+        table = varied_cars(config, **given)
+    else:
+        each = ({name: values[place] for name, values in given.items()} for place in range(count))
+        table = np.concatenate([varied_cars(car, **own) for car, own in zip(base, each, strict=True)])
     if "rear_lag_s" in factors:
         table[:, PLANT_PARAMETERS.index("rear_lag")] = factors["rear_lag_s"]
     return table

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
-from codegen.configuration import Config, parse
+from codegen.configuration import Config
 from codegen.configuration.controller import TRIM_MAX_PERCENT
 from codegen.design.tune import Design, design
 from codegen.ecu_map.extend import extend
@@ -278,7 +278,7 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
         MapError: see `model_excess`.
     """
     made = design(config, progress)
-    config = with_tracking(config, {"schedule": made.schedule.model_dump(mode="json")}, where)
+    config = with_tracking(config, {"schedule": made.schedule}, where)
     if not reference_map.solved:
         return Tuned(config, made, (), None, None, None)
     tracking = config.controller.tracking
@@ -322,8 +322,4 @@ def with_tracking(config: Config, changes: Mapping[str, Any], where: object) -> 
 
 def with_controller(config: Config, changes: Mapping[str, Mapping[str, Any]], where: object) -> Config:
     """Return the configuration with kind "tracking" and changed keys of tables of [controller]."""
-    data = config.model_dump(mode="json")
-    data["controller"]["kind"] = "tracking"
-    for table, values in changes.items():
-        data["controller"][table] |= values
-    return parse(data, where)
+    return config.replace({"controller": {"kind": "tracking", **changes}}, where)

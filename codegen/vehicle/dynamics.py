@@ -176,7 +176,7 @@ def two_track(config: Config) -> Model:
     """
     AxleTyres.from_config(config)  # refuses a tyre that has no slip bound
     x, u, derivative, output = _two_track(PlantCar.from_config(config))
-    return make_model("two_track", (_plant_states(config), PLANT_INPUTS, PLANT_OUTPUTS), x, u, derivative, output)
+    return make_model("two_track", (plant_states(config), PLANT_INPUTS, PLANT_OUTPUTS), x, u, derivative, output)
 
 
 def two_track_of_parameters(config: Config) -> ParametricModel:
@@ -191,7 +191,7 @@ def two_track_of_parameters(config: Config) -> ParametricModel:
     x, u, derivative, output = _two_track(car)
     names = ["x", "u", "p"]
     return ParametricModel(
-        states=_plant_states(config),
+        states=plant_states(config),
         inputs=PLANT_INPUTS,
         parameters=PLANT_PARAMETERS,
         outputs=PLANT_OUTPUTS,
@@ -200,7 +200,8 @@ def two_track_of_parameters(config: Config) -> ParametricModel:
     )
 
 
-def _plant_states(config: Config) -> tuple[str, ...]:
+def plant_states(config: Config) -> tuple[str, ...]:
+    """Return the states of the plant, with those of the relaxation length where the tyres have one."""
     return (*PLANT_STATES, *RELAXATION_STATES) if config.plant.relaxation_length_m > 0.0 else PLANT_STATES
 
 

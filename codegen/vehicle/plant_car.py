@@ -105,50 +105,61 @@ class PlantCar:
 
 
 def plant_parameters(config: Config) -> FloatArray:
-    """Return the car of a configuration as a row (k,) of numbers in the order of PLANT_PARAMETERS, SI units."""
+    """Return the car of a configuration as a row (k,) of numbers in the order of PLANT_PARAMETERS, SI units.
+
+    Values (n,) in the configuration (see `Config.unchecked`) give n rows, (n, k).
+    """
     car = PlantCar.from_config(config)
     tyres = (getattr(tyre, name) for tyre in (car.front, car.rear) for name in _TYRE)
-    return np.array([*astuple(car.chassis), *tyres], dtype=np.float64)
+    values = (np.asarray(value, dtype=np.float64) for value in (*astuple(car.chassis), *tyres))
+    return np.stack(np.broadcast_arrays(*values), axis=-1)
 
 
-def varied_cars(
+def deviations(
     config: Config,
-    mass: npt.ArrayLike = 1.0,
-    yaw_inertia: npt.ArrayLike = 1.0,
-    cg_shift: npt.ArrayLike = 0.0,
-    tyre_peak: npt.ArrayLike = 1.0,
-    front_stiffness: npt.ArrayLike = 1.0,
-    rear_stiffness: npt.ArrayLike = 1.0,
-    base: FloatArray | None = None,
-) -> FloatArray:
-    """Return cars that differ from the configured one: rows (n, k) in the order of PLANT_PARAMETERS.
+    mass: Any = 1.0,
+    yaw_inertia: Any = 1.0,
+    cg_shift: Any = 0.0,
+    tyre_peak: Any = 1.0,
+    front_stiffness: Any = 1.0,
+    rear_stiffness: Any = 1.0,
+) -> dict[str, Any]:
+    """Return the keys of `ars.toml`, with their values, of a car that deviates from the configured one.
 
     The slope of the tyres at zero slip is kept under changes of mass, centre of gravity and peak: their factor B would
-    otherwise carry it along.
+    otherwise carry it along, and a change of the mass would not affect the motion of the linear car at all.
 
     Args:
-        mass, yaw_inertia, tyre_peak, front_stiffness, rear_stiffness: factors, (n,) or a number; the yaw inertia's on top of
-            the mass's, which it goes with.
+        mass, yaw_inertia, tyre_peak, front_stiffness, rear_stiffness: factors, numbers or (n,); the yaw inertia's on top of the
+            mass's, which it goes with.
         cg_shift: m forward; less than either arm.
-        base: (n, k), cars to change instead of the configured one.
     """
-    given = (mass, yaw_inertia, cg_shift, tyre_peak, front_stiffness, rear_stiffness)
-    m, inertia, shift, peak, *stiffness = np.broadcast_arrays(*(np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in given))
-    table = np.repeat(plant_parameters(config)[np.newaxis], m.size, axis=0) if base is None else base.copy()
-    at = {name: table[:, index] for index, name in enumerate(PLANT_PARAMETERS)}
-    arms = at["cg_to_rear_axle"].copy(), at["cg_to_front_axle"].copy()
-    at["mass"] *= m
-    at["yaw_inertia"] *= m * inertia
-    at["cg_to_front_axle"] -= shift
-    at["cg_to_rear_axle"] += shift
-    at["load_transfer_front"] *= m
-    at["load_transfer_rear"] *= m
-    for axle, sign, arm, slope in zip(("front", "rear"), (1.0, -1.0), arms, stiffness, strict=True):
-        load = m * (1.0 + sign * shift / arm)  # a front wheel carries m g lr/(2 L)
-        at[f"{axle}_static_load"] *= load
-        at[f"{axle}_peak_factor"] *= peak
-        at[f"{axle}_stiffness_factor"] *= slope / (load * peak)
-    return table
+    vehicle = config.vehicle
+    changes = {
+        "vehicle.mass_kg": mass * vehicle.mass_kg,
+        "vehicle.yaw_inertia_kg_m2": mass * yaw_inertia * vehicle.yaw_inertia_kg_m2,
+        "vehicle.cg_to_front_axle_m": vehicle.cg_to_front_axle_m - cg_shift,
+        "vehicle.cg_to_rear_axle_m": vehicle.cg_to_rear_axle_m + cg_shift,
+    }
+    for axle, load, factor in zip(
+        ("front", "rear"), static_wheel_loads(config), (front_stiffness, rear_stiffness), strict=True
+    ):
+        tyre = MagicFormulaTyre.from_config(getattr(config.tyre, axle), load, config.road.friction)
+        changes |= {
+            f"tyre.{axle}.cornering_stiffness_n_per_rad": factor * tyre.cornering_stiffness,
+            f"tyre.{axle}.stiffness_factor_b_per_rad": None,
+            f"tyre.{axle}.peak_factor_p1": tyre_peak * tyre.peak_factor,
+        }
+    return changes
+
+
+def varied_cars(config: Config, **given: npt.ArrayLike) -> FloatArray:
+    """Return cars with `deviations` as rows (n, k) in the order of PLANT_PARAMETERS; numbers or (n,).
+
+    A validated configuration for each row would take a thousand times as long.
+    """
+    arrays = {name: np.asarray(values, dtype=np.float64) for name, values in given.items()}
+    return np.atleast_2d(plant_parameters(config.unchecked(deviations(config, **arrays))))
 
 
 def plant_symbols() -> Any:

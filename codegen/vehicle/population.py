@@ -11,12 +11,11 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from codegen.arrays import FloatArray
-from codegen.configuration import Config, parse
+from codegen.configuration import Config
 from codegen.errors import ConfigError
 from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
@@ -72,7 +71,7 @@ class Population:
             )
         deviations = np.array(identified.standard_deviations)[places]
         root = deviations[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-        mean = np.array([value_of(config, key) for key in chosen])
+        mean = np.array([config.value(key) for key in chosen])
         bounded = {}
         for place, axle in _drawable_bounds(config, chosen):
             slopes = np.zeros(len(chosen))
@@ -117,7 +116,7 @@ class Population:
 
     def values(self, car: Config) -> FloatArray:
         """Return the values (k,) of a car."""
-        return np.array([value_of(car, key) for key in self.keys])
+        return np.array([car.value(key) for key in self.keys])
 
     def axes(self, share: float) -> list[Config]:
         """Return the cars at both ends of each principal axis of the ellipsoid that contains a share of all cars."""
@@ -210,18 +209,10 @@ def changed_car(config: Config, key: str) -> Config | None:
     deviation = config.identified.standard_deviations[config.identified.keys.index(key)]
     for step in STEPS:
         try:
-            return with_values(config, [key], np.array([value_of(config, key) + step * deviation]))
+            return with_values(config, [key], np.array([config.value(key) + step * deviation]))
         except ConfigError:
             continue
     return None
-
-
-def value_of(config: Config, key: str) -> float:
-    """Return the number of a dotted key."""
-    value: Any = config
-    for part in key.split("."):
-        value = getattr(value, part)
-    return float(value)
 
 
 def with_values(config: Config, keys: Sequence[str], values: FloatArray) -> Config:
@@ -230,13 +221,6 @@ def with_values(config: Config, keys: Sequence[str], values: FloatArray) -> Conf
     Raises:
         ConfigError: an `ars.toml` may not have them.
     """
-    data: dict[str, Any] = {name: getattr(config, name) for name in Config.model_fields}  # only changed tables are read again
-    for key, value in zip(keys, values.tolist(), strict=True):
-        *tables, name = key.split(".")
-        target = data
-        for part in tables:
-            if not isinstance(target[part], dict):
-                target[part] = target[part].model_dump(mode="json", exclude_none=True)
-            target = target[part]
-        target[name] = round(value) if isinstance(target[name], int) else value
-    return parse(data, "drawn car")
+    whole = {key for key in keys if isinstance(config.value(key), int)}
+    values_by_key = dict(zip(keys, values.tolist(), strict=True))
+    return config.replace({key: round(value) if key in whole else value for key, value in values_by_key.items()})

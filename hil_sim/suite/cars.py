@@ -20,7 +20,7 @@ from codegen.errors import CodegenError
 from codegen.optimum.solve import solve_case
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.background import Background
-from hil_sim.suite.cells import NOMINAL, cells, changed
+from hil_sim.suite.cells import NOMINAL, cells
 from hil_sim.suite.controller_properties import FamilyMargins, margins_of
 from hil_sim.suite.requirements import Limits, Requirement, all_passed, car_requirements
 from hil_sim.suite.runs import Summary, run_table, summarise
@@ -73,8 +73,7 @@ def random_car(rng: np.random.Generator) -> Config:
     }
     rear_angle, rear_rate = draw(REAR_ANGLE_MAX_DEG), draw((25.0, 50.0))
     lag = float(np.exp(rng.uniform(*np.log(ACTUATOR_LAG_S))))
-    return changed(
-        base,
+    return base.replace(
         {
             "vehicle": {
                 "mass_kg": mass,

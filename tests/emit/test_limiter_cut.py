@@ -13,7 +13,6 @@ from codegen.optimum.solve import solve_case
 from codegen.plausibility.car import car_warnings
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim.suite.cells import changed
 
 FIXED = [50.0, 62.0, 80.0, 110.0, 160.0, 400.0]
 """km/h: breakpoints of a table that is independent of the car."""
@@ -21,14 +20,13 @@ FIXED = [50.0, 62.0, 80.0, 110.0, 160.0, 400.0]
 
 def car(rear_deg: float, **limiter: object) -> Config:
     """Return a short car with this much rear steering, in the map and at the actuator."""
-    return changed(
-        configuration.preset("recommended"),
+    return configuration.preset("recommended").replace(
         {
             "vehicle": {"mass_kg": 1520.0, "cg_to_front_axle_m": 1.3, "cg_to_rear_axle_m": 1.3},
             "limits": {"rear_angle_max_deg": rear_deg},
             "rear_actuator": {"angle_max_deg": rear_deg},
             "limiter": limiter,
-        },
+        }
     )
 
 
@@ -53,14 +51,14 @@ def test_the_bound_from_the_car_allows_the_whole_angle_at_low_speed(rear_deg: fl
 
 
 def test_an_oversteering_car_keeps_an_angle_for_its_feedback_and_is_warned_of() -> None:
-    config = changed(car(3.5), {"tyre": {"rear": {"cornering_stiffness_n_per_rad": 60e3}}})
+    config = car(3.5).replace({"tyre": {"rear": {"cornering_stiffness_n_per_rad": 60e3}}})
     speed = np.array(opposite_phase_speeds_km_h(config)) * KM_H
     critical = SingleTrack.from_config(config).critical_speed
     assert critical < speed[-1]
     np.testing.assert_allclose(opposite_phase_max(config)[1:], 4.0 * 2.6 / speed[1:] ** 2, rtol=1e-12)
     assert f"unstable from {critical / KM_H:.0f} km/h" in "\n".join(car_warnings(config))
     assert "unstable from" not in "\n".join(
-        car_warnings(changed(config, {"controller": {"inputs": {"speed_max_km_h": 0.99 * critical / KM_H}}}))
+        car_warnings(config.replace({"controller": {"inputs": {"speed_max_km_h": 0.99 * critical / KM_H}}}))
     )
 
 
@@ -68,7 +66,7 @@ def test_share_of_the_map_that_the_limiter_cuts() -> None:
     """A table that starts at 50 km/h holds its first bound below and cuts the map there; the bound from the car cuts
     nothing."""
     fixed = car(5.0, opposite_phase_speed_km_h=FIXED)
-    made = solve_case(changed(fixed, {"grid": {"speed_points": 21, "front_angle_points": 20}}), "4ws-2")
+    made = solve_case(fixed.replace({"grid": {"speed_points": 21, "front_angle_points": 20}}), "4ws-2")
     found = LimiterCut.of_map(made, fixed)
     bound, gain = opposite_phase_max(fixed)[0], SingleTrack.from_config(fixed).yaw_gain(made.speed)
     below = made.speed <= 50.0 * KM_H

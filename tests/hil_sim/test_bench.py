@@ -26,7 +26,6 @@ from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode, Received, SensorModel
 from hil_sim.scenarios import Scenario, find
 from hil_sim.session import Setup, passive, run_hil
-from hil_sim.suite.cells import changed
 
 
 def short(duration: float = 2.0, *faults: Fault) -> Scenario:
@@ -83,7 +82,7 @@ def test_in_process_and_on_a_virtual_bus(software: Software, channel: BusAddress
 
 def test_the_passive_car_and_a_delayed_command(software: Software) -> None:
     assert np.array_equal(passive(software.config, short()), run(software, short(), controlled=False))
-    config = changed(software.config, {"plant": {"command_delay_samples": 3}})
+    config = software.config.replace({"plant": {"command_delay_samples": 3}})
     loop = ClosedLoop(software, LoopOptions(through_can=True, delay_samples=3))
     result = run_in_process(PlantNode(config, short()), software)
     assert np.array_equal(result.record, loop.run(short().inputs(config)))
@@ -164,7 +163,7 @@ def test_an_ecu_process_that_ends(software: Software, monkeypatch: pytest.Monkey
 
 def test_it_returns_to_zero_where_configured(software: Software) -> None:
     """`fault_catalogue` covers holding and recovery."""
-    config = changed(software.config, {"rear_actuator": {"on_command_loss": "return", "return_rate_deg_s": 2.0}})
+    config = software.config.replace({"rear_actuator": {"on_command_loss": "return", "return_rate_deg_s": 2.0}})
     result = run_in_process(PlantNode(config, short(2.5, Fault("ecu-restart", 1.0, 1.0))), software)
     commands, step = column(result.record, "rear_angle_command_rad"), math.radians(2.0) * 0.01
     assert (commands[100:103] == commands[99]).all() and commands[99] != 0.0
@@ -230,7 +229,7 @@ def test_sensor_noise_delay_and_resolution(software: Software) -> None:
     """The seed determines the run; noise has its amplitude; sensors are independent; delay and resolution act."""
 
     def sensors(**changes: float) -> SensorModel:
-        return SensorModel(changed(software.config, {"sensors": {"yaw_rate": changes}}).sensors, 1)
+        return SensorModel(software.config.replace({"sensors": {"yaw_rate": changes}}).sensors, 1)
 
     one, again, other = (run_through_can(software, short(0.5), sensors=True, seed=seed).record for seed in (3, 3, 4))
     assert np.array_equal(one, again)

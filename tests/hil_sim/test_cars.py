@@ -6,7 +6,7 @@ import pytest
 
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.cars import DEVELOPMENT_SEED, MASS_KG, SHARES, SPEEDS_KM_H, TEST_SEED, examine, random_cars
-from hil_sim.suite.cells import CONDITIONS, cells, changed
+from hil_sim.suite.cells import CONDITIONS, cells
 from hil_sim.suite.requirements import Limits
 from hil_sim.suite.runs import drive, judge, map_yaw_rate, run_table
 from hil_sim.suite.subjects import of_config, passive_of
@@ -43,6 +43,6 @@ def test_cells_in_a_batch_equal_single_runs() -> None:
 
 def test_a_car_that_cannot_be_tuned_is_reported() -> None:
     config = random_cars(DEVELOPMENT_SEED, 1)[0]
-    result = examine(7, changed(config, {"tuning": {"mass_percent": []}, "grid": {"speed_points": 5}}), Limits())
+    result = examine(7, config.replace({"tuning": {"mass_percent": []}, "grid": {"speed_points": 5}}), Limits())
     assert not result.passed and "an empty list" in result.error and result.title.startswith("car 7: ")
     assert not replace(result, error="").requirements

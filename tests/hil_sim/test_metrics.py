@@ -17,7 +17,6 @@ from hil_sim.faults import Fault
 from hil_sim.logs import load_csv, save_csv, to_csv
 from hil_sim.metrics import Run, RunMetrics, evaluate, others, spin_time, steering_response, step_metrics
 from hil_sim.scenarios import SCENARIOS, find
-from hil_sim.suite.cells import changed
 from tests import builds
 from tests.hil_sim.made import dwell_record, record
 
@@ -142,7 +141,7 @@ def test_criteria_of_the_standard(
     ratios: tuple[float, float], lateral: float, mass: float, end: float, met: bool | None
 ) -> None:
     made = dwell_record(ratios=ratios, lateral=lateral)
-    found = figures("sine-with-dwell", made[made[:, 0] < end], changed(CONFIG, {"vehicle": {"mass_kg": mass}}))
+    found = figures("sine-with-dwell", made[made[:, 0] < end], CONFIG.replace({"vehicle": {"mass_kg": mass}}))
     assert found["meets_fmvss_126"] is met
     assert (found["yaw_rate_ratio_1_75_s_percent"] is None) == (end < 6.0)
 

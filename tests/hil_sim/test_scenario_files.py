@@ -16,7 +16,6 @@ from hil_sim.faults import Fault
 from hil_sim.logs import BusLog, save_csv
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import Scenario, find
-from hil_sim.suite.cells import changed
 from tests import builds
 
 CONFIG = builds.CONFIG
@@ -138,7 +137,7 @@ def test_faults_of_a_scenario_file() -> None:
         (fault("stuck-value", MOTION, 'signal = "yaw_rate"'), Fault("stuck-value", 11.0, 0.5, "VehicleMotion", "yaw_rate")),
     ):
         assert toml(text).faults == (expected,)
-    renamed = changed(CONFIG, {"can": {"vehicle_motion": {"name": "Motion7"}}})
+    renamed = CONFIG.replace({"can": {"vehicle_motion": {"name": "Motion7"}}})
     assert toml(fault("drop", 'message = "Motion7"'), renamed).faults[0].message == "Motion7"
 
 

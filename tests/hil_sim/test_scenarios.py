@@ -16,7 +16,6 @@ from hil_sim import manoeuvres
 from hil_sim.bench import run
 from hil_sim.metrics import evaluate
 from hil_sim.scenarios import SCENARIOS, find
-from hil_sim.suite.cells import changed
 from tests import builds
 
 CONFIG = builds.CONFIG
@@ -89,7 +88,7 @@ def test_split_friction_is_the_difference_of_the_front_wheels(software: Software
 def test_an_impossible_scenario_is_rejected(software: Software) -> None:
     lost = find("ecu-loss")
     assert len(run(software, lost, controlled=False)) == 1400
-    tail_heavy = changed(CONFIG, {"vehicle": {"cg_to_front_axle_m": 2.0, "cg_to_rear_axle_m": 1.0}})
+    tail_heavy = CONFIG.replace({"vehicle": {"cg_to_front_axle_m": 2.0, "cg_to_rear_axle_m": 1.0}})
     fast = replace(find("sine-sweep"), settings=manoeuvres.Settings(speed_km_h=200.0))
     slow = replace(find("sine-with-dwell"), settings=manoeuvres.Settings(speed_km_h=10.0))
     for refused, words in (

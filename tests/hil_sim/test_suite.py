@@ -68,9 +68,9 @@ def test_cells_are_six_speeds_by_four_amplitudes_on_the_grid() -> None:
         assert solution.feasible[0].tolist() == [True, False]
     assert [cell.front_angle_deg / largest[-1].front_angle_deg for cell in found[-4:]] == pytest.approx(SHARES, rel=1e-12)
     assert (c1(CONFIG).speed_km_h, c1(CONFIG).front_angle_deg) == (42.5, pytest.approx(6.75))
-    slow = changes.changed(CONFIG, {"grid": {"speed_max_km_h": 70.0}})
+    slow = CONFIG.replace({"grid": {"speed_max_km_h": 70.0}})
     assert {cell.speed_km_h for cell in cells(slow, CASE)} == {25.0, 42.5, 60.0}
-    slower = changes.changed(CONFIG, {"grid": {"speed_min_km_h": 10.0, "speed_max_km_h": 24.0}})
+    slower = CONFIG.replace({"grid": {"speed_min_km_h": 10.0, "speed_max_km_h": 24.0}})
     with pytest.raises(CodegenError, match="ends at 24 km/h"):
         cells(slower, CASE)
 
@@ -387,7 +387,7 @@ def test_the_papers_pi(suite: SuiteResult) -> None:
 
 def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none() -> None:
     one_car = {"actuator_lag_s": [0.05], "mass_percent": [0.0], "stiffness_percent": [0.0], "relaxation_length_m": [0.0]}
-    config = changes.changed(CONFIG, {"tuning": one_car})
+    config = CONFIG.replace({"tuning": one_car})
     found = margins_of(config, (20.0, 80.0, 120.0))
     assert found is not None
     # The published gains with 50 ms of lag and a sample of delay: 82 deg/30 dB, 43/12, 24/7.8 as rounded.
@@ -396,7 +396,7 @@ def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none()
     assert (found.gain_margin_db, found.speed_of("gain_margin_db")) == (found.points[-1].gain_margin_db, 120.0)
     own, worst = ([point.phase_margin_deg for point in points] for points in (found.configured, found.points))
     assert own == pytest.approx(worst, rel=1e-9)  # a family with one member
-    assert margins_of(changes.changed(CONFIG, {"controller": {"kind": "feedforward"}})) is None
+    assert margins_of(CONFIG.replace({"controller": {"kind": "feedforward"}})) is None
 
 
 def test_sine_of_the_passive_car_is_that_of_linear_theory(pi: Subject) -> None:

@@ -23,7 +23,6 @@ from codegen.optimum.solve import solve_stack
 from hil_sim import second_plant
 from hil_sim.suite import full_suite, subjects
 from hil_sim.suite.background import Background
-from hil_sim.suite.cells import changed
 from hil_sim.suite.full_suite import run_full_suite
 from hil_sim.suite.subjects import (
     PASSIVE,
@@ -40,11 +39,11 @@ from tests import builds
 
 PAPER, BEST = builds.CONFIG, configuration.preset("recommended")
 MESSAGES = ("vehicle_motion", "vehicle_conditions", "rear_steer_command")
-SMALL = changed(PAPER, {"grid": {"speed_points": 5, "front_angle_points": 5}})
+SMALL = PAPER.replace({"grid": {"speed_points": 5, "front_angle_points": 5}})
 
 
 def of_kind(config: Config, kind: Kind) -> Config:
-    return changed(config, {"controller": {"kind": kind}})
+    return config.replace({"controller": {"kind": kind}})
 
 
 def written(at: Path, reference_map: ReferenceMap, config: Config) -> Path:
@@ -57,11 +56,11 @@ def tuned(monkeypatch: pytest.MonkeyPatch) -> None:
     """Replace the gain design by a fixed schedule."""
     tracking = {"controller": {"tracking": {"schedule": builds.SCHEDULE}}}
     for module in (subjects, full_suite):
-        monkeypatch.setattr(module, "tuned", lambda _, config, steps=None: changed(config, tracking))
+        monkeypatch.setattr(module, "tuned", lambda _, config, steps=None: config.replace(tracking))
 
 
 def test_each_candidate_has_its_baselines() -> None:
-    own = changed(PAPER, {"controller": {"integral_gain": 0.3}})
+    own = PAPER.replace({"controller": {"integral_gain": 0.3}})
     for config, names in (
         (BEST, ["tracking", "pi", "feedforward", "proportional"]),
         (PAPER, ["pi", "tracking", "feedforward", "proportional"]),
@@ -80,9 +79,7 @@ def test_each_candidate_has_its_baselines() -> None:
 
 
 def test_baselines_keep_the_users_sampling_time() -> None:
-    quick = changed(
-        BEST, {"controller": {"sampling_time_s": 0.005}, "can": {name: {"cycle_time_ms": 5.0} for name in MESSAGES}}
-    )
+    quick = BEST.replace({"controller": {"sampling_time_s": 0.005}, "can": {name: {"cycle_time_ms": 5.0} for name in MESSAGES}})
     for config in (*baseline_configs(quick).values(), recommended_config(quick)):
         assert config.controller.sampling_time_s == 0.005
         assert configuration.parse(config.model_dump(), "test") == config  # and the whole is consistent
@@ -90,7 +87,7 @@ def test_baselines_keep_the_users_sampling_time() -> None:
 
 @pytest.mark.usefixtures("tuned")
 def test_line_up_tunes_each_contender_with_a_schedule() -> None:
-    found = Candidate("x", changed(BEST, {"grid": {"speed_points": 5}}), "4ws-2", (0.9,)).comparison()
+    found = Candidate("x", BEST.replace({"grid": {"speed_points": 5}}), "4ws-2", (0.9,)).comparison()
     assert [each.name for each in found.baselines] == ["pi", "feedforward", "proportional"]
     assert found.tested.config.controller.tracking.schedule is not None
     assert (found.notes, found.build) == ((), found.tested.around)
@@ -141,7 +138,7 @@ def test_background_returns_results_and_errors_and_ends_its_processes(tmp_path: 
 @pytest.mark.parametrize("kind", ["tracking", "pi"])
 def test_a_job_uses_its_own_car(monkeypatch: pytest.MonkeyPatch, kind: Kind) -> None:
     """It is solved, tuned and built for the third party's car, here replaced by a heavier paper car."""
-    heavy = changed(of_kind(SMALL, kind), {"vehicle": {"mass_kg": 2500.0}})
+    heavy = of_kind(SMALL, kind).replace({"vehicle": {"mass_kg": 2500.0}})
     monkeypatch.setattr(second_plant, "published", lambda: "parameters")
     monkeypatch.setattr(second_plant, "car_of", lambda parameters, base: heavy if parameters == "parameters" else base)
     monkeypatch.setattr("hil_sim.suite.subjects.compile_build", lambda files, manifest, plant, edited: plant)

@@ -17,7 +17,6 @@ from hil_sim.faults import Fault
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import SCENARIOS, Scenario, find
-from hil_sim.suite.cells import changed
 from tests import builds
 
 BIT = {name: 1 << bit for bit, (name, _) in DIAGNOSTICS.items()}
@@ -42,7 +41,7 @@ def test_three_of_four_samples_lost_end_in_the_fail_safe(software: Software) -> 
 def test_a_healthy_car_shows_none(lag: float) -> None:
     """The actuator is twice as slow or fast as configured, in every scenario and with two clocks."""
     software = builds.of_kind("tracking").software
-    config = changed(software.config, {"rear_actuator": {"lag_s": lag}})
+    config = software.config.replace({"rear_actuator": {"lag_s": lag}})
     for name, scenario in SCENARIOS.items():
         if not scenario.faults:
             node = PlantNode(config, replace(scenario, clocks=FREE_RUNNING))

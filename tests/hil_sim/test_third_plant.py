@@ -15,7 +15,6 @@ from hil_sim import third_plant
 from hil_sim.faults import Fault
 from hil_sim.metrics import column
 from hil_sim.scenarios import find
-from hil_sim.suite.cells import changed
 from hil_sim.third_plant import BIASES, DEFAULT, NONE, SPEED_FACTOR, Errors, RollPlant, Sensors
 from tests import builds
 
@@ -76,7 +75,7 @@ def test_each_sensor_has_a_bias_and_samples_of_varying_age() -> None:
     table: dict[str, dict[str, float]] = dict.fromkeys(("front_angle", "rear_angle"), SILENT)
     table |= {"speed": {"noise_km_h": 0.0, "resolution_km_h": 0.0}}
     table |= {"yaw_rate": {"noise_deg_s": 0.0, "resolution_deg_s": 0.0, "delay_samples": 0}}
-    config: Config = changed(CONFIG, {"sensors": table})
+    config: Config = CONFIG.replace({"sensors": table})
     plant, sensors = RollPlant(config, remembered=3), Sensors(config, Errors(), 1)
     plant.sample(turn(plant, seconds=0.05))
     seen = [sensors.measure(plant, 1.5) for _ in range(100)]

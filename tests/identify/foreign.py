@@ -16,7 +16,6 @@ from codegen.sil.plant import PlantInput, PlantSample
 from codegen.units import KM_H
 from codegen.vehicle.tyre import CURVES, MAGIC_FORMULA, TyreCurve
 from hil_sim.second_plant.plant import GRAVITY, PUBLISHED, ROLL, MultiBodyPlant, car_of, published
-from hil_sim.suite.cells import changed
 from hil_sim.third_plant import RollPlant
 from tests.identify.drives import SENSOR, Course, Part, drive
 
@@ -98,7 +97,7 @@ class ForeignCar:
 
 
 def _base() -> Config:
-    return changed(preset("recommended"), {"rear_actuator": {"angle_max_deg": ANGLE_MAX_DEG}})
+    return preset("recommended").replace({"rear_actuator": {"angle_max_deg": ANGLE_MAX_DEG}})
 
 
 def _leaning(title: str, curve: TyreCurve | None = None) -> ForeignCar:

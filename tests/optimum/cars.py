@@ -45,11 +45,8 @@ def paper_total(case: str = "4ws-2") -> TotalMap:
 
 
 def changed(config: Config, **tables: Mapping[str, Any]) -> Config:
-    """Return a configuration with some keys of some tables replaced; nested tables are replaced completely."""
-    data = config.model_dump(mode="json")
-    for name, changes in tables.items():
-        data[name] = {**data.get(name, {}), **changes}
-    return parse(data, "test")
+    """Return a configuration with some keys of some tables replaced; see `Config.replace`."""
+    return config.replace(tables, "test")
 
 
 def nonlinear(config: Config, case: str) -> Config:

@@ -20,7 +20,6 @@ from codegen.plausibility.car import Handling, car_warnings, distinct
 from codegen.plausibility.check import Found, check_path
 from codegen.plausibility.map import MapFacts, axis_warnings, beyond_grip, map_warnings
 from hil_sim.suite.cars import TEST_SEED, random_cars
-from hil_sim.suite.cells import changed
 
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
 COARSE = {"grid": {"speed_points": 7, "front_angle_points": 8}}
@@ -32,12 +31,12 @@ def hatchback(**tables: Any) -> Config:
     vehicle = {"mass_kg": 1450.0, "yaw_inertia_kg_m2": 2300.0, "cg_height_m": 0.52, "track_m": 1.52}
     arms = {"cg_to_front_axle_m": 1.05, "cg_to_rear_axle_m": 1.55}
     own = {"vehicle": {**vehicle, **arms}, "tyre": {"front": tyre, "rear": tyre}}
-    return changed(changed(preset("recommended"), {**own, **COARSE}), tables)
+    return preset("recommended").replace({**own, **COARSE}).replace(tables)
 
 
 @pytest.mark.parametrize("number", range(40))
 def test_a_plausible_car_has_no_warning(number: int) -> None:
-    config = changed(random_cars(TEST_SEED, number + 1)[number], COARSE)
+    config = random_cars(TEST_SEED, number + 1)[number].replace(COARSE)
     reference_map = solve_case(config.with_tyre_model("magic-formula"), "4ws-2")
     assert (*car_warnings(config), *map_warnings(reference_map, config)) == ()
 
@@ -157,7 +156,7 @@ def test_a_value_close_to_a_limit_has_enough_digits() -> None:
 def test_a_gain_schedule_of_another_car_is_found() -> None:
     config = npz.load(GENERATED / "4ws2.npz").config
     assert config is not None and list(schedule_warnings(config)) == []
-    (text,) = schedule_warnings(changed(config, {"rear_actuator": {"lag_s": 0.08}}))
+    (text,) = schedule_warnings(config.replace({"rear_actuator": {"lag_s": 0.08}}))
     assert "tuned for another actuator than rear_actuator.lag_s = 0.08" in text
     schedule = config.controller.tracking.schedule
     assert schedule is not None
@@ -166,7 +165,7 @@ def test_a_gain_schedule_of_another_car_is_found() -> None:
         "integral_gain": [3.0 * gain for gain in schedule.integral_gain],
     }
     tracking = {"schedule": {**schedule.model_dump(mode="json"), **tripled}}
-    (text,) = schedule_warnings(changed(config, {"controller": {"tracking": tracking}}))
+    (text,) = schedule_warnings(config.replace({"controller": {"tracking": tracking}}))
     assert re.match("over the family of cars the gains keep no margin .a car is unstable., less than the 8 dB and 45 deg", text)
 
 

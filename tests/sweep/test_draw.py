@@ -66,25 +66,37 @@ def test_distributions() -> None:
     assert not np.array_equal(one[:, :, 0], one[:, :, 1])
 
 
-VEHICLE = builds.CONFIG.vehicle
-CG_SHIFT = {"cg_to_front_axle_m": VEHICLE.cg_to_front_axle_m - 0.1, "cg_to_rear_axle_m": VEHICLE.cg_to_rear_axle_m + 0.1}
-BY_B = cells.changed(
-    builds.CONFIG,
-    {"tyre": {axle: {"stiffness_factor_b_per_rad": 18.0, "cornering_stiffness_n_per_rad": None} for axle in ("front", "rear")}},
+BY_B = builds.CONFIG.replace(
+    {f"tyre.{axle}": {"stiffness_factor_b_per_rad": 18.0, "cornering_stiffness_n_per_rad": None} for axle in ("front", "rear")}
 )
 """A car whose tyres are given by B."""
-INERTIA = {"yaw_inertia_kg_m2": 1.3 * VEHICLE.yaw_inertia_kg_m2}
+FRONT_ARM, REAR_ARM = builds.CONFIG.vehicle.cg_to_front_axle_m, builds.CONFIG.vehicle.cg_to_rear_axle_m
+HEAVIER = ("mass", "yaw_inertia", "load_transfer_front", "load_transfer_rear", "front_static_load", "rear_static_load")
 
 
 @pytest.mark.parametrize("base", [builds.CONFIG, BY_B], ids=["by slope", "by B"])
 @pytest.mark.parametrize(
-    ("factors", "change"),
+    ("factors", "change", "ratios"),
     [
-        ({}, cells.unchanged),
-        ({"yaw_inertia_percent": 30.0}, lambda config: cells.changed(config, {"vehicle": INERTIA})),
-        # With the same tyre slopes.
-        ({"cg_shift_m": 0.1}, lambda config: cells.changed(cells.stiffness(0.0, 0.0)(config), {"vehicle": CG_SHIFT})),
-        ({"rear_lag_s": 0.1}, cells.actuator_lag(0.1)),
+        ({}, cells.unchanged, {}),
+        ({"yaw_inertia_percent": 30.0}, None, {"yaw_inertia": 1.3}),
+        (
+            {"cg_shift_m": 0.1},  # with the same tyre slopes
+            None,
+            {
+                "cg_to_front_axle": 1.0 - 0.1 / FRONT_ARM,
+                "cg_to_rear_axle": 1.0 + 0.1 / REAR_ARM,
+                "front_static_load": 1.0 + 0.1 / REAR_ARM,
+                "rear_static_load": 1.0 - 0.1 / FRONT_ARM,
+                "front_stiffness_factor": 1.0 / (1.0 + 0.1 / REAR_ARM),
+                "rear_stiffness_factor": 1.0 / (1.0 - 0.1 / FRONT_ARM),
+            },
+        ),
+        (
+            {"rear_lag_s": 0.1},
+            cells.actuator_lag(0.1),
+            {"rear_lag": 0.1 / builds.CONFIG.rear_actuator.lag_s},
+        ),
         (
             {
                 "mass_percent": 20.0,
@@ -93,13 +105,26 @@ INERTIA = {"yaw_inertia_kg_m2": 1.3 * VEHICLE.yaw_inertia_kg_m2}
                 "tyre_peak_percent": -10.0,
             },
             cells.together(cells.mass(20.0), cells.stiffness(-20.0, 15.0), cells.peak(-10.0)),
+            {
+                **dict.fromkeys(HEAVIER, 1.2),
+                **dict.fromkeys(("front_peak_factor", "rear_peak_factor"), 0.9),
+                "front_stiffness_factor": 0.8 / (1.2 * 0.9),
+                "rear_stiffness_factor": 1.15 / (1.2 * 0.9),
+            },
         ),
     ],
 )
-def test_cars_match_the_changed_configuration(
-    factors: Mapping[str, float], change: Callable[[Config], Config], base: Config
+def test_factors_change_what_they_name(
+    factors: Mapping[str, float], change: Callable[[Config], Config] | None, ratios: Mapping[str, float], base: Config
 ) -> None:
-    (found,) = cars(base, {key: np.array([value]) for key, value in factors.items()}, 1)
-    wanted = plant_parameters(change(base))
-    for name, one, other in zip(PLANT_PARAMETERS, found, wanted, strict=True):
-        assert one == pytest.approx(other, rel=ROUNDING), name
+    """As rows of a campaign, around a measured car, and as a condition of the suites."""
+    drawn = {key: np.array([value, 0.0 if key != "rear_lag_s" else value]) for key, value in factors.items()}
+    own = plant_parameters(base)
+    wanted = own * [ratios.get(name, 1.0) for name in PLANT_PARAMETERS]
+    found = [cars(base, drawn, 2)[0], cars(builds.CONFIG, drawn, 2, [base, base])[0]]
+    found += [] if change is None else [plant_parameters(change(base))]
+    for row in found:
+        for name, one, other in zip(PLANT_PARAMETERS, row, wanted, strict=True):
+            assert one == pytest.approx(other, rel=ROUNDING), name
+    if "rear_lag_s" not in factors:
+        assert cars(base, drawn, 2)[1] == pytest.approx(own, rel=ROUNDING)

@@ -32,7 +32,7 @@ def test_the_chosen_pairs_keep_their_limits_when_simulated_alone(monkeypatch: py
     monkeypatch.setattr(transient, "RESPONSE_GAINS_S", (0.0, 0.1))
     monkeypatch.setattr(transient, "LEADS_S", LEADS_S[::2])
     schedule = Schedule(speed_km_h=[15.0, 60.0, 100.0], proportional_gain_s=[0.03, 0.06, 0.09], integral_gain=[1.7, 1.2, 0.8])
-    config = with_tracking(builds.TRACKING_CONFIG, {"schedule": schedule.model_dump(mode="json")}, "test")
+    config = with_tracking(builds.TRACKING_CONFIG, {"schedule": schedule}, "test")
     done: list[tuple[int, int]] = []
     software = compile_controller(builds.paper_map(), config)
     ahead, found = tune_response(builds.paper_map(), config, schedule, software, lambda *step: done.append(step))

@@ -15,7 +15,6 @@ from codegen.optimum.solve import solve_case
 from codegen.verify import record
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.runner import CHECKS, VerificationReport
-from hil_sim.suite.cells import changed
 from tests.verify import builds
 
 COMMITTED = Path(__file__).parents[2] / "generated"
@@ -63,14 +62,14 @@ def bare() -> Manifest:
 
 def solved(**sections: dict[str, Any]) -> Manifest:
     """Return the manifest of a build of a solved map with some keys of its configuration changed."""
-    config = changed(builds.config_of("feedforward", "uneven"), sections)
+    config = builds.config_of("feedforward", "uneven").replace(sections)
     return builds.build_of(solve_case(config, builds.CASE), config, "map").manifest
 
 
 def with_another_car() -> Manifest:
     config = builds.config_of("feedforward", "uneven")
     return builds.build_of(
-        solve_case(config, builds.CASE), changed(config, {"vehicle": {"mass_kg": 2500.0}}), "mine.toml"
+        solve_case(config, builds.CASE), config.replace({"vehicle": {"mass_kg": 2500.0}}), "mine.toml"
     ).manifest
 
 

@@ -6,7 +6,6 @@ import json
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -68,11 +67,11 @@ def toml_of(values: Values, build: BuildCalibration, config_path: Path | None) -
     gains = build.config.controller.tracking.schedule
     if is_untuned(base) and gains is not None:  # codegen tune writes the gains into a map, not into the user's file
         added = {f"{SCHEDULE}.{name}": value for name, value in gains.model_dump(mode="json", exclude_none=True).items()}
-        base = _with_keys(base, {SCHEDULE: gains})
+        base = base.unchecked({SCHEDULE: gains})
     else:
         added = {}
     chosen = added | _chosen_keys(values, base, build)
-    config = parse(_with_keys(base, chosen).model_dump(mode="json"), "the configuration of this set")
+    config = base.replace(chosen, "the configuration of this set")
     _require_equal(values, config, build)
     if text is None:
         return WrittenConfig(whole(config, AUTHOR), tuple(chosen))
@@ -116,7 +115,7 @@ def _chosen_keys(values: Values, base: Config, build: BuildCalibration) -> dict[
             name: [_rounded(key, digits) if kept is None else kept for key, kept in zip(keys, found[name], strict=True)]
             for name, keys in exact.items()
         }
-        results = _parameters(_with_keys(base, _by_key(tried, own)), build.layout.prefix)
+        results = _parameters(base.unchecked(_by_key(tried, own)), build.layout.prefix)
         for name, keys in tried.items():
             fits = _fits(results[name].value, values[name])
             found[name] = [
@@ -137,18 +136,6 @@ def _by_key(numbers: Mapping[str, list[Any]], own: Mapping[str, Parameter]) -> d
 
 def _rounded(key: float | str, digits: int) -> float | str:
     return float(f"{key:.{digits}g}") if isinstance(key, float) else key
-
-
-def _with_keys(config: Config, keys: Mapping[str, Any]) -> Config:
-    """Return a configuration with other values of dotted keys, unchecked."""
-    for key, value in keys.items():
-        *tables, name = key.split(".")
-        sections = [reduce(getattr, tables[:k], config) for k in range(len(tables) + 1)]
-        changed: Any = value
-        for section, child in zip(reversed(sections), reversed([*tables, name]), strict=True):
-            changed = section.model_copy(update={child: changed})
-        config = changed
-    return config
 
 
 def _fits(value: Any, wanted: Numbers) -> list[bool]:
