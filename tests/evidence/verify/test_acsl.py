@@ -48,8 +48,6 @@ BROKEN = {
     "the other case": ("!lies_within(input->speed, ", "lies_within(input->speed, "),
 }
 
-pytestmark = builds.needs_frama_c
-
 
 def driven(old: str = "", new: str = "") -> Outcome:
     """Run EVA on the drive with one text of the contracts replaced."""
