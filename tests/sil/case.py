@@ -145,7 +145,7 @@ def made_case(name: str, made: Folder, total: TotalMap, config: Config, scratch:
     options = made.manifest["options"]
     software = Software(library, options["prefix"], options["precision"], config)
     units = Units(made, total, config, library)
-    return Case(name, tree, Built(made, total, software), units, opened, compiler, known=known)
+    return Case(name, tree, Built(made, total, lambda: software), units, opened, compiler, known=known)
 
 
 def named(name: str, scratch: Path, compiler: Compiler) -> Case:
