@@ -14,6 +14,7 @@ from tests.identify.test_held import gentle
 from tests.identify.test_identification import SEED
 
 
+@pytest.mark.long
 def test_a_car_with_roll_that_the_model_does_not_contain_is_predicted_and_its_slip_angles_are_right() -> None:
     config = configured_car(true_car(SEED)[0])
     course = Course(config)
@@ -36,6 +37,7 @@ def test_a_car_with_roll_that_the_model_does_not_contain_is_predicted_and_its_sl
         assert found.values()[f"{axle}_stiffness"] == pytest.approx(true, rel=0.03), axle
 
 
+@pytest.mark.long
 def test_the_covariance_says_how_another_held_value_moves_the_others() -> None:
     change = 0.04
     _, _, found = gentle()

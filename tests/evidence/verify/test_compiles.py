@@ -10,9 +10,10 @@ from codegen.verify.compilation import mixtures
 from tests.verify import builds, planted
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "grid", "precision"),
-    [pytest.param("tracking", "even", "single", marks=pytest.mark.long), ("pi", "uneven", "double")],
+    [("tracking", "even", "single"), ("pi", "uneven", "double")],
 )
 def test_a_build_compiles_cleanly(kind: Kind, grid: str, precision: Precision) -> None:
     subject = planted.subject_of(builds.made(kind, grid, precision=precision))

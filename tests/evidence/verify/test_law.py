@@ -23,6 +23,7 @@ def checked(subject: Subject) -> Outcome:
     return law.check(subject, Effort(quick=True))
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("few_drives")
 def test_a_build_equals_its_second_implementation() -> None:
     found = checked(planted.subject_of(builds.made("tracking", "uneven")))

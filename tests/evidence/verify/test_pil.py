@@ -38,6 +38,7 @@ def checked(subject: Subject) -> Outcome:
     return pil.check(subject, Effort(quick=True))
 
 
+@pytest.mark.long
 def test_a_build_has_the_same_bits_on_a_core(monkeypatch: pytest.MonkeyPatch) -> None:
     """This runs the whole check with few steps."""
     on(monkeypatch, CORTEX_M4F)

@@ -32,6 +32,7 @@ def checked(subject: Subject) -> Outcome:
     return sanitizers.check(subject, QUICK)
 
 
+@pytest.mark.long
 def test_a_build_passes() -> None:
     outcome = checked(planted.subject_of(TRACKING))
     assert (outcome.findings, outcome.verdict) == ((), Verdict.PASSED)
@@ -86,6 +87,7 @@ def test_wrong_results_of_every_suite_are_found() -> None:
         assert any(re.match(pattern, finding) for finding in outcome.findings), (pattern, outcome.findings)
 
 
+@pytest.mark.long
 def test_c_that_does_not_compile_or_does_not_return(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sanitizers, "run_all", lambda config, runner: [])  # the fault catalogue takes longest
     (finding,) = checked(planted.subject_of(TRACKING, ars_limiter="int broken(;\n")).findings
