@@ -19,9 +19,8 @@ from dcmReader.dcm_reader import DcmReader
 from matplotlib.axes import Axes
 
 from codegen import configuration
-from codegen.configuration import Config
 from codegen.emit.controller_view import controller_parameters
-from codegen.emit.folder import Folder
+from codegen.emit.folder import Folder, read_manifest
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import limiter_parameters
 from codegen.errors import CodegenError
@@ -343,9 +342,13 @@ END
 # --- conversion ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("config", [configuration.preset("recommended"), *builds.CONFIGS.values()])
-def test_every_key_gives_its_parameter(config: Config) -> None:
+CONFIGS = {"4ws2": configuration.parse(read_manifest(BUILD)["configuration"], "4ws2"), **builds.CONFIGS}
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_every_key_gives_its_parameter(name: str) -> None:
     """The value of each key returns from the value of its parameter."""
+    config = CONFIGS[name]
     parameters = (*controller_parameters(config), *inputs_parameters(config), *limiter_parameters(config))
     keys = [each.key for each in parameters if each.key]
     assert len(set(keys)) == len(keys) > 0.75 * len(parameters)
