@@ -34,7 +34,7 @@ screenshots: sil docs ## report, explorer and guide as pictures at three widths,
 	@$(BIN)/python scripts/screenshots.py build/screenshots
 
 test: $(READY) ## the tests that every change needs; minutes
-	@$(BIN)/python -m pytest -n auto -q
+	@$(BIN)/python -m pytest -n auto -qq
 
 evidence: $(READY) ## what a release needs, with records in docs/evidence; PART=name for one part, QUICK=1 as CI runs it
 	@$(BIN)/python -m tests.evidence $(PART) $(if $(QUICK),--quick)

@@ -1,7 +1,7 @@
 """Builds under test: each a map, its rendered folder and the compiled software.
 
-A build is made on first use. All workers share its compiled library through the cache of `codegen.sil.compile`; a lock prevents
-two workers from compiling the same one.
+A build is rendered and compiled on first use. All workers share its files (see `tests.shared`), and its compiled library
+through the cache of `codegen.sil.compile`; a lock prevents two workers from compiling the same one.
 """
 
 import functools
@@ -59,15 +59,20 @@ SPEED, FRONT_ANGLE = 15.0, 0.07
 
 @dataclass(frozen=True, eq=False)
 class Built:
-    """A build in memory, compiled.
+    """A build in memory.
 
     Attributes:
-        folder: the generated files. total: the map they contain. software: the compiled C.
+        folder: the generated files. total: the map they contain. compile: returns the compiled C; `software` calls it once.
     """
 
     folder: Folder
     total: TotalMap
-    software: Software
+    compile: Callable[[], Software]
+
+    @functools.cached_property
+    def software(self) -> Software:
+        """The compiled C."""
+        return self.compile()
 
     @functools.cached_property
     def lookup(self) -> Lookup:
@@ -99,18 +104,27 @@ class Built:
 
 
 def render(reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> Folder:
-    """Return the generated folder of a map."""
-    return build(
-        reference_map, config, BuildOptions("sample", precision=precision), BuildInputs("sample.npz", "0" * 64, "preset")
-    )
+    """Return the generated folder of a map, rendered once per run."""
+
+    def make() -> Folder:
+        options, inputs = BuildOptions("sample", precision=precision), BuildInputs("sample.npz", "0" * 64, "preset")
+        return build(reference_map, config, options, inputs)
+
+    own = reference_map.config and reference_map.config.model_dump_json()
+    content = hashlib.sha256(refmap.to_bytes(reference_map)).hexdigest()
+    folder: Folder = shared.once(f"render {precision} {content} {own} {config.model_dump_json()}", make)
+    return folder
 
 
 def make(reference_map: ReferenceMap, config: Config = CONFIG, precision: Precision = "single") -> Built:
-    """Render and compile a build."""
+    """Return the build of a map."""
     folder = render(reference_map, config, precision)
-    with shared.locked(f"compile {hashlib.sha256(render_manifest(folder)).hexdigest()}"):
-        software = compile_build(folder.files, folder.manifest)
-    return Built(folder, extend(reference_map, config), software)
+
+    def compiled() -> Software:
+        with shared.locked(f"compile {hashlib.sha256(render_manifest(folder)).hexdigest()}"):
+            return compile_build(folder.files, folder.manifest)
+
+    return Built(folder, extend(reference_map, config), compiled)
 
 
 @functools.cache

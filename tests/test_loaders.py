@@ -13,7 +13,7 @@ import pytest
 
 from tests.loader_cases import damaged, fault_of, fault_of_file, loaders
 
-CASES = 60
+CASES = 30
 """Cases for each loader of full weight."""
 LOADERS = loaders()
 DELETED = object()
@@ -24,8 +24,9 @@ def test_damaged_files_are_read_or_rejected_in_one_line(name: str, tmp_path: Pat
     loader, generator = LOADERS[name], np.random.default_rng(1)
     path = tmp_path / loader.name
     path.write_bytes(loader.seed)
-    loader.load(path)
-    for case in range(max(2, round(CASES * loader.weight))):
+    if loader.weight > 0.1:  # the tests of slow readers read sound files
+        loader.load(path)
+    for case in range(max(1, round(CASES * loader.weight))):
         assert fault_of(loader, damaged(loader.seed, generator), tmp_path) == "", case
     assert capfd.readouterr().err == "", "output of a reader in addition to its error"
 

@@ -39,7 +39,7 @@ from codegen.sil.toolchain import compiler_command, compiler_identity, find_comp
 __all__ = ["DEFAULT_FLAGS", "Library", "Mode", "cache_folder", "compile_library", "derive_cdef", "find_compiler"]
 
 DEFAULT_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-Wall", "-Wextra", "-Werror")
-CACHE_FORMAT = 1
+CACHE_FORMAT = 2
 """Version of the cache; increase it when the content of an entry or the way it is built changes."""
 
 Mode = Literal["auto", "api", "abi"]
@@ -251,6 +251,7 @@ def _compile_glue(job: _Job, ffi: Any, tree: Path, search: Sequence[str]) -> Non
     includes = "".join(f'#include "{header}"\n' for header in job.headers)
     make_c_source(ffi, job.module_name, includes, str(tree.parent / "glue.c"))
     flags = [flag for flag in job.flags if not _STRICTNESS.fullmatch(flag)]
+    flags.append("-O0")  # the glue converts arguments; optimising it takes longer than the C itself
     python = [f"-I{folder}" for folder in _python_include_folders()]
     command = [*job.compiler, *flags, "-fPIC", "-I.", *search, *python, "-c", "../glue.c", "-o", "../glue.o"]
     require_success(run(command, tree), "the glue code of cffi")

@@ -7,7 +7,7 @@ from codegen.configuration import Kind
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
 from codegen.emit.write import write_folder
-from tests import builds, shared
+from tests import builds
 
 KINDS: tuple[Kind, ...] = tuple(builds.CONFIGS)
 EACH_KIND_AND_DOUBLE: tuple[tuple[Kind, Precision], ...] = (*((kind, "single") for kind in KINDS), ("tracking", "double"))
@@ -16,12 +16,6 @@ EACH_KIND_AND_DOUBLE: tuple[tuple[Kind, Precision], ...] = (*((kind, "single") f
 @functools.cache
 def rendered(kind: Kind, precision: Precision = "single") -> Folder:
     """Return the build of a kind with the paper's map."""
-    make = functools.partial(_render, kind, precision)
-    folder: Folder = shared.once(f"rendered {kind} {precision}", make)
-    return folder
-
-
-def _render(kind: Kind, precision: Precision) -> Folder:
     return builds.render(builds.paper_map(), builds.CONFIGS[kind], precision)
 
 

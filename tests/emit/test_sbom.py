@@ -6,13 +6,14 @@ import json
 from cyclonedx.model.bom import Bom
 from cyclonedx.model.component import ComponentType
 from cyclonedx.schema import SchemaVersion
-from cyclonedx.validation.json import JsonStrictValidator
 
 from codegen.emit.take_over import FILE
 from tests.emit.rendered import rendered
 
 
 def test_the_bill_of_materials_is_valid_and_lists_every_file_with_its_hash() -> None:
+    from cyclonedx.validation.json import JsonStrictValidator  # takes seconds, which every worker would spend
+
     files = rendered("tracking").files
     text = files[FILE].decode("ascii")
     assert JsonStrictValidator(SchemaVersion.V1_6).validate_str(text) is None

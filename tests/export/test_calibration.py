@@ -2,6 +2,7 @@
 
 import functools
 import math
+import os
 import re
 import struct
 import subprocess
@@ -19,9 +20,9 @@ from matplotlib.axes import Axes
 
 from codegen import configuration
 from codegen.emit.controller_view import controller_parameters
+from codegen.emit.folder import Folder, read_manifest
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import limiter_parameters
-from codegen.emit.write import write_folder
 from codegen.errors import CodegenError
 from codegen.export.calibration.build import BuildCalibration
 from codegen.export.calibration.convert import map_of, toml_of
@@ -35,7 +36,8 @@ from tests import builds, shared
 from tests.calibrations import addressed, records_of
 from tests.cli.conftest import Answer, refused, run
 from tests.export.test_a2l import compiled
-from tests.sil.placed import placed
+from tests.sil.case import named
+from tests.sil.library import Compiler
 
 __all__ = ["refused", "run"]  # fixtures
 
@@ -47,31 +49,30 @@ FORMATS = sorted(READERS)
 DISABLE, ENABLE, GAIN = "ars.parameters.disable_speed", "ars.parameters.enable_speed", "ars.parameters.integral_gain"
 
 
-def _written(name: str, folder: Any) -> Path:
-    with shared.locked(f"calibration {name}") as path:
-        if not (path / "build").exists():
-            write_folder(folder, path / "build")
-        return path / "build"
+def _int16() -> Folder:
+    """Return a build whose tables are stored as int16."""
+    scratch = shared.folder() / f"int16 {os.getpid()}"
+    return named("tracking uneven with int16", scratch, Compiler(())).built.folder
+
+
+def _uneven_stack() -> Folder:
+    return builds.render(builds.MAPS["stack of two, uneven"](), builds.CONFIGS["tracking"])
 
 
 BUILDS: dict[str, Callable[[], Path]] = {
     "4ws2": lambda: BUILD,
     "4ws2-paper": lambda: GENERATED / "4ws2-paper",
-    "feedforward": lambda: shared.build_folder("feedforward"),
-    "pi": lambda: shared.build_folder("pi"),
-    "proportional": lambda: shared.build_folder("proportional"),
     "tracking, double": lambda: shared.build_folder("tracking", "double"),
-    "int16": lambda: _written("int16", placed("tracking", "single", "int16")[0].built.folder),
-    "uneven stack": lambda: _written(
-        "uneven stack", builds.render(builds.MAPS["stack of two, uneven"](), builds.CONFIGS["tracking"])
-    ),
+    "int16": lambda: shared.written("calibration int16", _int16),
+    "uneven stack": lambda: shared.written("calibration uneven stack", _uneven_stack),
 }
-"""All kinds, both precisions, scaled storage, uneven axes and a stack."""
+"""Two kinds, both precisions, scaled storage, uneven axes and a stack. tests/evidence/kinds has the other kinds."""
 
 
 @functools.cache
 def loaded(name: str = "4ws2") -> BuildCalibration:
-    return BuildCalibration.load(BUILDS[name]())
+    """Return the calibration of one of BUILDS, or of a kind of controller."""
+    return BuildCalibration.load(BUILDS[name]() if name in BUILDS else shared.build_folder(name))  # type: ignore[arg-type]
 
 
 def changed(**changes: Any) -> Values:
@@ -107,18 +108,23 @@ def another(build: BuildCalibration) -> Values:
 # --- files --------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", BUILDS)
-def test_every_value_returns_from_both_formats_with_the_same_bits(name: str, tmp_path: Path) -> None:
+def check_round_trip(name: str, folder: Path) -> None:
+    """Check that every value returns from both formats with the same bits."""
     build = loaded(name)
     values = another(build)
     differing = [each for each in build.values if not np.array_equal(values[each], build.values[each])]
     assert len(differing) > 0.7 * len(values)
     for suffix in FORMATS:
-        found = read_set(write(values, tmp_path / f"set{suffix}", name), build.layout)
+        found = read_set(write(values, folder / f"set{suffix}", name), build.layout)
         assert found.keys() == values.keys() == build.layout.objects.keys()
         for each, numbers in found.items():
             assert (numbers.dtype, numbers.shape) == (values[each].dtype, values[each].shape), each
             assert numbers.tobytes() == values[each].tobytes(), each
+
+
+@pytest.mark.parametrize("name", BUILDS)
+def test_every_value_returns_from_both_formats_with_the_same_bits(name: str, tmp_path: Path) -> None:
+    check_round_trip(name, tmp_path)
 
 
 def test_the_values_are_those_of_the_c_source() -> None:
@@ -336,10 +342,13 @@ END
 # --- conversion ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["4ws2", "4ws2-paper", "feedforward", "proportional", "tracking, double"])
+CONFIGS = {"4ws2": configuration.parse(read_manifest(BUILD)["configuration"], "4ws2"), **builds.CONFIGS}
+
+
+@pytest.mark.parametrize("name", CONFIGS)
 def test_every_key_gives_its_parameter(name: str) -> None:
     """The value of each key returns from the value of its parameter."""
-    config = configuration.parse(loaded(name).manifest["configuration"], name)
+    config = CONFIGS[name]
     parameters = (*controller_parameters(config), *inputs_parameters(config), *limiter_parameters(config))
     keys = [each.key for each in parameters if each.key]
     assert len(set(keys)) == len(keys) > 0.75 * len(parameters)
@@ -407,13 +416,13 @@ def test_a_set_goes_into_the_file_of_codegen_init(name: str, preset: configurati
     assert not toml_of(values, build, path).changed  # every parameter is that of the set
 
 
-@pytest.mark.parametrize("name", ["4ws2", "4ws2-paper", "uneven stack", "int16"])
-def test_a_map_of_the_set_builds_the_same_map(name: str, tmp_path: Path) -> None:
-    """The lookup of a build of the written map returns that of the set at its own breakpoints."""
+def check_map_of_set(name: str) -> None:
+    """Check that the lookup of a build of the written map returns that of the set at its own breakpoints."""
     build = loaded(name)
     written = map_of(build.values, build, "set")
     assert not written.lost
-    again = BuildCalibration.load(_written(f"map of {name}", builds.render(written.map, written.map.config or builds.CONFIG)))
+    folder = builds.render(written.map, written.map.config or builds.CONFIG)
+    again = BuildCalibration.load(shared.written(f"map of {name}", lambda: folder))
     with_rear = written.map.rear_angle is not None
     speed, angle = np.float32(written.map.speed), np.float32(written.map.front_angle)
     for friction in build.manifest["map"]["frictions"]:
@@ -422,6 +431,11 @@ def test_a_map_of_the_set_builds_the_same_map(name: str, tmp_path: Path) -> None
         for first, second in zip(one, two, strict=True):
             # Five roundings to single precision of numbers up to 2.
             assert np.abs(first - second).max() < 5 * 2 * np.finfo(np.float32).eps
+
+
+@pytest.mark.parametrize("name", ["uneven stack", "int16"])
+def test_a_map_of_the_set_builds_the_same_map(name: str) -> None:
+    check_map_of_set(name)
 
 
 # --- images -------------------------------------------------------------------------------------------------------------

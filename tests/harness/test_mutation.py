@@ -23,7 +23,7 @@ from tests.evidence.progress import Progress
 from tests.sil.case import Case
 from tests.sil.suite import SANITIZED, Judge, judges_of
 
-E2E, CALIBRATION = "src/ars_e2e.c", "src/ars_calibration.c"
+E2E, CHECKSUM = "src/ars_e2e.c", "src/ars_checksum.c"
 SAMPLE = 16
 
 
@@ -73,7 +73,7 @@ def test_endless_loops_and_crashes_kill_but_faults_of_machine_or_original_c_do_n
 
 def test_an_ineffective_judge_is_found() -> None:
     blind = Judge("blind", lambda case: None)
-    tally = campaign(["4ws2-paper"], (CALIBRATION,), lambda kind, path: [judges_of(kind, path)[0], blind])
+    tally = campaign(["4ws2-paper"], (CHECKSUM,), lambda kind, path: [judges_of(kind, path)[0], blind])
     assert tally.powerless == ["blind"]
 
 

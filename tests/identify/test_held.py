@@ -62,24 +62,6 @@ def test_a_curve_that_was_not_driven_beyond_its_slip_bound_spreads_as_was_assume
     assert in_band(true, known, found, "front").all()
 
 
-def test_the_covariance_says_how_another_held_value_moves_the_others() -> None:
-    change = 0.04
-    _, _, found = gentle()
-    _, _, other = gentle(1.3 + change)
-    names = list(found.names)
-    held = [names.index(name) for name in names if not found.quantities[name].is_identified]
-    assert held == [names.index(name) for name in names if not other.quantities[name].is_identified]
-    deviations = np.array([found.quantities[name].standard_deviation for name in names])
-    covariance = found.correlation * np.outer(deviations, deviations)
-    moves = covariance[:, held] @ np.linalg.inv(covariance[np.ix_(held, held)])
-    moved = moves[:, held.index(names.index("front_shape"))] * change
-    for name in ("front_peak", "front_curvature"):
-        actual = other.values()[name] - found.values()[name]
-        assert abs(actual) > 0.02 * found.quantities[name].standard_deviation, name
-        # A fifth: the curve is not linear in C, and noise and steps of the fit are found anew.
-        assert moved[names.index(name)] == pytest.approx(actual, rel=0.2), name
-
-
 def in_band(true: Config, known: Config, found: Identification, axle: str) -> BoolArray:
     """Return whether the true side force is in the band of drawn cars, at POINTS slips up to the one that was reached."""
     identified = parse(tomllib.loads(identified_toml(found, whole(known, "a test"), "test")), "test")

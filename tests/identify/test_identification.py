@@ -15,15 +15,12 @@ from codegen.identify.estimate import Fit
 from codegen.identify.held import undetermined_curves
 from codegen.identify.identifiability import Direction, Identifiability, analyse
 from codegen.identify.parameters import BY_NAME, CURVES, configured
-from codegen.identify.reached import reached
 from codegen.identify.result import identified_keys, identified_toml, understeer_gradient
 from codegen.identify.run import Identification, Quantity, identify, judge
 from codegen.identify.validation import validate, whiteness
 from codegen.units import DEGREE
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim.third_plant import DEFAULT
 from tests.identify.drives import SENSOR, Course, Part, configured_car, drive, true_car, truth
-from tests.identify.foreign import LeaningPlant
 
 SEED = 3
 DEVIATIONS_MAX = 3.5
@@ -211,28 +208,6 @@ def test_stiffnesses_and_inertia_are_taken_together(share: float, is_taken: bool
     assert each.note.startswith("weakly determined") == (share == 0.5)
 
 
-def test_a_car_with_roll_that_the_model_does_not_contain_is_predicted_and_its_slip_angles_are_right() -> None:
-    config = configured_car(true_car(SEED)[0])
-    course = Course(config)
-    fitted = (course.turns(40.0, duration=15.0), course.turns(80.0, duration=15.0), course.front_sweep(60.0))
-    drives = [
-        drive(config, parts, k, plant=LeaningPlant(config), signals=(*SENSOR, "delta_r_command", "sideslip"))
-        for k, parts in enumerate((fitted, course.hold_out()))
-    ]
-    found = identify(config, drives[:1])
-    prediction = validate(found, drives[1])
-    assert prediction.identified.yaw_rate_error < 0.5 * prediction.configured.yaw_rate_error
-    assert not prediction.whiteness["yaw_rate"].is_white
-    assert reached(found.vehicle, config).lateral_acceleration == pytest.approx(4.0, abs=1.5)
-    # The accelerometer rolls with the body: 4 deg/g. The slopes of the tyres are those of the third plant.
-    assert found.values()["lateral_acceleration_factor"] == pytest.approx(
-        1.0 + DEFAULT.roll_per_lateral_acceleration * 9.81, rel=0.01
-    )
-    for axle, percent in zip(("front", "rear"), DEFAULT.stiffness_percent, strict=True):
-        true = configured(config)[f"{axle}_stiffness"] * (1.0 + 0.01 * percent)
-        assert found.values()[f"{axle}_stiffness"] == pytest.approx(true, rel=0.03), axle
-
-
 def test_what_is_missing_is_named() -> None:
     config, _, drives = driven()
     known, one = configured_car(config), drives[0]
@@ -275,7 +250,7 @@ def test_tyres_without_relaxation_length() -> None:
     course = Course(config)
     guess = configured_car(config).model_dump(mode="json")
     guess["plant"]["relaxation_length_m"] = 0.3
-    drives = [drive(config, (course.front_sweep(50.0), course.front_sweep(90.0)), 0)]
+    drives = [drive(config, (course.front_sweep(70.0),), 0)]
     each = identify(parse(guess, "guess"), drives).quantities["relaxation_length"]
     assert each.is_identified
     assert each.value == 0.0
@@ -312,5 +287,5 @@ def test_a_wrong_wheelbase_is_noted() -> None:
     config, _, drives = driven()
     known = configured_car(config)
     vehicle = known.vehicle.model_copy(update={"cg_to_front_axle_m": 1.2 * known.vehicle.cg_to_front_axle_m})
-    notes = identify(known.model_copy(update={"vehicle": vehicle}), drives[:3]).notes
+    notes = identify(known.model_copy(update={"vehicle": vehicle}), drives[:1]).notes
     assert any(note.endswith("check the configured wheelbase and mass, and the measured speed") for note in notes)

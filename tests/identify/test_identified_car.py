@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pandas as pd
@@ -23,17 +24,24 @@ def write(path: Path, one: Drive) -> None:
     pd.DataFrame({"time_s": one.time, **columns}).to_csv(path, index=False)
 
 
-@pytest.fixture
-def files(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a configuration, a drive, and a drive to hold out."""
+    folder = tmp_path_factory.mktemp("made")
     config, errors = true_car(SEED)
     course = Course(config)
     parts = (course.turns(60.0), course.front_sweep(50.0), course.rear_sweep(80.0), course.rear_steps())
     signals = (*SENSOR, "delta_r_command")
-    write(tmp_path / "one.csv", drive(config, parts, 0, errors, signals=signals))
-    write(tmp_path / "two.csv", drive(config, course.hold_out(), 1, errors, signals=signals))
-    (tmp_path / "ars.toml").write_text(whole(configured_car(config), "a test"), encoding="utf-8")
-    return tmp_path
+    write(folder / "one.csv", drive(config, parts, 0, errors, signals=signals))
+    write(folder / "two.csv", drive(config, course.hold_out(), 1, errors, signals=signals))
+    (folder / "ars.toml").write_text(whole(configured_car(config), "a test"), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def files(made: Path, tmp_path: Path) -> Path:
+    """Return a copy of the folder for one test."""
+    return Path(shutil.copytree(made, tmp_path / "files"))
 
 
 def test_a_configuration_a_report_and_facts_are_written(run: Run, files: Path) -> None:
@@ -82,7 +90,7 @@ def test_what_is_missing_or_would_be_lost_is_refused_before_anything_is_written(
 
 
 def test_no_report_is_left_if_the_configuration_cannot_be_written(refused: Refused, files: Path) -> None:
-    given = ("identify", "--log", files / "one.csv", "--config", files / "ars.toml", "--report", files / "found.html")
+    given = ("identify", "--log", files / "two.csv", "--config", files / "ars.toml", "--report", files / "found.html")
     assert "cannot be written (File name too long)" in refused(*given, "-o", files / f"{'x' * 250}.toml")
     assert not (files / "found.html").exists()
 

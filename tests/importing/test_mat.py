@@ -35,6 +35,7 @@ def message(data: bytes) -> str:
     return str(error.value)
 
 
+@pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize("packed", [False, True])
 def test_every_kind_and_shape_is_read_back(packed: bool) -> None:
     """Texts, cells and nested structs are omitted; names that `numpy.savez` reserves are kept."""
@@ -55,6 +56,7 @@ def test_every_kind_and_shape_is_read_back(packed: bool) -> None:
             assert found[key].dtype == (np.uint8 if array.dtype == np.bool_ else array.dtype), key
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_version_4_and_the_other_byte_order() -> None:
     arrays = {f"of_{kind}": np.arange(12).reshape(3, 4).astype(kind) for kind in ("f8", "f4", "i4", "i2", "u2", "u1", "c16")}
     found = read(saved({**arrays, "t": "a text", "b": np.eye(2)}, format="4"))

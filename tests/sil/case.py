@@ -145,7 +145,7 @@ def made_case(name: str, made: Folder, total: TotalMap, config: Config, scratch:
     options = made.manifest["options"]
     software = Software(library, options["prefix"], options["precision"], config)
     units = Units(made, total, config, library)
-    return Case(name, tree, Built(made, total, software), units, opened, compiler, known=known)
+    return Case(name, tree, Built(made, total, lambda: software), units, opened, compiler, known=known)
 
 
 def named(name: str, scratch: Path, compiler: Compiler) -> Case:
@@ -164,7 +164,8 @@ def named(name: str, scratch: Path, compiler: Compiler) -> Case:
     if not feature:
         return made_case(name, builds.render(reference_map, config, precision), total, config, scratch, compiler)
     total = _with_int16(total) if feature == "int16" else _with_grip(total)
-    placed = Placed(total, "uneven", 0, MeasuredError(), (0.0, 0.0), "table", (0.0, 1.0), (0.0, 1.0), 1)
+    speeds, angles = ((float(axis[0]), float(axis[-1])) for axis in (reference_map.speed, reference_map.front_angle))
+    placed = Placed(total, "uneven", 0, MeasuredError(), (0.0, 0.0), "table", speeds, angles, 1)
     options = BuildOptions("sample", request=Request(1.0, None, "float", ""))
     with mock.patch("codegen.emit.build.choose", return_value=placed):
         folder = build(reference_map, config, options, BuildInputs("sample.npz", "0" * 64, "preset"))

@@ -37,13 +37,13 @@ from tests.emit.rendered import laid_out
 from tests.emit.test_contracts import FLAGS
 from tests.optimum.cars import changed
 
-CASE, ACCELERATIONS = "4ws-2", (-6.0, -4.0, -2.0, 0.0, 3.0)
+CASE, ACCELERATIONS = "4ws-2", (-6.0, -4.0, 0.0, 3.0)
 KINDS: tuple[Kind, ...] = ("pi", "tracking")
 BRAKING = -4.0
 COMMITTED = Path(__file__).parents[2] / "generated" / "4ws2.npz"
 SETTLED = 150
 """Sample from which the turn is steady: it begins at 0.5 s, and the wheel is held from 1 s on."""
-GRID = {"speed_points": 25, "front_angle_points": 20}
+GRID = {"speed_points": 17, "front_angle_points": 14}
 
 
 @functools.cache
@@ -67,9 +67,9 @@ def made(kind: Kind) -> Built:
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_lookup_equals_its_reference_bit_for_bit(kind: Kind) -> None:
     built, rng = made(kind), np.random.default_rng(0)
-    accelerations = (*ACCELERATIONS, *rng.uniform(-9.0, 6.0, 12), math.nan, math.inf, -math.inf, 1e38)
+    accelerations = (*ACCELERATIONS, *rng.uniform(-9.0, 6.0, 5), math.nan, math.inf, -math.inf, 1e38)
     frictions = (math.nan, 0.9, 0.6, 0.05, 1e-40, 0.0, -1.0, math.inf)
-    speed, angle = (rng.uniform(-low, high, 500).astype(np.float32) for low, high in ((5.0, 70.0), (0.8, 0.8)))
+    speed, angle = (rng.uniform(-low, high, 200).astype(np.float32) for low, high in ((5.0, 70.0), (0.8, 0.8)))
     for friction in frictions:
         for acceleration in accelerations:
             found = built.software.map_yaw_rate(speed, angle, friction, acceleration)

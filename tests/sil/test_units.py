@@ -16,10 +16,9 @@ KINDS: dict[str, Kind] = {
     "4ws2": "tracking",
     "feedforward single": "feedforward",
     "proportional single": "proportional",
-    "pi double": "pi",
     "tracking double": "tracking",
 }
-"""Kind of the controller by the name of the case; the first two are the committed builds."""
+"""Kind of the controller by the name of the case; the first two are the committed builds. The evidence has "pi double"."""
 
 OF_THE_KIND = ("calibration", "controller", "task")
 """Units that depend on the control law. The others are the same C in every kind of one precision; two kinds cover them."""

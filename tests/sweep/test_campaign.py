@@ -71,17 +71,26 @@ def a_link_to_itself(folder: Path, plan: Plan) -> None:
     part_path(folder, 0).symlink_to(part_path(folder, 0).name)
 
 
-@pytest.mark.parametrize("damage", [cut, copied, shortened, without_a_column, a_pipe, a_link_to_itself])
-def test_an_interrupted_campaign_resumes_and_a_damaged_part_is_run_again(
-    plan: Plan, whole: Path, tmp_path: Path, damage: Callable[[Path, Plan], None]
-) -> None:
+@pytest.fixture(scope="module")
+def interrupted(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a campaign that was interrupted after two chunks."""
+
     def interrupt(number: int) -> None:
         if number == 1:
             raise KeyboardInterrupt
 
-    folder, again, idle, progress = tmp_path / "out", Recording(), Recording(), []
+    folder = tmp_path_factory.mktemp("interrupted") / "out"
     with pytest.raises(KeyboardInterrupt, match="2 of 3 chunks are kept; run the same command to resume"):
         run_campaign(plan, folder, Recording(interrupt))
+    return folder
+
+
+@pytest.mark.parametrize("damage", [cut, copied, shortened, without_a_column, a_pipe, a_link_to_itself])
+def test_an_interrupted_campaign_resumes_and_a_damaged_part_is_run_again(
+    plan: Plan, whole: Path, interrupted: Path, tmp_path: Path, damage: Callable[[Path, Plan], None]
+) -> None:
+    folder, again, idle, progress = tmp_path / "out", Recording(), Recording(), []
+    shutil.copytree(interrupted, folder)
     damage(folder, plan)
     (folder / "parts" / ".00000002.parquet.x.tmp").write_bytes(b"left by a kill")
     made = run_campaign(plan, folder, again, lambda done, total: progress.append((done, total)))

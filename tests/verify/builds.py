@@ -1,11 +1,7 @@
 """Builds to verify, in memory, each made once per run."""
 
 import functools
-import os
-import shutil
 from typing import Any
-
-import pytest
 
 from codegen import configuration
 from codegen.configuration import Config, Kind
@@ -18,10 +14,6 @@ from codegen.optimum.solve import solve_case, solve_stack
 from codegen.sil.software import Software, compile_build
 from tests import shared
 from tests.builds import SCHEDULE, UNEVEN_ANGLE, UNEVEN_SPEED, altered_folder
-
-needs_frama_c = pytest.mark.skipif(
-    "CI" not in os.environ and shutil.which("frama-c") is None, reason="Frama-C is not installed"
-)
 
 CASE = "4ws-2"
 KINDS: tuple[Kind, ...] = ("tracking", "pi", "feedforward", "proportional")

@@ -1,7 +1,6 @@
-"""Check `law`: a build equals its second implementation, and differences are found. tests/evidence/verify covers every kind."""
+"""Check `law`: differences from the second implementation are found. tests/evidence/verify has sound builds of every kind."""
 
 import dataclasses
-import re
 
 import pytest
 
@@ -15,20 +14,14 @@ PI = builds.made("pi", "uneven")
 
 @pytest.fixture
 def few_drives(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Simulate few drives, and skip the slow search for endless loops."""
+    """Simulate few drives and no long ones, and skip the slow search for endless loops."""
+    monkeypatch.setattr(law.LongDrives, "drives", lambda self: iter(()))
     monkeypatch.setattr(law, "SIZE_QUICK", law.Size(60, 300, 3, 200, all_long_drives=False))
     monkeypatch.setattr("codegen.verify.budgets.bounded_loops.complaints", lambda files, manifest: ())
 
 
 def checked(subject: Subject) -> Outcome:
     return law.check(subject, Effort(quick=True))
-
-
-@pytest.mark.usefixtures("few_drives")
-def test_a_build_equals_its_second_implementation() -> None:
-    found = checked(planted.subject_of(builds.made("tracking", "uneven")))
-    assert (found.findings, found.verdict) == ((), Verdict.PASSED)
-    assert min(found.figures["statuses"].values()) > 0
 
 
 @pytest.mark.usefixtures("few_drives")
@@ -50,71 +43,6 @@ def test_a_wrong_command_default_and_frame_are_found(monkeypatch: pytest.MonkeyP
     found = checked(Subject("planted", builds.with_text(PI, "src/ars_task.c", old, new), PI.manifest))
     assert found.verdict is Verdict.FAILED
     assert all(": 0x" in line and "; by the law 0x" in line for line in found.findings)
-
-
-COUNTERS = (
-    # The fail-safe is left at one sample.
-    ("include/ars_controller.h", "    bool enabled; ", "    uint32_t count;\n    bool enabled; "),
-    (
-        "src/ars_controller.c",
-        "    self->initialised = initialised;\n",
-        "    self->initialised = initialised;\n    self->count = 0u;\n",
-    ),
-    (
-        "src/ars_controller.c",
-        "    if (self->quality == ARS_QUALITY_UNUSABLE) {\n",
-        "    self->count = (self->quality == ARS_QUALITY_UNUSABLE) ? (self->count + 1u) : 0u;\n"
-        "    if ((self->quality == ARS_QUALITY_UNUSABLE) && (self->count != 40000u)) {\n",
-    ),
-    # After 256 rejected samples in a row, one good sample less is required.
-    ("include/ars_inputs.h", "    ars_signal_source_t source;\n", "    ars_signal_source_t source;\n    uint32_t count;\n"),
-    (
-        "src/ars_inputs.c",
-        "    self->missing = 0u;\n    self->good = is",
-        "    self->missing = self->count = 0u;\n    self->good = is",
-    ),
-    (
-        "src/ars_inputs.c",
-        "        self->good = 0u;\n    }\n    if (self",
-        "        self->good = 0u;\n        self->count++;\n    }\n    if (self",
-    ),
-    (
-        "src/ars_inputs.c",
-        "    if (self->good >= parameters->recovery_samples) {\n",
-        "    if ((self->good + ((self->count == 256u) ? 1u : 0u)) >= parameters->recovery_samples) {\n"
-        "        self->count = 0u;\n",
-    ),
-    # A 16-bit counter overflows.
-    ("include/ars_limiter.h", "    bool speed_known; ", "    uint16_t count;\n    bool speed_known; "),
-    ("src/ars_limiter.c", "    self->speed_known = false;\n", "    self->speed_known = false;\n    self->count = 0u;\n"),
-    (
-        "src/ars_limiter.c",
-        "            limited_demand = clamp(limited_demand, low, high); /*",
-        "            self->count++;\n            limited_demand = (self->count == 0u) ? 0.0f : limited_demand; /*",
-    ),
-    ("src/ars_e2e.c", "(counter < counter_max) ? (uint8_t)(counter + 1u) : counter", "(uint8_t)(counter + 1u)"),
-    ("src/ars_task.c", "    if (self->frames < UINT8_MAX) {\n        self->frames++;\n    }", "    self->frames++;"),
-)
-"""Faults of counters: path, text and replacement."""
-FOUND = (
-    r"an hour of no signal, sample 400\d\d: .*, STANDBY; by the law .*, FAIL_SAFE; after \(nan, ",
-    r"losses around overflows, recovery after 10 samples, sample \d+: quality 0, .*; by the law quality 3, ",
-    r"limiter without demand, sample 65635: ",
-    r"E2E, silence, sample \d+: ",
-    r"task, limits of its counters, sample \d+: 0x",
-)
-
-
-@pytest.mark.usefixtures("few_drives")
-def test_faults_of_counters_are_found_by_long_drives_only() -> None:
-    files = dict(PI.files)
-    for path, old, new in COUNTERS:
-        files[path] = builds.with_text(dataclasses.replace(PI, files=files), path, old, new)[path]
-    found = checked(Subject("planted", files, PI.manifest)).findings
-    for pattern in FOUND:
-        assert any(re.match(pattern, line) for line in found), (pattern, found)
-    long = ("an hour of ", "losses ", "input losses ", "limiter ", "E2E, ", "task, ")
-    assert all(line.startswith(long) for line in found), found
 
 
 def test_reasons_not_to_run(monkeypatch: pytest.MonkeyPatch) -> None:

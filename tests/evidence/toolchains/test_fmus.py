@@ -27,7 +27,7 @@ def test_misuse_under_sanitizers(version: Version, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["pi", "tracking", "FD, 24 bytes, profile 11C, 29 bits"])
+@pytest.mark.parametrize("kind", ["pi", "tracking", "FD, 24 bytes, profile 11C, 29 bits", "FD, 64 bytes, profile 5"])
 def test_nodes_on_a_bus_in_another_scenario(kind: str) -> None:
     test_fmu_bus.check_run(kind, "step-steer", 500e3, 0.006, True)
 

@@ -26,7 +26,10 @@ from hil_sim.codec import Frame
 from hil_sim.logs import BusLog
 from hil_sim.scenarios import find
 from tests.hil_sim.made import record as drive
+from tests.importing.conftest import in_this_process
 from tests.report.html.test_charts import record
+
+__all__ = ["in_this_process"]
 
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
 INJECTION = "</script><script>alert(1)</script><!-- & 'x' \"y\""
@@ -162,6 +165,7 @@ def test_one_frame_has_no_period_and_is_not_simulated(tmp_path: Path) -> None:
     assert not found.periods and not found.is_simulated
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_runs_of_all_formats_are_evaluated_alike(tmp_path: Path) -> None:
     """Without --scenario, a run is a recording of its speed and steering."""
     config, wanted, driven = preset(), None, drive(2.0, front_angle_rad=lambda time: 0.02 * time)
@@ -210,6 +214,7 @@ def test_fault_markers_and_run_names(tmp_path: Path, monkeypatch: pytest.MonkeyP
         read_files(["run.csv", "run.csv"], CAN)
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_messages_for_files_of_another_kind(tmp_path: Path) -> None:
     exported.save(np.vstack([record(), np.where(np.arange(12) == 0, np.inf, 0.0)]), tmp_path / "endless.csv")
     structs = pa.array([{"x": 1.0}] * 2)

@@ -1,0 +1,27 @@
+"""A kind of controller that is added to the tables is proved, and compared with its second implementation."""
+
+from pathlib import Path
+
+from tests.additions.copy import Copy
+from tests.additions.test_kind import BUILD, MAP, add_kind
+
+CHECK = """
+from codegen.verify import cbmc
+from codegen.verify.check import Effort, Subject, Verdict, stored
+from codegen.verify.contracts import prove
+from codegen.verify.law import check as law
+
+manifest = {"files": {}, **folder.manifest}
+outcome = law.check(Subject("share", folder.files, manifest), Effort(quick=True))
+assert outcome.verdict is Verdict.PASSED, outcome.findings
+
+with stored(folder.files) as place:
+    results = prove(place, cbmc.installed(), wanted=lambda name: name.startswith("ars_law_"))
+assert [each.verdict for each in results] == ["proved", "proved"], results
+"""
+
+
+def test_a_kind_is_verified(tmp_path: Path) -> None:
+    tree = Copy.into(tmp_path / "tree")
+    add_kind(tree)
+    tree.run("-c", BUILD + CHECK, str(MAP))
