@@ -93,7 +93,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
         for one, how in zip(map(dict, pair), ("with", "without"), strict=False)
     }
     largest = max(max(result.slip, result.sideslip) for result in results)
-    figure = f"{len(results)} cars; at most {100.0 * largest:.1f} % of a bound"
+    figure = f"{len(results)} {'car' if effort.quick else 'cars'}; at most {100.0 * largest:.1f} % of a bound"
     return Outcome(SHOWS, figure, Verdict.FAILED if findings else Verdict.PASSED, tuple(findings), figures)
 
 
