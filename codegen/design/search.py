@@ -184,13 +184,13 @@ def _search(cars: Cars, demands: Demands) -> tuple[float, float]:
         best = int(kis.argmax())
         around = np.linspace(kps[max(best - 1, 0)], kps[min(best + 1, kps.size - 1)], REFINED_POINTS)
         kps = np.union1d(around, kps[best])
-        kis = _largest(cars, demands, kps)
+        kis = _largest(cars, demands, kps, float(kis[best]))
     best = int(kis.argmax())
     return float(kps[best]), float(kis[best])
 
 
-def _largest(cars: Cars, demands: Demands, kps: FloatArray) -> FloatArray:
-    """Return the largest Ki for each Kp (n,), by bisection of its logarithm; 0 where even KI_MIN is too much.
+def _largest(cars: Cars, demands: Demands, kps: FloatArray, least: float = KI_MIN) -> FloatArray:
+    """Return the largest Ki for each Kp (n,), by bisection of its logarithm; 0 where even `least` is too much.
 
     A Kp that cannot reach the largest Ki any more is left with a smaller one, found so far.
     """
@@ -200,11 +200,12 @@ def _largest(cars: Cars, demands: Demands, kps: FloatArray) -> FloatArray:
 
     low: FloatArray = np.full(kps.shape, KI_MIN)
     high: FloatArray = np.full(kps.shape, KI_MAX)
-    possible = met(np.arange(kps.size), low)
+    possible = met(np.arange(kps.size), np.full(kps.shape, least))
     low[~possible] = high[~possible] = 0.0
     for _ in range(BISECTIONS):
         some = np.flatnonzero(possible & (high > low.max()))
         middle = np.sqrt(low[some] * high[some])
-        inside = met(some, middle)
+        inside = middle <= least
+        inside[~inside] = met(some[~inside], middle[~inside])
         low[some], high[some] = np.where(inside, middle, low[some]), np.where(inside, high[some], middle)
     return low
