@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from scripts.guide import commands, config_tables, interface_tables
+from scripts.guide import commands, config_tables, evidence_tables, interface_tables
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 REGIONS: Mapping[str, Callable[..., str]] = {
@@ -22,10 +22,13 @@ REGIONS: Mapping[str, Callable[..., str]] = {
     "can-matrix": interface_tables.can_matrix,
     "commands": commands.markdown,
     "diagnostics": interface_tables.diagnostics,
+    "evidence-details": evidence_tables.details,
+    "evidence-summary": evidence_tables.summary,
     "exit-codes": interface_tables.exit_codes,
     "identified-quantities": config_tables.quantities_markdown,
     "map-file": interface_tables.map_file,
     "names-toml": config_tables.names_markdown,
+    "planted-faults": evidence_tables.planted_faults,
     "run-columns": interface_tables.run_columns,
 }
 _REGION = re.compile(

@@ -19,6 +19,7 @@ import pytest
 from codegen.errors import CodegenError
 from codegen.verify.check import Effort, Outcome, Verdict
 from codegen.verify.packages import MissingTool
+from scripts.guide import evidence_tables
 from tests import shared
 from tests.evidence import __main__ as command
 from tests.evidence import pytest_part, record
@@ -124,23 +125,23 @@ def test_bad_input(part: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 
 def test_the_page_shows_the_last_full_run(part: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "docs/_ext"))
-    import evidence_tables
-
     figures = {"count": 30000, "a.c": {"of_all": 1, "wrong": 0}, "b.c": {"of_all": 2000, "wrong": 0}, "kind": {"x|y": [1, 2]}}
-    sample = part(Outcome("it works", "2 of 3", Verdict.FAILED, ("the third is wrong",), figures))
+    sample = part(Outcome("it works", "two of 3", Verdict.FAILED, ("the third is wrong",), figures))
     monkeypatch.setattr(evidence_tables, "PARTS", [sample])
     monkeypatch.setattr(record.read, "__defaults__", (tmp_path,))
-    assert "| `sample` |  | **no full run yet** |  |" in evidence_tables.summary() and not evidence_tables.details()
+    assert evidence_tables.label() == "**no full run yet**: `sample`.\n"
+    assert "sample" not in evidence_tables.summary() + evidence_tables.details()
     command.main([], [sample], tmp_path)
-    assert "| `sample` | 2 of 3 | **failed** | 0 s |" in evidence_tables.summary()
+    assert evidence_tables.label() == "**failed**: `sample`.\n"
+    assert "| `sample` | failed | two of 3 | 0 s |" in evidence_tables.summary()
     page = evidence_tables.details()
-    assert "- the third is wrong\n" in page and "| count | 30,000 |" in page and r"| kind: x\|y | 1, 2 |" in page
+    assert "\nTwo of 3.\n" in page and "- the third is wrong\n" in page
+    assert "| count | 30,000 |" in page and r"| kind: x\|y | 1, 2 |" in page
     assert "|  | of all | wrong |\n| --- | --- | --- |\n| a.c | 1 | 0 |\n| b.c | 2,000 | 0 |\n" in page
     change(tmp_path)
-    assert "| 2 of 3 | **failed, changed since** |" in evidence_tables.summary()
+    assert evidence_tables.label() == "**failed, changed since**: `sample`.\n"
     command.main([], [part()], tmp_path)
-    assert "| 3 of 3 | current |" in evidence_tables.summary()
+    assert evidence_tables.label() == "All are current.\n"
 
 
 def test_a_missing_tool_is_reported_and_leaves_no_record(
