@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from codegen.configuration import Case, Config, Limits, check_name, load, parse, preset, preset_text
+from codegen.configuration import Case, Config, Limits, Road, check_name, load, parse, preset, preset_text
 from codegen.errors import CodegenError, ConfigError
 
 
@@ -306,3 +306,8 @@ def test_a_wrong_key_or_value_is_named(changes: dict[str, Any], words: str) -> N
     assert words in str(raised.value)
     with pytest.raises(ConfigError, match=r"^set 3: "):
         preset().replace(changes, "set 3")
+
+
+def test_a_section_is_validated_too() -> None:
+    with pytest.raises(ConfigError, match=r"^road\.friction: 9 is outside"):
+        preset().replace({"road": Road().model_copy(update={"friction": 9.0})})

@@ -348,11 +348,12 @@ class Config(Section):
 
 def _merged(old: Any, new: Any) -> Any:
     """Return `new`, with the keys that it does not name from `old` if both are tables."""
+    if isinstance(new, Section):
+        return new.model_dump()  # to be validated: `model_copy` does not
     if not isinstance(new, Mapping):
         return new
-    if isinstance(old, Section):
-        old = old.model_dump()
-    return {**old, **{key: _merged(old.get(key), value) for key, value in new.items()}} if isinstance(old, Mapping) else new
+    old = old.model_dump() if isinstance(old, Section) else old if isinstance(old, Mapping) else {}
+    return {**old, **{key: _merged(old.get(key), value) for key, value in new.items()}}
 
 
 def parse(data: Mapping[str, Any], where: object) -> Config:
