@@ -12,6 +12,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PARTS = (
+    ".ci",
     "ars_codegen",
     "codegen",
     "hil_sim",

@@ -108,7 +108,7 @@ def test_missing_tools_are_named(refused: Refused, tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(firmware.shutil, "which", lambda name: name if name in found else None)
     monkeypatch.setattr(firmware.importlib.util, "find_spec", lambda name: None)
     assert "arm-none-eabi-gcc: it is not installed" in refused(*command)
-    assert "ziglang: it is not installed; pip install ziglang" in refused(*command, "--toolchain", "zig")
+    assert 'ziglang: it is not installed; pip install "ziglang' in refused(*command, "--toolchain", "zig")
     monkeypatch.setattr(firmware.importlib.util, "find_spec", lambda name: name)
     found.remove(firmware.QEMU)
     assert "qemu-system-arm: it is not installed" in refused(*command)

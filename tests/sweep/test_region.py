@@ -126,7 +126,7 @@ class _PlantedBatch:
 
     def __init__(self, *swings: list[float]) -> None:
         self.swings = swings
-        self.parameters = builds.paper().software.parameters
+        self.parameters, self.config = builds.paper().software.parameters, builds.CONFIG
 
     def run(self, profile: np.ndarray, *_: object, **__: object) -> np.ndarray:
         samples = profile.shape[0] // round(builds.CONFIG.controller.sampling_time_s / builds.CONFIG.plant.sampling_time_s)
