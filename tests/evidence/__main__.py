@@ -31,8 +31,8 @@ from tests.evidence.record import Record
 SCRATCH = ROOT / "build" / "evidence"
 """Finished steps of parts; those of full runs stay until code changes."""
 CODE = ("codegen/**/*", "hil_sim/**/*", "templates/**/*", "tests/**/*")
-QUICK_PROCESS_COUNT = 2
-"""Parts whose quick forms run at the same time: most use one processor, and some wait for a clock."""
+QUICK_PROCESS_COUNT = 3
+"""Parts whose quick forms run at the same time, on two processors: most use one, and some wait for a clock or a browser."""
 FINDINGS_SHOWN = 20
 """Largest number of findings printed for a part; a record holds all."""
 
