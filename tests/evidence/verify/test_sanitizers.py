@@ -1,35 +1,15 @@
 """Check `sanitizers`: a build passes the suites and the fuzz harnesses, and wrong results of each are found."""
 
-import itertools
 import re
 from dataclasses import replace
 
 import pytest
 
-from codegen.verify import drives
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.check import Verdict
 from codegen.verify.sanitizers import check as sanitizers
 from codegen.verify.sanitizers import program, sanitized
-from hil_sim import fault_catalogue
-from tests.verify import builds, planted
-
-PI, TRACKING = builds.made("pi", "uneven"), builds.made("tracking", "uneven")
-QUICK = Effort(quick=True)
-FAULTS = ("corrupt-3", "corrupt-50")
-
-
-@pytest.fixture(autouse=True)
-def few_cases(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run two scenarios, two faults of the catalogue, and few samples and fuzzed inputs."""
-    scenarios, faults = drives.loops, fault_catalogue.catalogue
-    monkeypatch.setattr(drives, "loops", lambda config: itertools.islice(scenarios(config), 2))
-    monkeypatch.setattr(fault_catalogue, "catalogue", lambda *given: [each for each in faults(*given) if each.name in FAULTS])
-    monkeypatch.setattr(sanitizers, "SAMPLES_QUICK", 1_000)
-    monkeypatch.setattr(sanitizers, "INPUTS_QUICK", 1_000)
-
-
-def checked(subject: Subject) -> Outcome:
-    return sanitizers.check(subject, QUICK)
+from tests.verify import planted
+from tests.verify.test_sanitizers import PI, TRACKING, checked, few_cases  # noqa: F401
 
 
 @pytest.mark.long
