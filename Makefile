@@ -10,7 +10,7 @@ BIN     := $(VENV)/bin
 PINNED  := $(VENV)/.pinned
 RUN     := $(VENV)/.run
 READY   := $(VENV)/.ready
-by_uv    = $(UV) pip install --python $(BIN)/python $(1) || { echo "uv does not read pip's settings; add UV= to use pip" >&2; exit 2; }
+by_uv    = $(UV) pip install --python $(BIN)/python $(1) || { echo "uv failed; add UV= to use pip, whose settings uv does not read" >&2; exit 2; }
 by_pip   = $(BIN)/python -m pip --disable-pip-version-check install --no-compile $(1)
 # Both show their progress on a terminal.
 install  = $(call $(if $(UV),by_uv,by_pip),--no-deps $$([ -t 2 ] || echo -q) $(1))

@@ -82,9 +82,9 @@ def parse(line: str, extra: str = "") -> Requirement:
     return Requirement(match["name"], bounds, extra or (marked["extra"] if marked else ""), match["extras"] or "")
 
 
-def extras_of(asked: Iterable[Requirement]) -> list[str]:
+def extras_of(requirements: Iterable[Requirement]) -> list[str]:
     """Return the names of the extras, in the order of the requirements."""
-    return [extra for extra in dict.fromkeys(each.extra for each in asked) if extra]
+    return [extra for extra in dict.fromkeys(each.extra for each in requirements) if extra]
 
 
 def _numbers(version: str) -> tuple[int, ...]:

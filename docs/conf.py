@@ -1,4 +1,4 @@
-"""The guide: `python -m sphinx -W --keep-going -b html docs build/docs`. Needs no network, and asks no clock.
+"""The guide: `python -m sphinx -W --keep-going -b html docs build/docs`. Needs no network, and the pages contain no time.
 
 The pages are plain Markdown, which a code host shows as well.
 """

@@ -20,6 +20,8 @@ elif ! "$python" -c 'import venv, ensurepip' 2>/dev/null; then
     missing "$python has no venv: install it (Debian, Ubuntu: apt install python3-venv; elsewhere it comes with Python)"
 fi
 
+[ -w . ] || missing "$(pwd) cannot be written: make .venv and build/ in a copy of the checkout"
+
 compiler=$CC
 for candidate in cc gcc clang; do
     [ -n "$compiler" ] && break

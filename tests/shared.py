@@ -27,6 +27,8 @@ VARIABLE = "ARS_TESTS_SHARED"
 """Environment variable with the folder of the run; workers inherit it from the process that starts them."""
 
 
+IS_CI = os.environ.get("CI", "").lower() not in ("", "0", "false")
+"""Whether this is a run in CI, where a test that cannot run is a failure."""
 PREFIX = "ars-tests-run-"
 YOUNG_S = 60.0
 """Minimum age of folders to remove: a younger run may not have locked its folder yet."""

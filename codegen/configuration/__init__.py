@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import json
 import math
 import tomllib
@@ -327,11 +326,19 @@ class Config(Section):
         return parse(data, where)
 
     def unchecked(self, changes: Mapping[str, Any]) -> Config:
-        """Return the configuration with other values at dotted keys, not validated: for arrays, or a check that follows."""
+        """Return the configuration with other values at dotted keys, not validated: for arrays, or a check that follows.
+
+        Raises:
+            ConfigError: there is no such key.
+        """
         config: Config = self
         for key, value in changes.items():
             path = key.split(".")
-            sections = list(itertools.accumulate(path[:-1], getattr, initial=config))
+            sections: list[Any] = [config]
+            for name in path:
+                if name not in getattr(type(sections[-1]), "model_fields", ()):
+                    raise ConfigError("there is no such key", where=key, remedy="docs/ars-toml.md lists all keys")
+                sections.append(getattr(sections[-1], name))
             config = functools.reduce(
                 lambda child, place: sections[place].model_copy(update={path[place]: child}), reversed(range(len(path))), value
             )

@@ -137,7 +137,7 @@ def baseline_configs(config: Config) -> dict[str, Config]:
     paper = configuration.preset()
     papers = {name: getattr(paper.controller, name) for name in PAPERS}
     return {
-        "pi": _with_controller(config, **papers).model_copy(update={"limiter": paper.limiter}),
+        "pi": _with_controller(config, **papers).unchecked({"limiter": paper.limiter}),
         "feedforward": _with_controller(config, kind="feedforward"),
         "proportional": _with_controller(config, kind="proportional"),
     }
@@ -147,7 +147,7 @@ def recommended_config(config: Config) -> Config:
     """Return the recommended controller, not yet tuned, for the car and the family of a configuration."""
     best = configuration.preset("recommended")
     changed = _with_controller(config, kind="tracking", rear_rate_max_deg_s=best.controller.rear_rate_max_deg_s)
-    return changed.model_copy(update={"limiter": best.limiter})
+    return changed.unchecked({"limiter": best.limiter})
 
 
 def tuned(reference_map: ReferenceMap, config: Config, progress: Callable[[int, int], None] | None = None) -> Config:
@@ -156,7 +156,7 @@ def tuned(reference_map: ReferenceMap, config: Config, progress: Callable[[int, 
 
 
 def _with_controller(config: Config, **changes: Any) -> Config:
-    return config.model_copy(update={"controller": config.controller.model_copy(update=changes)})
+    return config.unchecked({f"controller.{key}": value for key, value in changes.items()})
 
 
 def of_config(name: str, reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> Subject:

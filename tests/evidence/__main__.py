@@ -30,7 +30,7 @@ from tests.evidence.record import Record
 
 SCRATCH = ROOT / "build" / "evidence"
 """Finished steps of parts; those of full runs stay until code changes."""
-CODE = ("codegen/**/*", "hil_sim/**/*", "templates/**/*", "tests/**/*")
+CODE = ("ars_codegen/*", "codegen/**/*", "hil_sim/**/*", "scripts/**/*", "templates/**/*", "tests/**/*")
 QUICK_PROCESS_COUNT = 3
 """Parts whose quick forms run at the same time, on two processors: most use one, and some wait for a clock or a browser."""
 FINDINGS_SHOWN = 20

@@ -32,7 +32,7 @@ def read(part: Part, folder: Path = RECORDS) -> Record | None:
     path = folder / f"{part.name}.json"
     try:
         record: Record | None = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
-        if record is None or (record.keys() == KEYS and record["part"] == part.name):
+        if record is None or (record.keys() == KEYS and record["part"] == part.name and record["verdict"] in [*Verdict]):
             return record
     except (ValueError, AttributeError):
         pass
