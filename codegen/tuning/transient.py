@@ -31,6 +31,7 @@ from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.units import KM_H
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters, varied_cars
 from codegen.vehicle.population import Population
+from codegen.vehicle.single_track import SingleTrack
 
 OVERSHOOT_PERCENT, SETTLING_S = 1.3, 1.05
 """Targets for the configured car."""
@@ -76,6 +77,7 @@ odd ones second, so that a drive half way between two speeds depends on only one
 STEPS_PER_LAG = 1.5
 """Plant steps in the shortest lag, where a step of the Runge-Kutta method is 0.1 % off. The committed build is tuned with steps
 of 3.3 ms, with the same result as at 1 ms."""
+STEPS_PER_SAMPLE_MIN = 3
 
 FIGURES = ("overshoot", "settling", "overshoot at larger angles", "settling at larger angles", "rise")
 """Rows of figures, the largest over SHARES: overshoot in percent, the others in s."""
@@ -129,12 +131,23 @@ def compile_controller(reference_map: ReferenceMap, config: Config) -> BatchSoft
 
 
 def _plant_step(config: Config) -> float:
-    """Return the longest plant step in s with STEPS_PER_LAG in every lag of the family, a whole fraction of a sample."""
+    """Return the longest plant step in s with STEPS_PER_LAG in every lag of the family, a whole fraction of a sample.
+
+    Sideslip and yaw rate of the car are lags too, which shrink with the speed: m v/(C_f + C_r) and I v/(C_f lf^2 + C_r lr^2).
+    """
+    car, tuning = SingleTrack.from_config(config), config.tuning
+    slowest = float(breakpoints(config)[0][0])
+    lighter = 1.0 + min(0.0, *tuning.mass_percent) / 100.0
+    stiffer = 1.0 + max(0.0, *tuning.stiffness_percent) / 100.0
+    yaw_stiffness = car.front_stiffness * car.front_arm**2 + car.rear_stiffness * car.rear_arm**2
+    inertias = (car.mass / (car.front_stiffness + car.rear_stiffness), car.yaw_inertia / yaw_stiffness)
     lags = [config.steering.lag_s, config.rear_actuator.lag_s * min(LAG_FACTORS)]
+    lags += [inertia * slowest * lighter / stiffer for inertia in inertias]
     if config.plant.relaxation_length_m:
         lags.append(config.plant.relaxation_length_m / (config.grid.last_speed_km_h * KM_H))
     period = config.controller.sampling_time_s
-    return max(period / math.ceil(period * STEPS_PER_LAG / min(lags)), config.plant.sampling_time_s)
+    steps = max(STEPS_PER_SAMPLE_MIN, math.ceil(period * STEPS_PER_LAG / min(lags)))
+    return max(period / steps, config.plant.sampling_time_s)
 
 
 def tune_response(

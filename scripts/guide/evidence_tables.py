@@ -25,13 +25,13 @@ def label() -> str:
 
 
 def summary() -> str:
-    """Return one row for each full run: its verdict, its figure and its duration."""
+    """Return one row for each part: verdict, figure and duration of its full run."""
     rows = []
     for part in PARTS:
-        if run := record.read(part):
-            seconds = run["duration_s"]
-            duration = "" if seconds is None else f"{seconds} s" if seconds < 120 else f"{round(seconds / 60)} min"
-            rows.append((f"`{part.name}`", run["verdict"], run["figure"], duration))
+        run = record.read(part) or {"verdict": "no full run yet", "figure": "", "duration_s": None}
+        seconds = run["duration_s"]
+        duration = "" if seconds is None else f"{seconds} s" if seconds < 120 else f"{round(seconds / 60)} min"
+        rows.append((f"`{part.name}`", run["verdict"], run["figure"], duration))
     return table(("part", "verdict", "figure", "took"), rows)
 
 

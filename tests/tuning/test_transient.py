@@ -1,10 +1,14 @@
 """Lead and response gain: the chosen pairs, simulated alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from codegen.configuration import Schedule, parse
+from codegen.design.family import nominal
+from codegen.design.sampled import _continuous
 from codegen.tuning import transient
 from codegen.tuning.transient import (
     DEVIATION_OVERSHOOT_PERCENT,
@@ -20,6 +24,7 @@ from codegen.tuning.transient import (
     with_response,
 )
 from codegen.tuning.tune import with_tracking
+from codegen.units import KM_H
 from codegen.vehicle.plant_car import PLANT_PARAMETERS
 from hil_sim.suite.cells import NOMINAL, cells
 from hil_sim.suite.runs import drive, judge
@@ -78,3 +83,16 @@ def test_measured_deviations_replace_stiffness_and_lag() -> None:
     slope = builds.TRACKING_CONFIG.tyre.rear.cornering_stiffness_n_per_rad
     assert max(own[3:7, stiffness]) / own[0, stiffness] == pytest.approx(1.0 + 2_000.0 * radius / slope)
     assert (own[7:, lag] - own[0, lag]).tolist() == pytest.approx([step * chi2.ppf(0.99, 1) ** 0.5 * 0.002 for step in (-1, 1)])
+
+
+@pytest.mark.parametrize("grid", [{}, {"speed_min_km_h": 2.0, "speed_max_km_h": 20.0}])
+def test_the_plant_step_of_tuning_resolves_the_car_at_its_first_speed(grid: dict[str, float]) -> None:
+    """The lightest, stiffest car of the family; the Runge-Kutta method is stable up to a step of 2.7 time constants."""
+    config = builds.TRACKING_CONFIG.replace({"grid": grid, "rear_actuator.lag_s": 0.1, "steering.lag_s": 0.05})
+    step, speed = transient._plant_step(config), config.grid.speed_min_km_h * KM_H
+    factors = {"mass_factor": 0.8, "front_stiffness_factor": 1.15, "rear_stiffness_factor": 1.15}
+    a, _ = _continuous(config, [replace(nominal(config), **factors)], np.array([speed]))
+    fastest = np.abs(np.linalg.eigvals(a[0, 0, :2, :2])).max()
+    assert step * fastest < 1.0
+    assert config.controller.sampling_time_s / step == pytest.approx(round(config.controller.sampling_time_s / step))
+    assert step > 0.9e-3
