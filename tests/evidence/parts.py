@@ -86,6 +86,7 @@ FIRMWARE = ("make", "arm-none-eabi-gcc", "qemu-system-arm")
 PARTS = (
     Part("guide", ("README.md", "docs/*.md", *COMMANDS), tools=(*FIRMWARE, "octave-cli", "mkoctfile")),
     Part("vcan", BENCH),
+    Part("browser", PAGES, tools=("chromium",)),
     Part("builds", ("generated/4ws2*/manifest.json", *C, *VERIFY), "builds", ("gcc", "frama-c")),
     Part("verify", VERIFY, tools=("gcc", "frama-c")),
     Part("mutation", ("generated/*.npz", *C, *SIL), "mutation.mutation"),
@@ -102,7 +103,6 @@ PARTS = (
     Part("foreign", IDENTIFIED, "foreign.plants"),
     Part("loaders", COMMANDS, "loaders.cases"),
     Part("logs", COMMANDS, "logs.cases"),
-    Part("browser", PAGES, tools=("chromium",)),
     Part("install", INSTALLED, tools=("git", "bash", "fish", "zsh")),
 )
-"""The two that take longest in their quick forms come first, so that no part runs alone at the end."""
+"""Those that take longest in their quick forms come first, so that no part runs alone at the end."""
