@@ -141,12 +141,12 @@ def test_the_largest_entry_speed_is_that_of_the_best_driver(monkeypatch: pytest.
 def test_a_driver_passes_the_lane_change_only_when_slow_enough() -> None:
     software = builds.paper().software
     passed = {}
-    for speed in (40.0, 80.0):
+    for speed in (40.0, 60.0):
         scenario = lane_change.LaneChange.at(speed, Hands(0.4, 0.1, 0.9))
         driver = scenario.driver(software.config)
         assert driver is not None
         record = ClosedLoop(software, LoopOptions(controlled=False)).run_stepped(scenario.inputs(software.config), driver.steer)
         passed[speed] = lane_change.sideslip_if_passed(record, scenario, software.config)
-    assert passed[80.0] is None
+    assert passed[60.0] is None  # it does not spin, but hits cones
     assert passed[40.0] is not None
     assert 0.1 < passed[40.0] < 3.0
