@@ -28,6 +28,7 @@ NAMES = {
     "response": "response",
     "identify": "identify",
     "plan": "drive_plan",
+    "better": "better",
 }
 """Name of a benchmark on the command line -> its module."""
 
@@ -42,8 +43,12 @@ ON_REQUEST = (
     "response",
     "identify",
     "plan",
+    "better",
 )
 """Only where named: they need what not every machine has, or measure no time."""
+
+OF_BETTER = ("cars", "seed", "plant")
+"""Options of the benchmark `better`; without them it has defaults of its own."""
 
 READING = "Times: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side."
 
@@ -55,6 +60,10 @@ def main() -> int:
         "names", nargs="*", metavar="NAME", help=f"{', '.join(NAMES)}; by default all but {', '.join(ON_REQUEST)}"
     )
     parser.add_argument("--quick", action="store_true", help="fewer repeats, and IPOPT on a part of the grid")
+    of_better = parser.add_argument_group("better")
+    of_better.add_argument("--cars", type=int, metavar="N", help="number of random cars")
+    of_better.add_argument("--seed", type=int, metavar="N", help="of the random cars")
+    of_better.add_argument("--plant", metavar="NAMES", help="two-track, roll, or both with a comma")
     parser.add_argument("--write", type=Path, metavar="FILE", help="put what is measured into this page, too")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in NAMES]
@@ -68,9 +77,10 @@ def main() -> int:
     print(described)
     missed = 0
     for name in options.names or [name for name in NAMES if name not in ON_REQUEST]:
+        given = {key: value for key in OF_BETTER if (value := getattr(options, key)) is not None} if name == "better" else {}
         module: Any = importlib.import_module(f"benchmarks.{NAMES[name]}")
         try:
-            report = module.run(options.quick, lambda text: print(f"... {text}", file=sys.stderr, flush=True))
+            report = module.run(options.quick, lambda text: print(f"... {text}", file=sys.stderr, flush=True), **given)
         except CodegenError as error:
             print(f"\n{name}: not measured: {error}", flush=True)
             missed += 1

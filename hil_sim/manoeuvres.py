@@ -357,6 +357,25 @@ passive car on the double lane change at 70 km/h."""
 PREVIEW_POINTS = 20
 
 
+@dataclass(frozen=True)
+class Hands:
+    """Habits of a driver.
+
+    Attributes:
+        preview_time_s: time over which the driver looks ahead.
+        delay_s: reaction time.
+        gain: factor on the angle of the steering wheel.
+    """
+
+    preview_time_s: float = PREVIEW_TIME_S
+    delay_s: float = DELAY_S
+    gain: float = 1.0
+
+
+EXPECTING = Hands()
+"""The driver of all scenarios with a path."""
+
+
 class PreviewDriver:
     """Driver that follows a path at a constant speed by optimal preview.
 
@@ -370,12 +389,13 @@ class PreviewDriver:
         path: path to follow.
         speed: speed in m/s.
         period: time between two decisions in s.
+        hands: habits of the driver.
     """
 
-    def __init__(self, config: Config, path: RoadPath, speed: float, period: float) -> None:
-        self._path, self._speed = path, speed
+    def __init__(self, config: Config, path: RoadPath, speed: float, period: float, hands: Hands = EXPECTING) -> None:
+        self._path, self._speed, self._gain = path, speed, hands.gain
         self._ratio, self._stop = config.steering.ratio, config.steering.front_angle_stop
-        step = PREVIEW_TIME_S / PREVIEW_POINTS
+        step = hands.preview_time_s / PREVIEW_POINTS
         transition = matrix_exponential(step * _model(config, speed))
         power: FloatArray = np.eye(len(transition))
         rows = []
@@ -385,7 +405,7 @@ class PreviewDriver:
         predicted = np.array(rows)  # (points, 5): y ahead for a unit of each state, and of the front angle
         self._by_state, self._by_angle = predicted[:, :4], predicted[:, 4]
         self._ahead = speed * step * np.arange(1, PREVIEW_POINTS + 1, dtype=np.float64)
-        self._hands: deque[float] = deque([0.0] * round(DELAY_S / period))
+        self._hands: deque[float] = deque([0.0] * round(hands.delay_s / period))
 
     def steer(self, position: tuple[float, float, float], sideslip_angle: float, yaw_rate: float) -> float:
         """Return the current angle of the steering wheel in rad.
@@ -398,7 +418,7 @@ class PreviewDriver:
         x, y, heading = position
         state = np.array([y, heading, self._speed * np.tan(sideslip_angle), yaw_rate])
         missed = self._path.lateral(x + self._ahead) - self._by_state @ state
-        angle = float(self._by_angle @ missed / (self._by_angle @ self._by_angle))
+        angle = self._gain * float(self._by_angle @ missed / (self._by_angle @ self._by_angle))
         self._hands.append(self._ratio * min(max(angle, -self._stop), self._stop))
         return self._hands.popleft()
 

@@ -90,14 +90,14 @@ def measure_path(run: Run) -> list[Metric]:
     return [
         Metric("path_error_rms_m", "path error, rms", "m", _rms(error), 3, end),
         Metric("path_error_max_m", "path error, largest", "m", largest(error), 3, end),
-        Metric(CONE_CLEARANCE, "clearance to the cones, smallest", "m", _cone_clearance(followed.cones, forward, left), 3, end),
+        Metric(CONE_CLEARANCE, "clearance to the cones, smallest", "m", cone_clearance(followed.cones, forward, left), 3, end),
         Metric("steering_wheel_max_deg", "|steering wheel|, largest", "deg", largest(wheel, run.after), 1),
         Metric("steering_wheel_rate_rms_deg_s", "steering wheel rate, rms", "deg/s", _rms(np.diff(wheel) / run.step), 1),
         *common(run),
     ]
 
 
-def _cone_clearance(cones: FloatArray, forward: FloatArray, left: FloatArray) -> float | None:
+def cone_clearance(cones: FloatArray, forward: FloatArray, left: FloatArray) -> float | None:
     """Return the smallest distance in m from the sides of the car to the cones that it has passed; negative: a cone is hit.
 
     Args:
