@@ -20,6 +20,7 @@ from benchmarks.judged_car import (
     CarFigures,
     Dwell,
     PaperStep,
+    SteadyFigures,
     judge,
     paper_steps,
 )
@@ -64,34 +65,33 @@ class Criterion:
         return not car.error and self.reserve(car) >= 0.0
 
 
+def _steady(car: CarFigures) -> SteadyFigures:
+    assert car.steady is not None  # of a car that could be built
+    return car.steady
+
+
 def _grip(car: CarFigures) -> float:
-    assert car.steady is not None
-    return car.steady.grip
+    return _steady(car).grip
 
 
 def _shown_grip(car: CarFigures) -> str:
-    assert car.steady is not None
-    return f"{100.0 * car.steady.grip:.1f} % ({car.steady.largest_g:.3f} g; passive {car.steady.passive_g:.3f} g)"
+    return f"{100.0 * _steady(car).grip:.1f} % ({_steady(car).largest_g:.3f} g; passive {_steady(car).passive_g:.3f} g)"
 
 
 def _falling(car: CarFigures) -> float:
-    assert car.steady is not None
-    return car.steady.falling
+    return _steady(car).falling
 
 
 def _shown_falling(car: CarFigures) -> str:
-    assert car.steady is not None
-    return f"{100.0 * car.steady.falling:.1f} % ({100.0 * car.steady.falling_on_ecu:.1f} % in the table of the ECU)"
+    return f"{100.0 * _steady(car).falling:.1f} % ({100.0 * _steady(car).falling_on_ecu:.1f} % in the table of the ECU)"
 
 
 def _low(car: CarFigures) -> float:
-    assert car.steady is not None
-    return car.steady.low
+    return _steady(car).low
 
 
 def _high(car: CarFigures) -> float:
-    assert car.steady is not None
-    return car.steady.high
+    return _steady(car).high
 
 
 def dwell_reserve(dwell: Dwell) -> float:

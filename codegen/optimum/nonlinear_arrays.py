@@ -76,7 +76,7 @@ Function = Callable[[IndexArray, FloatArray], FloatArray]
 """(indices of some of the functions, a number for each) -> their values there."""
 
 HALVINGS_MORE = 10
-"""Steps beyond those of bisection before the search is given up: each third step at the latest halves the bracket."""
+"""Steps beyond twice those of bisection before the search is given up."""
 
 
 def shrink(
@@ -101,10 +101,11 @@ def shrink(
             break
         tried = new[left] + share[left] * (other[left] - new[left])
         value = function(left, start[left] + tried * width[left])
-        same = (sign[left] * value > 0.0) == is_first[left]
+        on_first_side = sign[left] * value > 0.0
+        same = on_first_side == is_first[left]
         old[left], at_old[left] = np.where(same, new[left], other[left]), np.where(same, at_new[left], at_other[left])
         other[left], at_other[left] = np.where(same, other[left], new[left]), np.where(same, at_other[left], at_new[left])
-        new[left], at_new[left], is_first[left] = tried, value, sign[left] * value > 0.0
+        new[left], at_new[left], is_first[left] = tried, value, on_first_side
         left = left[np.abs(new - other)[left] > tolerance]
         share[left] = _next_share(new[left], other[left], old[left], at_new[left], at_other[left], at_old[left], tolerance)
     low, high = np.where(is_first, new, other), np.where(is_first, other, new)
