@@ -122,6 +122,7 @@ def steady_figures(reference_map: ReferenceMap, config: Config) -> SteadyFigures
     table = np.minimum(total.yaw_rate[rows], total.lateral_acceleration_cap / total.speed[rows, np.newaxis])
     reference = table[:, np.isin(total.front_angle, angle)]
     limit = config.limits.lateral_acceleration_max_g
+    cap = min(limit, total.lateral_acceleration_cap / gravity)
     passive_g = column * passive / gravity
     understeering = column * angle / (config.vehicle.wheelbase * (1.0 + (column / CHARACTERISTIC_SPEED) ** 2))
 
@@ -133,7 +134,7 @@ def steady_figures(reference_map: ReferenceMap, config: Config) -> SteadyFigures
         passive_g=float(np.nanmax(passive_g)),
         limit_g=limit,
         falling=falling_share(reference_map.yaw_rate),
-        low=least_ratio(reference, passive, between(LOW_KM_H) & (passive_g <= limit)),
+        low=least_ratio(reference, passive, between(LOW_KM_H) & (passive_g <= cap)),
         high=least_ratio(
             reference, np.fmin(passive, understeering), between(HIGH_KM_H) & (passive_g <= HIGH_LATERAL_ACCELERATION_G)
         ),

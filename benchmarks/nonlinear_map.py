@@ -55,7 +55,7 @@ def _case(name: str, stride: int, repeats: int) -> tuple[Comparison, str]:
 
     def by_ipopt(step: int) -> Callable[[], None]:
         def solve() -> None:
-            results.append(ipopt.solve(config, turns.problem, speed[::step], front_angle[::step], None, "magic-formula"))
+            results.append(ipopt.solve(config, turns, speed[::step], front_angle[::step], None, "magic-formula"))
 
         return solve
 

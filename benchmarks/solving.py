@@ -12,6 +12,7 @@ from codegen.arrays import FloatArray
 from codegen.optimum import exact, ipopt
 from codegen.optimum.exact import Solution
 from codegen.optimum.problem import SteadyTurnProblem, breakpoints
+from codegen.optimum.turns import LinearTurns
 
 CASES = ("fws", "4ws-1", "4ws-2")
 REQUIRED = 1000.0
@@ -51,7 +52,7 @@ def _case(case: str, speed: FloatArray, front_angle: FloatArray, stride: int) ->
     results: list[Solution] = []
 
     def by_ipopt(step: int) -> Callable[[], None]:
-        return lambda: results.append(ipopt.solve(CONFIG, problem, speed[::step], front_angle[::step]))
+        return lambda: results.append(ipopt.solve(CONFIG, LinearTurns(problem), speed[::step], front_angle[::step]))
 
     # Mostly the building of the solver; the call before it loads IPOPT.
     first_cell = interleaved({"first cell": by_ipopt(speed.size)}, 3, CLOCK)["first cell"].median

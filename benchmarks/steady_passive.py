@@ -6,13 +6,14 @@ slip angle at which its force peaks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.optimum.nonlinear_car import SteadyCar
+from codegen.vehicle.tyre import AxleTyres
 
 PEAK_SLIP = 0.9
 """Largest slip angle as a fraction of that of the peak force; the tyre of the presets has 99.8 % of its peak force there."""
@@ -39,9 +40,8 @@ class PassiveTurns:
     @classmethod
     def of(cls, config: Config, speed: FloatArray) -> PassiveTurns:
         """Return the turns of a car at speeds in m/s, on the road of its configuration."""
-        car = SteadyCar.from_config(config)
-        front, rear = (replace(axle, slip_max=PEAK_SLIP * axle.tyre.peak_slip) for axle in (car.front, car.rear))
-        car = replace(car, front=front, rear=rear)
+        tyres = AxleTyres.from_config(config)
+        car = SteadyCar.from_config(config, (PEAK_SLIP * tyres.front.peak_slip, PEAK_SLIP * tyres.rear.peak_slip))
         largest = config.road.friction * config.road.gravity_m_s2
         acceleration: FloatArray = np.linspace(0.0, largest, POINTS + 1)[1:]
         speeds, accelerations = (values.ravel() for values in np.meshgrid(speed, acceleration, indexing="ij"))

@@ -81,7 +81,11 @@ class Tyres(Section):
 
 
 class Limits(Section):
-    """Constraints of the optimisation, as in the paper's optimisation problem."""
+    """Constraints of the optimisation: those of the paper's problem, and those with which the nonlinear tyre uses its grip.
+
+    With `grip_use_max`, a map of the nonlinear tyre approaches its largest lateral acceleration smoothly, and never falls with
+    the front angle. Without it, such a map keeps to the linear range of the tyre.
+    """
 
     sideslip_max_deg: Annotated[float, Range(0.2, 20.0, "deg"), Meaning("bound on |β|")] = 3.0
     lateral_acceleration_max_g: Annotated[float, Range(0.05, 2.0, "g"), Meaning("bound on |ay|")] = 0.8
@@ -91,8 +95,20 @@ class Limits(Section):
     slip_departure_percent: Annotated[
         float,
         Range(0.5, 50.0, "%"),
-        Meaning("largest departure of the tyre curve from its tangent at zero; bounds the slip angles"),
+        Meaning("linear tyre: largest departure of the tyre curve from its tangent at zero; bounds the slip angles"),
     ] = 10.0
+    grip_use_max: Annotated[
+        Annotated[float, Range(0.3, 0.995)] | None,
+        Meaning("nonlinear tyre: largest share of the lateral force that an axle can carry; bounds the slip angles instead"),
+    ] = Field(default=None, exclude_if=lambda use: use is None)
+    yaw_gain_floor: Annotated[
+        float, Range(0.0, 1.5), Meaning("least yaw rate of the map, as a share of that with straight rear wheels")
+    ] = Field(default=0.0, exclude_if=lambda floor: floor == 0.0)
+    reference_characteristic_speed_km_h: Annotated[
+        float,
+        Range(40.0, 400.0, "km/h"),
+        Meaning("from 80 km/h, `yaw_gain_floor` refers to a car of this characteristic speed where that turns less"),
+    ] = Field(default=100.0, exclude_if=lambda speed: speed == 100.0)
     envelope_rear_slip_deg: Annotated[
         Annotated[float, Range(0.2, 30.0, "deg")] | None,
         Meaning("for a case with `envelope`: bound on the slip that the rear axle would have with its wheels straight"),
@@ -190,9 +206,21 @@ class Grid(Section):
     ] = None
 
     @property
+    def speed_ends_km_h(self) -> tuple[float, float]:
+        """First and last breakpoint of the speed axis, in km/h."""
+        listed = self.speed_breakpoints_km_h
+        return (listed[0], listed[-1]) if listed else (self.speed_min_km_h, self.speed_max_km_h)
+
+    @property
     def last_speed_km_h(self) -> float:
         """Last breakpoint of the speed axis, in km/h."""
-        return self.speed_breakpoints_km_h[-1] if self.speed_breakpoints_km_h else self.speed_max_km_h
+        return self.speed_ends_km_h[1]
+
+    @property
+    def front_angle_ends_deg(self) -> tuple[float, float]:
+        """First and last breakpoint of the front angle axis, in deg."""
+        listed = self.front_angle_breakpoints_deg
+        return (listed[0], listed[-1]) if listed else (self.front_angle_min_deg, self.front_angle_max_deg)
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

@@ -31,6 +31,15 @@ class Identified(Section):
         list[list[Annotated[float, Range(-1.0, 1.0)]]], Meaning("correlation matrix of the identified values")
     ] = Field(default_factory=list, max_length=IDENTIFIED_MAX)
 
+    front_grip_reached: Annotated[
+        float,
+        Range(0.05, 1.0),
+        Meaning("largest lateral force of the front axle in the drives, over the peak of its tyres"),
+    ] = Field(default=1.0, exclude_if=lambda share: share == 1.0)
+    rear_grip_reached: Annotated[float, Range(0.05, 1.0), Meaning("the same of the rear axle")] = Field(
+        default=1.0, exclude_if=lambda share: share == 1.0
+    )
+
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         count = len(self.keys)

@@ -27,7 +27,7 @@ from codegen.explore.recalibrated import Calibration, Recalibrated
 from codegen.map_file import map as npz
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import ACCELERATION, FRICTION
+from codegen.map_file.tables import ACCELERATION, ALL_BINDING, FRICTION
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import family_warnings
 from codegen.plausibility.car import car_warnings
@@ -70,7 +70,7 @@ def map_data(reference_map: ReferenceMap, known: list[int]) -> Data:
     assert reference_map.rear_angle is not None
     present, counts = np.unique(active[feasible], return_counts=True)
     known += [int(flags) for flags in present[np.argsort(-counts, kind="stable")] if int(flags) not in known]
-    places = np.full(256, 255, dtype=np.uint8)
+    places = np.full(ALL_BINDING + 1, 255, dtype=np.uint8)
     places[known] = np.arange(len(known))
     return {
         "speed_km_h": numbers(reference_map.speed / KM_H),

@@ -31,7 +31,7 @@ from codegen.configuration import Config, Controller, Tightening, check_name, pa
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.files import write_atomically
 from codegen.map_file import archive, tables
-from codegen.map_file.bounds import BOUNDS
+from codegen.map_file.bounds import MARKS
 from codegen.map_file.longitudinal import under_acceleration
 from codegen.map_file.tables import KEYS, UNITS, BindingArray
 from codegen.units import GRAVITY
@@ -154,14 +154,15 @@ class ReferenceMap:
 def make_meta(config: Config, case: str, method: str) -> dict[str, Any]:
     """Return the `meta` of a solved map. The same input and versions give the same text."""
     of_case = config.case(case)
-    bounds = [bound for bound in BOUNDS if not bound.of_case or getattr(of_case, bound.of_case)]
+    keys = {**vars(config.limits), **vars(of_case)}
+    marks = [mark for mark in MARKS if not mark.key or keys[mark.key]]
     return {
         "schema_version": SCHEMA_VERSION,
         "case": case,
         "method": method,
         "configuration": config.model_dump(mode="json"),
         "units": dict(UNITS),
-        "active_bits": {str(bound.flag.name).lower(): int(bound.flag) for bound in bounds},
+        "active_bits": {str(mark.flag.name).lower(): int(mark.flag) for mark in marks},
         "tools": {"codegen": __version__, "numpy": np.__version__},
     }
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from codegen.arrays import AnyArray, BoolArray, FloatArray
 from codegen.errors import MapError
 from codegen.map_file.bounds import Binding
 
-BindingArray = npt.NDArray[np.uint8]
+BindingArray = npt.NDArray[np.unsignedinteger[Any]]
 
 LATERAL_ACCELERATION_MAX_G = 5.0  # far above any tyre: degrees taken for radians ask for more
 
@@ -67,6 +67,7 @@ STEP_SLACK = 1e-9
 
 
 ALL_BINDING = sum(Binding)
+BINDING_TYPE: Any = np.min_scalar_type(ALL_BINDING)
 
 
 class _Plausible(NamedTuple):
@@ -349,6 +350,6 @@ def _active(
             where=_at(where, key, index),
             remedy=f"give whole numbers from 0 to {ALL_BINDING}, or leave the key out",
         )
-    active = numbers.astype(np.uint8)
+    active: BindingArray = numbers.astype(BINDING_TYPE)
     active.setflags(write=False)
     return active

@@ -7,14 +7,16 @@ yaw rate where the parabola opens downwards (small weight). A law (`rear_law`) g
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 from functools import reduce
 
 import numpy as np
-import numpy.typing as npt
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.map_file.bounds import BOUNDS, Binding, TurnQuantities
+from codegen.map_file.tables import BINDING_TYPE, BindingArray
+from codegen.optimum.demand import Demand
 from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem
 from codegen.optimum.rear_law import RearLaw
 
@@ -35,7 +37,7 @@ class Solution:
     sideslip: FloatArray
     rear_angle: FloatArray
     feasible: BoolArray
-    active: npt.NDArray[np.uint8]
+    active: BindingArray
     margin: FloatArray
 
     def reshaped(self, shape: tuple[int, ...]) -> Solution:
@@ -120,6 +122,9 @@ def solve(problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray
     # Without curvature the objective falls all the way with the yaw rate (its slope over r is -2 r (1 - weight steepness^2)
     # - 2 weight steepness delta_f), and a turn to the other side costs at least as much as its mirror image: the low end.
     rear_angle = np.where(curvature > 0.0, np.clip(vertex, low, high), low)
+    asked = demand(problem, column(speed), front_angle)
+    if asked is not None:
+        rear_angle = np.clip(front_angle - asked.of_optimum(gain * (front_angle - rear_angle)) / gain, low, high)
     rear_angle = np.where(feasible, rear_angle, np.nan)
     turn = _turn(problem, column(speed), front_angle, rear_angle)
     return Solution(
@@ -127,9 +132,16 @@ def solve(problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray
         sideslip=turn.sideslip,
         rear_angle=rear_angle,
         feasible=feasible,
-        active=binding(problem, turn),
+        active=binding(problem, turn, asked),
         margin=margin,
     )
+
+
+def demand(problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray) -> Demand | None:
+    """Return the floor at speeds and front angles that broadcast; None where there is none."""
+    if problem.floor is None or problem.given is not None:
+        return None
+    return Demand(problem.floor.yaw_rate(speed, front_angle, problem.car.yaw_gain(speed) * front_angle), math.inf)
 
 
 def _law_slope(problem: SteadyTurnProblem, law: RearLaw, speed: FloatArray) -> FloatArray:
@@ -140,14 +152,23 @@ def _law_slope(problem: SteadyTurnProblem, law: RearLaw, speed: FloatArray) -> F
     return result
 
 
-def binding(problem: SteadyTurnProblem, turn: TurnQuantities) -> npt.NDArray[np.uint8]:
-    """Return the `Binding` flags of given turns, arrays that broadcast to the shape of the yaw rate; NaN binds nothing."""
-    active = np.zeros(turn.yaw_rate.shape, dtype=np.uint8)
+def binding(problem: SteadyTurnProblem, turn: TurnQuantities, demand: Demand | None) -> BindingArray:
+    """Return the `Binding` flags of given turns, arrays that broadcast to the shape of the yaw rate; NaN binds nothing.
+
+    `demand`: what was asked for, on the same shape; None for a law.
+    """
+    active: BindingArray = np.zeros(turn.yaw_rate.shape, dtype=BINDING_TYPE)
+
+    def mark(flag: Binding, is_reached: BoolArray) -> None:
+        active[is_reached] |= active.dtype.type(flag)
+
     for bound in BOUNDS:
         limit = problem.limit_of(bound)
         if limit > 0.0:
-            is_reached = np.abs(bound.value(turn)) >= (1.0 - BINDING_TOLERANCE) * limit
-            active |= np.where(is_reached, np.uint8(bound.flag), np.uint8(0))
+            mark(bound.flag, np.abs(bound.value(turn)) >= (1.0 - BINDING_TOLERANCE) * limit)
+    if demand is not None:
+        mark(Binding.LATERAL_ACCELERATION, demand.is_capped(turn.yaw_rate))
+        mark(Binding.FLOOR, demand.is_floor(turn.yaw_rate, BINDING_TOLERANCE))
     return active
 
 

@@ -4,6 +4,8 @@ The solver shares no equations with `exact` or `nonlinear`. The variables are (b
 constraint made from the CasADi models (see `turns`). The solver is built once and warm-started along the grid. Where the
 objective is concave over the steady turns, it starts from both ends and keeps the better result.
 
+Where floor and cap change the optimum (`demand`), a second optimisation takes the turn nearest to the yaw rate asked for.
+
 For a law (`rear_law`) the objective is the squared distance from it. The turn of the law is feasible if the smallest distance
 is zero, or if the rear angle is at its end.
 """
@@ -23,8 +25,10 @@ from codegen.configuration import Config
 from codegen.errors import MapError
 from codegen.interrupts import deferred
 from codegen.map_file.bounds import BOUNDS, TurnQuantities
+from codegen.optimum.demand import Demand
 from codegen.optimum.exact import Solution, binding
 from codegen.optimum.problem import STABILITY_MARGIN, SteadyTurnProblem
+from codegen.optimum.turns import SteadyTurns
 from codegen.units import KM_H
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, TyreModel, single_track, two_track
 from codegen.vehicle.tyre import WHEEL_SPEED_MIN
@@ -155,10 +159,13 @@ _TIE = 1e-9
 
 @dataclass(frozen=True)
 class _Solvers:
-    """Optimisation, elastic feasibility problem and tangent of the steady turns, in variables scaled to order one."""
+    """Optimisations, elastic feasibility problem and tangent of the steady turns, in variables scaled to order one.
 
-    optimum: Any
-    optimum_easier: Any
+    `optimum` is that of the objective, `nearest` that of the distance from a yaw rate; each with strict and easier options.
+    """
+
+    optimum: tuple[Any, Any]
+    nearest: tuple[Any, Any]
     elastic: Any
     tangent: Any
     slips: Any
@@ -174,8 +181,12 @@ def _build(config: Config, problem: SteadyTurnProblem, tyre_model: TyreModel) ->
     speed, front, wanted = ca.SX.sym("vx"), ca.SX.sym("delta_f"), ca.SX.sym("wanted")
     turn = turn_expressions(config, problem, tyre_model, z, speed, front, wanted)
     parameters = ca.vertcat(speed, front, wanted)
-    steady_turn = {"x": z, "p": parameters, "f": turn.objective, "g": ca.vertcat(turn.residual, turn.used)}
-    optimum, easier = (ca.nlpsol("optimum", "ipopt", steady_turn, options) for options in (_OPTIONS, _EASIER_OPTIONS))
+
+    def solvers(objective: Any) -> tuple[Any, Any]:
+        steady_turn = {"x": z, "p": parameters, "f": objective, "g": ca.vertcat(turn.residual, turn.used)}
+        strict, easier = (ca.nlpsol("optimum", "ipopt", steady_turn, options) for options in (_OPTIONS, _EASIER_OPTIONS))
+        return strict, easier
+
     # |z_beta| and |z_rear| become constraints here, so that all of them can be relaxed by the same slack.
     box = ca.vertcat(turn.used, z[0], z[2])
     relaxed = ca.vertcat(turn.residual, box - slack, box + slack)
@@ -190,12 +201,13 @@ def _build(config: Config, problem: SteadyTurnProblem, tyre_model: TyreModel) ->
     distance = ca.Function("distance", [z, parameters], [turn.distance])
     rear_bound = 1.0 if problem.rear_angle_max > 0.0 else 0.0
     bounds = np.array([1.0, np.inf, rear_bound])
-    return _Solvers(optimum, easier, elastic, tangent, slips, distance, turn.scale, bounds, int(turn.used.numel()))
+    optimum, nearest = solvers(turn.objective), solvers((z[1] * turn.scale[1] - wanted) ** 2)
+    return _Solvers(optimum, nearest, elastic, tangent, slips, distance, turn.scale, bounds, int(turn.used.numel()))
 
 
 def solve(
     config: Config,
-    problem: SteadyTurnProblem,
+    turns: SteadyTurns,
     speed: FloatArray,
     front_angle: FloatArray,
     progress: Progress | None = None,
@@ -204,6 +216,7 @@ def solve(
     """Solve for speeds (n,) in m/s and front angles (m,) in rad, one cell after the other.
 
     Args:
+        turns: the case; its demand is taken from there.
         progress: called with (cells done, cells in all) after each speed.
         tyre_model: "linear" for the single-track car with linear tyres, "magic-formula" for the two-track plant.
 
@@ -213,7 +226,12 @@ def solve(
     Raises:
         MapError: IPOPT does not converge; names the operating point.
     """
+    problem = turns.problem
     solvers = _build(config, problem, tyre_model)
+    pairs = [values.ravel() for values in np.broadcast_arrays(speed[:, np.newaxis], front_angle)]
+    demand = turns.demand(pairs[0], pairs[1])
+    if demand is not None:
+        demand = Demand(*(np.reshape(values, (speed.size, -1)) for values in np.broadcast_arrays(demand.least, demand.limit)))
     shape = (speed.size, front_angle.size)
     result, slips = np.full((*shape, 3), np.nan), np.full((*shape, 2), np.nan)
     with deferred() as stop_if_asked:
@@ -225,6 +243,9 @@ def solve(
                 point = _solve_point(solvers, parameters, warm, feasible_expected=feasible_expected)
                 stop_if_asked()
                 feasible_expected = point is not None
+                if point is not None and demand is not None:
+                    asked = Demand(demand.least[i, j], demand.limit[i, j]).of_optimum(point[1] * solvers.scale[1])
+                    point = _nearest(solvers, np.array([vx, delta_f, float(asked)]), point)
                 if point is not None and _is_of_law(solvers, parameters, point):
                     result[i, j] = point * solvers.scale
                     slips[i, j] = np.asarray(solvers.slips(point, parameters)).ravel()
@@ -239,7 +260,7 @@ def solve(
         sideslip=sideslip,
         rear_angle=rear_angle,
         feasible=np.isfinite(yaw_rate),
-        active=binding(problem, turn),
+        active=binding(problem, turn, demand),
         margin=np.full(shape, np.nan),
     )
 
@@ -266,6 +287,14 @@ def _solve_point(solvers: _Solvers, parameters: FloatArray, warm: FloatArray, *,
     return best
 
 
+def _nearest(solvers: _Solvers, parameters: FloatArray, optimum: FloatArray) -> FloatArray:
+    """Return the feasible turn with the yaw rate nearest to the one asked for, from the optimum."""
+    found = _run(solvers, solvers.nearest, parameters, optimum)
+    if found is None:
+        raise _not_converged(parameters, "the yaw rate asked for")
+    return found[1]
+
+
 def _is_of_law(solvers: _Solvers, parameters: FloatArray, point: FloatArray) -> bool:
     """Return whether a turn is that of the law, and not only the nearest inside the bounds. Every optimum is.
 
@@ -286,7 +315,7 @@ def _starts(solvers: _Solvers, parameters: FloatArray, warm: FloatArray) -> list
 
 def _best(solvers: _Solvers, parameters: FloatArray, starts: list[FloatArray]) -> FloatArray | None:
     """Return the best turn that IPOPT finds from several starts; of equally good ones, the one furthest to the left."""
-    found = [answer for answer in (_run(solvers, parameters, start) for start in starts) if answer is not None]
+    found = [answer for answer in (_run(solvers, solvers.optimum, parameters, start) for start in starts) if answer is not None]
     if not found:
         return None
     least = min(objective for objective, _ in found)
@@ -304,9 +333,11 @@ def _not_converged(parameters: FloatArray, what: str) -> MapError:
     )
 
 
-def _run(solvers: _Solvers, parameters: FloatArray, start: FloatArray) -> tuple[float, FloatArray] | None:
+def _run(
+    solvers: _Solvers, options: tuple[Any, Any], parameters: FloatArray, start: FloatArray
+) -> tuple[float, FloatArray] | None:
     """Objective and point that IPOPT converges to from `start`, or None."""
-    for optimum in (solvers.optimum, solvers.optimum_easier):
+    for optimum in options:
         answer = optimum(
             x0=start,
             p=parameters,

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
@@ -27,6 +27,7 @@ from codegen.configuration import Case, Config
 from codegen.errors import ConfigError
 from codegen.map_file.bounds import TurnQuantities
 from codegen.map_file.map import ReferenceMap
+from codegen.optimum.demand import BELOW_GRIP, Demand
 from codegen.optimum.exact import Edge, Solution, binding
 from codegen.optimum.nonlinear_arrays import Turns, concatenate_turns, replace_turns, select_turns, shrink, unknown_turns
 from codegen.optimum.nonlinear_car import SteadyCar
@@ -45,9 +46,11 @@ from codegen.optimum.nonlinear_range import (
     curves,
     meetings,
     ranges,
+    yaw_rate_limit,
 )
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.rear_law import RearLaw
+from codegen.units import KM_H
 
 BLOCK = 1200
 """Operating points at a time: their samples stay in the processor's cache."""
@@ -55,6 +58,8 @@ BLOCK = 1200
 STATIONARY_TOLERANCE = 1e-5
 """Tolerance as a fraction of the sample distance; the error of the final secant step is about its square."""
 
+PROBES = (17, 17)
+"""Speeds and front angles at which the limit of grip is computed for the cap."""
 FRONT_ANGLE_MAX = math.radians(60.0)
 """Default end of the search for an edge; no configuration allows a larger front angle."""
 SCAN_POINTS = 25
@@ -71,7 +76,7 @@ class _Found:
     """Optimum at p operating points; arrays (p,), NaN where infeasible.
 
     `grip`: whether grip sets the range's upper end; `grip_yaw_rate`: where grip ends the turns, rad/s, NaN where another bound
-    does so before.
+    does so before; `least`, `limit`: the demand, zero and infinite without one.
     """
 
     turns: Turns
@@ -79,6 +84,8 @@ class _Found:
     margin: FloatArray
     grip: BoolArray
     grip_yaw_rate: FloatArray
+    least: FloatArray
+    limit: FloatArray
 
 
 @dataclass(frozen=True)
@@ -87,18 +94,50 @@ class NonlinearTurns:
 
     problem: SteadyTurnProblem
     car: SteadyCar
+    probed: tuple[tuple[float, float], tuple[float, float]]
+    """Ends of the speeds in m/s and of the front angles in rad between which the cap must hold."""
     method = "newton"
 
     @classmethod
     def from_config(cls, config: Config, case: Case) -> Self:
-        """Return the turns of one case. Raises ConfigError if the tyre's linear range has no end."""
-        car = SteadyCar.from_config(config)
+        """Return the turns of one case, whatever its tyre model. Raises ConfigError (see `AxleTyres`)."""
+        case = case.model_copy(update={"tyre_model": "magic-formula"})
         problem = SteadyTurnProblem.from_config(config, case)
-        return cls(replace(problem, front_slip_max=car.front.slip_max, rear_slip_max=car.rear.slip_max), car)
+        car = SteadyCar.from_config(config, (problem.front_slip_max, problem.rear_slip_max))
+        (slow, fast), (first, last) = config.grid.speed_ends_km_h, config.grid.front_angle_ends_deg
+        return cls(problem, car, ((slow * KM_H, fast * KM_H), (math.radians(first), math.radians(last))))
 
     def without_rear_steering(self) -> Self:
         """The same car with its rear wheels straight."""
         return replace(self, problem=self.problem.without_rear_steering())
+
+    def cap(self, speed: FloatArray) -> FloatArray:
+        """See `SteadyTurns`.
+
+        At the same grip an axle carries less across the car, the larger its steering angle and the load transfer are. So the
+        lateral acceleration at the limit of grip falls with the front angle, and a yaw rate that followed it would fall too.
+        The cap is below it at every front angle of the map.
+        """
+        return np.interp(speed, *self._probed_cap) if self.problem.is_bent else np.full(speed.shape, math.inf)
+
+    @cached_property
+    def _probed_cap(self) -> tuple[FloatArray, FloatArray]:
+        """Speeds (n,) in m/s, and the cap there in m/s^2."""
+        speed, angle = (np.linspace(*ends, count) for ends, count in zip(self.probed, PROBES, strict=True))
+        points = Points(*(values.ravel() for values in np.meshgrid(speed, angle, indexing="ij")))
+        found = curves(self.problem, self.car, points)
+        between = ranges(self.problem, self.car, found)
+        margin = self._margin_of(points, between, self._at(found, between.low), self._at(found, between.high))
+        feasible = (margin >= 0.0).reshape(PROBES)
+        feasible[:, 1:] |= feasible[:, :-1]  # the last feasible angle lies before the first probe beyond
+        # The bound on the lateral acceleration itself does not fall with the front angle.
+        inside = between.high < yaw_rate_limit(self.problem, points.speed) * (1.0 - INSIDE)
+        ended = feasible & (inside & np.isin(between.high_by, (*GRIP, END))).reshape(PROBES)
+        reached = np.where(ended, (points.speed * between.high).reshape(PROBES), math.inf).min(axis=1)
+        # Grip may end the turns between two speeds and at none of them: the smallest of three neighbours.
+        around = np.pad(reached, 1, mode="edge")
+        reached = np.minimum.reduce([around[:-2], reached, around[2:]])
+        return speed, np.minimum(BELOW_GRIP * reached, self.problem.lateral_acceleration_max)
 
     def solve(self, speed: FloatArray, front_angle: FloatArray) -> Solution:
         """See `SteadyTurns`."""
@@ -123,7 +162,7 @@ class NonlinearTurns:
             sideslip=turns.sideslip,
             rear_angle=turns.rear_angle,
             feasible=found.feasible,
-            active=binding(self.problem, quantities),
+            active=binding(self.problem, quantities, Demand(found.least, found.limit)),
             margin=found.margin,
         )
         return solution, found.grip_yaw_rate
@@ -225,7 +264,7 @@ class NonlinearTurns:
             concatenate_turns([part.turns for part in parts]),
             *(
                 np.concatenate([getattr(part, name) for part in parts])
-                for name in ("feasible", "margin", "grip", "grip_yaw_rate")
+                for name in ("feasible", "margin", "grip", "grip_yaw_rate", "least", "limit")
             ),
         )
 
@@ -235,17 +274,49 @@ class NonlinearTurns:
         low, high = self._at(found, between.low), self._at(found, between.high)
         margin = self._margin_of(points, between, low, high)
         feasible = margin >= 0.0
-        grip = np.isin(between.high_by, (*GRIP, END))
+        cells = np.flatnonzero(feasible)
+        # A yaw rate that bends does not end at the limit of grip.
+        grip = np.isin(between.high_by, (*GRIP, END)) & (not self.problem.is_bent)
         grip_yaw_rate = np.where(grip, between.high, np.nan)
-        law = self.problem.given
-        if law is None:
-            best = self._best(found, np.flatnonzero(feasible), low, high)
-        else:
-            best = self._given(law, found, np.flatnonzero(feasible))
+        law, demand = self.problem.given, self._demand(found, cells)
+        least, limit = np.zeros(points.size), np.full(points.size, math.inf)
+        if law is not None:
+            best = self._given(law, found, cells)
             grip &= -self._beyond_law(law, points, high) <= self._beyond_law(law, points, low)
-        return _Found(
-            replace_turns(unknown_turns(points.size), np.flatnonzero(feasible), best), feasible, margin, grip, grip_yaw_rate
-        )
+        else:
+            best = self._best(found, cells, low, high)
+        if demand is not None:
+            least[cells], limit[cells] = demand.least, demand.limit
+            asked = demand.of_optimum(best.yaw_rate)
+            best = self._at(found, np.clip(asked, low.yaw_rate[cells], high.yaw_rate[cells]), cells)
+        turns = replace_turns(unknown_turns(points.size), cells, best)
+        return _Found(turns, feasible, margin, grip, grip_yaw_rate, least, limit)
+
+    def demand(self, speed: FloatArray, front_angle: FloatArray) -> Demand | None:
+        """See `SteadyTurns`."""
+        parts = []
+        for block in _blocks(Points(speed, front_angle)):
+            asked = self._demand(curves(self.problem, self.car, block), np.arange(block.size))
+            if asked is None:
+                return None
+            parts.append(asked)
+        return Demand(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("least", "limit")))
+
+    def _demand(self, found: Curves, cells: IndexArray) -> Demand | None:
+        """Return the demand at some operating points (k,).
+
+        For the floor, the passive car counts with its tyres, at most up to the end of the curves, and at least with its gain at
+        small front angles.
+        """
+        floor, points = self.problem.floor, found.points[cells]
+        if self.problem.given is not None or (floor is None and not self.problem.is_bent):
+            return None
+        least = np.zeros(points.size)
+        if floor is not None:
+            of_tyres = np.minimum(self._meeting(found, cells, REAR_BOUND, np.zeros(cells.shape)), found.end[cells])
+            linear = self.problem.car.yaw_gain(points.speed) * points.front_angle
+            least = floor.yaw_rate(points.speed, points.front_angle, np.maximum(of_tyres, linear))
+        return Demand(least, self.cap(points.speed) / points.speed)
 
     def _given(self, law: RearLaw, found: Curves, cells: IndexArray) -> Turns:
         """Return the turn of a law at some operating points. It is unique: sideslip and rear angle fall with the yaw rate."""

@@ -23,7 +23,7 @@ import numpy as np
 from codegen.arrays import BoolArray, FloatArray, IndexArray
 from codegen.configuration import Config
 from codegen.optimum.nonlinear_arrays import Slips, Turns, replace_turns, shrink
-from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
+from codegen.optimum.problem import STABILITY_MARGIN
 from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres, MagicFormulaTyre, load_transfer_per_lateral_acceleration
 
 INVERSE_POINTS = 400
@@ -198,25 +198,13 @@ class SteadyCar:
     rear: Axle
 
     @classmethod
-    def from_config(cls, config: Config) -> Self:
-        """The plant of a configuration on the road of its map. Raises ConfigError (see `MagicFormulaTyre.slip_bound`).
-
-        The slip bound of an axle is that of the linear tyre, at the latest PEAK_SHARE of the slip at which its force peaks; of
-        it, the fraction in `[tightening]`.
-        """
+    def from_config(cls, config: Config, slips: tuple[float, float]) -> Self:
+        """Return the plant on the road of its map, with slip bounds in rad. Raises ConfigError (see `AxleTyres`)."""
         tyres = AxleTyres.from_config(config)
         axles = (
-            Axle(
-                replace(tyre, horizontal_shift=0.0, vertical_shift=0.0),
-                transfer,
-                fraction * min(bound, PEAK_SHARE * tyre.peak_slip),
-            )
-            for tyre, transfer, bound, fraction in zip(
-                (tyres.front, tyres.rear),
-                load_transfer_per_lateral_acceleration(config),
-                (tyres.front_slip_bound, tyres.rear_slip_bound),
-                (config.tightening.front_slip_max, config.tightening.rear_slip_max),
-                strict=True,
+            Axle(replace(tyre, horizontal_shift=0.0, vertical_shift=0.0), transfer, slip)
+            for tyre, transfer, slip in zip(
+                (tyres.front, tyres.rear), load_transfer_per_lateral_acceleration(config), slips, strict=True
             )
         )
         vehicle = config.vehicle

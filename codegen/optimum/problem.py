@@ -20,6 +20,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.errors import ConfigError
 from codegen.map_file.bounds import BOUNDS, Bound, TurnQuantities
+from codegen.optimum.demand import Floor
 from codegen.optimum.rear_law import STRAIGHT, RearLaw, law_of
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
@@ -46,7 +47,8 @@ PEAK_SHARE = 0.9
 class SteadyTurnProblem:
     """Car, bounds (SI, rad) and weight (1/s^2) of one case. `rear_angle_max` is 0 where the rear wheels do not steer.
 
-    `law` gives the turn instead of the optimisation; None for an optimisation.
+    `law` gives the turn instead of the optimisation; None for an optimisation. `floor` raises its yaw rate, and with `is_bent`
+    it bends towards the largest lateral acceleration (see `demand`).
     """
 
     car: SingleTrack
@@ -59,6 +61,8 @@ class SteadyTurnProblem:
     envelope_lateral_acceleration_max: float = math.inf
     envelope_rear_slip_max: float = math.inf
     law: RearLaw | None = None
+    floor: Floor | None = None
+    is_bent: bool = False
 
     @classmethod
     def from_config(cls, config: Config, case: Case) -> SteadyTurnProblem:
@@ -66,17 +70,20 @@ class SteadyTurnProblem:
         tyres = AxleTyres.from_config(config)
         car = SingleTrack.from_config(config, tyres)
         capacity, rear_slip = _envelope(config, tyres.rear) if case.envelope else (math.inf, math.inf)
+        slips, is_bent = _slips(tyres, case), case.tyre_model != "linear" and tyres.grip_slips is not None
         whole = cls(
             car=car,
             sideslip_max=config.limits.sideslip_max,
             lateral_acceleration_max=config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2,
-            front_slip_max=tyres.front_slip_bound,
-            rear_slip_max=tyres.rear_slip_bound,
+            front_slip_max=slips[0],
+            rear_slip_max=slips[1],
             rear_angle_max=config.limits.rear_angle_max if case.rear_steering else 0.0,
             sideslip_weight=case.sideslip_weight_per_s2,
             envelope_lateral_acceleration_max=capacity,
             envelope_rear_slip_max=rear_slip,
             law=law_of(case, car, config.grid.last_speed_km_h * KM_H),
+            floor=Floor.of(config.limits, config.vehicle.wheelbase),
+            is_bent=is_bent,
         )
         tightened: dict[str, Any] = {bound.limit: fraction_of(config, bound) * whole.limit_of(bound) for bound in BOUNDS}
         return replace(whole, **tightened)
@@ -106,6 +113,29 @@ class SteadyTurnProblem:
         slip_front = -lateral_acceleration * self.car.front_slip_per_lateral_acceleration
         slip_rear = -lateral_acceleration * self.car.rear_slip_per_lateral_acceleration
         return TurnQuantities(speed, front_angle, yaw_rate, sideslip, slip_front, slip_rear, rear_angle)
+
+
+def _slips(tyres: AxleTyres, case: Case) -> tuple[float, float]:
+    """Return the slip bounds in rad of front and rear axle.
+
+    Those of the linear tyre end its linear range. Those of the nonlinear tyre are the configured use of grip or, without it,
+    the same as of the linear tyre, at most PEAK_SHARE of the slip at which the force is largest.
+
+    Raises:
+        ConfigError: a linear tyre has no end to its linear range.
+    """
+    if case.tyre_model == "linear":
+        if math.isinf(max(tyres.front_slip_bound, tyres.rear_slip_bound)):
+            raise ConfigError(
+                "a tyre without an end to its linear range has no slip bound",
+                where="limits.slip_departure_percent",
+                remedy='lower it, or take tyre_model = "magic-formula"',
+            )
+        return tyres.front_slip_bound, tyres.rear_slip_bound
+    front, rear = tyres.slip_limits
+    if tyres.grip_slips is None:
+        front, rear = min(front, PEAK_SHARE * tyres.front.peak_slip), min(rear, PEAK_SHARE * tyres.rear.peak_slip)
+    return front, rear
 
 
 def fraction_of(config: Config, bound: Bound) -> float:

@@ -52,7 +52,7 @@ def solve_case(
     else:
         from codegen.optimum import ipopt
 
-        solution = ipopt.solve(config, turns.problem, speed, front_angle, progress, chosen.tyre_model)
+        solution = ipopt.solve(config, turns, speed, front_angle, progress, chosen.tyre_model)
     if not solution.feasible.any():
         raise MapError(
             "no operating point of the grid is feasible",
@@ -86,7 +86,7 @@ def _keep(solution: Solution, kept: npt.NDArray[np.bool_]) -> Solution:
     yaw_rate, sideslip, rear_angle = (
         np.where(kept, values, np.nan) for values in (solution.yaw_rate, solution.sideslip, solution.rear_angle)
     )
-    active = np.where(kept, solution.active, np.uint8(0))
+    active = np.where(kept, solution.active, solution.active.dtype.type(0))
     return replace(solution, yaw_rate=yaw_rate, sideslip=sideslip, rear_angle=rear_angle, feasible=kept, active=active)
 
 

@@ -17,6 +17,7 @@ from codegen.configuration import Case, Config
 from codegen.map_file.bounds import TurnQuantities
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum import exact
+from codegen.optimum.demand import Demand
 from codegen.optimum.exact import Edge, Solution
 from codegen.optimum.problem import SteadyTurnProblem
 
@@ -56,6 +57,10 @@ class SteadyTurns(Protocol):
         """Return the largest feasible front angles for speeds (n,); inf beyond the largest angle searched (rad)."""
         ...
 
+    def demand(self, speed: FloatArray, front_angle: FloatArray) -> Demand | None:
+        """Return floor and cap at speeds (n,) and front angles (n,) that belong together; None without both."""
+        ...
+
     def quantities(self, speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray) -> TurnQuantities:
         """Return the turns (p,) of the car at speeds, front angles and yaw rates (p,); NaN where it has none."""
         ...
@@ -87,6 +92,10 @@ class LinearTurns:
     def edge(self, speed: FloatArray, _front_angle_max: float = math.inf) -> Edge:
         """See `SteadyTurns`."""
         return exact.edge(self.problem, speed)
+
+    def demand(self, speed: FloatArray, front_angle: FloatArray) -> Demand | None:
+        """See `SteadyTurns`."""
+        return exact.demand(self.problem, speed, front_angle)
 
     def quantities(self, speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray) -> TurnQuantities:
         """See `SteadyTurns`."""

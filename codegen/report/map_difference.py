@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.errors import MapError, one_line
-from codegen.map_file.bounds import BOUNDS
+from codegen.map_file.bounds import MARKS
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import ACCELERATION, FRICTION
 from codegen.optimum.nonlinear import ABOVE, SlipUse, slip_use
@@ -137,7 +137,7 @@ class MapDifference:
         if self.outside:
             yield "outside of the other's axes", str(self.outside), "-"
         yield "lateral acceleration up to [m/s^2]", *(f"{side.lateral_acceleration_max_m_s2:.4g}" for side in sides)
-        for name in ("none", *(bound.label for bound in BOUNDS)):
+        for name in ("none", *(mark.label for mark in MARKS)):
             counts = [None if side.binding_cells is None else side.binding_cells[name] for side in sides]
             if any(counts):
                 label = "nothing binds [cells]" if name == "none" else f"{name} binds [cells]"
@@ -240,7 +240,7 @@ def _side(one: ReferenceMap, used: SlipUse | None) -> Side:
     if one.active is not None:
         flags = one.active[one.feasible]
         binding = {"none": int((flags == 0).sum())}
-        binding |= {bound.label: int((flags & int(bound.flag) != 0).sum()) for bound in BOUNDS}
+        binding |= {mark.label: int((flags & int(mark.flag) != 0).sum()) for mark in MARKS}
     return Side(
         tyre_model=one.tyre_model,
         feasible_cells=summary.feasible_cells,

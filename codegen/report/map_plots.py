@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from codegen.arrays import FloatArray
 from codegen.configuration import preset
-from codegen.map_file.bounds import BOUNDS, Binding, binding_text
+from codegen.map_file.bounds import MARKS, Binding, binding_text
 from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import BindingArray
 from codegen.report import style
 from codegen.report.paper_tables import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
 from codegen.units import KM_H
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 BINDING_COLOURS = {
     int(Binding.NONE): "#F4F1E6",
     int(Binding.SLIP_FRONT | Binding.SLIP_REAR): style.VERMILION,
-    **{int(bound.flag): bound.colour for bound in BOUNDS},
+    **{int(mark.flag): mark.colour for mark in MARKS},
 }
 OTHER_COLOURS = ("#999933", "#882255", "#44AA99", "#332288", "#DDCC77")
 """Colours of constraint sets without a colour of their own (P. Tol's muted scheme). Still rarer sets share grey."""
@@ -74,7 +75,7 @@ def _label_outer(grid: npt.NDArray[Any]) -> None:
         axes.set_ylabel(style.FRONT_ANGLE_LABEL)
 
 
-def _draw_binding(axes: Axes, reference_map: ReferenceMap, active: npt.NDArray[np.uint8]) -> list[Artist]:
+def _draw_binding(axes: Axes, reference_map: ReferenceMap, active: BindingArray) -> list[Artist]:
     from matplotlib.colors import ListedColormap, Normalize
 
     found, count = np.unique(active[reference_map.feasible], return_counts=True)

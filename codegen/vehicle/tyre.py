@@ -222,6 +222,15 @@ class MagicFormulaTyre:
         """
         return self.curve.peak(self) / self.stiffness_factor
 
+    def slip_at_use(self, use: float) -> float:
+        """Return the smallest slip angle in rad, without shifts, at which the force is a share `use` of its largest one.
+
+        Load and friction do not move it: both scale the whole curve. A tyre without a peak counts up to 45 degrees.
+        """
+        peak = min(self.peak_slip, SLIP_SEARCH_MAX)
+        wanted = use * float(self._shape(np.array(peak)))
+        return bracketed_root(lambda slip: float(self._shape(np.array(slip))) - wanted, 0.0, peak)
+
     def force(self, slip_angle: npt.ArrayLike, load: float | None = None, friction: float | None = None) -> FloatArray:
         """F in N for slip angles (rad, any shape) with the shifts; load and friction default to static and nominal."""
         load = self.static_load if load is None else load
@@ -278,31 +287,60 @@ def _slip_bound(tyre: MagicFormulaTyre, departure: float) -> float | None:
 
 @dataclass(frozen=True)
 class AxleTyres:
-    """The tyre of each axle with its slip bound in rad."""
+    """The tyre of each axle, with the slip angles in rad that end its linear range and, where configured, its use of grip.
+
+    Attributes:
+        front_slip_bound, rear_slip_bound: end of the linear range.
+        grip_slips: of front and rear axle, where they use `limits.grip_use_max` of their grip; None without that key.
+    """
 
     front: MagicFormulaTyre
     rear: MagicFormulaTyre
     front_slip_bound: float
     rear_slip_bound: float
+    grip_slips: tuple[float, float] | None
 
     @classmethod
     def from_config(cls, config: Config) -> AxleTyres:
-        """Return the tyres at the static wheel loads of the car. Raises ConfigError (see `slip_bound`)."""
-        front_load, rear_load = static_wheel_loads(config)
-        friction = config.road.friction
-        front = MagicFormulaTyre.from_config(config.tyre.front, front_load, friction)
-        rear = MagicFormulaTyre.from_config(config.tyre.rear, rear_load, friction)
-        departure = config.limits.slip_departure_percent / 100.0
-        return cls(front, rear, front.slip_bound(departure, "tyre.front"), rear.slip_bound(departure, "tyre.rear"))
+        """Return the tyres at the static wheel loads of the car.
+
+        Raises:
+            ConfigError: a tyre has no end to its linear range (see `slip_bound`), and its use of grip is not bounded either.
+        """
+        limits, friction = config.limits, config.road.friction
+        front, rear = (
+            MagicFormulaTyre.from_config(tyre, load, friction)
+            for tyre, load in zip((config.tyre.front, config.tyre.rear), static_wheel_loads(config), strict=True)
+        )
+        departure = limits.slip_departure_percent / 100.0
+        if limits.grip_use_max is None:
+            return cls(front, rear, front.slip_bound(departure, "tyre.front"), rear.slip_bound(departure, "tyre.rear"), None)
+        # The force of an axle over its largest one is the tyre's curve, whatever load, load transfer and friction are.
+        uses = (limits.grip_use_max * share for share in grip_known(config))
+        grip = tuple(tyre.slip_at_use(use) for tyre, use in zip((front, rear), uses, strict=True))
+        linear = [_slip_bound(tyre, departure) or math.inf for tyre in (front, rear)]
+        return cls(front, rear, linear[0], linear[1], (grip[0], grip[1]))
+
+    @property
+    def slip_limits(self) -> tuple[float, float]:
+        """Largest slip angles in rad of front and rear axle in a map of the nonlinear tyre."""
+        return self.grip_slips or (self.front_slip_bound, self.rear_slip_bound)
+
+
+def grip_known(config: Config) -> tuple[float, float]:
+    """Return the shares of its largest lateral force that the front and the rear axle are known to carry.
+
+    Below one where the drives of an identification did not reach that force.
+    """
+    return config.identified.front_grip_reached, config.identified.rear_grip_reached
 
 
 def slip_bounds(config: Config) -> tuple[float, float] | None:
     """Return the slip bounds of front and rear axle in a map of the configured car, in rad; None for tyres without bounds."""
     try:
-        tyres = AxleTyres.from_config(config)
+        return AxleTyres.from_config(config).slip_limits
     except ConfigError:  # nearly linear tyres; a map from another tool needs no bound
         return None
-    return tyres.front_slip_bound, tyres.rear_slip_bound
 
 
 def load_transfer_per_lateral_acceleration(config: Config) -> tuple[float, float]:

@@ -17,8 +17,8 @@ PROPERTY = """
 BOUND = """    Bound(
         Binding.FRONT_SIDESLIP,
         "front sideslip",
-        "rad",
         "#661100",
+        "rad",
         "front_sideslip_max",
         lambda turn: turn.front_angle + turn.slip_front,
     ),
@@ -29,7 +29,7 @@ import numpy as np
 
 from codegen.configuration import parse, preset
 from codegen.explore.explorer import map_data
-from codegen.map_file.bounds import BOUNDS, Binding, binding_text
+from codegen.map_file.bounds import MARKS, Binding, binding_text
 from codegen.map_file.map import from_bytes, to_bytes
 from codegen.optimum.solve import solve_case
 from codegen.report.html.maps import NamedMap, _binding
@@ -61,7 +61,7 @@ found = from_bytes(to_bytes(own), "test")
 assert found.meta["active_bits"]["front_sideslip"] == int(flag) and (found.active == own.active).all()
 alone = own.active == flag
 assert alone.any() and binding_text(int(flag)) == "front sideslip"
-assert [bound.flag for bound in BOUNDS] == sorted(flag for flag in Binding)
+assert sorted(mark.flag for mark in MARKS) == sorted(flag for flag in Binding)
 legend = [text.get_text() for text in map_figure(own, "test").legends[0].get_texts()]
 assert any("front sideslip" in text for text in legend)
 chart = _binding(NamedMap("test", own), own.active)
@@ -78,7 +78,7 @@ def test_a_constraint_is_one_entry_of_the_list(tree: Copy) -> None:
     tree.after(limits, 'from its tangent at zero; bounds the slip angles"),\n    ] = 10.0\n', KEY)
     tree.after(limits, "        return math.radians(self.rear_angle_max_deg)\n", PROPERTY)
     bounds = "codegen/map_file/bounds.py"
-    tree.after(bounds, "    ENVELOPE_SIDESLIP = 64\n", "    FRONT_SIDESLIP = 128\n")
+    tree.after(bounds, "    FLOOR = 128\n", "    FRONT_SIDESLIP = 256\n")
     tree.replace(bounds, ')\n"""All bounds, by rising flag."""', BOUND + ')\n"""All bounds, by rising flag."""')
     problem = "codegen/optimum/problem.py"
     tree.after(problem, "    sideslip_weight: float\n", "    front_sideslip_max: float = math.inf\n")

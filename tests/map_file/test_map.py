@@ -165,7 +165,7 @@ REFUSED: list[tuple[Change, str, str, str]] = [
     (put("yaw_rate", lambda a: np.rad2deg(a) / 2.0), "yaw_rate[1, 2]", " g of lateral acceleration, above 5 g", "deg/s"),
     (put("delta_r", np.rad2deg), "delta_r[0, 0]", "1.71887 is outside -0.5 to 0.5 rad", "multiply by pi/180"),
     (put("feasible", lambda a: a * 2.0), "feasible[0, 0]", "2 is neither true nor false", "booleans"),
-    (cell("active", (1, 1), 128), "active[1, 1]", "128 is no set", "0 to 127"),
+    (put("active", lambda a: a + np.uint16(256)), "active[0, 0]", "is no set", "0 to 255"),
     (put("meta", lambda _: np.zeros(3)), "meta", "numeric of shape (3,)", "json.dumps"),
     (text_meta('{"schema_version": NaN}'), "meta", "NaN is no JSON number", "leave the key out"),
     (text_meta('{"case": '), "meta", "not JSON text", "leave the key out"),

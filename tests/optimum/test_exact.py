@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from codegen.errors import ConfigError, MapError
-from codegen.map_file.bounds import Binding
+from codegen.map_file.bounds import BOUNDS
 from codegen.optimum import exact, ipopt
 from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
 from codegen.optimum.solve import solve_case
+from codegen.optimum.turns import turns_of
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from tests.optimum.cars import CASE, PAPER, SteadyModel, changed, check_against_scan, random_config
@@ -48,7 +49,7 @@ def test_binding_sets_follow_their_definitions() -> None:
                 if abs(beyond) > 0.1 * BINDING_TOLERANCE:
                     assert bool(found.active[i, j] & flag) == (beyond > 0.0)
             seen |= int(found.active[i, j])
-    assert seen == sum(Binding)
+    assert seen == sum(bound.flag for bound in BOUNDS)
 
 
 def test_brute_force_on_random_cars() -> None:
@@ -88,9 +89,8 @@ def test_ipopt_solves_a_map_without_the_closed_forms(monkeypatch: pytest.MonkeyP
 
 def test_a_point_that_ipopt_cannot_finish_is_an_error_not_an_infeasible_cell(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ipopt, "_run", lambda *_: None)
-    problem = SteadyTurnProblem.from_config(PAPER, PAPER.case("4ws-2"))
     with pytest.raises(MapError, match=r"^36 km/h, 2 deg: .*exact"):
-        ipopt.solve(PAPER, problem, np.array([36.0 / 3.6]), np.radians([2.0]))
+        ipopt.solve(PAPER, turns_of(PAPER, PAPER.case("4ws-2")), np.array([36.0 / 3.6]), np.radians([2.0]))
 
 
 @pytest.mark.parametrize("rear_steering", [False, True])

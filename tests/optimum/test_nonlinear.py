@@ -51,7 +51,7 @@ def test_against_ipopt() -> None:
     turns = NonlinearTurns.from_config(config, config.case("4ws-2"))
     speed, front_angle = (axis[20::40] for axis in breakpoints(config))
     ours = turns.solve(speed, front_angle)
-    peer = ipopt.solve(config, turns.problem, speed, front_angle, None, "magic-formula")
+    peer = ipopt.solve(config, turns, speed, front_angle, None, "magic-formula")
     np.testing.assert_array_equal(ours.feasible, peer.feasible)
     assert ours.feasible.sum() >= 2 and not ours.feasible.all()
     assert np.nanmax(np.abs(ours.yaw_rate - peer.yaw_rate)) < 1e-9

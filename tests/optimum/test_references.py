@@ -91,10 +91,10 @@ def test_a_variable_wheelbase_turns_like_the_other_car() -> None:
 def test_against_ipopt(name: str, tyre_model: str) -> None:
     """IPOPT finds the turn of the law as the nearest one inside the bounds; it converges to 1e-12 of its scaled variables."""
     config = changed(PAPER, grid=SMALL, limits=TIGHT).with_tyre_model(tyre_model)
-    problem = turns_of(config, config.case(name)).problem
+    turns = turns_of(config, config.case(name))
     speed, front_angle = breakpoints(config)
-    ours = turns_of(config, config.case(name)).solve(speed, front_angle)
-    peer = ipopt.solve(config, problem, speed, front_angle, None, tyre_model)  # type: ignore[arg-type]
+    ours = turns.solve(speed, front_angle)
+    peer = ipopt.solve(config, turns, speed, front_angle, None, tyre_model)  # type: ignore[arg-type]
     np.testing.assert_array_equal(ours.feasible, peer.feasible)
     np.testing.assert_array_equal(ours.active, peer.active)
     assert 10 < ours.feasible.sum() < ours.feasible.size

@@ -57,7 +57,7 @@ def test_the_figures_of_each_map(linear: ReferenceMap, ours: ReferenceMap) -> No
         assert side.lateral_acceleration_max_m_s2 == np.nanmax(one.speed[:, np.newaxis] * one.yaw_rate)
         assert one.active is not None and side.binding_cells is not None
         flags = one.active[one.feasible]
-        assert side.binding_cells["front slip"] == (flags & Binding.SLIP_FRONT).astype(bool).sum()
+        assert side.binding_cells["front grip"] == (flags & Binding.SLIP_FRONT).astype(bool).sum()
         assert (side.binding_cells["none"], side.unreached_cells) == ((flags == 0).sum(), 0)
     first, second = found.first.front_slip, found.second.front_slip
     assert first is not None and second is not None

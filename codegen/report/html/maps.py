@@ -14,6 +14,7 @@ from codegen.configuration import Config
 from codegen.design.loss import MODES, LossOfFunction, loss_of_function
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import ALL_BINDING, BindingArray
 from codegen.report.html.blocks import (
     EMPTY,
     INK,
@@ -139,11 +140,11 @@ def _phase_traces(one: ReferenceMap) -> list[dict[str, Any]]:
     ]
 
 
-def _binding(one: NamedMap, active: npt.NDArray[np.uint8]) -> Chart:
+def _binding(one: NamedMap, active: BindingArray) -> Chart:
     found, count = np.unique(active[one.map.feasible], return_counts=True)
     flags = found[np.argsort(-count, kind="stable")].tolist()
     names, colours = [binding_text(flag) for flag in flags], binding_colours(flags)
-    index = np.zeros(256, dtype=np.uint8)
+    index = np.zeros(ALL_BINDING + 1, dtype=np.uint8)
     index[flags] = np.arange(len(flags))
     codes = np.where(one.map.feasible, index[active], 0).astype(np.uint8)
     trace = category_trace(one.speed_km_h, one.front_angle_deg, codes, ~one.map.feasible, names, colours)
@@ -186,8 +187,11 @@ def _cut_data(one: NamedMap) -> dict[str, Any]:
     tables = {quantity.attribute: quantity.degrees(one.map) for quantity in QUANTITIES}
     binding: Mapping[str, Any] | None = None
     if one.map.active is not None:
-        flags = np.unique(one.map.active).tolist()
-        binding = {"codes": small(one.map.active), "names": {str(flag): binding_text(flag) for flag in flags}}
+        flags, places = np.unique(one.map.active, return_inverse=True)
+        binding = {
+            "codes": small(places.reshape(one.map.active.shape)),
+            "names": [binding_text(flag) for flag in flags.tolist()],
+        }
     return {
         "name": one.title,
         "speed_km_h": numbers(one.speed_km_h),

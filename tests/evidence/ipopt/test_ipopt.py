@@ -17,6 +17,7 @@ from codegen.optimum import exact, ipopt
 from codegen.optimum.exact import Solution
 from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
 from codegen.optimum.solve import solve_stack
+from codegen.optimum.turns import LinearTurns
 from tests.optimum.cars import CASE, PAPER, SteadyModel, changed, check_against_scan, random_config
 
 YAW_RATE_TOLERANCE = 1e-6  # rad/s
@@ -50,7 +51,7 @@ def near_binding(problem: SteadyTurnProblem, speed: FloatArray, found: Solution)
 def both_methods(config: Config, case: Case, speed: FloatArray, front_angle: FloatArray) -> list[tuple[int, int]]:
     """Solve one case with both methods and compare. Return the cells (indices) that are too thin to compare."""
     problem = SteadyTurnProblem.from_config(config, case)
-    reference, other = exact.solve(problem, speed, front_angle), ipopt.solve(config, problem, speed, front_angle)
+    reference, other = exact.solve(problem, speed, front_angle), ipopt.solve(config, LinearTurns(problem), speed, front_angle)
     wide = np.abs(reference.margin) >= MARGIN_MIN
     both = reference.feasible & other.feasible & wide
     near = both & (np.abs(reference.yaw_rate - other.yaw_rate) <= YAW_RATE_TOLERANCE)
