@@ -22,7 +22,7 @@ int main(void)
     const float yaw_gain = 3.7175996f; /* 1/s, steady yaw rate for each rad of front minus rear angle */
     ars_measurement_t measurement = {
         .speed = 11.666667f, /* m/s, 42 km/h */
-        .front_angle = 0.06806784f, /* rad, 3.9 deg to the left */
+        .front_angle = 0.08726646f, /* rad, 5 deg to the left */
         .yaw_rate = 0.0f,
         .rear_angle = 0.0f,
         .friction = (float)NAN, /* no estimate: the map's own */
