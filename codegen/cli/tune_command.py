@@ -238,10 +238,12 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
         f"{tuning.sensitivity_max:g}"
     )
     console.say(*(f"family: {told}" for told in (origin(config),) if told))
-    console.say(
-        "Up to the last speed of the grid, every car meets these requirements. At higher speeds they apply only to the cars "
-        "counted in the table: the configured car, and those that are stable with their rear wheels held."
-    )
+    if config.top_speed_km_h > config.grid.last_speed_km_h:
+        console.say(
+            "Up to the last speed of the grid, every car meets these requirements. At higher speeds they apply only to the "
+            "cars counted in the table: the configured car, and those that are stable with their rear wheels held."
+        )
+    console.say(f"The design ends at {config.top_speed_km_h:g} km/h. At higher speeds the C holds the last gains.")
     rows = zip(_rows(made), made.limiting, strict=True)
     console.say(_table(GAIN_COLUMNS, ({**row, "limiting": limiting} for row, limiting in rows)))
     console.say(

@@ -16,6 +16,7 @@ import numpy as np
 from codegen import __version__
 from codegen.configuration import Config, check_name
 from codegen.configuration.signals import CARRIED, STATUSES
+from codegen.design.margins import margin_range_km_h
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import Lookup, error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
@@ -415,8 +416,9 @@ def _stack_facts(total: TotalMap) -> dict[str, Any]:
 
 
 def _margin_range(config: Config) -> str:
-    controller = config.controller
-    return f"{controller.enable_speed_km_h:g} to {controller.inputs.speed_max_km_h:g} km/h"
+    first, last = margin_range_km_h(config)
+    is_beyond = last < config.controller.inputs.speed_max_km_h
+    return f"{first:g} to {last:g} km/h" + (" (the last gains hold beyond)" if is_beyond else "")
 
 
 def _percent(share: float | None) -> str:

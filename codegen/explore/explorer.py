@@ -17,7 +17,7 @@ from codegen import configuration
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.design.family import members
-from codegen.design.margins import Margins, concatenate, family_margins, margin_speeds, nominal_margins
+from codegen.design.margins import Margins, concatenate, family_margins, family_range_km_h, margin_speeds, nominal_margins
 from codegen.ecu_map.extend import TotalMap, extend
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import law_of
@@ -160,7 +160,7 @@ def margin_data(config: Config) -> Data | None:
 
 
 def family_data(config: Config, is_stale: Callable[[], bool]) -> Data | None:
-    """Return the worst margins of the whole family of cars over the speeds of the map; None if the request is outdated.
+    """Return the worst margins of the whole family of cars over `family_range_km_h`; None if the request is outdated.
 
     Raises:
         ConfigError: the family is too large.
@@ -168,8 +168,7 @@ def family_data(config: Config, is_stale: Callable[[], bool]) -> Data | None:
     gains = law_of(config).gains(config)
     if gains is None:
         return None
-    first = config.controller.enable_speed_km_h
-    speeds = np.linspace(first, max(config.grid.last_speed_km_h, 1.2 * first), FAMILY_SPEEDS) * KM_H
+    speeds = np.linspace(*family_range_km_h(config), FAMILY_SPEEDS) * KM_H
     found = []
     for k in range(speeds.size):
         if is_stale():

@@ -355,6 +355,22 @@ def _check_case(case: object, place: str) -> None:
 PRESET_NOTE = "the map brings no configuration: the paper's car and the paper's PI, with a rate limit, are taken"
 
 
+def older_keys(config: Config) -> tuple[str, ...]:
+    """Return a note for each key of older files that keeps its meaning, but has a better successor."""
+    lags = config.tuning.actuator_lag_s
+    if not lags:
+        return ()
+    return (
+        f"tuning.actuator_lag_s = {min(lags):g} to {max(lags):g} s does not follow rear_actuator.lag_s "
+        f"({config.rear_actuator.lag_s:g} s); give tuning.actuator_lag_factor instead, such as [0.4, 1.0, 2.0]",
+    )
+
+
+def _notes_on_design(config: Config) -> tuple[str, ...]:
+    """Return those for a controller whose gains are designed."""
+    return older_keys(config) if config.controller.kind == "tracking" else ()
+
+
 @dataclass(frozen=True)
 class Chosen:
     """The chosen configuration, its source ("map", "preset" or a file name), and notes for the user."""
@@ -372,23 +388,16 @@ def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) 
     own = reference_map.config if reference_map is not None else None
     if config_path is not None:
         config = configuration.load(config_path)
-        notes = _borrowed(config)
+        notes = _notes_on_design(config)
         if own is not None and (own.vehicle, own.tyre, own.road) != (config.vehicle, config.tyre, config.road):
             notes += (f"{config_path.name} describes another car than the map was solved for; the map is taken as it is",)
         if own is not None and own.tightening != config.tightening == Tightening():
             config = config.model_copy(update={"tightening": own.tightening})  # it belongs to the map
         return Chosen(config, config_path.name, notes)
     if own is not None:
-        return Chosen(own, "map")
+        return Chosen(own, "map", _notes_on_design(own))
     paper = configuration.preset()
     if reference_map is None:
         return Chosen(paper, "preset")
     # The paper's controller belongs to the paper's maps; another table gets the one with its rate limit on.
     return Chosen(paper.model_copy(update={"controller": Controller(kind="pi")}), "preset", (PRESET_NOTE,))
-
-
-def _borrowed(config: Config) -> tuple[str, ...]:
-    """Return a note if data of the car are missing and replaced by those of the paper's car."""
-    missing = [f"vehicle.{key}" for key in type(config.vehicle).model_fields if key not in config.vehicle.model_fields_set]
-    missing += [f"tyre.{axle}" for axle in type(config.tyre).model_fields if axle not in config.tyre.model_fields_set]
-    return (f"not given, so the paper's car stands in: {', '.join(missing)}",) if missing else ()

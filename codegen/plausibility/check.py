@@ -15,7 +15,7 @@ from codegen.emit.limiter_view import LimiterCut
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.map_file import map as npz
-from codegen.map_file.map import ReferenceMap, choose_config
+from codegen.map_file.map import ReferenceMap, choose_config, older_keys
 from codegen.optimum.solve import solve_case, solve_stack
 from codegen.plausibility.build import build_warnings, folder_notes, folder_warnings, margins_line, schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings
@@ -102,7 +102,7 @@ def _check_map(path: Path, config_path: Path | None) -> Found:
     reference_map = npz.load(path)
     chosen = choose_config(reference_map, config_path)
     found = _judge_map(chosen.config, reference_map)
-    return replace(found, notes=(*chosen.notes, *found.notes))
+    return replace(found, notes=tuple(dict.fromkeys((*chosen.notes, *_older(chosen.config, chosen.source), *found.notes))))
 
 
 def _check_configuration(path: Path) -> Found:
@@ -130,7 +130,7 @@ def _check_configuration(path: Path) -> Found:
         return tuple(text if names == steering else f"case {', '.join(names)}: {text}" for text, names in found.items())
 
     everywhere = dict.fromkeys(common.warnings, steering)
-    notes = (*chosen.notes, *common.notes)
+    notes = tuple(dict.fromkeys((*chosen.notes, *_older(config, chosen.source), *common.notes)))
     return Found(
         "configuration", of_cases(dict.fromkeys(common.lines, steering) | lines), facts, notes, of_cases(everywhere | warnings)
     )
@@ -142,7 +142,7 @@ def _check_build(path: Path) -> Found:
         config = configuration.parse(manifest["configuration"], path / "manifest.json")
     reference_map = _map_behind(manifest, config)
     found = _judge(config, reference_map, manifest)
-    notes = [*found.notes, *folder_notes(path)]
+    notes = [*_older(config, manifest["inputs"]["configuration"]["source"]), *found.notes, *folder_notes(path)]
     if reference_map is None and manifest["map"]["solved"]:
         inputs = manifest["inputs"]
         notes.append(
@@ -150,6 +150,11 @@ def _check_build(path: Path) -> Found:
             f"`codegen check {inputs['map']['file']} --config {inputs['configuration']['source']}`"
         )
     return replace(found, kind="build", notes=tuple(notes), warnings=(*found.warnings, *folder_warnings(path)))
+
+
+def _older(config: Config, source: str) -> tuple[str, ...]:
+    """Return the notes about older keys, unless the configuration is the paper's preset for a map without its own."""
+    return () if source == "preset" else older_keys(config)
 
 
 def _map_behind(manifest: Manifest, config: Config) -> ReferenceMap | None:

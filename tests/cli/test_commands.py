@@ -97,9 +97,13 @@ def test_a_bare_map_builds_with_the_papers_car(run: Run, here: Path) -> None:
 def test_another_configuration_than_the_one_in_the_map(run: Run, here: Path) -> None:
     config = here / "ars.toml"
     config.write_text(configuration.preset_text(), encoding="utf-8")
-    edit(config, ("integral_gain = 1.0", "integral_gain = 13.0"), ("mass_kg = 2335.07", ""))
-    answer = run("build", "--map", MAP, "-o", "own", "--config", config)
-    assert answer.code == 0 and "vehicle.mass_kg" in answer.err  # the paper's mass is used
+    edit(config, ("integral_gain = 1.0", "integral_gain = 13.0"))
+    assert run("build", "--map", MAP, "-o", "own", "--config", config).code == 0
+    edit(config, ("mass_kg = 2335.07", ""))
+    for command in (("build", "--map", MAP, "-o", "no"), ("solve", "--case", "4ws-2", "-o", "no.npz")):
+        answer = run(*command, "--config", config)
+        assert (answer.code, answer.out) == (2, "")
+        assert answer.err == f"error: {config}: vehicle.mass_kg is missing; add it; `codegen init DIR` writes a complete file\n"
     assert ".integral_gain = 13.0f" in Path("own/src/ars_calibration.c").read_text(encoding="ascii")
 
 

@@ -22,7 +22,7 @@ from .conftest import Run, edit, everything_in
 # Nine cars and four speeds up to the end of the grid: designed in well under a second.
 TUNING = """
 [tuning]
-actuator_lag_s = [0.05]
+actuator_lag_factor = [1.0]
 mass_percent = [0.0]
 stiffness_percent = [-20.0, 15.0]
 relaxation_length_m = [0.0, 0.6]
@@ -40,7 +40,8 @@ NONLINEAR = '\n[cases.nonlinear]\nrear_steering = true\nsideslip_weight_per_s2 =
 def write_config(*changes: tuple[str, str], grid: tuple[int, int] = (11, 10), more: str = "") -> Path:
     """Write the paper's ars.toml with a small family of cars and a small grid to the current folder."""
     path = Path("ars.toml")
-    path.write_text(configuration.preset_text() + TUNING + more, encoding="utf-8")
+    text = configuration.preset_text().replace("[tuning]\nactuator_lag_s = [0.02, 0.05, 0.1]\n", TUNING)
+    path.write_text(text + more, encoding="utf-8")
     points = (("speed_points = 101", f"speed_points = {grid[0]}"), ("angle_points = 100", f"angle_points = {grid[1]}"))
     return edit(path, *points, *changes)
 
@@ -78,6 +79,8 @@ def test_only_the_gains_of_the_map_change(run: Run, solved: Path) -> None:
     assert answer.out.startswith("tuned.npz: 25 cars, ")
     assert "\nfamily: rear_actuator.lag_s from [identified] (99 % of the cars); mass, stiffness, relaxation from" in answer.out
     assert "\n42.5 " in answer.out.partition("response gain s")[2]
+    assert "\nThe design ends at 120 km/h. At higher speeds the C holds the last gains.\n" in answer.out
+    assert "Up to the last speed of the grid" not in answer.out and controller.tracking.schedule.speed_km_h[-1] == 120.0
     assert weakest(after.config, gains_of(controller.tracking.schedule)).enough
     assert f"\ncontroller.fail_safe.rate_deg_s: {controller.fail_safe.rate_deg_s:g}" in answer.out
     # Without the added keys, the controller is unchanged.

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tomlkit
 
 from codegen.configuration import Config, parse, preset_text
 from codegen.errors import CodegenError
@@ -21,6 +22,7 @@ from codegen.identify.validation import validate, whiteness
 from codegen.units import DEGREE
 from codegen.vehicle.single_track import SingleTrack
 from tests.identify.drives import SENSOR, Course, Part, configured_car, drive, true_car, truth
+from tests.whole_car import with_car
 
 SEED = 3
 DEVIATIONS_MAX = 3.5
@@ -103,10 +105,12 @@ def test_a_covariance_is_symmetric() -> None:
     assert (found.correlation == found.correlation.T).all()
 
 
-@pytest.mark.parametrize("vehicle", ["vehicle = { mass_kg = 2000.0 }", "[vehicle]\nmass_kg = 2000.0"])
-def test_a_stiffness_factor_becomes_a_stiffness(vehicle: str) -> None:
+@pytest.mark.parametrize(("vehicle", "between"), [("vehicle = {{ {} }}", ", "), ("[vehicle]\n{}", "\n")])
+def test_a_stiffness_factor_becomes_a_stiffness(vehicle: str, between: str) -> None:
     """A file with an inline table is written anew."""
-    text = f"schema_version = 1\n{vehicle}\n[tyre.rear]\nstiffness_factor_b_per_rad = 12.0\n"
+    data = with_car({"tyre": {"rear": {"stiffness_factor_b_per_rad": 12.0}}})
+    own = vehicle.format(between.join(f"{key} = {value}" for key, value in data.pop("vehicle").items()))
+    text = f"schema_version = 1\n{own}\n{tomlkit.dumps(data)}"
     found = identified()
     written = parse(tomllib.loads(identified_toml(found, text, "ars.toml")), "ars.toml")
     assert written.tyre.rear.stiffness_factor_b_per_rad is None

@@ -20,7 +20,9 @@ from codegen.plausibility.car import Handling, car_warnings, distinct
 from codegen.plausibility.check import Found, check_path
 from codegen.plausibility.map import MapFacts, axis_warnings, beyond_grip, map_warnings
 from hil_sim.suite.cars import TEST_SEED, random_cars
+from tests.whole_car import car_toml
 
+OLDER_LAGS = {"actuator_lag_s": [0.02, 0.05, 0.1], "actuator_lag_factor": None}
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
 COARSE = {"grid": {"speed_points": 7, "front_angle_points": 8}}
 
@@ -63,7 +65,14 @@ def test_a_plausible_car_has_no_warning(number: int) -> None:
         ),
         ({"vehicle": {"cg_height_m": 1.0}}, "rolls over before its tyres slide"),
         ({"rear_actuator": {"rate_max_deg_s": 20.0}}, "rear_rate_max_deg_s = 25 is above rear_actuator.rate_max_deg_s = 20"),
-        ({"rear_actuator": {"lag_s": 0.2}}, "rear_actuator.lag_s = 0.2 is outside the lags for which gains are designed"),
+        (
+            {"rear_actuator": {"lag_s": 0.2}, "tuning": OLDER_LAGS},
+            r"rear_actuator.lag_s = 0.2 is outside the lags .*, 0.02 to 0.1 s \(tuning.actuator_lag_s\); replace that key by",
+        ),
+        (
+            {"tuning": {"actuator_lag_factor": [2.0, 4.0]}},
+            r"rear_actuator.lag_s = 0.05 is outside .* 0.1 to 0.2 s \(tuning.actuator_lag_factor\); include 1 there and run",
+        ),
         (
             {"tyre": {"front": {"cornering_stiffness_n_per_rad": 140e3}}},
             "the car is unstable from 137 km/h without rear steering",
@@ -149,6 +158,17 @@ def test_a_limiter_derived_from_the_car_has_another_remedy() -> None:
     assert "raise limiter.opposite_phase_lateral_acceleration_m_s2 (it is 1)" in text
 
 
+def test_the_family_follows_a_slow_actuator_and_the_top_speed_ends_the_check() -> None:
+    slow = {"rear_actuator": {"lag_s": 0.2}}
+    assert car_warnings(hatchback(**slow)) == ()
+    oversteering = {"tyre": {"front": {"cornering_stiffness_n_per_rad": 140e3}}}
+    found = [
+        "unstable from 137 km/h" in "\n".join(car_warnings(hatchback(**oversteering, vehicle={"top_speed_km_h": top})))
+        for top in (140.0, 130.0)
+    ]
+    assert found == [True, False]
+
+
 def test_a_neutral_car_has_no_critical_or_characteristic_speed() -> None:
     arm = {"cg_to_front_axle_m": 1.3, "cg_to_rear_axle_m": 1.301}
     assert str(Handling.from_config(hatchback(vehicle=arm))) == "understeer gradient 0.00 deg/g, neutral"
@@ -162,8 +182,9 @@ def test_a_value_close_to_a_limit_has_enough_digits() -> None:
 def test_a_gain_schedule_of_another_car_is_found() -> None:
     config = npz.load(GENERATED / "4ws2.npz").config
     assert config is not None and list(schedule_warnings(config)) == []
-    (text,) = schedule_warnings(config.replace({"rear_actuator": {"lag_s": 0.08}}))
+    family, text = schedule_warnings(config.replace({"rear_actuator": {"lag_s": 0.08}}))  # the family follows the actuator
     assert "tuned for another actuator than rear_actuator.lag_s = 0.08" in text
+    assert family.startswith("over the family of cars the gains keep ")
     schedule = config.controller.tracking.schedule
     assert schedule is not None
     tripled = {
@@ -262,7 +283,7 @@ def test_reasons_to_reject_a_build_are_warnings_of_its_map(tmp_path: Path) -> No
 
 def configured(folder: Path, text: str) -> Path:
     path = folder / "ars.toml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(car_toml(text), encoding="utf-8")
     return path
 
 
@@ -288,11 +309,13 @@ def test_a_limit_above_that_of_the_actuator_is_reported_once(tmp_path: Path) -> 
     assert "limits.rear_angle_max_deg = 5 is above rear_actuator.angle_max_deg = 3.5" in text
 
 
-def test_defaults_for_missing_keys_are_one_note(tmp_path: Path) -> None:
-    found = check_path(configured(tmp_path, GRID))
-    assert found.warnings == ()
-    (note,) = [text for text in found.notes if "stands in" in text]
-    assert "vehicle.mass_kg" in note and "tyre.rear" in note
+def test_lags_that_do_not_follow_the_car_are_one_note(tmp_path: Path) -> None:
+    older = check_path(configured(tmp_path, f"{GRID}[tuning]\nactuator_lag_s = [0.02, 0.05, 0.1]\n"))
+    (note,) = [text for text in older.notes if "actuator_lag_factor" in text]
+    assert note.startswith("tuning.actuator_lag_s = 0.02 to 0.1 s does not follow rear_actuator.lag_s")
+    assert not [text for text in check_path(configured(tmp_path, GRID)).notes if "actuator_lag" in text]
+    of_map, of_build = (check_path(GENERATED / name).notes for name in ("4ws2-paper.npz", "4ws2-paper"))
+    assert note in of_map and note in of_build
 
 
 def test_another_configuration_requires_a_map(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.design.margins import Weakest
+from codegen.design.margins import Weakest, margin_range_km_h
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.total import RULE_TEXT, Rule
 from codegen.emit.evidence import margins_of, margins_text
@@ -371,8 +371,7 @@ def _margins(material: Material) -> Iterator[Block]:
     yield chart
     for name, config in (material.loops or {}).items():
         least = margins_text(material.margins if config is material.config else margins_of(config)).replace("**", "")
-        top = config.controller.inputs.speed_max_km_h
-        yield Text(f"{name}, least margins of the car itself up to {top:g} km/h: {least}.")
+        yield Text(f"{name}, least margins of the car itself up to {margin_range_km_h(config)[1]:g} km/h: {least}.")
 
 
 def _faults(faults: Sequence[FaultEntry] | None) -> Iterator[Block]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.design.margins import Weakest
+from codegen.design.margins import Weakest, margin_range_km_h
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
@@ -98,7 +98,7 @@ def _number(value: float | bool | None, unit: str, digits: int) -> str:
 
 def _margins(found: Weakest | None, config: Config) -> Tile:
     title = "Least margins of the car itself"
-    speeds = f"{config.controller.enable_speed_km_h:g} to {config.controller.inputs.speed_max_km_h:g} km/h"
+    speeds = "{:g} to {:g} km/h".format(*margin_range_km_h(config))
     if found is None:
         return Tile(title, "no feedback", "so no margins")
     if found.unstable_from is not None:
