@@ -12,22 +12,29 @@ from dataclasses import dataclass
 from benchmarks.judged_car import (
     BUILD,
     FEEDFORWARD,
+    FEW_DRIVERS,
     PLANTS,
-    SWEEP_AMPLITUDES,
-    SWEEP_FRICTIONS,
-    SWEEP_MASSES,
     TWO_TRACK,
     CarFigures,
     Dwell,
     PaperStep,
-    SteadyFigures,
-    judge,
+    judge_car,
     paper_steps,
 )
 from benchmarks.judged_cars import PAPER, SEED, five_cars, random_cars
-from benchmarks.lane_change import DRIVERS, FEW_DRIVERS, STEP_KM_H
 from benchmarks.tables import CountReport, Row
 from codegen.errors import CodegenError
+from codegen.judgement.drives import SWEEP_RUNS
+from codegen.judgement.lane_change import DRIVERS, STEP_KM_H
+from codegen.judgement.rows import (
+    DISPLACEMENT_ENOUGH_M,
+    DISPLACEMENT_SHARE_MIN,
+    GRIP_MIN,
+    HIGH_MIN,
+    LOW_MIN,
+    SIDESLIP_SHARE_MAX,
+)
+from codegen.judgement.steady import SteadyFigures
 from hil_sim.suite.background import Background
 
 CARS, QUICK_CARS = 40, 4
@@ -36,11 +43,6 @@ LAW = " (law)"
 
 PAPER_GAIN_MIN = 1.092
 """C1 over C2 in the paper's table of its step."""
-GRIP_MIN, LOW_MIN, HIGH_MIN = 0.92, 0.98, 0.9
-DISPLACEMENT_MIN, DISPLACEMENT_SHARE_MIN = 2.1, 0.95
-"""m, or the share of the passive car's displacement."""
-SIDESLIP_SHARE_MAX = 0.5
-"""Peak sideslip over the passive car's in the lane change."""
 CARS_SHARE_MIN = 0.9
 """Share of the random cars that must meet every row."""
 
@@ -79,24 +81,25 @@ def _shown_grip(car: CarFigures) -> str:
 
 
 def _falling(car: CarFigures) -> float:
-    return _steady(car).falling
+    return _steady(car).dead.falling_percent
 
 
 def _shown_falling(car: CarFigures) -> str:
-    return f"{100.0 * _steady(car).falling:.1f} % ({100.0 * _steady(car).falling_on_ecu:.1f} % in the table of the ECU)"
+    steady = _steady(car)
+    return f"{steady.dead.falling_percent:.1f} % ({steady.dead_on_ecu.falling_percent:.1f} % in the table of the ECU)"
 
 
 def _low(car: CarFigures) -> float:
-    return _steady(car).low
+    return _steady(car).low.ratio
 
 
 def _high(car: CarFigures) -> float:
-    return _steady(car).high
+    return _steady(car).high.ratio
 
 
 def dwell_reserve(dwell: Dwell) -> float:
     """Return the distance in m of a displacement to its requirement, the easier of the two."""
-    return dwell.displacement - min(DISPLACEMENT_MIN, DISPLACEMENT_SHARE_MIN * dwell.passive)
+    return dwell.displacement - min(DISPLACEMENT_ENOUGH_M, DISPLACEMENT_SHARE_MIN * dwell.passive)
 
 
 def _dwell(car: CarFigures) -> float:
@@ -159,7 +162,7 @@ CRITERIA = (
     ),
     Criterion(
         "sine with dwell, displacement",
-        f"at least {DISPLACEMENT_MIN:g} m or {100.0 * DISPLACEMENT_SHARE_MIN:g} % of passive",
+        f"at least {DISPLACEMENT_ENOUGH_M:g} m or {100.0 * DISPLACEMENT_SHARE_MIN:g} % of passive",
         _dwell,
         _shown_dwell,
     ),
@@ -196,10 +199,11 @@ def run(
     five = five_cars()
     with Background() as background:
         steps_job = background.call(paper_steps, five[PAPER], plants)
-        jobs = [background.call(judge, name, config, plants, DRIVERS, True) for name, config in five.items()]
+        jobs = [background.call(judge_car, name, config, plants, DRIVERS, True) for name, config in five.items()]
         drawn = enumerate(random_cars(seed, count), start=1)
         jobs += [
-            background.call(judge, f"random car {number}", config, (TWO_TRACK,), FEW_DRIVERS, False) for number, config in drawn
+            background.call(judge_car, f"random car {number}", config, (TWO_TRACK,), FEW_DRIVERS, False)
+            for number, config in drawn
         ]
         steps, judged = steps_job.get(), []
         for number, job in enumerate(jobs, start=1):
@@ -304,14 +308,13 @@ def _failures(drawn: Sequence[CarFigures]) -> list[str]:
 
 
 def _notes() -> tuple[str, ...]:
-    runs = len(SWEEP_AMPLITUDES) * len(SWEEP_FRICTIONS) * len(SWEEP_MASSES)
     return (
         f"Plants: {TWO_TRACK} is the car of the configuration; roll is the third plant, with other tyres, relaxation and "
         "sensor errors. The passive car is driven on the same plant. Commands act a sample late. C1 and the displacement are "
         f"the worst of the tuned controller and of {FEEDFORWARD} alone.",
         "Passive car of the map's rows: steady turns of the nonlinear car with straight rear wheels, up to 90 % of the slip of "
         "peak force. Yaw rates are those of the table of the ECU with its cap; the cap of these rows is the configured limit.",
-        f"Sweep of sines with dwell: {runs} runs at 80 km/h, 5 to 7 times the angle for 0.3 g, friction 0.7 to 0.9 without an "
+        f"Sweep of sines with dwell: {SWEEP_RUNS} runs at 80 km/h, 5 to 7 times the angle for 0.3 g, friction 0.7 to 0.9, no "
         "estimate, mass 90 to 120 %, two-track. Too short: passive reaches the displacement of FMVSS 126, control does not.",
         f"Lane change: ISO 3888-2:2011 at constant speed, {len(DRIVERS)} drivers (MacAdam 1981; preview, reaction, gain), "
         f"random cars {len(FEW_DRIVERS)}; the largest speed, in steps of {STEP_KM_H:g} km/h, at which one driver passes. "

@@ -13,10 +13,10 @@ from codegen.design.margins import Weakest
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
+from codegen.judgement.check import all_warnings
 from codegen.map_file.map import ReferenceMap
 from codegen.plausibility.build import folder_notes, folder_warnings
 from codegen.plausibility.car import Handling
-from codegen.plausibility.check import all_warnings
 from codegen.report.html import build as build_tables
 from codegen.report.html import maps, runs
 from codegen.report.html.blocks import Block, Chart, Gallery, Text, Tile, Tiles
