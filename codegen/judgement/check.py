@@ -18,7 +18,7 @@ from codegen.emit.limiter_view import LimiterCut
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.judgement.judge import judge, judge_build
-from codegen.judgement.model import Stored, of_manifest, of_map
+from codegen.judgement.model import MISSING, Stored, of_manifest, of_map
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap, choose_config
 from codegen.optimum.solve import solve_case, solve_stack
@@ -166,7 +166,7 @@ def _check_configuration(path: Path, drive: bool, progress: Progress | None) -> 
         return tuple(text if names == steering else f"case {', '.join(names)}: {text}" for text, names in found.items())
 
     everywhere = dict.fromkeys(common.warnings, steering)
-    notes = (*chosen.notes, *common.notes, *(() if drive else (Stored("missing").note,)))
+    notes = (*chosen.notes, *common.notes, *(() if drive else (MISSING.note,)))
     return Found(
         "configuration", of_cases(dict.fromkeys(common.lines, steering) | lines), facts, notes, of_cases(everywhere | warnings)
     )

@@ -137,7 +137,8 @@ class Judgement(_Stored):
     @property
     def binding_text(self) -> str:
         """Shares of what binds, from half a percent on."""
-        return ", ".join(f"{name} {share:.0f} %" for name, share in self.binding_percent.items() if share >= 0.5)
+        shares = sorted(self.binding_percent.items(), key=lambda item: -item[1])
+        return ", ".join(f"{name} {share:.0f} %" for name, share in shares if share >= 0.5)
 
     def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Return a header and the rows as texts."""
@@ -185,10 +186,13 @@ class Stored:
         return {"state": self.state, **({} if self.judgement is None else self.judgement.to_dict())}
 
 
+MISSING = Stored("missing")
+
+
 def of_map(reference_map: ReferenceMap, config: Config) -> Stored:
     """Return the judgement that `codegen tune` stored in a map, for a configuration."""
     if judged.stored(reference_map) is None:
-        return Stored("missing")
+        return MISSING
     found = _read(judged.current(reference_map, config))
     return Stored("out of date") if found is None else Stored("current", found)
 
@@ -196,7 +200,7 @@ def of_map(reference_map: ReferenceMap, config: Config) -> Stored:
 def of_manifest(manifest: Mapping[str, Any], is_edited: bool = False) -> Stored:
     """Return the judgement in a build's manifest. It is not one of a build whose files have been edited."""
     if manifest.get(judged.KEY) is None:
-        return Stored("missing")
+        return MISSING
     found = _read(manifest[judged.KEY])
     if found is None or found.definition != judged.DEFINITION_VERSION or is_edited:
         return Stored("out of date")

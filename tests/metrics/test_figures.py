@@ -53,6 +53,8 @@ KNOWN = {
     "map_overshoot_percent": 37.5,
     "overshoot_percent": 10.0,
     "rise_time_s": 0.41,  # 0.45 rad/s are passed after 0.4091 s
+    "lateral_acceleration_overshoot_percent": 10.0,
+    "lateral_acceleration_rise_time_s": 9.0 / 22.0,
     "settling_time_s": 0.93,  # 0.51 rad/s are passed 4/5 down the fall of 0.53 s, after 0.924 s
     "peak_time_s": 0.5,
     "yaw_rate_gain_per_s": 0.5 / (0.04 * RATIO),

@@ -1,4 +1,4 @@
-"""First screen of a report: the build, its gain over the front-steered car, its margins, its cost and its verification."""
+"""First screen of a report: whether the car is better, its figures, its margins, its cost and its verification."""
 
 from __future__ import annotations
 
@@ -18,14 +18,12 @@ from codegen.map_file.map import ReferenceMap
 from codegen.plausibility.build import folder_notes, folder_warnings
 from codegen.plausibility.car import Handling
 from codegen.report.html import build as build_tables
-from codegen.report.html import maps, runs
+from codegen.report.html import judgement, maps, runs
 from codegen.report.html.blocks import Block, Chart, Gallery, Text, Tile, Tiles
 from codegen.units import KM_H
-from hil_sim.metrics import evaluate
 
 if TYPE_CHECKING:
     from codegen.report.html.report import Material
-    from hil_sim.scenarios import Scenario
 
 PICTURE_HEIGHT = 280
 """Height in px."""
@@ -33,7 +31,9 @@ PICTURE_HEIGHT = 280
 
 def verdict_blocks(material: Material) -> Iterator[Block]:
     """Yield a sentence, tiles with figures, two pictures, and the warnings."""
-    yield Text(_headline(material), "lead")
+    if material.configured:
+        yield judgement.headline(material.judgement)
+    yield Text(_headline(material), "" if material.configured else "lead")
     yield Tiles(tuple(_tiles(material)))
     yield Gallery(list(_pictures(material)))
     for note in (*material.notes, *_warnings(material)):
@@ -54,10 +54,10 @@ def _headline(material: Material) -> str:
 
 
 def _tiles(material: Material) -> Iterator[Tile]:
+    if material.configured and material.judgement.judgement is not None:
+        yield from judgement.tiles(material.judgement.judgement)
     if material.others and material.others[0].map.solved:
         yield _gain(material.map.map, material.others[0].map)
-    if material.runs and material.scenario is not None and material.scenario.kind == "step":
-        yield from _against_passive(material, material.scenario)
     if material.configured and not is_untuned(material.config):
         yield _margins(material.margins, material.config)
     if material.build is not None:
@@ -77,23 +77,6 @@ def _gain(one: ReferenceMap, other: ReferenceMap) -> Tile:
         f"{100.0 * own:.0f} % of the grid",
         f"front-steered: {100.0 * theirs:.0f} %; where both are safe, yaw rate {round(ratio):+d} % in the median",
     )
-
-
-def _against_passive(material: Material, scenario: Scenario) -> Iterator[Tile]:
-    found = evaluate(scenario, material.config, material.runs or {}, material.look_up)
-    name, own = next(iter(found.runs.items()))
-    passive = next((run for other, run in found.runs.items() if runs.is_passive(other)), None)
-    for key, title, unit, digits in (
-        ("overshoot_percent", "Overshoot", "%", 1),
-        ("settling_time_s", "Settling time", "s", 2),
-        ("map_error_percent", "Steady error to the map", "%", 1),
-    ):
-        comparison = "" if passive is None else f"; passive car: {_number(passive[key], unit, digits)}"
-        yield Tile(f"{title}, {scenario.name}", _number(own[key], unit, digits), f"{name}{comparison}")
-
-
-def _number(value: float | bool | None, unit: str, digits: int) -> str:
-    return "-" if value is None else f"{round(float(value), digits) + 0.0:.{digits}f}\u00a0{unit}"
 
 
 def _margins(found: Weakest | None, config: Config) -> Tile:
