@@ -134,7 +134,7 @@ def _check_map(path: Path, config_path: Path | None, drive: bool, progress: Prog
     chosen = choose_config(reference_map, config_path)
     found = _facts_of_map(chosen.config, reference_map)
     found = replace(found, notes=(*chosen.notes, *found.notes))
-    if chosen.source == "preset":
+    if chosen.source == "preset" and not beyond_grip(reference_map):
         return replace(found, notes=(*found.notes, NO_CAR))
     with within(path):
         return _judged(found, reference_map, chosen.config, drive, progress)

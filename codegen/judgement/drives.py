@@ -32,6 +32,8 @@ SINE_HZ, SINE_PERIODS = 1.0, 6
 SINE_LATERAL_ACCELERATION = 2.0
 """m/s^2 of the passive car in a steady turn at the peak of the steering angle: half of the step of ISO 7401."""
 
+DWELL_KM_H = 80.0
+"""Speed of the sine with dwell (49 CFR 571.126, S7.9); that of the scenario."""
 DWELL_AMPLITUDES = (5.0, 5.5, 6.0, 6.5)
 """Multiples of the steering angle for 0.3 g: from the first one of which the displacement is required to the last one of the
 standard's series (49 CFR 571.126, S5.2.3 and S7.9.4)."""
@@ -39,7 +41,7 @@ NOMINAL_AMPLITUDE = DWELL_AMPLITUDES[0]
 
 SWEEP_AMPLITUDES = (5.0, 5.5, 6.0, 6.5, 7.0)
 SWEEP_FRICTIONS = (0.7, 0.8, 0.9)
-"""Frictions of the road as absolute values."""
+"""Frictions of the road, at most the configured one."""
 SWEEP_MASSES = (0.9, 1.0, 1.1, 1.2)
 """Factors; the yaw inertia goes with the mass."""
 SWEEP_RUNS = len(SWEEP_AMPLITUDES) * len(SWEEP_FRICTIONS) * len(SWEEP_MASSES)
@@ -219,7 +221,7 @@ def drive_dwells(bench: Bench) -> DwellFigures:
 def drive_sweep(bench: Bench) -> SweepFigures:
     """Drive sines with dwell of cars of other mass on other roads, without an estimate of the friction. Raises as above."""
     amplitude, friction, mass = np.array(list(itertools.product(SWEEP_AMPLITUDES, SWEEP_FRICTIONS, SWEEP_MASSES))).T
-    dwell, runs = _dwells(bench, amplitude, friction=friction, mass=mass)
+    dwell, runs = _dwells(bench, amplitude, friction=np.minimum(friction, bench.config.road.friction), mass=mass)
     far, far_passive = _both(dwell.displacement >= displacement_min(runs.mass))
     met, met_passive = _both(dwell.outcome == 1.0)
     return SweepFigures(

@@ -10,7 +10,7 @@ from codegen.configuration import Config
 from codegen.emit.laws import is_untuned
 from codegen.errors import CodegenError
 from codegen.judgement.bench import Bench
-from codegen.judgement.drives import drive_dwells, drive_sines, drive_steps, drive_sweep
+from codegen.judgement.drives import DWELL_KM_H, drive_dwells, drive_sines, drive_steps, drive_sweep
 from codegen.judgement.lane_change import lane_change_figures
 from codegen.judgement.model import Judgement, Row
 from codegen.judgement.rows import (
@@ -28,6 +28,7 @@ from codegen.map_file.map import ReferenceMap
 from codegen.sil.batch import BatchSoftware
 from codegen.tuning.transient import compile_controller
 from codegen.tuning.tune import Tuned, tuned_parameters
+from codegen.units import KM_H
 from hil_sim.scenarios import DEFAULT, SCENARIOS
 
 NO_MAP = "the map is not in the build, so only its drives are judged"
@@ -94,7 +95,7 @@ def judge_build(
 
 PARTS = 5
 """Steps of the progress."""
-NAMED = 5
+FAULTS_NAMED, GAINS_NAMED = 4, 3
 """Figures that the sentence names; the others are in the table."""
 
 
@@ -118,6 +119,8 @@ def drive(
         rows += sine_rows(sine)
     dwell = None
     try:
+        if speed[-1] < DWELL_KM_H * KM_H * (1.0 - 1e-9):
+            raise CodegenError(f"the map ends below {DWELL_KM_H:g} km/h")
         dwell = drive_dwells(bench)
         rows += dwell_rows(dwell)
         tell(3, PARTS)
@@ -125,7 +128,7 @@ def drive(
     except CodegenError as error:
         notes.append(f"the sine with dwell was not driven: {error.what}")
     tell(4, PARTS)
-    lane_change = lane_change_figures(bench)
+    lane_change = lane_change_figures(bench, last_km_h=float(speed[-1]) / KM_H * (1.0 + 1e-9))
     rows += lane_change_rows(lane_change)
     rows += peak_rows(bench.config, step, dwell, lane_change)
     tell(PARTS, PARTS)
@@ -139,7 +142,10 @@ def _nothing(done: int, total: int) -> None:
 
 def sentence(rows: Sequence[Row]) -> str:
     """Return one sentence about the whole car."""
-    worse, missed, better = (_list([row for row in rows if row.verdict == each]) for each in ("worse", "missed", "better"))
+    worse, missed, better = (
+        _list([row for row in rows if row.verdict == verdict], named)
+        for verdict, named in (("worse", FAULTS_NAMED), ("missed", FAULTS_NAMED), ("better", GAINS_NAMED))
+    )
     faults = "; ".join(
         text for found, text in ((worse, f"it is worse in {worse}"), (missed, f"it misses a criterion in {missed}")) if found
     )
@@ -151,6 +157,6 @@ def sentence(rows: Sequence[Row]) -> str:
     return "This car is as good with the controller as without, and not better."
 
 
-def _list(rows: Sequence[Row]) -> str:
-    named = ", ".join(row.short for row in rows[:NAMED])
-    return f"{named} and {len(rows) - NAMED} more" if len(rows) > NAMED else named
+def _list(rows: Sequence[Row], count: int) -> str:
+    named = ", ".join(row.short for row in rows[:count])
+    return f"{named} and {len(rows) - count} more" if len(rows) > count else named

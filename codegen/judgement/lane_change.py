@@ -88,13 +88,13 @@ def sideslips_if_passed(runs: Runs, scenario: LaneChange, config: Config) -> Flo
     return np.where(passed, np.rad2deg(np.abs(sideslip).max(axis=0)), np.nan)
 
 
-def largest_entry_speed(passes: Callable[[float], bool]) -> float:
+def largest_entry_speed(passes: Callable[[float], bool], last_km_h: float = LAST_KM_H) -> float:
     """Return the largest entry speed in km/h at which at least one driver passes; zero for none.
 
-    Speeds rise by STEP_KM_H. `passes` says whether a driver passes at a speed in km/h.
+    Speeds rise by STEP_KM_H to the last one. `passes` says whether a driver passes at a speed in km/h.
     """
     found, misses = 0.0, 0
-    for speed in np.arange(FIRST_KM_H, LAST_KM_H + STEP_KM_H, STEP_KM_H).tolist():
+    for speed in np.arange(FIRST_KM_H, min(last_km_h, LAST_KM_H) + 0.5 * STEP_KM_H, STEP_KM_H).tolist():
         if passes(speed):
             found, misses = speed, 0
             continue
@@ -184,14 +184,14 @@ class _Drives:
         )
 
 
-def lane_change_figures(bench: Bench, drivers: Sequence[Hands] = DRIVERS) -> LaneChangeFigures:
-    """Drive the lane change with and without the controller."""
+def lane_change_figures(bench: Bench, drivers: Sequence[Hands] = DRIVERS, last_km_h: float = LAST_KM_H) -> LaneChangeFigures:
+    """Drive the lane change with and without the controller, up to a speed in km/h."""
     drives = _Drives(bench, drivers)
 
     def passes(car: int) -> Callable[[float], bool]:
         return lambda speed: bool(np.isfinite(drives.sideslips(speed)[car]).any())
 
-    speeds = [largest_entry_speed(passes(car)) for car in (0, 1)]
+    speeds = [largest_entry_speed(passes(car), last_km_h) for car in (0, 1)]
     common = min(speeds)
     sideslips, slip = np.full(2, np.nan), np.full((2, 2), np.nan)
     if common:

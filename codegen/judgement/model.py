@@ -55,15 +55,15 @@ class Row(_Stored):
     @property
     def value_text(self) -> str:
         """The value with its unit."""
-        return self._text(self.value)
+        return self._text(self.value, self.unit)
 
     @property
     def passive_text(self) -> str:
         """The same of the passive car; "" where the figure has none."""
-        return "" if self.key.startswith(MAP_ONLY) else self._text(self.passive)
+        return "" if self.key.startswith(MAP_ONLY) else self._text(self.passive, self.unit.partition(" of ")[0])
 
-    def _text(self, value: float | None) -> str:
-        return "spins" if value is None else f"{round(value, self.digits) + 0.0:.{self.digits}f} {self.unit}".rstrip()
+    def _text(self, value: float | None, unit: str) -> str:
+        return "spins" if value is None else f"{round(value, self.digits) + 0.0:.{self.digits}f} {unit}".rstrip()
 
     @property
     def short(self) -> str:

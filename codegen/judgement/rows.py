@@ -14,6 +14,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.judgement.drives import (
     DWELL_AMPLITUDES,
+    DWELL_KM_H,
     SINE_HZ,
     DwellFigures,
     SineFigures,
@@ -305,7 +306,7 @@ def dwell_rows(figures: DwellFigures) -> Iterator[Row]:
 
 
 def _amplitude(k: int) -> str:
-    return f"80 km/h, {DWELL_AMPLITUDES[k]:g} times the angle of 0.3 g"
+    return f"{DWELL_KM_H:g} km/h, {DWELL_AMPLITUDES[k]:g} times the angle of 0.3 g"
 
 
 def sweep_row(figures: SweepFigures) -> Row:
@@ -390,9 +391,9 @@ def peak_rows(
         own, passive = map(float, percent[k])
         yield _row(
             f"slip_{axle}",
-            f"largest {axle} slip, of {of}",
+            f"largest {axle} slip",
             (own, passive),
-            "%",
+            f"% of {of}",
             0,
             max(SLIP_MAX_PERCENT, passive),
             f"at most {SLIP_MAX_PERCENT:g} %, or as passive",
@@ -411,7 +412,7 @@ def _slip_limits(config: Config) -> list[tuple[float, str]]:
     found = []
     for tyre, load, bound in zip((config.tyre.front, config.tyre.rear), static_wheel_loads(config), bounds, strict=True):
         peak = MagicFormulaTyre.from_config(tyre, load, config.road.friction).peak_slip
-        found.append((peak, "that of peak force") if math.isfinite(peak) else (bound, "its bound"))
+        found.append((peak, "the slip of peak force") if math.isfinite(peak) else (bound, "its bound"))
     return found
 
 

@@ -60,7 +60,7 @@ class SteadyFigures:
 
     Attributes:
         largest_g, passive_g, limit_g: largest lateral acceleration of the map, of the passive car at the speeds and angles of
-            the map, and the configured limit.
+            the map (NaN where it has no turn at any of them), and the configured limit.
         binding_percent: share of the feasible cells by what binds in them; empty for a map without that.
         dead, dead_on_ecu: dead steering of the map, and of the table of the ECU from the first speed of the map up to the
             steering stop.
@@ -83,7 +83,7 @@ class SteadyFigures:
     @property
     def available_g(self) -> float:
         """Lateral acceleration that the car could use: the smaller of the passive car's largest and the configured limit."""
-        return min(self.passive_g, self.limit_g)
+        return float(np.fmin(self.passive_g, self.limit_g))
 
     @property
     def grip(self) -> float:

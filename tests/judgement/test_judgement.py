@@ -11,13 +11,15 @@ import pytest
 from codegen.configuration import Config
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.errors import CodegenError
+from codegen.explore.explorer import Explorer
 from codegen.judgement.check import check_path
 from codegen.judgement.judge import judge, sentence
-from codegen.judgement.model import Judgement, Row, Verdict, of_manifest, of_map
+from codegen.judgement.model import MISSING, Judgement, Row, Stored, Verdict, of_manifest, of_map
 from codegen.map_file import judged
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
-from codegen.report.html.judgement import tiles
+from codegen.report.html.blocks import Table, Text
+from codegen.report.html.judgement import headline, judgement_blocks, tiles
 from tests import builds, shared
 
 from .test_steady import passive_map
@@ -132,6 +134,24 @@ def test_a_build_takes_a_valid_judgement_along_and_its_c_does_not_change(weak_ma
     assert of_manifest({"judgement": older}).state == "out of date"
     stale = judged.with_judgement(with_one, {**weak.to_dict(), "inputs_sha256": "0" * 64})
     assert "judgement" not in build(stale, FEEDFORWARD, options, inputs).manifest
+
+
+def test_the_report_leads_with_it(weak: Judgement) -> None:
+    assert headline(Stored("current", weak)) == Text(weak.sentence, "lead")
+    first = headline(MISSING)
+    assert first.kind == "notice" and "`codegen check --drive`" in first.text
+    table, *texts = judgement_blocks(Stored("current", weak))
+    assert isinstance(table, Table) and len(table.rows) == len(weak.rows)
+    assert table.verdicts["worse"] == "bad" and "worse" in {cells[3] for cells in table.rows}
+    assert any(isinstance(text, Text) and "rear angle 100 %" in text.text for text in texts)
+
+
+def test_the_explorer_has_it_until_a_setting_moves(weak: Judgement) -> None:
+    explorer = Explorer(builds.CONFIG, "4ws-2", "map", (), Stored("current", weak))
+    shown = explorer.picture({"step.speed_km_h": 50.0})["judgement"]
+    assert (shown["state"], shown["sentence"], len(shown["rows"])) == ("current", weak.sentence, len(weak.rows))
+    moved = explorer.picture({"limits.sideslip_max_deg": 2.0})["judgement"]
+    assert moved["state"] == "out of date" and "`codegen check --drive`" in moved["sentence"] and not moved["rows"]
 
 
 def test_a_judgement_is_json_without_loss(weak: Judgement) -> None:

@@ -6,15 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from codegen.configuration import Config
 from codegen.design.margins import Weakest
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
 from codegen.judgement.check import all_warnings
-from codegen.map_file.map import ReferenceMap
 from codegen.plausibility.build import folder_notes, folder_warnings
 from codegen.plausibility.car import Handling
 from codegen.report.html import build as build_tables
@@ -34,7 +31,8 @@ def verdict_blocks(material: Material) -> Iterator[Block]:
     if material.configured:
         yield judgement.headline(material.judgement)
     yield Text(_headline(material), "" if material.configured else "lead")
-    yield Tiles(tuple(_tiles(material)))
+    if tiles := tuple(_tiles(material)):
+        yield Tiles(tiles)
     yield Gallery(list(_pictures(material)))
     for note in (*material.notes, *_warnings(material)):
         yield Text(note, "notice")
@@ -56,27 +54,10 @@ def _headline(material: Material) -> str:
 def _tiles(material: Material) -> Iterator[Tile]:
     if material.configured and material.judgement.judgement is not None:
         yield from judgement.tiles(material.judgement.judgement)
-    if material.others and material.others[0].map.solved:
-        yield _gain(material.map.map, material.others[0].map)
     if material.configured and not is_untuned(material.config):
         yield _margins(material.margins, material.config)
     if material.build is not None:
         yield from _verification(material.build)
-
-
-def _gain(one: ReferenceMap, other: ReferenceMap) -> Tile:
-    """Return the share of the grid with a safe turn, and the yaw rate there relative to the front-steered car's."""
-    title = "Safe turns, against the front-steered car"
-    if one.feasible.shape != other.feasible.shape:
-        return Tile(title, "-", "the maps have different grids")
-    own, theirs = one.feasible.mean(), other.feasible.mean()
-    both = one.feasible & other.feasible & (other.yaw_rate > 0.0)
-    ratio = 100.0 * (float(np.median(one.yaw_rate[both] / other.yaw_rate[both])) - 1.0) if both.any() else 0.0
-    return Tile(
-        title,
-        f"{100.0 * own:.0f} % of the grid",
-        f"front-steered: {100.0 * theirs:.0f} %; where both are safe, yaw rate {round(ratio):+d} % in the median",
-    )
 
 
 def _margins(found: Weakest | None, config: Config) -> Tile:
