@@ -88,7 +88,7 @@ class CarFigures:
 
     Attributes:
         sweep: runs of the sweep of sines with dwell.
-        warnings: of `codegen check` on the tuned map.
+        named: keys of the figures of which `codegen check` warns on the tuned map.
     """
 
     name: str
@@ -97,7 +97,7 @@ class CarFigures:
     dwells: tuple[Dwell, ...] = ()
     sweep: SweepFigures | None = None
     lane_changes: tuple[LaneChanges, ...] = ()
-    warnings: tuple[str, ...] = ()
+    named: frozenset[str] = frozenset()
 
 
 def judge_car(name: str, config: Config, plants: Sequence[str], drivers: Sequence[Hands], with_feedforward: bool) -> CarFigures:
@@ -113,7 +113,7 @@ def judge_car(name: str, config: Config, plants: Sequence[str], drivers: Sequenc
             dwells=tuple(_dwells(controllers, plants)),
             sweep=drive_sweep(_bench(tested)),
             lane_changes=tuple(_lane_changes(tested, plant, drivers) for plant in plants),
-            warnings=_warnings(reference_map, tested.config),
+            named=_named(reference_map, tested.config),
         )
     except CodegenError as error:
         return CarFigures(name, str(error))
@@ -238,10 +238,11 @@ def _bench(tested: Subject) -> Bench:
     return Bench(software, tested.config, software.parameters(**tested.parameters))
 
 
-def _warnings(reference_map: ReferenceMap, config: Config) -> tuple[str, ...]:
-    """Return the warnings of `codegen check` on a map with the tuned configuration, judged as by `codegen tune`."""
+def _named(reference_map: ReferenceMap, config: Config) -> frozenset[str]:
+    """Return the keys of the figures of which `codegen check` warns on a map that is judged as by `codegen tune`."""
     with tempfile.TemporaryDirectory(prefix="ars-better-") as folder:
         path = Path(folder, "map.npz")
         judgement = judge(reference_map, config)
         npz.save(with_judgement(reference_map.with_config(config), judgement.to_dict()), path)
-        return check_path(path).warnings
+        assert set(judgement.warnings) <= set(check_path(path).warnings)
+    return frozenset(row.key for row in judgement.faults)

@@ -81,14 +81,14 @@ def test_a_displacement_is_judged_by_the_easier_requirement() -> None:
 def test_the_table_names_the_worst_car_and_what_it_misses() -> None:
     none = Dead(0.0, 0.0)
 
-    def car(name: str, low: float, warnings: tuple[str, ...] = ()) -> judged_car.CarFigures:
+    def car(name: str, low: float, named: frozenset[str] = frozenset()) -> judged_car.CarFigures:
         return judged_car.CarFigures(
             name,
             steady=SteadyFigures(0.79, 0.85, 0.8, {}, none, none, Least(low, 30.0, 2.0), Least(1.0, 90.0, 2.0), {}),
             dwells=(judged_car.Dwell("two-track", "tracking", 2.2, 3.0),),
             sweep=SweepFigures(60, 40, 0, 0),
             lane_changes=(judged_car.LaneChanges("two-track", 56.0, 56.0, 0.5, 1.0),),
-            warnings=warnings,
+            named=named,
         )
 
     good, bad, failed = car("good", 1.0), car("bad", 0.6), judged_car.CarFigures("failed", "no gains")
@@ -100,5 +100,5 @@ def test_the_table_names_the_worst_car_and_what_it_misses() -> None:
     assert missed == {low, "random cars that meet every row above, seed 1", "`codegen check` on the five cars"}
     assert rows[low].cells[1:3] == ("60.0 %", "bad")
     assert rows["random cars that meet every row above, seed 1"].cells[1].startswith("1 of 3")
-    named = better.report([step], [good, car("bad", 0.6, ("the car turns less",))], [], 1)
+    named = better.report([step], [good, car("bad", 0.6, frozenset({"yaw_rate_low"}))], [], 1)
     assert {row.cells[0] for row in named.comparisons if not row.met} == {low}

@@ -299,8 +299,9 @@ def dwell_rows(figures: DwellFigures) -> Iterator[Row]:
             (own, passive),
             "%",
             1,
-            limit,
+            max(limit, passive),
             f"at most {limit:g} % (reserve {limit - own:.1f})" if math.isfinite(own) else f"at most {limit:g} %",
+            criterion=limit,
             at=_amplitude(k),
         )
 

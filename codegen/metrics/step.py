@@ -81,7 +81,7 @@ class StepResponse(_Steady):
         "overshoot of the steady lateral acceleration", "%", 1, lambda of: of.lateral_overshoot
     )
     lateral_acceleration_rise_time_s = Figure(
-        "rise time to 90 %, lateral acceleration", "s", 2, lambda of: of.rise_time_of(of.lateral_acceleration)
+        "time to stay above 90 %, lateral acceleration", "s", 2, lambda of: of.lateral_rise
     )
     settling_time_s = Figure("settling time to 2 %", "s", 2, lambda of: np.where(of.is_settled, of.time_outside_band_s, np.nan))
     peak_time_s = Figure("peak time", "s", 2, lambda of: of.since_start(of.runs.time[of.runs.after][of.turned.argmax(axis=0)]))
@@ -144,15 +144,8 @@ class StepResponse(_Steady):
     @Lazy
     def rise_time_interpolated_s(self) -> FloatArray:
         """Rise times (n,) in s, interpolated linearly between samples; NaN where the yaw rate does not rise."""
-        return self.rise_time_of(self.turned, np.abs(self.yaw_rate))
-
-    def rise_time_of(self, values: FloatArray, steady: FloatArray | None = None) -> FloatArray:
-        """Return the times (n,) in s from the start of steering to RISEN_FRACTION of the steady values (n,), interpolated.
-
-        Without steady values they are the means of the values (samples from the start of steering, n) over the steady window.
-        """
-        steady = self.end_of(values) if steady is None else steady
-        return crossing(self.runs.time[self.runs.after], values, RISEN_FRACTION * steady, 0) - self.runs.steer_time
+        level = RISEN_FRACTION * np.abs(self.yaw_rate)
+        return crossing(self.runs.time[self.runs.after], self.turned, level, 0) - self.runs.steer_time
 
     def end_of(self, values: FloatArray) -> FloatArray:
         """Return the means (n,) over the steady window of values (samples from the start of steering, n)."""
@@ -165,6 +158,21 @@ class StepResponse(_Steady):
         """Lateral accelerations after the start of steering, (samples, n) m/s^2, positive in their steady direction."""
         values = self.after("lateral_acceleration_m_s2")
         return np.where(self.end_of(values) < 0.0, -values, values)
+
+    @Lazy
+    def lateral_rise(self) -> FloatArray:
+        """Times (n,) in s from which the lateral acceleration stays above RISEN_FRACTION of its steady value, interpolated.
+
+        Front wheels that turn before the rear ones may give a peak that is no rise. NaN where it does not stay above.
+        """
+        values, time = self.lateral_acceleration, self.runs.time[self.runs.after]
+        level = RISEN_FRACTION * self.end_of(values)
+        below, each = values < level, np.arange(values.shape[1])
+        last = values.shape[0] - 1 - below[::-1].argmax(axis=0)
+        after = np.minimum(last + 1, values.shape[0] - 1)
+        share = (level - values[last, each]) / (values[after, each] - values[last, each])
+        risen = np.where(last < after, time[last] + share * (time[after] - time[last]), np.nan)
+        return np.where(below.any(axis=0), risen, time[0]) - self.runs.steer_time
 
     @Lazy
     def lateral_overshoot(self) -> FloatArray:

@@ -116,6 +116,16 @@ def test_a_run_that_does_not_settle_and_one_that_stays_outside() -> None:
     assert short.yaw_rate_steady_deg_s == pytest.approx(math.degrees(0.52))
 
 
+def test_a_lateral_acceleration_has_risen_when_it_stays_above() -> None:
+    """A peak of the front wheels at 0.2 s, a dip, and the rise proper through 9 m/s^2; one that falls at the end; none."""
+    peak = step_record(lateral_acceleration_m_s2=lambda t: np.interp(t, [1.0, 1.2, 1.4, 2.0], [0.0, 9.5, 6.0, 10.0]))
+    falls = step_record(lateral_acceleration_m_s2=lambda t: np.where((t > 1.5) & (t < 5.985), 10.0, 0.0))
+    still = step_record(lateral_acceleration_m_s2=0.0)
+    found = StepResponse(stacked(peak, falls, still))
+    assert found.lateral_acceleration_rise_time_s == pytest.approx([0.4 + 0.6 * 0.75, math.nan, 0.0], nan_ok=True)
+    assert found.lateral_acceleration_overshoot_percent[2] == 0.0
+
+
 @pytest.mark.parametrize("kind", TABLES)
 def test_a_run_does_not_depend_on_the_others(kind: str) -> None:
     """Bit for bit, also for one run alone, whose sums NumPy computes in another order."""
