@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from benchmarks.judged_car import (
     BUILD,
+    CONTROLLED,
     FEEDFORWARD,
     FEW_DRIVERS,
     PLANTS,
@@ -287,16 +288,23 @@ def _random_row(drawn: Sequence[CarFigures], seed: int) -> Row:
     return Row((title, measured, "-", f"{needed}", _verdict(of_map >= needed)), of_map >= needed)
 
 
+def as_checked(car: CarFigures) -> CarFigures:
+    """Return the figures of a car on the plant and with the controller of `codegen check`, as far as they were measured."""
+    dwells = tuple(each for each in car.dwells if (each.plant, each.controller) == (TWO_TRACK, CONTROLLED))
+    lane_changes = tuple(each for each in car.lane_changes if each.plant == TWO_TRACK)
+    return replace(car, dwells=dwells or car.dwells, lane_changes=lane_changes or car.lane_changes)
+
+
 def _check_row(five: Sequence[CarFigures]) -> Row:
-    """Return the row about `codegen check`: it must warn of the figure of each row above that a car misses."""
-    missed = {car.name: {criterion.row for criterion in CRITERIA if not criterion.is_met(car)} for car in five}
+    """Return the row about `codegen check`: it must warn of the figure of each row that a car misses as `check` drives it."""
+    missed = {car.name: {criterion.row for criterion in CRITERIA if not criterion.is_met(as_checked(car))} for car in five}
     unnamed = {car.name: sorted(missed[car.name] - car.named) for car in five if missed[car.name] - car.named}
     counts = ", ".join(f"{len(missed[car.name] & car.named)} of {len(missed[car.name])}" for car in five)
     left = "; ".join(f"{name}: {', '.join(rows)}" for name, rows in unnamed.items())
     return Row(
         (
             "`codegen check` on the five cars",
-            f"missed rows that are named: {counts}",
+            f"missed rows that are named ({CONTROLLED}, {TWO_TRACK}): {counts}",
             left or "-",
             "each missed row is named",
             _verdict(not unnamed),

@@ -23,7 +23,7 @@ from hil_sim.scenarios import DEFAULT, SCENARIOS, Scenario
 
 SPEEDS_KM_H = (60.0, 80.0)
 """Speeds of steps and sines; the last speed of the map follows."""
-STEP_SHARES = (0.25, 0.5, 0.8)
+STEP_SHARES = (0.25, 0.5, 0.8, 0.95)
 """Amplitudes of the steps as fractions of the lateral acceleration that the car can use: the front angle of the passive car."""
 STEER_TIME, STEP_DURATION = 0.2, 6.0
 """Times in s: a step begins, ends. Its last second is the steady state."""
