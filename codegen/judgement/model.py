@@ -129,7 +129,7 @@ class Judgement(_Stored):
         """Yield the sentence, the table without what is required, and what binds, for a terminal."""
         header, rows = self.table()
         yield self.sentence
-        yield text_table(header[:-1], [row[:-1] for row in rows])
+        yield f"\n{text_table(header[:-1], [row[:-1] for row in rows])}\n"
         if self.binding_percent:
             yield f"what binds in the map's cells: {self.binding_text}"
         yield from self.notes

@@ -31,6 +31,7 @@ from codegen.judgement.steady import (
     Least,
     SteadyFigures,
 )
+from codegen.metrics.runs import SPIN_SIDESLIP
 from codegen.metrics.sine_with_dwell import RATIOS
 from codegen.units import KM_H
 from codegen.vehicle.tyre import MagicFormulaTyre, slip_bounds, static_wheel_loads
@@ -53,6 +54,10 @@ SIDESLIP_SHARE_MAX = 0.5
 PEAK_SIDESLIP_TOLERANCE_DEG = 0.5
 SLIP_MAX_PERCENT = 100.0
 """Largest slip of an axle over that of its peak force: beyond, more slip gives less force."""
+
+
+ROUNDING = 1e-9
+"""Difference to a limit that counts as rounding."""
 
 
 def _rounded(value: float) -> float | None:
@@ -82,10 +87,9 @@ def _row(
     """
     sign = 1.0 if high else -1.0
     own, passive = values
-    slack = 1e-9 * max(1.0, abs(limit))
 
     def is_beyond(bound: float | None) -> bool:
-        return bound is not None and not sign * own >= sign * bound - slack
+        return bound is not None and not (sign * own >= sign * bound - ROUNDING or own == bound)
 
     verdict: Verdict = "equal"
     if is_beyond(limit):
@@ -372,8 +376,9 @@ def peak_rows(
         return
     names = [name for name, *_ in drives]
     sideslip, front, rear = (np.array([drive[place] for drive in drives]) for place in (1, 2, 3))
-    degrees = np.degrees(sideslip)
-    k = int(np.argmax(degrees[:, 0] - np.minimum(degrees[:, 1], 1e3)))
+    # How far a car that spins slides depends on where the drive ends.
+    front, rear, degrees = (np.where(sideslip > SPIN_SIDESLIP, np.inf, each) for each in (front, rear, np.degrees(sideslip)))
+    k = _worst(degrees.T, PEAK_SIDESLIP_TOLERANCE_DEG)
     yield _row(
         "sideslip",
         "peak sideslip of all drives",
@@ -388,7 +393,7 @@ def peak_rows(
         if not math.isfinite(limit):
             continue
         percent = 100.0 * slips / limit
-        k = int(np.argmax(percent[:, 0]))
+        k = int(np.argmax(np.where(np.isinf(percent).all(axis=1), 0.0, percent[:, 0])))
         own, passive = map(float, percent[k])
         yield _row(
             f"slip_{axle}",

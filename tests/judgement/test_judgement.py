@@ -1,6 +1,7 @@
 """The judgement of a car: its verdict, where it is stored, and when it is valid."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,10 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.errors import CodegenError
 from codegen.explore.explorer import Explorer
 from codegen.judgement.check import check_path
+from codegen.judgement.drives import DwellFigures, Peaks
 from codegen.judgement.judge import judge, sentence
 from codegen.judgement.model import MISSING, Judgement, Row, Stored, Verdict, of_manifest, of_map
+from codegen.judgement.rows import dwell_rows
 from codegen.map_file import judged
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
@@ -79,6 +82,44 @@ def test_a_straight_rear_axle_is_as_good_as_the_passive_car() -> None:
 
 def row(key: str, verdict: Verdict) -> Row:
     return Row(key=key, title=key, value=1.0, passive=2.0, unit="g", digits=0, required="more", verdict=verdict)
+
+
+@pytest.mark.parametrize(
+    ("own", "passive", "verdict"),
+    [
+        (10.0, 15.0, "equal"),  # within the criterion, and no better by more than the distance to it
+        (30.0, math.inf, "better"),
+        (36.0, 20.0, "worse"),
+        (36.0, 40.0, "missed"),
+        (math.inf, 20.0, "worse"),
+        (math.inf, math.inf, "missed"),
+    ],
+)
+def test_a_yaw_rate_ratio_is_judged_against_criterion_and_passive(own: float, passive: float, verdict: Verdict) -> None:
+    peaks = Peaks(*(np.full((2, 4), 0.01),) * 3)
+    ratios = {1.0: np.tile([[own], [passive]], 4), 1.75: np.zeros((2, 4))}
+    found = [*dwell_rows(DwellFigures(np.full((2, 4), 2.5), 1.83, ratios, peaks))]
+    assert [row.verdict for row in found] == ["equal", verdict, "equal"]
+    assert found[1].value_text == ("spins" if own == math.inf else f"{own:.1f} %")
+
+
+@pytest.mark.parametrize(
+    ("own", "passive", "needed", "verdict"),
+    [
+        (2.12, 3.0, 1.83, "equal"),  # enough for every car
+        (1.9, 1.95, 1.83, "equal"),  # 97 % of passive
+        (1.9, 2.1, 1.83, "worse"),
+        (1.6, 1.65, 1.83, "missed"),
+        (1.6, 1.65, 1.52, "equal"),  # a heavy car
+        (3.2, 2.5, 1.83, "better"),
+    ],
+)
+def test_a_displacement_needs_the_standard_and_the_passive_car(own: float, passive: float, needed: float, verdict: str) -> None:
+    peaks = Peaks(*(np.full((2, 4), 0.01),) * 3)
+    ratios = {after: np.zeros((2, 4)) for after in (1.0, 1.75)}
+    displacement, *_ = dwell_rows(DwellFigures(np.tile([[own], [passive]], 4), needed, ratios, peaks))
+    assert displacement.verdict == verdict
+    assert f"(reserve {own - needed:.2f} m)" in displacement.required
 
 
 def test_the_sentence_names_faults_first_and_not_too_many() -> None:
