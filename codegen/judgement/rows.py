@@ -263,7 +263,7 @@ def sine_rows(figures: SineFigures) -> Iterator[Row]:
         own, passive = 1e3 * both[:, k]
         yield _row(
             f"delay_{_key(quantity)}",
-            f"phase delay of the {quantity} at {SINE_HZ:g} Hz",
+            f"delay of the {quantity}, {SINE_HZ:g} Hz",
             (float(own), float(passive)),
             "ms",
             0,
@@ -299,7 +299,7 @@ def dwell_rows(figures: DwellFigures) -> Iterator[Row]:
         own, passive = map(float, both[:, k])
         yield _row(
             f"dwell_ratio_{after:g}_s",
-            f"yaw-rate ratio {after:g} s after the sine with dwell",
+            f"yaw-rate ratio {after:g} s after sine with dwell",
             (own, passive),
             "%",
             1,
@@ -323,7 +323,7 @@ def sweep_row(figures: SweepFigures) -> Row:
         value=float(misses),
         unit=f"of {figures.runs}",
         digits=0,
-        at=f"load and road vary; displacement {figures.short}, all criteria {figures.failed}",
+        at=f"displacement {figures.short}, all criteria {figures.failed}",
         required="none",
         verdict="worse" if misses else "equal",
     )
@@ -418,7 +418,7 @@ def _slip_limits(config: Config) -> list[tuple[float, str]]:
     found = []
     for tyre, load, bound in zip((config.tyre.front, config.tyre.rear), static_wheel_loads(config), bounds, strict=True):
         peak = MagicFormulaTyre.from_config(tyre, load, config.road.friction).peak_slip
-        found.append((peak, "the slip of peak force") if math.isfinite(peak) else (bound, "its bound"))
+        found.append((peak, "peak-force slip") if math.isfinite(peak) else (bound, "its bound"))
     return found
 
 

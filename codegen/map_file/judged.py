@@ -32,8 +32,10 @@ def inputs_sha256(reference_map: ReferenceMap, config: Config) -> str:
         }
         for key, table in tables.items():
             if table is not None:
-                array = np.ascontiguousarray(table)
-                digest.update(f"{key} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
+                # As numbers of one type, without the bits that a NaN may carry: a saved map has the hash of the one in memory.
+                array = np.array(table, dtype="<f8", order="C")
+                array[np.isnan(array)] = np.nan
+                digest.update(f"{key} {array.shape}\n".encode() + array.tobytes())
     return digest.hexdigest()
 
 

@@ -139,6 +139,9 @@ def test_a_stored_judgement_is_valid_for_its_inputs_only(weak_map: ReferenceMap,
     npz.save(judged.with_judgement(weak_map.with_config(FEEDFORWARD), weak.to_dict()), path)
     read = npz.load(path)
     assert of_map(read, FEEDFORWARD).judgement == weak
+    assert read.active is not None
+    other_types = replace(read, active=read.active.astype(np.int64), yaw_rate=np.where(read.feasible, read.yaw_rate, -np.nan))
+    assert of_map(other_types, FEEDFORWARD).state == "current"
     assert check_path(path).warnings[-len(weak.warnings) :] == weak.warnings
 
     rates = read.yaw_rate.copy()
