@@ -224,7 +224,8 @@ def build(
     from codegen.emit.from_files import prepare
     from codegen.emit.text import Precision
     from codegen.emit.write import check_target
-    from codegen.plausibility.check import all_warnings
+    from codegen.judgement.check import all_warnings
+    from codegen.judgement.model import of_map
     from codegen.plausibility.map import require_grip
 
     request = _request(max_error, max_flash, storage)
@@ -251,7 +252,8 @@ def build(
         return
     changed = prepared.write()
     manifest = prepared.folder.manifest
-    warnings = list(all_warnings(prepared.chosen.config, prepared.reference_map, manifest))
+    stored = of_map(prepared.reference_map, prepared.chosen.config)
+    warnings = [*all_warnings(prepared.chosen.config, prepared.reference_map, manifest), *stored.warnings]
     result = {"build": str(target), "changed": changed, "files": files, "configuration": prepared.chosen.source}
     result["limiter_cut"] = manifest["limiter_cut"]
     if request is not None:

@@ -42,6 +42,7 @@ from codegen.emit.take_over import sbom, take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.xcp_view import xcp_view
 from codegen.errors import BuildError
+from codegen.map_file import judged
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import ACCELERATION
 from codegen.units import KM_H
@@ -178,6 +179,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     Raises:
         BuildError, MapError: see `extend` and `check_prefix`.
     """
+    judgement = judged.current(reference_map, config)
     config = with_signals(reference_map, config)
     code = _code(reference_map, config, options, inputs)
     evidence = Evidence(reference_map, code.parts.total, config, numpy_type(options.precision))
@@ -192,7 +194,8 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     }
     files[DEVIATIONS] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
     files[SBOM] = sbom(files, code.facts)
-    return Folder(files=files, manifest={**code.facts, **evidence.to_dict()})
+    manifest = {**code.facts, **evidence.to_dict(), **({} if judgement is None else {judged.KEY: judgement})}
+    return Folder(files=files, manifest=manifest)
 
 
 def build_code(reference_map: ReferenceMap, config: Config, options: BuildOptions, inputs: BuildInputs) -> Folder:

@@ -24,6 +24,7 @@ from codegen.emit.laws import law_of
 from codegen.errors import MapError, within
 from codegen.explore.controls import Control, Step, apply, checked, controls_of
 from codegen.explore.recalibrated import Calibration, Recalibrated
+from codegen.judgement.model import MISSING, Stored, of_map
 from codegen.map_file import map as npz
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
@@ -95,6 +96,15 @@ def cut_data(total: TotalMap, last_angle: float, speed: float) -> Data:
         "yaw_rate_deg_s": numbers(np.degrees(yaw_rate)),
         "rear_angle_deg": numbers(np.degrees(rear_angle)),
     }
+
+
+def judgement_data(stored: Stored) -> Data:
+    """Return the judgement of the car as texts: a sentence, or why there is none, and the rows of its table."""
+    if stored.judgement is None:
+        return {"state": stored.state, "sentence": f"{stored.note[0].upper()}{stored.note[1:]}.", "header": [], "rows": []}
+    header, rows = stored.judgement.table()
+    texts = {"header": list(header), "rows": [list(row) for row in rows]}
+    return {"state": stored.state, "sentence": stored.judgement.sentence, **texts}
 
 
 def drive(software: Recalibrated, calibration: Calibration, step: Step, *, controlled: bool = True) -> FloatArray:
@@ -209,12 +219,14 @@ class Explorer:
         case: its case that is solved.
         name: name of the map, for titles.
         notes: notes for the user.
+        judgement: judgement of the car at the start.
     """
 
     start: Config
     case: str
     name: str
     notes: tuple[str, ...] = ()
+    judgement: Stored = MISSING
     controls: tuple[Control, ...] = field(init=False)
     _software: Recalibrated = field(init=False)
     _begun: Calibration = field(init=False)
@@ -270,9 +282,14 @@ class Explorer:
             "cut": cut,
             "step": runs,
             "margins": None if margins is None else {"now": margins, "start": self._begun_margins},
+            "judgement": judgement_data(self._judgement(config)),
             "warnings": list(car_warnings(config)),
             "took_ms": clock.laps,
         }
+
+    def _judgement(self, config: Config) -> Stored:
+        """Return the judgement for settings: that of the start is out of date with others."""
+        return self.judgement if config == self.start or self.judgement.state == "missing" else Stored("out of date")
 
     def family(self, given: object, is_stale: Callable[[], bool]) -> Data | None:
         """Return the margins of the family of cars; see `family_data`. Runs beside other requests. Raises CodegenError."""
@@ -380,4 +397,4 @@ def opened(map_path: Path, config_path: Path | None = None) -> Explorer:
     if config_path is not None and reference_map.config is not None:
         notes.append(f"the map is solved again with {config_path.name}; the one in the file is not used")
     with within(config_path or map_path):
-        return Explorer(config, case, map_path.stem, tuple(notes))
+        return Explorer(config, case, map_path.stem, tuple(notes), of_map(reference_map, config))

@@ -26,6 +26,7 @@ REGIONS: Mapping[str, Callable[..., str]] = {
     "evidence-summary": evidence_tables.summary,
     "exit-codes": interface_tables.exit_codes,
     "identified-quantities": config_tables.quantities_markdown,
+    "judgement": interface_tables.judgement,
     "map-file": interface_tables.map_file,
     "names-toml": config_tables.names_markdown,
     "planted-faults": evidence_tables.planted_faults,

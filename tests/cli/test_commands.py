@@ -71,7 +71,11 @@ def test_a_build_that_another_numpy_made_is_up_to_date(run: Run, here: Path, mon
 
 def test_check_prints_a_line_per_warning_and_returns_1(run: Run, here: Path) -> None:
     """`check` reports a map in km/h, `build` rejects it unless overridden; a build folder has its facts."""
-    assert (run("check", MAP.with_name("4ws2.npz")).code, run("check", TRACKING, "--json").code) == (0, 0)
+    for subject in (MAP.with_name("4ws2.npz"), TRACKING):
+        answer = run("check", subject, "--json")
+        judged = json.loads(answer.out)["judgement"].get("rows", [])
+        faults = [row for row in judged if row["verdict"] in ("worse", "missed")]
+        assert (answer.code, len(json.loads(answer.out)["warnings"])) == (1 if faults else 0, len(faults))
     speed, angle = np.array([20.0, 60.0, 110.0]), np.array([0.02, 0.05, 0.1])
     np.savez("km-h.npz", vx=speed, delta_f=angle, yaw_rate=np.minimum(np.outer(speed / 12.0, angle), 0.3))
     answer = run("check", "km-h.npz")

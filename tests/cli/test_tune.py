@@ -1,5 +1,6 @@
 """`codegen tune`: adds a controller to a map."""
 
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,12 +13,13 @@ from codegen.cli.tune_command import _target_note, _trim_facts, _trim_text
 from codegen.configuration import Config
 from codegen.design.margins import gains_of, weakest
 from codegen.ecu_map.model_excess import Excess
+from codegen.judgement.model import of_map
 from codegen.map_file import map as npz
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import excess_warning
 from codegen.tuning.transient import Response
 
-from .conftest import Run, edit, everything_in
+from .conftest import Answer, Run, edit, everything_in
 
 # Nine cars and four speeds up to the end of the grid: designed in well under a second.
 TUNING = """
@@ -71,7 +73,8 @@ def test_only_the_gains_of_the_map_change(run: Run, solved: Path) -> None:
     for key in ("speed", "front_angle", "yaw_rate", "feasible", "sideslip", "rear_angle", "active"):
         np.testing.assert_array_equal(getattr(before, key), getattr(after, key))
     assert after.case == "4ws-2"
-    assert after.meta | {"configuration": ""} == before.meta | {"configuration": ""}
+    added = {"configuration": "", "judgement": ""}
+    assert after.meta | added == before.meta | added
     controller = after.config.controller
     assert controller.kind == "tracking"
     assert controller.tracking.schedule.lead_s and max(controller.tracking.schedule.response_gain_s) > 0.0
@@ -83,6 +86,7 @@ def test_only_the_gains_of_the_map_change(run: Run, solved: Path) -> None:
     assert "Up to the last speed of the grid" not in answer.out and controller.tracking.schedule.speed_km_h[-1] == 120.0
     assert weakest(after.config, gains_of(controller.tracking.schedule)).enough
     assert f"\ncontroller.fail_safe.rate_deg_s: {controller.fail_safe.rate_deg_s:g}" in answer.out
+    assert_judged(run, after, answer)
     # Without the added keys, the controller is unchanged.
     before_tracking = before.config.controller.tracking
     was = {
@@ -93,6 +97,22 @@ def test_only_the_gains_of_the_map_change(run: Run, solved: Path) -> None:
         ),
     }
     assert after.config.model_copy(update={"controller": controller.model_copy(update=was)}) == before.config
+
+
+def assert_judged(run: Run, tuned: npz.ReferenceMap, answer: Answer) -> None:
+    """Check that the judgement is stored and printed, and that `check --drive` makes the same one."""
+    found = of_map(tuned, stored(Path("tuned.npz"))).judgement
+    assert found is not None and found.sentence in answer.out
+    assert all(f"warning: {text}" in answer.err for text in found.warnings)
+    before = everything_in(Path())
+    shown, fresh = json.loads(run("show", "tuned.npz", "--json").out), run("check", "tuned.npz", "--drive", "--json")
+    assert fresh.code == (1 if found.warnings else 0)
+    assert json.loads(fresh.out)["judgement"] == shown["judgement"] == {"state": "current", **found.to_dict()}
+    assert everything_in(Path()) == before
+    built = run("build", "--map", "tuned.npz")
+    assert all(f"warning: {text}" in built.err for text in found.warnings)
+    assert run("build", "--map", "tuned.npz", "--check").code == 0
+    assert json.loads(run("check", "generated/tuned", "--json").out)["judgement"] == shown["judgement"]
 
 
 def test_a_missed_target_of_the_step_response_is_a_warning() -> None:
