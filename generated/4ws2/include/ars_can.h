@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x547A97C9u
+#define ARS_CAN_BUILD 0x8886744Bu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

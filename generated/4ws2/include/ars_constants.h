@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0x547A97C9u
+#define ARS_CONSTANTS_BUILD 0x8886744Bu
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady one that the constraints allow */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x547A97C9u
+#define ARS_DYNAMICS_BUILD 0x8886744Bu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

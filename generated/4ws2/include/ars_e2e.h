@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0x547A97C9u
+#define ARS_E2E_BUILD 0x8886744Bu
 
 /* Result of a check. The data are used only with OK, INITIAL and OK_SOME_LOST. */
 typedef enum {

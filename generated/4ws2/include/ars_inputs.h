@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x547A97C9u
+#define ARS_INPUTS_BUILD 0x8886744Bu
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x547A97C9u
+#define ARS_LIMITER_BUILD 0x8886744Bu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

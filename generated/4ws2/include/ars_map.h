@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x547A97C9u
+#define ARS_MAP_BUILD 0x8886744Bu
 
 /* Numbers of breakpoints. */
 enum {

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x547A97C9u
+#if ARS_CHECKSUM_BUILD != 0x8886744Bu
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

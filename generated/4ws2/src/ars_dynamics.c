@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x547A97C9u
+#if ARS_DYNAMICS_BUILD != 0x8886744Bu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x547A97C9u
+#if ARS_E2E_BUILD != 0x8886744Bu
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

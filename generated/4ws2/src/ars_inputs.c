@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x547A97C9u
+#if ARS_INPUTS_BUILD != 0x8886744Bu
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x547A97C9u
+#if ARS_LIMITER_BUILD != 0x8886744Bu
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x547A97C9u
+#if ARS_TASK_BUILD != 0x8886744Bu
 #error "ars_task.h and this source come from different builds"
 #endif
 
