@@ -14,10 +14,10 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.errors import CodegenError
 from codegen.explore.explorer import Explorer
 from codegen.judgement.check import check_path
-from codegen.judgement.drives import DwellFigures, Peaks
+from codegen.judgement.drives import DwellFigures, Peaks, StepFigures
 from codegen.judgement.judge import judge, sentence
 from codegen.judgement.model import MISSING, Judgement, Row, Stored, Verdict, of_manifest, of_map
-from codegen.judgement.rows import dwell_rows
+from codegen.judgement.rows import dwell_rows, step_rows
 from codegen.map_file import judged
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
@@ -66,9 +66,26 @@ def test_every_quantity_has_its_worst_speed(weak: Judgement) -> None:
         for quantity in ("yaw_rate", "lateral_acceleration"):
             row = weak.row(f"{key}_{quantity}")
             assert row is not None and "km/h" in row.at, (key, quantity)
+        yaw_rate, lateral = weak.row(f"{key}_yaw_rate"), weak.row(f"{key}_lateral_acceleration")
+        assert yaw_rate and lateral and yaw_rate.passive != lateral.passive
     assert {f"yaw_gain_{speed}" for speed in (60, 80, 120)} <= {row.key for row in weak.rows}
     assert weak.row("dwell_ratio_1_s") and weak.row("dwell_ratio_1.75_s")
     assert all(row.verdict == "stated" or row.required for row in weak.rows)
+
+
+def test_the_worst_of_several_speeds_is_that_which_exceeds_passive_most() -> None:
+    both = np.array([[3.0, 12.0, 30.0], [0.0, 1.0, 29.0]])
+    quantities = {"yaw rate": both, "lateral acceleration": both[:, ::-1]}
+    peaks = Peaks(*(np.zeros((2, 3)),) * 3)
+    figures = StepFigures(
+        np.array([60.0, 80.0, 120.0]), np.array([3.0, 2.0, 1.0]), both, both, quantities, {"yaw rate": 0.01 * both}, peaks
+    )
+    found = {row.key: row for row in step_rows(figures, 42.5)}
+    assert set(found) == {"overshoot_yaw_rate", "overshoot_lateral_acceleration", "rise_yaw_rate"}
+    overshoot = found["overshoot_yaw_rate"]
+    assert (overshoot.value, overshoot.passive, overshoot.at) == (12.0, 1.0, "80 km/h, step of 2.0 deg")
+    assert overshoot.verdict == "worse" and "80 km/h" in overshoot.warning
+    assert found["rise_yaw_rate"].verdict == "worse"  # 0.12 s against 0.01 s
 
 
 def test_a_straight_rear_axle_is_as_good_as_the_passive_car() -> None:
