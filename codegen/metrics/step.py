@@ -61,6 +61,7 @@ class StepResponse(_Steady):
     the start of steering: to 90 % of the steady value, to the peak, and to where the yaw rate stays within 2 % of its steady
     value (NaN where it does not settle). `yaw_rate_gain_per_s` is the steady yaw rate over the steady angle of the steering
     wheel; NaN where that is zero. `sideslip_abs_min_deg` is the smallest |beta| after the rise; before, beta starts from zero.
+    The lateral acceleration has risen when it stays above 90 % of its steady value.
     """
 
     settled = Figure("settled at the end", "", 2, lambda of: of.is_settled.astype(np.float64), ("NO: means only", "yes"))
@@ -77,12 +78,8 @@ class StepResponse(_Steady):
         lambda of: np.where(of.yaw_rate != 0.0, 100.0 * (of.peak / of.yaw_rate - 1.0), 0.0),
     )
     rise_time_s = Figure("rise time to 90 %", "s", 2, lambda of: of.since_start(of.runs.time[of.risen]))
-    lateral_acceleration_overshoot_percent = Figure(
-        "overshoot of the steady lateral acceleration", "%", 1, lambda of: of.lateral_overshoot
-    )
-    lateral_acceleration_rise_time_s = Figure(
-        "time to stay above 90 %, lateral acceleration", "s", 2, lambda of: of.lateral_rise
-    )
+    lateral_acceleration_overshoot_percent = Figure("overshoot, lateral acceleration", "%", 1, lambda of: of.lateral_overshoot)
+    lateral_acceleration_rise_time_s = Figure("rise to 90 %, lateral acceleration", "s", 2, lambda of: of.lateral_rise)
     settling_time_s = Figure("settling time to 2 %", "s", 2, lambda of: np.where(of.is_settled, of.time_outside_band_s, np.nan))
     peak_time_s = Figure("peak time", "s", 2, lambda of: of.since_start(of.runs.time[of.runs.after][of.turned.argmax(axis=0)]))
     yaw_rate_gain_per_s = Figure("yaw-rate gain, steady", "1/s", 3, lambda of: of.gain)
