@@ -15,7 +15,7 @@ from codegen.emit.limiter_view import LimiterCut
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.map_file import map as npz
-from codegen.map_file.map import ReferenceMap, choose_config
+from codegen.map_file.map import ReferenceMap, choose_config, grip_notes
 from codegen.optimum.solve import solve_case, solve_stack
 from codegen.plausibility.build import build_warnings, folder_notes, folder_warnings, margins_line, schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings
@@ -142,7 +142,7 @@ def _check_build(path: Path) -> Found:
         config = configuration.parse(manifest["configuration"], path / "manifest.json")
     reference_map = _map_behind(manifest, config)
     found = _judge(config, reference_map, manifest)
-    notes = [*found.notes, *folder_notes(path)]
+    notes = [*grip_notes(config, [manifest["inputs"]["map"].get("case")]), *found.notes, *folder_notes(path)]
     if reference_map is None and manifest["map"]["solved"]:
         inputs = manifest["inputs"]
         notes.append(

@@ -171,6 +171,19 @@ def test_the_floor_by_its_definition(name: str) -> None:
     assert counts.all() and counts.sum() > 20, counts
 
 
+def test_the_floor_of_a_car_that_oversteers_near_the_limit() -> None:
+    """Its tyres turn the passive car more than its gain at small angles; the floor is the former."""
+    tyre = {"rear": {"peak_load_sensitivity_p2": -0.3}}
+    config = changed(CARS["light, rear-heavy"], vehicle={"front_roll_share": 0.3}, tyre=tyre, limits={"yaw_gain_floor": 1.1})
+    turns, model, speed, front_angle = turns_of(config), two_track(config), 52.0 * KM_H, math.radians(4.3)
+    found = turns.at(np.array([speed]), np.array([front_angle]))
+    passive = passive_yaw_rate(config, model, speed, front_angle)
+    linear = SteadyModel.of(config, config.cases[MAP]).turns(speed, front_angle, np.zeros(1)).yaw_rate[0]
+    floor = 1.1 * passive / (1.0 + (1.1 * passive * speed / turns.cap(np.array([speed]))[0]) ** 50) ** 0.02
+    assert passive > 1.005 * linear and found.active[0] & Binding.FLOOR
+    assert found.yaw_rate[0] == pytest.approx(floor, rel=2e-6)
+
+
 @pytest.mark.parametrize("name", CARS)
 def test_the_car_turns_at_least_as_much_as_the_passive_one_up_to_the_cap(name: str) -> None:
     """20 to 60 km/h. The plant decides. The bend takes 1.4 % where the passive car reaches the cap; bounds win."""
@@ -200,6 +213,16 @@ def test_the_yaw_rate_never_falls_with_the_front_angle(name: str) -> None:
     below = found.yaw_rate[:, 1:] * speed[:, np.newaxis] < 0.98 * turns_of(CARS[name]).cap(speed)[:, np.newaxis]
     steps = (rise / (np.diff(front_angle) / front_angle[1:]))[below & np.isfinite(rise)]
     assert steps.size > 1000 and steps.min() > 0.05  # relative rise of the yaw rate over that of the front angle
+
+
+def test_it_does_not_fall_where_the_optimum_is_at_the_limit_of_grip() -> None:
+    """That limit falls with the front angle, and so would an optimum with little weight on sideslip, without a floor."""
+    changes = {"floor": None, "sideslip_weight": 10.0}
+    speed, front_angle = np.array([60.0, 90.0, 118.0]) * KM_H, np.radians(np.linspace(1.0, 10.0, 120))
+    found = turns_of(CARS[HEAVY], **changes).solve(speed, front_angle)
+    without = turns_of(CARS[HEAVY], **changes, is_bent=False).solve(speed, front_angle)
+    assert (np.diff(without.yaw_rate, axis=1) < -1e-6).any()
+    assert np.nanmin(np.diff(found.yaw_rate, axis=1) / found.yaw_rate[:, 1:]) >= -ROUNDING
 
 
 @pytest.mark.parametrize("name", [HEAVY, "paper's", "light, rear-heavy"])
@@ -265,12 +288,6 @@ def test_the_flag_of_the_cap_by_its_definition(name: str) -> None:
     np.testing.assert_array_equal(is_marked[clear], (share > CAPPED)[clear])
     both = is_marked & ((found.active & Binding.FLOOR) != 0)
     assert is_marked.any() and not is_marked[found.feasible].all() and not both.any()
-
-
-def test_beyond_the_grip_of_the_front_axle_less_would_be_asked_without_a_cap() -> None:
-    """The reason for the cap: the yaw rate at the limit of grip falls with the front angle."""
-    straight, speed = turns_of(CARS[HEAVY], is_bent=False, floor=None), np.array([60.0, 110.0]) * KM_H
-    assert (np.diff(straight.solve(speed, np.radians(np.linspace(1.0, 10.0, 60))).yaw_rate, axis=1) < -1e-6).any()
 
 
 # --- the solvers ----------------------------------------------------------------------------------------------------------
