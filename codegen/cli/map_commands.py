@@ -147,7 +147,7 @@ def solve(
     handling, facts = Handling.from_config(chosen.config), MapFacts.of_map(reference_map, chosen.config)
     warnings = [*car_warnings(chosen.config), *map_warnings(reference_map, chosen.config)]
     if as_json:
-        origin = {"map": str(output), "configuration": chosen.source, "warnings": warnings}
+        origin = {"map": str(output), "configuration": chosen.source, "notes": list(chosen.notes), "warnings": warnings}
         like = {"like_friction": [one.to_dict() for one in alike]} if alike else {}
         cost = {} if uncertain is None else {"nominal": {"map": str(nominal_path), **_cost(uncertain)}}
         console.print_json({**origin, "handling": handling.to_dict(), **facts.to_dict(), **summary.to_dict(), **like, **cost})

@@ -20,7 +20,7 @@ from codegen.errors import CodegenError, within
 from codegen.judgement.judge import judge, judge_build
 from codegen.judgement.model import MISSING, Stored, of_manifest, of_map
 from codegen.map_file import map as npz
-from codegen.map_file.map import ReferenceMap, choose_config, older_keys
+from codegen.map_file.map import ReferenceMap, choose_config, grip_notes, older_keys
 from codegen.optimum.solve import solve_case, solve_stack
 from codegen.plausibility.build import build_warnings, folder_notes, folder_warnings, margins_line, schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings
@@ -184,7 +184,12 @@ def _check_build(path: Path, drive: bool, progress: Progress | None) -> Found:
         found = found.with_judgement(Stored("current", judge_build(load_batch(path), speed, reference_map, progress)))
     else:
         found = found.with_judgement(of_manifest(manifest, is_edited=bool(verify_hashes(path))))
-    notes = [*_older(config, manifest["inputs"]["configuration"]["source"]), *found.notes, *folder_notes(path)]
+    notes = [
+        *_older(config, manifest["inputs"]["configuration"]["source"]),
+        *grip_notes(config, [manifest["inputs"]["map"].get("case")]),
+        *found.notes,
+        *folder_notes(path),
+    ]
     if reference_map is None and manifest["map"]["solved"]:
         inputs = manifest["inputs"]
         notes.append(
