@@ -29,7 +29,7 @@ from codegen.report.map_difference import map_difference_figure
 from codegen.report.map_plots import front_angle_cut_figure, map_figure
 from codegen.report.run_plots import run_figure
 from codegen.report.tyre_plots import tyre_figure
-from scripts.guide import frame_layout, sketches
+from scripts.guide import frame_layout, map_choice, sketches
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -242,6 +242,10 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "cut": cut,
     "nonlinear": nonlinear,
     "rules": rules,
+    "choose-paper": functools.partial(map_choice.maps_figure, "paper"),
+    "choose-van": functools.partial(map_choice.maps_figure, "van"),
+    "choose-keys-paper": functools.partial(map_choice.keys_figure, "paper", 60.0),
+    "choose-keys-van": functools.partial(map_choice.keys_figure, "van", 120.0),
     "margins": margins,
     "bounds": bounds,
     "step": step,

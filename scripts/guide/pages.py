@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from scripts.guide import commands, config_tables, evidence_tables, interface_tables
+from scripts.guide import commands, config_tables, evidence_tables, interface_tables, map_choice
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 REGIONS: Mapping[str, Callable[..., str]] = {
@@ -26,7 +26,9 @@ REGIONS: Mapping[str, Callable[..., str]] = {
     "evidence-summary": evidence_tables.summary,
     "exit-codes": interface_tables.exit_codes,
     "identified-quantities": config_tables.quantities_markdown,
+    "map-comparison": map_choice.comparison,
     "map-file": interface_tables.map_file,
+    "map-keys": map_choice.keys,
     "names-toml": config_tables.names_markdown,
     "planted-faults": evidence_tables.planted_faults,
     "run-columns": interface_tables.run_columns,
