@@ -115,7 +115,7 @@ class Row:
     inside: BoolArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solved:
     """A map of a car with its configuration."""
 
@@ -197,6 +197,7 @@ def _at_points(car: Car, row_of: Callable[[float], Row]) -> Iterator[str]:
         yield f"{100.0 * rate[0] * row.speed / acceleration:.0f} %, {round(sideslip, 1) + 0.0:.1f}°"
 
 
+@functools.cache
 def _cells(solved: Solved) -> tuple[str, ...]:
     figures = steady_figures(solved.reference_map, solved.config)
     return (
