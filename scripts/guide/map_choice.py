@@ -115,7 +115,7 @@ class Row:
     inside: BoolArray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Solved:
     """A map of a car with its configuration."""
 
@@ -177,14 +177,9 @@ def _passive_row(car: Car, speed_km_h: float, front_angle: FloatArray) -> Row:
 POINTS = ((60.0, 0.4), (60.0, 0.7), (120.0, 0.4))
 """Operating points: speed in km/h, and the lateral acceleration in g that the passive car reaches at the same front angle."""
 
-HEAD = (
-    *(f"{speed:g} km/h, {share:g} g: yaw rate, β" for speed, share in POINTS),
-    "least yaw rate, 80 and 120 km/h",
-    "falling steps",
-    "largest ay",
-    "grip used",
-    "feasible",
-)
+POINTS_HEAD = tuple(f"{speed:g} km/h, {share:g} g: yaw rate, β" for speed, share in POINTS)
+LIMITS_HEAD = ("largest ay", "grip used", "feasible")
+JUDGED_HEAD = ("least yaw rate, 80 and 120 km/h", "falling steps")
 
 
 def _at_points(car: Car, row_of: Callable[[float], Row]) -> Iterator[str]:
@@ -197,17 +192,12 @@ def _at_points(car: Car, row_of: Callable[[float], Row]) -> Iterator[str]:
         yield f"{100.0 * rate[0] * row.speed / acceleration:.0f} %, {round(sideslip, 1) + 0.0:.1f}°"
 
 
-@functools.cache
-def _cells(solved: Solved) -> tuple[str, ...]:
-    figures = steady_figures(solved.reference_map, solved.config)
-    return (
-        *_at_points(solved.car, solved.row),
-        f"{100.0 * figures.high:.0f} %",
-        f"{100.0 * figures.falling:.0f} %",
-        f"{figures.largest_g:.2f} g",
-        f"{100.0 * solved.grip_use:.0f} %",
-        f"{100.0 * solved.reference_map.feasible.mean():.0f} %",
-    )
+def _at_limits(solved: Solved) -> Iterator[str]:
+    """Yield the largest lateral acceleration, the largest use of grip, and the share of feasible cells."""
+    one = solved.reference_map
+    yield f"{np.nanmax(one.speed[:, np.newaxis] * one.yaw_rate) / solved.config.road.gravity_m_s2:.2f} g"
+    yield f"{100.0 * solved.grip_use:.0f} %"
+    yield f"{100.0 * one.feasible.mean():.0f} %"
 
 
 def comparison(name: str) -> str:
@@ -217,23 +207,29 @@ def comparison(name: str) -> str:
     largest = np.nanmax(car.passive.lateral_acceleration * np.isfinite(car.passive.front_angle))
     passive = (
         *_at_points(car, lambda speed_km_h: _passive_row(car, speed_km_h, angles)),
-        *("", "0 %"),
         f"{largest / car.config.road.gravity_m_s2:.2f} g",
-        *("100 %", ""),
+        *("100 %", "", "", "0 %"),
     )
-    rows = [(MAPS[which][0], *_cells(_of_map(name, which))) for which in MAPS]
-    return table((car.title, *HEAD), [("straight rear wheels", *passive), *rows])
+    rows = [("straight rear wheels", *passive)]
+    for which, (title, _) in MAPS.items():
+        solved = _of_map(name, which)
+        judged = steady_figures(solved.reference_map, solved.config)
+        shares = (f"{100.0 * share:.0f} %" for share in (judged.high, judged.falling))
+        rows.append((title, *_at_points(car, solved.row), *_at_limits(solved), *shares))
+    return table((car.title, *POINTS_HEAD, *LIMITS_HEAD, *JUDGED_HEAD), rows)
 
 
 def keys(name: str) -> str:
     """Return the table of a car over the values of each key; the car's own values are bold."""
+    car, head = _car(name), (*POINTS_HEAD, *LIMITS_HEAD)
     rows: list[tuple[str, ...]] = []
     for key, values in {**KEYS, **LIMITS}.items():
-        rows.append((f"`{key.rpartition('.')[2]}`", *("" for _ in HEAD)))
+        rows.append((f"`{key.rpartition('.')[2]}`", *("" for _ in head)))
         for value in values:
+            solved = _of_key(name, key, value)
             text = f"**{value:g}**" if value == _own_value(name, key) else f"{value:g}"
-            rows.append((text, *_cells(_of_key(name, key, value))))
-    return table((_car(name).title, *HEAD), rows)
+            rows.append((text, *_at_points(car, solved.row), *_at_limits(solved)))
+    return table((car.title, *head), rows)
 
 
 # --- figures -----------------------------------------------------------------------------------------------------------
