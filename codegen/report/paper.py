@@ -217,7 +217,8 @@ def overview_figure(reference_map: ReferenceMap, runs: Mapping[str, FloatArray],
     looks, window = looks_of(runs), run_window(runs)
     with style.style(1.3):
         figure = style.new_figure(1600 / 130, 780 / 130, dpi=130)
-        left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.05), wspace=0.03)
+        parts = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.05), wspace=0.03)
+        left, right = figure.add_subfigure(parts[0, 0]), figure.add_subfigure(parts[0, 1])
         axes = left.subplots()
         _draw_overview_map(left, axes, reference_map, runs)
         axes.set_title(title)
