@@ -283,13 +283,19 @@ FIGURES: dict[str, Callable[[], Figure]] = {
 }
 
 
-def _small(png: bytes) -> bytes:
-    """Return a picture with at most 256 colours, each within 14 of 255 of the original: a third of the bytes."""
+SHADED = ("overview", "map", "nonlinear")
+"""Figures with shades of colour, which 256 colours would turn into bands."""
+
+
+def _small(png: bytes, shaded: bool) -> bytes:
+    """Return a picture without transparency. One that is not `shaded` gets at most 256 colours, each within 14 of 255 of the
+    original: a third of the bytes."""
     from PIL import Image
 
     small = io.BytesIO()
     with Image.open(io.BytesIO(png)) as picture:
-        reduced = picture.convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        plain = picture.convert("RGB")
+        reduced = plain if shaded else plain.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
         reduced.save(small, "png", optimize=True, dpi=picture.info["dpi"])
     return small.getvalue()
 
@@ -299,7 +305,7 @@ def draw_all(folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name, draw in FIGURES.items():
-        path, content = folder / f"{name}.png", _small(look.to_png(draw()))
+        path, content = folder / f"{name}.png", _small(look.to_png(draw()), name in SHADED)
         if not path.is_file() or path.read_bytes() != content:
             write_atomically(path, content)
             written.append(path)
