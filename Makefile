@@ -65,12 +65,11 @@ generated: $(READY) ## the committed reference output in generated/, the picture
 	@$(BIN)/codegen solve --config build/recommended/ars.toml --case 4ws-2 -o generated/4ws2.npz
 	@$(BIN)/codegen tune --map generated/4ws2.npz -o generated/4ws2.npz
 	@$(BIN)/codegen build --map generated/4ws2.npz -o generated/4ws2
-	@$(BIN)/codegen paper -o build >/dev/null
-	@mkdir -p docs/images && cp build/overview.png docs/images/overview.png
-	@$(BIN)/codegen sil --suite tracking --plot docs/images/tracking.png >/dev/null || test $$? = 1  # a missed requirement
-	@$(BIN)/codegen sil --suite references --plot docs/images/references.png >/dev/null
+	@$(BIN)/codegen sil --build generated/4ws2 --suite tracking --json --plot docs/images/tracking.png >build/tracking.json \
+		|| test $$? = 1  # a missed requirement
+	@$(BIN)/codegen sil --build generated/4ws2 --suite references --plot docs/images/references.png >docs/suites/references.txt
 	@$(BIN)/codegen sil --build generated/4ws2-paper --can --scenario ecu-loss --plot docs/images/ecu-loss.png >/dev/null
-	@$(BIN)/python -m scripts.guide --figures
+	@$(BIN)/python -m scripts.guide --suite build/tracking.json --figures
 
 wheel: $(READY) ## sdist, and the wheel built from it, in dist/
 	@$(BIN)/python -m build --no-isolation --outdir dist

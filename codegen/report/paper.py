@@ -33,7 +33,7 @@ from codegen.report.html.report import Material, sections
 from codegen.report.map_plots import front_angle_cut_figure, three_maps_figure
 from codegen.report.paper_tables import CASES, RUNS, TABLE_FRONT_ANGLE_DEG, TableRow, optimum_rows, optimum_table, run_table
 from codegen.report.run_plots import (
-    YAW_RATE_SIGNAL,
+    MOTION_SIGNALS,
     column,
     draw_signal,
     looks_of,
@@ -56,7 +56,7 @@ from hil_sim.scenarios import DEFAULT, find
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 PASSIVE = "passive car"
 
@@ -164,7 +164,11 @@ def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], record
         "front-angle-4deg": front_angle_cut_figure(maps, math.radians(TABLE_FRONT_ANGLE_DEG)),
         "tyres": tyre_figure(config),
         "c1-c2": run_figure(after_step(records, step), step.title, limits=signal_limits(config), time_label=style.AFTER_STEP),
-        "overview": overview_figure(config, maps, after_step(records, step)),
+        "overview": overview_figure(
+            maps[RUNS["C1"]],
+            after_step(records, step),
+            f"The paper's yaw-rate map 4WS-2, road friction {config.road.friction:g}",
+        ),
     }
     paths = {}
     for name, figure in figures.items():
@@ -190,8 +194,9 @@ def _report(
         runs=records,
         scenario=find(DEFAULT),
         loops={"C1": config},
-        notes=("C1 is the paper's PI on the 4WS-2 map, C2 the same on the FWS map.",),
+        notes=("C1 is the paper's PI on the 4WS-2 map, C2 the same on the FWS map. Errors to the map are to the 4WS-2 map.",),
         of_paper=True,
+        look_up=software.map_yaw_rate,
         faults=fault_data(run_all(config, lambda scenario: run_through_can(software, scenario))),
     )
     path = folder / "report.html"
@@ -199,33 +204,40 @@ def _report(
     return {"report": path}
 
 
-def overview_figure(config: Config, maps: Mapping[str, ReferenceMap], runs: Mapping[str, FloatArray]) -> Figure:
-    """Draw the 4WS-2 map and its closed-loop step response in one wide picture, 1600 by 620 pixels; time zero is the step.
+def overview_figure(reference_map: ReferenceMap, runs: Mapping[str, FloatArray], title: str) -> Figure:
+    """Draw a map and step responses in closed loop in one wide picture, 1600 by 780 pixels; time zero is the step.
+
+    Args:
+        reference_map: map of an optimisation. title: its title.
+        runs: runs of one step; the last sample of the first marks the step in the map.
 
     Raises:
-        PlotError: there is no map "4ws-2", or the runs cannot be drawn.
+        PlotError: the runs cannot be drawn.
     """
-    by_name = {name.lower(): one for name, one in maps.items()}
-    if "4ws-2" not in by_name:
-        raise style.PlotError("no map 4ws-2", where=f"maps {', '.join(maps)}", remedy="solve the case 4ws-2 first")
-    looks, window, reference_map = looks_of(runs), run_window(runs), by_name["4ws-2"]
+    looks, window = looks_of(runs), run_window(runs)
     with style.style(1.3):
-        figure = style.new_figure(1600 / 130, 620 / 130, dpi=130)
-        left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.05))
-        _draw_overview_map(figure, left, reference_map, runs)
-        left.set_title(f"Optimal yaw-rate map 4WS-2, road friction {config.road.friction:g}")
-        draw_signal(right, runs, looks, YAW_RATE_SIGNAL, window)
-        right.set(xlabel=style.AFTER_STEP, ylabel=style.YAW_RATE.label, title="Generated C in the loop: step steer")
-        right.legend(handles=run_handles(right, "reference"), loc="lower right")
+        figure = style.new_figure(1600 / 130, 780 / 130, dpi=130)
+        parts = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.05), wspace=0.03)
+        left, right = figure.add_subfigure(parts[0, 0]), figure.add_subfigure(parts[0, 1])
+        axes = left.subplots()
+        _draw_overview_map(left, axes, reference_map, runs)
+        axes.set_title(title)
+        panels = right.subplots(len(MOTION_SIGNALS), 1, sharex=True, height_ratios=(1.4, 1.0, 1.0))
+        for panel, signal in zip(panels, MOTION_SIGNALS, strict=True):
+            draw_signal(panel, runs, looks, signal, window)
+        panels[0].set_title("Generated C in the loop: step steer")
+        panels[-1].set(xlabel=style.AFTER_STEP)
+        right.align_ylabels(panels)
+        right.legend(handles=run_handles(panels[0], "reference"), loc="outside lower center", ncols=2)
     return figure
 
 
-def _draw_overview_map(figure: Figure, axes: Axes, reference_map: ReferenceMap, runs: Mapping[str, FloatArray]) -> None:
+def _draw_overview_map(figure: SubFigure, axes: Axes, reference_map: ReferenceMap, runs: Mapping[str, FloatArray]) -> None:
     scale = style.YAW_RATE.scale([reference_map])
     entries = style.map_legend(
         style.draw_quantity(axes, reference_map, style.YAW_RATE, scale), not reference_map.feasible.all()
     )
-    style.YAW_RATE.colour_bar(figure, axes, scale, label=style.YAW_RATE.label)
+    style.YAW_RATE.colour_bar(figure, axes, scale, label=style.YAW_RATE.label, location="bottom", aspect=40, pad=0.02)
     last = next(iter(runs.values()))[-1:]
     speed, front_angle = column(last, "speed_m_s")[0], column(last, "front_angle_rad")[0]
     point: dict[str, Any] = {
@@ -242,4 +254,4 @@ def _draw_overview_map(figure: Figure, axes: Axes, reference_map: ReferenceMap, 
         for side, name, align in ((-2.0, "rear wheels opposite", "right"), (2.0, "same direction", "left")):
             axes.text(foot + side, 0.35, name, color=style.WHITE, ha=align, va="center")
     axes.set(xlabel=style.SPEED_LABEL, ylabel=style.FRONT_ANGLE_LABEL)
-    axes.legend(handles=entries, loc="upper right", frameon=True, framealpha=1.0)
+    axes.legend(handles=entries, loc="upper right", frameon=True, framealpha=1.0, fontsize="small")

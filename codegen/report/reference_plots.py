@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from codegen.arrays import FloatArray
+from codegen.map_file.map import ReferenceMap
 from codegen.report.map_plots import at_front_angle
 from codegen.report.style import FRONT_ANGLE, REAR_STEER, SIDESLIP, SPEED_LABEL, YAW_RATE, new_figure, style
 from codegen.report.suite_step_plots import lines_of, name_handles
@@ -23,9 +25,24 @@ if TYPE_CHECKING:
 
 CUT_FRONT_ANGLE = math.radians(2.0)
 
+MAP_PANELS: tuple[tuple[str, Callable[[ReferenceMap], FloatArray | None]], ...] = (
+    (YAW_RATE.label, YAW_RATE.degrees),
+    ("Lateral acceleration (m/s²)", lambda one: one.speed[:, np.newaxis] * np.where(one.feasible, one.yaw_rate, np.nan)),
+    (SIDESLIP.label, SIDESLIP.degrees),
+    (REAR_STEER.label, REAR_STEER.degrees),
+)
+
+
+def _lateral_acceleration(each: CellResult) -> float | None:
+    """Return the steady lateral acceleration in m/s^2."""
+    steady = each.yaw_rate_steady_deg_s
+    return None if steady is None else math.radians(steady) * each.cell.speed_km_h * KM_H
+
+
 STEP_PANELS: tuple[tuple[str, Callable[[CellResult], float | None]], ...] = (
     ("Largest overshoot (%)", lambda each: each.overshoot_percent),
     ("Largest rise time (s)", lambda each: each.rise_time_s),
+    ("Largest lateral acc., steady (m/s²)", _lateral_acceleration),
     (r"Largest $|\beta|$ (deg)", lambda each: each.sideslip_max_deg),
 )
 
@@ -36,14 +53,14 @@ def references_figure(result: ReferencesResult) -> Figure:
     grid = next(iter(result.maps.values())).front_angle
     cut = float(np.clip(CUT_FRONT_ANGLE, grid[0], grid[-1]))
     with style():
-        figure = new_figure(12.0, 7.6)
-        above, below = figure.subplots(2, 3)
-        for axes, quantity in zip(above, (YAW_RATE, REAR_STEER, SIDESLIP), strict=True):
+        figure = new_figure(14.0, 7.2)
+        above, below = figure.subplots(2, len(MAP_PANELS))
+        for axes, (label, table_of) in zip(above, MAP_PANELS, strict=True):
             for name, one in reversed(list(result.maps.items())):
-                table = quantity.degrees(one)
+                table = table_of(one)
                 if table is not None:
                     axes.plot(one.speed / KM_H, at_front_angle(one, table, cut), label="_", **looks[name])
-            axes.set(xlabel=SPEED_LABEL, ylabel=quantity.label)
+            axes.set(xlabel=SPEED_LABEL, ylabel=label)
             axes.grid(True)
         above[0].set_title(f"The maps at {FRONT_ANGLE} = {math.degrees(cut):.3g} deg")
         for axes, (label, figure_of) in zip(below, STEP_PANELS, strict=True):

@@ -92,17 +92,21 @@ class _Signal:
     dashed: str | None = None
 
 
-YAW_RATE_SIGNAL = _Signal("Yaw rate\n(deg/s)", "yaw_rate_rad_s", "yaw_rate_reference_rad_s")
-SIGNALS = (
-    YAW_RATE_SIGNAL,
+MOTION_SIGNALS = (
+    _Signal("Yaw rate\n(deg/s)", "yaw_rate_rad_s", "yaw_rate_reference_rad_s"),
+    _Signal("Lateral acc.\n(m/s²)", "lateral_acceleration_m_s2"),
     _Signal("Sideslip\n(deg)", "sideslip_rad"),
+)
+"""What the driver feels."""
+SIGNALS = (
+    *MOTION_SIGNALS,
     _Signal("Rear angle\n(deg)", "rear_angle_rad", "rear_angle_command_rad"),
     _Signal("Front angle\n(deg)", "front_angle_rad"),
-    _Signal("Lateral acc.\n(m/s²)", "lateral_acceleration_m_s2"),
 )
 SPEED_SIGNAL = _Signal("Speed\n(km/h)", "speed_m_s")
 """CellRuns if the speed is not constant."""
 RUN_LINES: Mapping[str, Mapping[str, Any]] = {
+    "recommended": {"color": style.CONTROLLER_COLOURS["tracking"], "linewidth": 2.2},
     "C1": {"color": style.CONTROLLER_COLOURS["pi"]},
     "C2": {"color": style.GREY},
     "passive": {"color": style.CONTROLLER_COLOURS["passive"], "linestyle": ":"},

@@ -45,8 +45,9 @@ FREQUENCY_TICKS = (0.2, 0.5, 1.0, 2.0, 3.0)
 """Ticks of a frequency axis, in Hz."""
 
 RUN_NAMES = {
-    "C1": "C1 (4WS-2 map, PI)",
-    "C2": "C2 (FWS map, PI)",
+    "recommended": "recommended controller",
+    "C1": "C1 (paper's PI, 4WS-2 map)",
+    "C2": "C2 (paper's PI, FWS map)",
     "passive": "passive car",
 }
 

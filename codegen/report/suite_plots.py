@@ -17,6 +17,7 @@ from codegen.report import style
 from codegen.report.suite_step_plots import (
     LIMIT,
     MARGIN_PANELS,
+    MOTION_SIGNALS,
     cell_title,
     draw_margins,
     draw_step,
@@ -226,25 +227,33 @@ def figures(result: SuiteResult) -> dict[str, Figure]:
 
 
 def overview_figure(result: SuiteResult) -> Figure:
-    """Draw the paper's step, a fast one, margins and slippery roads in one picture."""
+    """Draw the paper's step and a fast one with the motion of the car, and below them margins and slippery roads."""
     looks = lines_of(result)
     with style.style():
-        figure = style.new_figure(12.0, 8.6)
-        panels = figure.subplots(2, 2)
+        figure = style.new_figure(12.0, 12.4)
+        panels = figure.subplots(len(MOTION_SIGNALS) + 1, 2, height_ratios=(1.5, 1.0, 1.0, 1.7))
         spun = False
-        for axes, shown in zip(panels[0], (result.shown[0], result.shown[-1]), strict=True):
-            spun |= draw_step(axes, result, shown, "yaw_rate_rad_s", looks)
-            axes.set(xlabel=style.AFTER_STEP, ylabel="Yaw rate (deg/s)", title=f"Step steer, {cell_title(shown)}")
-        draw_margins(panels[1, 0], result, *MARGIN_PANELS[1])
+        for column, shown in zip(panels[:-1].T, (result.shown[0], result.shown[-1]), strict=True):
+            for axes, (label, name) in zip(column, MOTION_SIGNALS, strict=True):
+                spun |= draw_step(axes, result, shown, name, looks)
+                axes.sharex(column[0])
+                axes.tick_params(labelbottom=axes is column[-1])
+                axes.set_ylabel(label)
+            column[0].set_title(f"Step steer, {cell_title(shown)}")
+            column[-1].set_xlabel(style.AFTER_STEP)
+        margins, spins = panels[-1]
+        draw_margins(margins, result, *MARGIN_PANELS[1])
         asked = result.limits.phase_margin_deg
         for level, text in ((asked, "required of the worst car"), (WARN_PHASE_MARGIN_DEG, "a build warns below")):
             place = {"xytext": (4, -4), "textcoords": "offset points", "va": "top", "fontsize": 8.5}
-            panels[1, 0].annotate(text, (panels[1, 0].get_xlim()[0], level), **place)
-        panels[1, 0].set_title("Phase margin of the car itself (thin), and the worst of the family of cars")
+            margins.annotate(text, (margins.get_xlim()[0], level), **place)
+        margins.set_title("Phase margin of the car itself (thin), and the worst of the family of cars")
         if slippery(result):
-            draw_spins(panels[1, 1], result)
-            panels[1, 1].set_xticks(*road_ticks(result, (", ", "estimated ")))
-        panels[1, 1].set_title(FRICTION_TITLE)
+            draw_spins(spins, result)
+            spins.set_xticks(*road_ticks(result, (", ", "estimated ")))
+        spins.set_title(FRICTION_TITLE)
+        for column in panels.T:
+            figure.align_ylabels(column)
         figure.suptitle(f"The controller under test ({style.plain(result.tested)}) beside its baselines")
         handles = [*name_handles(result, looks), *reference_handles(result), *([spin_handle()] if spun else [])]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))

@@ -163,18 +163,19 @@ BEFORE, AFTER = 0.2, 2.0
 FOLLOWED: dict[str, Any] = {**REFERENCE, "color": style.SKY, "zorder": 4.5}
 
 
-SIGNALS = (
+MOTION_SIGNALS = (
     ("Yaw rate (deg/s)", "yaw_rate_rad_s"),
-    (f"Rear angle {style.REAR_ANGLE} (deg)", "rear_angle_rad"),
+    ("Lateral acc. (m/s²)", "lateral_acceleration_m_s2"),
     (r"Sideslip $\beta$ (deg)", "sideslip_rad"),
 )
+SIGNALS = (*MOTION_SIGNALS, (f"Rear angle {style.REAR_ANGLE} (deg)", "rear_angle_rad"))
 
 
 def steps_figure(result: SuiteResult) -> Figure:
-    """Draw the paper's step and some cells in columns: yaw rate with the values of map and model, rear angle, sideslip."""
+    """Draw the paper's step and some cells in columns: motion of the car, with the values of map and model, and rear angle."""
     looks = lines_of(result)
     with style.style():
-        figure = style.new_figure(3.1 * len(result.shown) + 0.6, 7.6)
+        figure = style.new_figure(3.1 * len(result.shown) + 0.6, 9.6)
         panels = figure.subplots(len(SIGNALS), len(result.shown), sharex=True, squeeze=False)
         spun = False
         for place, shown in enumerate(result.shown):

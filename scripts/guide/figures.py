@@ -8,13 +8,14 @@ from __future__ import annotations
 import functools
 import io
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from codegen import configuration
+from codegen.arrays import FloatArray
 from codegen.configuration import KM_H
 from codegen.design.margins import gains_of, margin_range_km_h, nominal_margins
 from codegen.ecu_map.extend import extend
@@ -27,12 +28,16 @@ from codegen.optimum.solve import solve_case
 from codegen.report import style as look
 from codegen.report.map_difference import map_difference_figure
 from codegen.report.map_plots import front_angle_cut_figure, map_figure
+from codegen.report.paper import overview_figure
 from codegen.report.run_plots import run_figure
+from codegen.report.scenario_plots import after_step
 from codegen.report.tyre_plots import tyre_figure
-from scripts.guide import frame_layout, sketches
+from scripts.guide import frame_layout, map_choice, sketches
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from hil_sim.scenarios import Scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 MAP = ROOT / "generated/4ws2-paper.npz"
@@ -59,8 +64,8 @@ def tyre() -> Figure:
 
 
 def reference_map() -> Figure:
-    """The committed map: yaw rate, sideslip, rear angle, and what binds."""
-    return map_figure(_map(), "The 4WS-2 map")
+    """The map of the committed build: yaw rate, sideslip, rear angle, and what binds."""
+    return map_figure(npz.load(RECOMMENDED.with_suffix(".npz")), "The recommended 4WS-2 map")
 
 
 def cut() -> Figure:
@@ -70,20 +75,45 @@ def cut() -> Figure:
     return front_angle_cut_figure(maps, math.radians(4.0))
 
 
-def step() -> Figure:
-    """The paper's step steer: both kinds of controller, and the passive car."""
+@functools.cache
+def _steps() -> tuple[Scenario, Mapping[str, FloatArray]]:
+    """Return the paper's step steer, driven with the committed builds, with the paper's PI on its FWS map, and without."""
     from codegen.sil.software import load
     from hil_sim.bench import run
     from hil_sim.scenarios import find
+    from hil_sim.suite.subjects import of_config
 
-    paper, tracking = load(BUILD), load(RECOMMENDED)
+    paper, recommended = load(BUILD), load(RECOMMENDED)
     scenario = find("step-steer", paper.config)
+    front_steered = of_config("C2", solve_case(paper.config, "fws"), paper.config).around(paper.config)
     runs = {
+        "recommended": run(recommended, find("step-steer", recommended.config)),
         "C1": run(paper, scenario),
-        "tracking": run(tracking, find("step-steer", tracking.config)),
+        "C2": run(front_steered, scenario),
         "passive": run(paper, scenario, controlled=False),
     }
-    return run_figure(runs, "Step steer at 42.5 km/h: the paper's PI and the recommended controller", window=(9.8, 12.5))
+    return scenario, runs
+
+
+def overview() -> Figure:
+    """The map of the committed build, and the paper's step."""
+    scenario, runs = _steps()
+    return overview_figure(
+        npz.load(RECOMMENDED.with_suffix(".npz")),
+        after_step(runs, scenario),
+        f"Optimal yaw-rate map, road friction {_recommended().road.friction:g}",
+    )
+
+
+def step() -> Figure:
+    """The paper's step steer: both kinds of controller, and the passive car."""
+    scenario, runs = _steps()
+    shown = {name: runs[name] for name in ("recommended", "C1", "passive")}
+    return run_figure(
+        after_step(shown, scenario),
+        f"{scenario.title}: the paper's PI and the recommended controller",
+        time_label=look.AFTER_STEP,
+    )
 
 
 def choice(speed_km_h: float = 43.35, front_angle_deg: float = 4.0) -> Figure:
@@ -231,6 +261,7 @@ def bounds() -> Figure:
 
 
 FIGURES: dict[str, Callable[[], Figure]] = {
+    "overview": overview,
     "signs": sketches.signs,
     "dataflow": sketches.data_flow,
     "status": sketches.status_machine,
@@ -242,19 +273,29 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "cut": cut,
     "nonlinear": nonlinear,
     "rules": rules,
+    "choose-paper": functools.partial(map_choice.maps_figure, "paper"),
+    "choose-van": functools.partial(map_choice.maps_figure, "van"),
+    "choose-keys-paper": functools.partial(map_choice.keys_figure, "paper", 60.0),
+    "choose-keys-van": functools.partial(map_choice.keys_figure, "van", 120.0),
     "margins": margins,
     "bounds": bounds,
     "step": step,
 }
 
 
-def _small(png: bytes) -> bytes:
-    """Return a picture with at most 256 colours, each within 14 of 255 of the original: a third of the bytes."""
+SHADED = ("overview", "map", "nonlinear")
+"""Figures with shades of colour, which 256 colours would turn into bands."""
+
+
+def _small(png: bytes, shaded: bool) -> bytes:
+    """Return a picture without transparency. One that is not `shaded` gets at most 256 colours, each within 14 of 255 of the
+    original: a third of the bytes."""
     from PIL import Image
 
     small = io.BytesIO()
     with Image.open(io.BytesIO(png)) as picture:
-        reduced = picture.convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        plain = picture.convert("RGB")
+        reduced = plain if shaded else plain.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
         reduced.save(small, "png", optimize=True, dpi=picture.info["dpi"])
     return small.getvalue()
 
@@ -264,7 +305,7 @@ def draw_all(folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name, draw in FIGURES.items():
-        path, content = folder / f"{name}.png", _small(look.to_png(draw()))
+        path, content = folder / f"{name}.png", _small(look.to_png(draw()), name in SHADED)
         if not path.is_file() or path.read_bytes() != content:
             write_atomically(path, content)
             written.append(path)

@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from scripts.guide import commands, config_tables, evidence_tables, interface_tables
+from scripts.guide import commands, config_tables, evidence_tables, interface_tables, map_choice, suite_tables
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 REGIONS: Mapping[str, Callable[..., str]] = {
@@ -27,10 +27,17 @@ REGIONS: Mapping[str, Callable[..., str]] = {
     "exit-codes": interface_tables.exit_codes,
     "identified-quantities": config_tables.quantities_markdown,
     "judgement": interface_tables.judgement,
+    "map-comparison": map_choice.comparison,
     "map-file": interface_tables.map_file,
+    "map-keys": map_choice.keys,
     "names-toml": config_tables.names_markdown,
     "planted-faults": evidence_tables.planted_faults,
+    "references-comparison": suite_tables.references,
     "run-columns": interface_tables.run_columns,
+    "tracking-clocks": suite_tables.clocks,
+    "tracking-missed": suite_tables.missed,
+    "tracking-paths": suite_tables.paths,
+    "tracking-results": suite_tables.results,
 }
 _REGION = re.compile(
     r"(?P<begin>^<!-- from the code: (?P<name>\S+)(?P<argument> \S+)? -->\n).*?(?=^<!-- end -->$)", re.M | re.S

@@ -118,7 +118,7 @@ FIGURES: dict[str, Callable[[Maps], Figure]] = {
     "cut": lambda maps: map_plots.front_angle_cut_figure(maps, FOUR_DEGREES),
     "tyre": lambda maps: tyre_plots.tyre_figure(CONFIG),
     "run-status": lambda maps: run_plots.run_figure({"C1": with_status(), "passive": made_run(status=2.0)}, "Faults"),
-    "overview": lambda maps: paper.overview_figure(CONFIG, maps, RUNS),
+    "overview": lambda maps: paper.overview_figure(maps["4ws-2"], RUNS, "map"),
     "ramp-steer": lambda maps: scenario("ramp-steer", ramp_runs(), "4ws2"),
     "sine-sweep": lambda maps: scenario("sine-sweep", sweep_runs(), "4ws2"),
     "sine-with-dwell": lambda maps: scenario("sine-with-dwell", dwell_runs(), "4ws2"),
@@ -233,10 +233,10 @@ def dashed(axes: Axes) -> list[Any]:
 
 def test_a_run_shows_its_columns_with_dashed_reference_and_command() -> None:
     figure = run_plots.run_figure(RUNS, "Step steer")
-    columns = ("yaw_rate_rad_s", "sideslip_rad", "rear_angle_rad", "front_angle_rad", "lateral_acceleration_m_s2")
+    columns = ("yaw_rate_rad_s", "lateral_acceleration_m_s2", "sideslip_rad", "rear_angle_rad", "front_angle_rad")
     dashes = {"yaw_rate_rad_s": "yaw_rate_reference_rad_s", "rear_angle_rad": "rear_angle_command_rad"}
     for axes, name in zip(figure.axes, columns, strict=True):
-        line, others = line_of(axes, "C1 (4WS-2 map, PI)"), dashed(axes)
+        line, others = line_of(axes, style.RUN_NAMES["C1"]), dashed(axes)
         assert line.get_color() == style.VERMILION
         assert [one.get_color() for one in others] == ([style.VERMILION, style.GREY] if name in dashes else [])
         drawn = [(line, "C1", name), *((one, run, dashes[name]) for one, run in zip(others, ("C1", "C2"), strict=False))]
@@ -244,7 +244,7 @@ def test_a_run_shows_its_columns_with_dashed_reference_and_command() -> None:
             expected = np.interp(one.get_xdata(), TIME, RUNS[run][:, RECORD_COLUMNS.index(column)])
             wanted = expected if name.endswith("m_s2") else np.degrees(expected)
             assert np.allclose(one.get_ydata(), wanted, rtol=1e-9, atol=1e-12)
-    assert names(figure) == ["C1 (4WS-2 map, PI)", "C2 (FWS map, PI)", "passive car", "reference, command"]
+    assert names(figure) == [style.RUN_NAMES["C1"], style.RUN_NAMES["C2"], "passive car", "reference, command"]
 
 
 def test_an_abnormal_status_is_shown_for_its_duration() -> None:
@@ -318,18 +318,22 @@ def test_front_angle_over_lateral_acceleration() -> None:
 
 def test_the_overview_shows_map_and_runs(maps: Maps) -> None:
     one = maps["4ws-2"]
-    figure = paper.overview_figure(CONFIG, {"4WS-2": one}, RUNS)
+    figure = paper.overview_figure(one, RUNS, "map")
     figure.draw_without_rendering()
     assert mesh(figure.axes[0]).get_array().compressed() == pytest.approx(np.degrees(one.yaw_rate.T[one.feasible.T]))
     assert any("43.2 km/h, 6.7 deg" in name for name in names(figure))
-    assert len(figure.axes[1].get_lines()) == 5  # three runs, two references
+    panels = {axes.get_ylabel().partition("\n")[0]: axes for axes in figure.axes}
+    assert len(panels["Yaw rate"].get_lines()) == 5  # three runs, two references
+    for label, column in (("Lateral acc.", "lateral_acceleration_m_s2"), ("Sideslip", "sideslip_rad")):
+        line = line_of(panels[label], style.RUN_NAMES["C1"])
+        expected = np.interp(line.get_xdata(), TIME, RUNS["C1"][:, RECORD_COLUMNS.index(column)])
+        assert np.allclose(line.get_ydata(), expected if column.endswith("m_s2") else np.degrees(expected), rtol=1e-9)
 
 
 def test_messages_for_input_that_cannot_be_drawn(maps: Maps) -> None:
     for expected, draw in (
         (r"run mine: shape \(5, 11\).*\(samples, 12\)", lambda: run_plots.run_figure({"mine": np.zeros((5, 11))}, "x")),
         ("no runs", lambda: run_plots.run_figure({}, "x")),
-        ("no map 4ws-2", lambda: paper.overview_figure(CONFIG, {"fws": maps["fws"]}, RUNS)),
         ("front angles; choose 0\\.5 to 10 deg", lambda: map_plots.front_angle_cut_figure(maps, math.radians(10.1))),
     ):
         with pytest.raises(style.PlotError, match=expected):

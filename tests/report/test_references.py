@@ -61,9 +61,9 @@ def test_sections_and_picture() -> None:
     (feasible,) = [row.split() for row in rows if row.startswith("feasible")]
     assert feasible[-6:] == ["10.0", "20.0", "30.0", "40.0", "20.0", "50.0"]
     figure = references_figure(result)
-    above, below = figure.axes[:3], figure.axes[3:]
-    assert [len(axes.get_lines()) for axes in above] == [2, 2, 2]
-    assert [len(axes.get_lines()) for axes in below] == [5, 5, 5]
+    above, below = figure.axes[:4], figure.axes[4:]
+    assert [len(axes.get_lines()) for axes in above] == [2, 2, 2, 2]
+    assert [len(axes.get_lines()) for axes in below] == [5, 5, 5, 5]
     assert above[0].get_title(loc="left") == "The maps at $\\delta_f$ = 2 deg"
     check_layout(figure)
     (line,) = [line for line in below[0].get_lines() if line.get_color() == "#0072B2"]

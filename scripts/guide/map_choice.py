@@ -1,0 +1,331 @@
+"""Tables and figures of the page on the choice of the map: maps of two cars, and the effect of each key on them.
+
+Every turn is that of the car with its nonlinear tyres at the yaw rate of the map, also for the map of the linear tyre.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from benchmarks.steady_passive import PEAK_SLIP, PassiveTurns
+
+from benchmarks.judged_car import steady_figures
+from benchmarks.judged_cars import PAPER, five_cars
+from codegen.arrays import BoolArray, FloatArray
+from codegen.configuration import Config
+from codegen.ecu_map.extend import extend
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.nonlinear_arrays import Turns
+from codegen.optimum.nonlinear_car import SteadyCar, curve
+from codegen.optimum.solve import solve_case
+from codegen.report import style as look
+from codegen.units import KM_H
+from codegen.vehicle.tyre import AxleTyres
+from scripts.guide.markdown import table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CASE = "4ws-2"
+CARS: Mapping[str, tuple[str, str]] = {
+    "paper": (PAPER, "The paper's car"),
+    "van": ("van, loaded", "Loaded van, understeering"),
+}
+"""Argument of a region or figure -> name in `benchmarks.judged_cars`, and title."""
+
+SPEEDS_KM_H = (20.0, 60.0, 80.0, 120.0)
+SHOWN_KM_H = (60.0, 120.0)
+
+WEIGHT, GRIP = f"cases.{CASE}.sideslip_weight_per_s2", "limits.grip_use_max"
+FLOOR, CHARACTERISTIC = "limits.yaw_gain_floor", "limits.reference_characteristic_speed_km_h"
+KEYS: Mapping[str, tuple[float, ...]] = {
+    WEIGHT: (100.0, 300.0, 3000.0, 10_000.0),
+    GRIP: (0.8, 0.9, 0.98, 0.995),
+    FLOOR: (0.0, 0.9, 1.0, 1.2),
+    CHARACTERISTIC: (60.0, 80.0, 100.0, 130.0),
+}
+"""Values of each key in the tables and figures. The recommended one is among them."""
+LIMITS: Mapping[str, tuple[float, ...]] = {
+    "limits.lateral_acceleration_max_g": (0.6, 0.8, 1.0),
+    "limits.rear_angle_max_deg": (1.0, 2.0, 3.5, 5.0),
+}
+"""Values of keys in the tables alone."""
+
+RECOMMENDED, OLD, LINEAR = "recommended", "old bound", "linear"
+_WITHOUT_GRIP = {GRIP: None, FLOOR: 0.0}
+MAPS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    LINEAR: ("linear tyre, as in the paper", {**_WITHOUT_GRIP, f"cases.{CASE}.tyre_model": "linear"}),
+    OLD: ("nonlinear tyre, slip up to 10 % of departure", _WITHOUT_GRIP),
+    RECOMMENDED: ("recommended", {}),
+}
+"""Maps in the comparison: title, and changes of the recommended configuration."""
+
+
+@dataclass(frozen=True)
+class Car:
+    """A car with straight rear wheels: its configuration, and its steady turns up to the peak of its tyres at SPEEDS_KM_H."""
+
+    title: str
+    config: Config
+    steady: SteadyCar
+    passive: PassiveTurns
+
+    def turns(self, speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray) -> Turns:
+        """Return the turns (n,) of the nonlinear car; NaN without one that an axle can hold."""
+        with np.errstate(all="ignore"):  # turns beyond the grip
+            turns = self.steady.turns(speed, front_angle, yaw_rate)
+        held = (np.abs(turns.slip_front) <= self.steady.front.slip_max) & (np.abs(turns.slip_rear) <= self.steady.rear.slip_max)
+        missing = ~(held & turns.converged)
+        for values in (turns.slip_front, turns.slip_rear, turns.sideslip):
+            values[missing] = np.nan
+        return turns
+
+
+def _place(speed_km_h: float) -> int:
+    return SPEEDS_KM_H.index(speed_km_h)
+
+
+@functools.cache
+def _car(name: str) -> Car:
+    key, title = CARS[name]
+    grid = {"speed_breakpoints_km_h": list(SPEEDS_KM_H)}
+    config = five_cars()[key].replace({"grid": grid}, "scripts/guide/map_choice.py")
+    tyres = AxleTyres.from_config(config)
+    steady = SteadyCar.from_config(config, (PEAK_SLIP * tyres.front.peak_slip, PEAK_SLIP * tyres.rear.peak_slip))
+    return Car(title, config, steady, PassiveTurns.of(config, KM_H * np.array(SPEEDS_KM_H)))
+
+
+@dataclass(frozen=True)
+class Row:
+    """Steady turns at one speed over front angles: (m,) in rad, rad/s and m/s.
+
+    Attributes:
+        yaw_rate: as the ECU looks it up; NaN where a passive car has no turn.
+        inside: where the turn is one of the map, and not of its extension.
+    """
+
+    speed: float
+    front_angle: FloatArray
+    yaw_rate: FloatArray
+    inside: BoolArray
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A map of a car with its configuration."""
+
+    car: Car
+    config: Config
+    reference_map: ReferenceMap
+
+    def row(self, speed_km_h: float) -> Row:
+        """Return the map at one of SPEEDS_KM_H, with its extension."""
+        one, speed = self.reference_map, speed_km_h * KM_H
+        total = extend(one, self.config)
+        place = int(np.argmin(np.abs(total.speed - speed)))
+        rates = np.minimum(total.yaw_rate[place], total.lateral_acceleration_cap / speed)
+        yaw_rate = np.interp(one.front_angle, total.front_angle, rates)
+        return Row(speed, one.front_angle, yaw_rate, one.feasible[_place(speed_km_h)])
+
+    @functools.cached_property
+    def grip_use(self) -> float:
+        """Largest share of its lateral force that an axle uses in the map."""
+        one, steady = self.reference_map, self.car.steady
+        where = np.nonzero(one.feasible)
+        turns = self.car.turns(one.speed[where[0]], one.front_angle[where[1]], one.yaw_rate[where])
+        uses = []
+        for axle, slip in ((steady.front, turns.slip_front), (steady.rear, turns.slip_rear)):
+            peak = curve(axle.tyre, np.array([axle.tyre.peak_slip]))[0]
+            uses.append(np.nanmax(curve(axle.tyre, np.abs(slip))[0] / peak))
+        return float(max(uses))
+
+
+@functools.cache
+def _solved(name: str, changes: tuple[tuple[str, Any], ...]) -> Solved:
+    car = _car(name)
+    config = car.config.replace(dict(changes), "scripts/guide/map_choice.py")
+    return Solved(car, config, solve_case(config, CASE))
+
+
+def _of_map(name: str, which: str) -> Solved:
+    return _solved(name, tuple(MAPS[which][1].items()))
+
+
+def _of_key(name: str, key: str, value: float) -> Solved:
+    return _solved(name, () if value == _own_value(name, key) else ((key, value),))
+
+
+def _own_value(name: str, key: str) -> float:
+    value: Any = _car(name).config
+    for part in key.split("."):
+        value = value[part] if isinstance(value, Mapping) else getattr(value, part)
+    return float(value)
+
+
+def _passive_row(car: Car, speed_km_h: float, front_angle: FloatArray) -> Row:
+    yaw_rate = car.passive.yaw_rate(front_angle)[_place(speed_km_h)]
+    return Row(speed_km_h * KM_H, front_angle, yaw_rate, np.isfinite(yaw_rate))
+
+
+# --- tables ------------------------------------------------------------------------------------------------------------
+
+POINTS = ((60.0, 0.4), (60.0, 0.7), (120.0, 0.4))
+"""Operating points: speed in km/h, and the lateral acceleration in g that the passive car reaches at the same front angle."""
+
+POINTS_HEAD = tuple(f"{speed:g} km/h, {share:g} g: yaw rate, β" for speed, share in POINTS)
+LIMITS_HEAD = ("largest ay", "grip used", "feasible")
+JUDGED_HEAD = ("least yaw rate, 80 and 120 km/h", "falling steps")
+
+
+def _at_points(car: Car, row_of: Callable[[float], Row]) -> Iterator[str]:
+    """Yield yaw rate over the passive car's, and sideslip in deg, at each of POINTS."""
+    for speed_km_h, acceleration_g in POINTS:
+        row, acceleration = row_of(speed_km_h), acceleration_g * car.config.road.gravity_m_s2
+        at = np.interp([acceleration], car.passive.lateral_acceleration, car.passive.front_angle[_place(speed_km_h)])
+        rate = np.interp(at, row.front_angle, row.yaw_rate)
+        sideslip = math.degrees(car.turns(np.array([row.speed]), at, rate).sideslip[0])
+        yield f"{100.0 * rate[0] * row.speed / acceleration:.0f} %, {round(sideslip, 1) + 0.0:.1f}°"
+
+
+def _at_limits(solved: Solved) -> Iterator[str]:
+    """Yield the largest lateral acceleration, the largest use of grip, and the share of feasible cells."""
+    one = solved.reference_map
+    yield f"{np.nanmax(one.speed[:, np.newaxis] * one.yaw_rate) / solved.config.road.gravity_m_s2:.2f} g"
+    yield f"{100.0 * solved.grip_use:.0f} %"
+    yield f"{100.0 * one.feasible.mean():.0f} %"
+
+
+def comparison(name: str) -> str:
+    """Return the table of the maps of a car beside the passive car."""
+    car = _car(name)
+    angles = _of_map(name, RECOMMENDED).reference_map.front_angle
+    largest = np.nanmax(car.passive.lateral_acceleration * np.isfinite(car.passive.front_angle))
+    passive = (
+        *_at_points(car, lambda speed_km_h: _passive_row(car, speed_km_h, angles)),
+        f"{largest / car.config.road.gravity_m_s2:.2f} g",
+        *("100 %", "", "", "0 %"),
+    )
+    rows = [("straight rear wheels", *passive)]
+    for which, (title, _) in MAPS.items():
+        solved = _of_map(name, which)
+        judged = steady_figures(solved.reference_map, solved.config)
+        shares = (f"{100.0 * share:.0f} %" for share in (judged.high, judged.falling))
+        rows.append((title, *_at_points(car, solved.row), *_at_limits(solved), *shares))
+    return table((car.title, *POINTS_HEAD, *LIMITS_HEAD, *JUDGED_HEAD), rows)
+
+
+def keys(name: str) -> str:
+    """Return the table of a car over the values of each key; the car's own values are bold."""
+    car, head = _car(name), (*POINTS_HEAD, *LIMITS_HEAD)
+    rows: list[tuple[str, ...]] = []
+    for key, values in {**KEYS, **LIMITS}.items():
+        rows.append((f"`{key.rpartition('.')[2]}`", *("" for _ in head)))
+        for value in values:
+            solved = _of_key(name, key, value)
+            text = f"**{value:g}**" if value == _own_value(name, key) else f"{value:g}"
+            rows.append((text, *_at_points(car, solved.row), *_at_limits(solved)))
+    return table((car.title, *head), rows)
+
+
+# --- figures -----------------------------------------------------------------------------------------------------------
+
+FRONT_ANGLE_MAX_DEG = 10.0
+PANELS = ("Yaw rate (deg/s)", "Lateral acceleration (g)", "Sideslip (deg)")
+LINES: Mapping[str, dict[str, Any]] = {
+    LINEAR: {"color": look.ORANGE, "linewidth": 1.6},
+    OLD: {"color": look.VERMILION, "linewidth": 1.6},
+    RECOMMENDED: {"color": look.BLUE, "linewidth": 2.4, "zorder": 4},
+}
+PASSIVE: dict[str, Any] = {"color": look.BLACK, "linestyle": ":", "linewidth": 1.6, "zorder": 5}
+EXTENDED: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.2}
+
+
+def _draw(panels: Any, car: Car, row: Row, line: dict[str, Any]) -> None:
+    """Draw yaw rate, lateral acceleration and sideslip over the front angle; the extension of a map is dashed."""
+    degrees = np.degrees(row.front_angle)
+    speed = np.full(row.front_angle.shape, row.speed)
+    known = np.where(row.inside, row.yaw_rate, 0.0)
+    sideslip = np.where(row.inside, car.turns(speed, row.front_angle, known).sideslip, np.nan)
+    tables = (np.degrees(row.yaw_rate), row.speed * row.yaw_rate / car.config.road.gravity_m_s2, np.degrees(sideslip))
+    # The last turn of the map is drawn in both lines, which then meet.
+    beyond = ~row.inside
+    beyond[:-1] |= ~row.inside[1:]
+    for axes, values in zip(panels, tables, strict=True):
+        axes.plot(degrees, np.where(row.inside, values, np.nan), label="_", **line)
+        axes.plot(degrees, np.where(beyond, values, np.nan), label="_", **{**line, **EXTENDED})
+
+
+def _finish(figure: Figure, grid: Any, handles: list[Any], title: str) -> None:
+    for axes, label in zip(grid[:, 0], PANELS, strict=True):
+        axes.set_ylabel(label)
+    for axes in grid.flat:
+        axes.set_xlim(0.0, FRONT_ANGLE_MAX_DEG)
+        axes.grid(True)
+    for axes in grid[:2].flat:
+        axes.set_ylim(0.0, None)
+    for axes in grid[-1]:
+        axes.axhline(0.0, color=look.BLACK, linewidth=0.6, zorder=1)
+        axes.set_xlabel(look.FRONT_ANGLE_LABEL)
+    figure.align_ylabels(grid[:, 0])
+    figure.suptitle(title)
+    look.legend_below(figure, handles)
+
+
+def maps_figure(name: str) -> Figure:
+    """Draw the maps of a car and the passive car over the front angle, at SHOWN_KM_H."""
+    car = _car(name)
+    with look.style():
+        figure = look.new_figure(8.4, 7.4)
+        grid = figure.subplots(len(PANELS), len(SHOWN_KM_H), sharex=True, sharey="row")
+        for panels, speed_km_h in zip(grid.T, SHOWN_KM_H, strict=True):
+            for which, line in LINES.items():
+                _draw(panels, car, _of_map(name, which).row(speed_km_h), line)
+            angles = _of_map(name, RECOMMENDED).reference_map.front_angle
+            _draw(panels, car, _passive_row(car, speed_km_h, angles), PASSIVE)
+            panels[0].set_title(f"{speed_km_h:g} km/h")
+        handles = [look.line_handle(label=MAPS[which][0], **line) for which, line in LINES.items()]
+        handles.append(look.line_handle(label="straight rear wheels", **PASSIVE))
+        handles.append(look.line_handle(label="beyond the last turn of the map", **{"color": look.GREY, **EXTENDED}))
+        _finish(figure, grid, handles, car.title)
+    return figure
+
+
+VALUE_COLOURS = (look.ORANGE, look.GREEN, look.PURPLE)
+KEY_TITLES = {
+    WEIGHT: "Weight on sideslip",
+    GRIP: "Grip use",
+    FLOOR: "Floor of the yaw rate",
+    CHARACTERISTIC: "Characteristic speed (km/h)",
+}
+
+
+def keys_figure(name: str, speed_km_h: float) -> Figure:
+    """Draw the effect of each key on the map of a car at one speed: a column for each key."""
+    car = _car(name)
+    with look.style():
+        figure = look.new_figure(10.4, 7.2)
+        grid = figure.subplots(len(PANELS), len(KEYS), sharex=True, sharey="row")
+        angles = _of_map(name, RECOMMENDED).reference_map.front_angle
+        for panels, (key, values) in zip(grid.T, KEYS.items(), strict=True):
+            colours = iter(VALUE_COLOURS)
+            handles = []
+            for value in values:
+                recommended = value == _own_value(name, key)
+                line = LINES[RECOMMENDED] if recommended else {"color": next(colours), "linewidth": 1.4}
+                _draw(panels, car, _of_key(name, key, value).row(speed_km_h), line)
+                handles.append(look.line_handle(label=f"{value:g}", **line))
+            _draw(panels, car, _passive_row(car, speed_km_h, angles), PASSIVE)
+            panels[0].set_title(KEY_TITLES[key])
+            panels[0].legend(handles=handles, loc="lower right")
+        common = [
+            look.line_handle(label="recommended", **LINES[RECOMMENDED]),
+            look.line_handle(label="straight rear wheels", **PASSIVE),
+            look.line_handle(label="beyond the last turn of the map", **{"color": look.GREY, **EXTENDED}),
+        ]
+        _finish(figure, grid, common, f"{car.title}, {speed_km_h:g} km/h")
+    return figure
