@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from benchmarks.steady_passive import PEAK_SLIP, PassiveTurns
 
-from benchmarks.judged_car import steady_figures
 from benchmarks.judged_cars import PAPER, five_cars
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.extend import extend
+from codegen.judgement.steady import steady_figures
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.nonlinear_arrays import Turns
 from codegen.optimum.nonlinear_car import SteadyCar, curve
