@@ -19,8 +19,8 @@ from codegen.units import KM_H
 LOW_KM_H, HIGH_KM_H = (20.0, 60.0), (80.0, 120.0)
 """Ranges of the two comparisons of yaw rate."""
 LOW_UP_TO = 0.95
-"""Share of the lateral acceleration that the car can use at a speed, the smaller of the passive car's largest and the limit, up to
-which the first is made. Beyond, the yaw rate bends towards its cap, which leaves a reserve of grip."""
+"""The first goes up to this share of the lateral acceleration that the car can use at a speed, the smaller of the passive car's
+largest and the limit. Beyond, the yaw rate bends towards its cap, which leaves a reserve of grip."""
 HIGH_LATERAL_ACCELERATION_G = 0.4
 CHARACTERISTIC_SPEED = 100.0 * KM_H
 """m/s, of the understeering car that is the measure at high speed where the passive car turns more."""
