@@ -30,6 +30,7 @@ from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import PLAUSIBLE
 from codegen.optimum import exact
+from codegen.optimum.demand import PASSIVE_TO, REFERENCE_FROM
 from codegen.optimum.nonlinear import NonlinearTurns
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import stack_of
@@ -167,9 +168,15 @@ def reference_surface_of(reference_map: ReferenceMap, config: Config) -> Referen
         own_speed=speed,
         own_front_angle=front_angle,
         front_angle_top=float(total.front_angle[-1]),
-        speed_kinks=total.speed if origin == "table" else np.array(speed[:1]),
+        speed_kinks=total.speed if origin == "table" else _speed_kinks(config, speed),
         front_angle_kinks=total.front_angle if origin == "table" else np.array(front_angle),
     )
+
+
+def _speed_kinks(config: Config, speed: tuple[float, float]) -> FloatArray:
+    """Return the speeds in m/s at which the optimum of a map has a kink: its first one, and those of the floor inside."""
+    of_floor = [at for at in (PASSIVE_TO, REFERENCE_FROM) if speed[0] < at < speed[1]]
+    return np.array([speed[0], *(of_floor if config.limits.yaw_gain_floor > 0.0 else [])])
 
 
 def optimum_of(reference_map: ReferenceMap, config: Config, total: TotalMap) -> SurfaceLayer | None:
