@@ -22,8 +22,7 @@ from hil_sim.scenarios import SCENARIOS
 from tests.optimum.cars import PAPER, changed
 from tests.report.figures import unpacked
 
-TIGHT = {"limits.sideslip_max_deg": 0.5, "limits.lateral_acceleration_max_g": 0.3}
-NARROW = {"limits.sideslip_max_deg": 0.5}
+TIGHT = {"limits.sideslip_max_deg": 0.5}
 
 
 def test_the_map_equals_that_of_codegen_solve(pi: Explorer) -> None:
@@ -38,10 +37,10 @@ def test_the_map_equals_that_of_codegen_solve(pi: Explorer) -> None:
 
 
 def test_binding_constraints_keep_name_and_colour(tracking: Explorer) -> None:
-    first, later = (tracking.picture(moved)["map"] for moved in ({}, NARROW))
+    first, later = (tracking.picture(moved)["map"] for moved in ({}, TIGHT))
     for key in ("binding_names", "binding_colours"):
         assert later[key][: len(first[key])] == first[key]
-    for moved, shown in (({}, first), (NARROW, later)):
+    for moved, shown in (({}, first), (TIGHT, later)):
         solved = solve_case(tracking.configured(moved), tracking.case)
         cells, names = unpacked(shown["binding"]).T, shown["binding_names"]
         np.testing.assert_array_equal(cells == 255, ~solved.feasible)
