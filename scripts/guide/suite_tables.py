@@ -1,10 +1,12 @@
-"""Tables of the page on controllers, from a record of `codegen sil --suite tracking --json` of the committed build."""
+"""Tables of the page on controllers, from records of what `codegen sil --suite ... --json` prints: for the committed build, and
+for random cars."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
+import statistics
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "generated/4ws2"
 TRACKING = ROOT / "docs/suites/tracking.json"
 REFERENCES = ROOT / "docs/suites/references.txt"
+CARS = ROOT / "docs/suites/cars.json"
 
 NOMINAL, C1 = "nominal", "lag-50"
 LAG, RELAXATION = "lag-100", "relaxation-600"
@@ -42,9 +45,33 @@ def write_record(result: Path) -> Path:
         "requirements": [{key: row[key] for key in rows} for row in suite["requirements"]],
         "subjects": {name: _figures(suite, name) for name in suite["subjects"]},
     }
-    TRACKING.parent.mkdir(exist_ok=True)
-    write_atomically(TRACKING, (json.dumps(_rounded(figures), indent=1) + "\n").encode())
-    return TRACKING
+    return _write(TRACKING, figures)
+
+
+def write_cars(result: Path) -> Path:
+    """Condense the JSON of the suite of random cars into its record, and return its path."""
+    suite: dict[str, Any] = json.loads(result.read_text(encoding="utf-8"))
+    cars, figures = suite["cars"], dict[str, dict[str, Any]]()
+    for row in (row for car in cars for row in car["requirements"]):
+        of = figures.setdefault(row["figure"], {"unit": row["unit"], "asked": row["asked"], "missed": 0, "measured": []})
+        of["missed"] += row["passed"] is False
+        of["measured"] += [] if row["measured"] is None else [row["measured"]]
+    for of in figures.values():
+        of["median"], of["largest"] = statistics.median(of["measured"]), max(of["measured"])
+        of["smallest"] = min(of.pop("measured"))
+    counts = {
+        "seed": suite["seed"],
+        "cars": len(cars),
+        "passed": suite["passed"],
+        "errors": sum(bool(car["error"]) for car in cars),
+    }
+    return _write(CARS, {**counts, "figures": figures})
+
+
+def _write(path: Path, record: Mapping[str, Any]) -> Path:
+    path.parent.mkdir(exist_ok=True)
+    write_atomically(path, (json.dumps(_rounded(record), indent=1) + "\n").encode())
+    return path
 
 
 def _rounded(value: Any) -> Any:
@@ -195,6 +222,18 @@ def clocks() -> str:
         for clock in next(iter(subjects.values()))
     ]
     return table(("rms yaw rate from the onset / after settling, deg/s", *subjects), rows)
+
+
+def cars() -> str:
+    """Return how many random cars meet all limits, and a row for each limit."""
+    record: dict[str, Any] = json.loads(CARS.read_text(encoding="utf-8"))
+    rows = []
+    for name, of in record["figures"].items():
+        values = (f"{_measured(of[key])} {of['unit']}".strip() for key in ("smallest", "median", "largest"))
+        rows.append((name, of["asked"], str(of["missed"]), *values))
+    errors = f" {record['errors']} cannot be solved, tuned or built." if record["errors"] else ""
+    head = f"Of {record['cars']} cars of seed {record['seed']}, {record['passed']} meet all limits.{errors}"
+    return f"{head}\n\n{table(('figure', 'required', 'cars that miss it', 'smallest', 'median', 'largest'), rows)}"
 
 
 def references() -> str:

@@ -77,3 +77,15 @@ def test_the_figure_of_the_keys_has_a_column_for_each() -> None:
 def test_a_passive_car_has_its_own_yaw_rate() -> None:
     (row,) = (line for line in map_choice.comparison("paper").splitlines() if line.startswith("| straight rear wheels"))
     assert row.count("100 %,") == len(map_choice.POINTS)
+
+
+def test_the_table_of_random_cars(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(suite_tables, "CARS", tmp_path / "docs/cars.json")
+    row = {"figure": "overshoot", "unit": "%", "asked": "at most 5 %", "stretch": False}
+    measured = ((1.0, True), (6.0, False), (2.0, True))
+    cars = [{"requirements": [{**row, "measured": value, "passed": passed}], "error": ""} for value, passed in measured]
+    cars.append({"requirements": [], "error": "no suitable gains"})
+    (tmp_path / "suite.json").write_text(json.dumps({"seed": 4, "passed": 2, "cars": cars}))
+    suite_tables.write_cars(tmp_path / "suite.json")
+    assert suite_tables.cars().startswith("Of 4 cars of seed 4, 2 meet all limits. 1 cannot be solved, tuned or built.\n")
+    assert "| overshoot | at most 5 % | 1 | 1 % | 2 % | 6 % |" in suite_tables.cars()
