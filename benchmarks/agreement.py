@@ -14,7 +14,7 @@ from multiprocessing import get_context
 import numpy as np
 
 from benchmarks.dense_search import DenseSearch
-from benchmarks.random_cars import random_car, random_cells
+from benchmarks.random_cars import random_car, random_cells, using_grip
 from benchmarks.tables import CountReport, Row
 from codegen.optimum.nonlinear import NonlinearTurns
 from tests.optimum.cars import CASE
@@ -42,13 +42,19 @@ class Agreement:
         self.apart += other.apart
 
 
+def cap_of(turns: NonlinearTurns) -> Callable[[float], float]:
+    """Return the cap of the lateral acceleration in m/s^2 over the speed in m/s."""
+    return lambda speed: float(turns.cap(np.array([speed]))[0])
+
+
 def of_car(number: int, cells: int) -> Agreement:
-    """Compare a random car, by its number, on random cells."""
+    """Compare a random car, by its number, on random cells. Every other car uses its grip."""
     rng = np.random.default_rng([1, number])
     config = random_car(rng)
+    config = using_grip(config, rng) if number % 2 else config
     case = config.cases[CASE]
     turns = NonlinearTurns.from_config(config, case)
-    search = DenseSearch.of(config, case)
+    search = DenseSearch.of(config, case, cap_of(turns))
     speed, front_angle = random_cells(turns, config, rng, cells)
     found = turns.at(speed, front_angle)
     result = Agreement(cells)

@@ -5,12 +5,16 @@ middle of the axles are laid out on a dense grid, which fixes lateral speed and 
 `vehicle.dynamics.two_track` change sign between the corners of a square of that grid there may be a steady turn; Newton's
 method with the plant's own Jacobian finds it. All turns found are judged by all bounds, and the yaw rates are laid out again,
 ever closer, around the best turn (or, where none is feasible, around the one that misses the bounds by least).
+
+With a floor or a cap of the yaw rate, the same search then finds the feasible turn nearest to the yaw rate asked for. The floor
+is its own. The cap is given: it is a choice of the map, no result of a search.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -20,7 +24,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.optimum.ipopt import without_shifts
 from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
-from codegen.vehicle.dynamics import Model, two_track
+from codegen.vehicle.dynamics import Model, single_track, two_track
 from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres, MagicFormulaTyre
 
 BEYOND = 1.25
@@ -65,26 +69,33 @@ class Best:
 
 @dataclass(frozen=True)
 class DenseSearch:
-    """The search for one car and case; SI units. `slip_max`: front and rear, rad."""
+    """The search for one car and case; SI units. `slip_max`: front and rear, rad. `cap`: speed -> lateral acceleration."""
 
     model: Model
+    linear: Model
     config: Config
     case: Case
     slip_max: tuple[float, float]
+    cap: Callable[[float], float]
     yaw_rates: int
     slips: int
+    wanted: float | None = None
+    """Yaw rate in rad/s whose distance is the objective instead."""
 
     @classmethod
-    def of(cls, config: Config, case: Case, yaw_rates: int = 41, slips: int = 25) -> Self:
+    def of(cls, config: Config, case: Case, cap: Callable[[float], float], yaw_rates: int = 41, slips: int = 25) -> Self:
         """Search for a case, with the given number of yaw rates at a time and of slip angles of each axle."""
-        plain = without_shifts(config)
+        plain, use = without_shifts(config), config.limits.grip_use_max
         tyres, bounds = AxleTyres.from_config(plain), AxleTyres.from_config(config)
-        front = min(bounds.front_slip_bound, PEAK_SHARE * _peak(tyres.front))
-        rear = min(bounds.rear_slip_bound, PEAK_SHARE * _peak(tyres.rear))
-        return cls(two_track(plain), plain, case, (front, rear), yaw_rates, slips)
+        if use is None:
+            front = min(bounds.front_slip_bound, PEAK_SHARE * _peak(tyres.front))
+            rear = min(bounds.rear_slip_bound, PEAK_SHARE * _peak(tyres.rear))
+        else:
+            front, rear = _slip_at(tyres.front, use), _slip_at(tyres.rear, use)
+        return cls(two_track(plain), single_track(plain, "linear"), plain, case, (front, rear), cap, yaw_rates, slips)
 
     def best(self, speed: float, front_angle: float) -> Best:
-        """Return the best turn at one operating point (m/s, rad)."""
+        """Return the turn of the map at one operating point (m/s, rad)."""
         if not self.case.rear_steering:
             turns = self._turns(speed, front_angle, np.zeros(1), REAR_ANGLE)
             return _result(_choose(turns))
@@ -93,7 +104,25 @@ class DenseSearch:
         found = self._turns(speed, front_angle, np.linspace(-limit, limit, self.yaw_rates), YAW_RATE)
         # Turns to the left and to the right may be all but equally good: each side has its own best.
         sides = (found[found[:, _R] > 0.0], found[found[:, _R] <= 0.0])
-        return _result(_choose(np.array([self._closer(speed, front_angle, _choose(side), step) for side in sides])))
+        best = _result(_choose(np.array([self._closer(speed, front_angle, _choose(side), step) for side in sides])))
+        limits = self.config.limits
+        if not best.feasible or self.wanted is not None or not (limits.grip_use_max or limits.yaw_gain_floor):
+            return best
+        return replace(self, wanted=self._asked(speed, front_angle, best.yaw_rate)).best(speed, front_angle)
+
+    def _asked(self, speed: float, front_angle: float, optimum: float) -> float:
+        """Return the yaw rate asked for, in rad/s, for that of the optimum."""
+        limits, wheelbase = self.config.limits, self.config.vehicle.wheelbase
+        passive = self._turns(speed, front_angle, np.zeros(1), REAR_ANGLE)[:, _R]
+        state, steering = (np.array(part) for part in self.linear.jacobian([0.0, 0.0], [speed, 0.0, 0.0, 1.0]))
+        straight = max(-np.linalg.solve(state, steering[:, 1])[1] * front_angle, passive.max(initial=0.0))
+        characteristic = limits.reference_characteristic_speed_km_h / 3.6
+        understeering = min(straight, speed * front_angle / wheelbase / (1.0 + (speed / characteristic) ** 2))
+        share = min(max(3.6 * speed / 20.0 - 3.0, 0.0), 1.0)  # zero at 60 km/h, one at 80 km/h
+        floor = limits.yaw_gain_floor * ((1.0 - share) * straight + share * understeering)
+        cap = self.cap(speed) / speed
+        asked = max(min(optimum, cap / 0.99), floor)
+        return float(asked / (1.0 + (asked / cap) ** 50) ** 0.02)
 
     @property
     def _lateral_acceleration_max(self) -> float:
@@ -152,6 +181,8 @@ class DenseSearch:
             axis=0,
         )
         objective = -(yaw_rate**2) + self.case.sideslip_weight_per_s2 * beta**2
+        if self.wanted is not None:
+            objective = (yaw_rate - self.wanted) ** 2
         solved = (np.abs(rates).max(axis=0) < RESIDUAL_MAX) & (np.max(slips, axis=0) < BEYOND - 1.0)
         turns: FloatArray = np.array([yaw_rate, rear, objective, violation]).T[solved]
         return turns
@@ -194,6 +225,14 @@ def _peak(tyre: MagicFormulaTyre) -> float:
     slips = np.linspace(0.0, math.radians(60.0), 600_001)
     largest = int(np.argmax(tyre.force(slips)))
     return float(slips[largest]) if largest < slips.size - 1 else math.inf
+
+
+def _slip_at(tyre: MagicFormulaTyre, use: float) -> float:
+    """Return the smallest slip angle in rad with a share of the largest force up to 45 degrees."""
+    slips = np.linspace(0.0, math.radians(45.0), 450_001)
+    force = tyre.force(slips)
+    first = int(np.argmax(force >= use * force.max()))
+    return float(np.interp(use * force.max(), force[first - 1 : first + 1], slips[first - 1 : first + 1]))
 
 
 def _changes(values: FloatArray) -> npt.NDArray[np.bool_]:

@@ -2,35 +2,36 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from benchmarks.judged_cars import PAPER
-from benchmarks.lane_change import Drive, LaneChange, largest_entry_speed, least_sideslip
-from benchmarks.steady_passive import PassiveTurns
-from codegen.arrays import BoolArray, FloatArray
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.ecu_map.extend import extend
 from codegen.errors import CodegenError
+from codegen.judgement.bench import Bench
+from codegen.judgement.check import check_path
+from codegen.judgement.drives import SweepFigures, drive_sweep
+from codegen.judgement.judge import judge
+from codegen.judgement.lane_change import (
+    DRIVERS,
+    LaneChange,
+    lane_change_figures,
+    largest_entry_speed,
+    sideslips_if_passed,
+)
+from codegen.judgement.steady import SteadyFigures, steady_figures
 from codegen.map_file import map as npz
+from codegen.map_file.judged import with_judgement
 from codegen.map_file.map import ReferenceMap
 from codegen.metrics import Runs, SineWithDwell, StepResponse
-from codegen.metrics.runs import COLUMNS
-from codegen.metrics.sine_with_dwell import displacement_min
 from codegen.optimum.solve import solve_case
-from codegen.plausibility.check import check_path
-from codegen.sil.batch import Lanes
-from codegen.units import KM_H
-from codegen.vehicle.plant_car import varied_cars
 from hil_sim import third_plant
 from hil_sim.manoeuvres import Hands
-from hil_sim.scenarios import SCENARIOS, Scenario
+from hil_sim.scenarios import DEPARTURE_TIME_S, SCENARIOS, Scenario
 from hil_sim.suite.cells import STEER_TIME, c1
 from hil_sim.suite.subjects import (
     DELAY_SAMPLES,
@@ -54,92 +55,10 @@ TWO_TRACK, ROLL = "two-track", "roll"
 PLANTS = (TWO_TRACK, ROLL)
 """The plant of the configuration; the third plant, with roll, other tyres, relaxation and sensor errors."""
 
-LOW_KM_H, HIGH_KM_H = (20.0, 60.0), (80.0, 120.0)
-"""Ranges of the two comparisons of yaw rate."""
-HIGH_LATERAL_ACCELERATION_G = 0.4
-CHARACTERISTIC_SPEED = 100.0 * KM_H
-"""m/s, of the understeering car that is the measure at high speed where the passive car turns more."""
-FALL_RAD_S = 1e-9
-"""Smallest fall of the yaw rate between two cells that is not rounding, in rad/s."""
-
-SWEEP_AMPLITUDES = (5.0, 5.5, 6.0, 6.5, 7.0)
-"""Multiples of the steering angle for 0.3 g, from the first that the displacement is required of (49 CFR 571.126, S5.2.3)."""
-SWEEP_FRICTIONS = (0.7, 0.8, 0.9)
-SWEEP_MASSES = (0.9, 1.0, 1.1, 1.2)
-"""Factors; the yaw inertia goes with the mass."""
-NOMINAL_AMPLITUDE = SWEEP_AMPLITUDES[0]
+FEW_DRIVERS = DRIVERS[1::3]
+"""Drivers of random cars: each pair of times with the gains 0.8 and 1.1."""
 
 CONTROLLED, FEEDFORWARD, PASSIVE = "tracking", "feedforward", "passive"
-
-
-@dataclass(frozen=True)
-class SteadyFigures:
-    """Figures of a map against the passive car's steady turns, in shares and g.
-
-    Attributes:
-        largest_g, passive_g, limit_g: largest lateral acceleration of the map, of the passive car at the speeds and angles of
-            the map, and the configured limit.
-        falling: share of the steps between neighbouring front angles in which the yaw rate falls.
-        low: smallest yaw rate over the passive car's, LOW_KM_H, up to the configured limit.
-        high: the same over the smaller of the passive car's and that of a car with CHARACTERISTIC_SPEED, HIGH_KM_H, up to a
-            lateral acceleration of 0.4 g of the passive car.
-        falling_on_ecu: share of falling steps of the table of the ECU, from the first speed of the map up to the steering stop.
-    """
-
-    largest_g: float
-    passive_g: float
-    limit_g: float
-    falling: float
-    low: float
-    high: float
-    falling_on_ecu: float
-
-    @property
-    def grip(self) -> float:
-        """Largest lateral acceleration over what the car could reach."""
-        return self.largest_g / min(self.passive_g, self.limit_g)
-
-
-def falling_share(yaw_rate: FloatArray) -> float:
-    """Return the share of the steps along the rows of (n, m) yaw rates in which they fall; a step has no NaN."""
-    steps = np.diff(yaw_rate, axis=1)
-    return float((steps < -FALL_RAD_S).sum() / max(int(np.isfinite(steps).sum()), 1))
-
-
-def least_ratio(values: FloatArray, measure: FloatArray, where: BoolArray) -> float:
-    """Return the smallest ratio of values over a measure where a condition holds and both are known; NaN without any."""
-    ratio = (values / measure)[where & np.isfinite(values) & np.isfinite(measure)]
-    return float(ratio.min()) if ratio.size else math.nan
-
-
-def steady_figures(reference_map: ReferenceMap, config: Config) -> SteadyFigures:
-    """Return the figures of a map. The yaw rates are those that the ECU looks up, beyond the feasible cells too."""
-    speed, angle = reference_map.speed, reference_map.front_angle
-    gravity, column = config.road.gravity_m_s2, speed[:, np.newaxis]
-    passive = PassiveTurns.of(config, speed).yaw_rate(angle)
-    total = extend(reference_map, config)
-    rows = np.isin(total.speed, speed)
-    table = np.minimum(total.yaw_rate[rows], total.lateral_acceleration_cap / total.speed[rows, np.newaxis])
-    reference = table[:, np.isin(total.front_angle, angle)]
-    limit = config.limits.lateral_acceleration_max_g
-    cap = min(limit, total.lateral_acceleration_cap / gravity)
-    passive_g = column * passive / gravity
-    understeering = column * angle / (config.vehicle.wheelbase * (1.0 + (column / CHARACTERISTIC_SPEED) ** 2))
-
-    def between(ends: tuple[float, float]) -> BoolArray:
-        return np.asarray((column >= ends[0] * KM_H * (1.0 - 1e-9)) & (column <= ends[1] * KM_H * (1.0 + 1e-9)))
-
-    return SteadyFigures(
-        largest_g=float(np.nanmax(column * reference_map.yaw_rate)) / gravity,
-        passive_g=float(np.nanmax(passive_g)),
-        limit_g=limit,
-        falling=falling_share(reference_map.yaw_rate),
-        low=least_ratio(reference, passive, between(LOW_KM_H) & (passive_g <= cap)),
-        high=least_ratio(
-            reference, np.fmin(passive, understeering), between(HIGH_KM_H) & (passive_g <= HIGH_LATERAL_ACCELERATION_G)
-        ),
-        falling_on_ecu=falling_share(table),
-    )
 
 
 @dataclass(frozen=True)
@@ -150,23 +69,6 @@ class Dwell:
     controller: str
     displacement: float
     passive: float
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """Counts of a sweep of sines with dwell.
-
-    Attributes:
-        runs: all runs.
-        passive: runs in which the passive car reaches the displacement.
-        short: of these, runs in which the controlled car does not.
-        failed: runs in which the passive car meets all criteria and the controlled one does not.
-    """
-
-    runs: int
-    passive: int
-    short: int
-    failed: int
 
 
 @dataclass(frozen=True)
@@ -186,19 +88,19 @@ class CarFigures:
 
     Attributes:
         sweep: runs of the sweep of sines with dwell.
-        warnings: of `codegen check` on the tuned map.
+        named: keys of the figures of which `codegen check` warns on the tuned map.
     """
 
     name: str
     error: str = ""
     steady: SteadyFigures | None = None
     dwells: tuple[Dwell, ...] = ()
-    sweep: Sweep | None = None
+    sweep: SweepFigures | None = None
     lane_changes: tuple[LaneChanges, ...] = ()
-    warnings: tuple[str, ...] = ()
+    named: frozenset[str] = frozenset()
 
 
-def judge(name: str, config: Config, plants: Sequence[str], drivers: Sequence[Hands], with_feedforward: bool) -> CarFigures:
+def judge_car(name: str, config: Config, plants: Sequence[str], drivers: Sequence[Hands], with_feedforward: bool) -> CarFigures:
     """Solve, tune, build and drive one car. The paper's car is driven with the committed build."""
     try:
         reference_map, tested = prepared(name, config)
@@ -209,9 +111,9 @@ def judge(name: str, config: Config, plants: Sequence[str], drivers: Sequence[Ha
             name,
             steady=steady_figures(reference_map, tested.config),
             dwells=tuple(_dwells(controllers, plants)),
-            sweep=_sweep(tested),
+            sweep=drive_sweep(_bench(tested)),
             lane_changes=tuple(_lane_changes(tested, plant, drivers) for plant in plants),
-            warnings=_warnings(reference_map, tested.config),
+            named=_named(reference_map, tested.config),
         )
     except CodegenError as error:
         return CarFigures(name, str(error))
@@ -294,53 +196,53 @@ def _displacement(subject: Subject, plant: str) -> float:
     return float(SineWithDwell(runs).displacement[0])
 
 
-def _sweep(tested: Subject) -> Sweep:
-    """Drive the sweep with the controller, without an estimate of the friction, and with straight rear wheels."""
-    config, scenario = tested.config, SCENARIOS["sine-with-dwell"]
-    drawn = np.array(list(itertools.product(SWEEP_AMPLITUDES, SWEEP_FRICTIONS, SWEEP_MASSES))).T
-    amplitude, friction, mass = np.tile(drawn, 2)
-    count = drawn.shape[1]
-    lanes = Lanes(
-        varied_cars(config, mass=mass),
-        wheel_factor=amplitude / NOMINAL_AMPLITUDE,
-        friction=friction,
-        delay_samples=DELAY_SAMPLES,
-        controlled=np.arange(2 * count) < count,
-    )
-    software = tested.around.batch(config)
-    record = software.run(scenario.inputs(config), lanes, software.parameters(**tested.parameters), COLUMNS)
-    runs = Runs(
-        np.arange(record.shape[1], dtype=np.float64) * config.controller.sampling_time_s,
-        dict(zip(COLUMNS, record, strict=True)),
-        scenario.steer_time,
-        steering_ratio=config.steering.ratio,
-        mass=mass * config.vehicle.mass_kg,
-    )
-    dwell = SineWithDwell(runs)
-    far, far_passive = (dwell.displacement >= displacement_min(runs.mass)).reshape(2, count)
-    all_met, all_met_passive = (dwell.outcome == 1.0).reshape(2, count)
-    return Sweep(count, int(far_passive.sum()), int((far_passive & ~far).sum()), int((all_met_passive & ~all_met).sum()))
-
-
 def _lane_changes(tested: Subject, plant: str, drivers: Sequence[Hands]) -> LaneChanges:
-    config, subjects = tested.config, (tested, passive_of(tested))
-
-    def driven(subject: Subject) -> Drive:
-        def record(scenario: LaneChange) -> FloatArray:
-            return drive(subject, plant, scenario)
-
-        return record
-
-    drives = [driven(subject) for subject in subjects]
-    speed, passive_speed = (largest_entry_speed(each, config, drivers) for each in drives)
+    if plant == TWO_TRACK:
+        found = lane_change_figures(_bench(tested), drivers)
+        return LaneChanges(plant, found.speed_km_h, found.passive_speed_km_h, found.sideslip_deg, found.passive_sideslip_deg)
+    cars = [SingleDrives(subject, plant, drivers) for subject in (tested, passive_of(tested))]
+    speed, passive_speed = (largest_entry_speed(car.passes) for car in cars)
     common = min(speed, passive_speed)
-    sideslips = [least_sideslip(each, config, common, drivers) if common else math.nan for each in drives]
+    sideslips = [car.least_sideslip(common) if common else math.nan for car in cars]
     return LaneChanges(plant, speed, passive_speed, *sideslips)
 
 
-def _warnings(reference_map: ReferenceMap, config: Config) -> tuple[str, ...]:
-    """Return the warnings of `codegen check` on a map with the tuned configuration."""
+class SingleDrives:
+    """Lane changes of a subject on a plant that is no batch, one driver after the other."""
+
+    def __init__(self, subject: Subject, plant: str, drivers: Sequence[Hands]) -> None:
+        self._subject, self._plant, self._drivers = subject, plant, list(drivers)
+
+    def passes(self, speed_km_h: float) -> bool:
+        """Return whether a driver passes. The one who passed last comes first at the next speed."""
+        found = next((hands for hands in self._drivers if not math.isnan(self.sideslip(speed_km_h, hands))), None)
+        if found is not None:
+            self._drivers.remove(found)
+            self._drivers.insert(0, found)
+        return found is not None
+
+    def sideslip(self, speed_km_h: float, hands: Hands) -> float:
+        """Return the largest sideslip angle of a driver in deg; NaN for one who does not pass."""
+        scenario = LaneChange.at(speed_km_h, hands)
+        runs = Runs.of_record(drive(self._subject, self._plant, scenario), DEPARTURE_TIME_S)
+        return float(sideslips_if_passed(runs, scenario, self._subject.config)[0])
+
+    def least_sideslip(self, speed_km_h: float) -> float:
+        """Return the largest sideslip angle in deg of the driver who passes with the least; infinite where nobody passes."""
+        found = (self.sideslip(speed_km_h, hands) for hands in self._drivers)
+        return min((each for each in found if not math.isnan(each)), default=math.inf)
+
+
+def _bench(tested: Subject) -> Bench:
+    software = tested.around.batch(tested.config)
+    return Bench(software, tested.config, software.parameters(**tested.parameters))
+
+
+def _named(reference_map: ReferenceMap, config: Config) -> frozenset[str]:
+    """Return the keys of the figures of which `codegen check` warns on a map that is judged as by `codegen tune`."""
     with tempfile.TemporaryDirectory(prefix="ars-better-") as folder:
         path = Path(folder, "map.npz")
-        npz.save(reference_map.with_config(config), path)
-        return check_path(path).warnings
+        judgement = judge(reference_map, config)
+        npz.save(with_judgement(reference_map.with_config(config), judgement.to_dict()), path)
+        assert set(judgement.warnings) <= set(check_path(path).warnings)
+    return frozenset(row.key for row in judgement.faults)

@@ -23,6 +23,12 @@ def random_car(rng: np.random.Generator) -> Config:
     return configuration.parse(data, "random car")
 
 
+def using_grip(config: Config, rng: np.random.Generator) -> Config:
+    """Return a car with its nonlinear tyres bounded by grip, and with a floor of the yaw rate."""
+    drawn = {"grip_use_max": (0.6, 0.99), "yaw_gain_floor": (0.5, 1.2), "reference_characteristic_speed_km_h": (60.0, 150.0)}
+    return config.replace({"limits": {key: float(rng.uniform(*ends)) for key, ends in drawn.items()}}, "random car")
+
+
 def random_cells(turns: NonlinearTurns, config: Config, rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray]:
     """Draw speeds (m/s) and front angles (rad), (count,) each, from zero to a third beyond the map."""
     grid = config.grid

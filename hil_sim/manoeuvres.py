@@ -21,6 +21,7 @@ from codegen.configuration import Config
 from codegen.design.sampled import matrix_exponential
 from codegen.errors import CodegenError
 from codegen.metrics.sine_with_dwell import DWELL_FREQUENCY, DWELL_LENGTH, DWELL_PAUSE
+from codegen.sil.closed_loop import PREVIEW_POINTS
 from codegen.units import KM_H, STANDARD_GRAVITY
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import static_wheel_loads
@@ -354,8 +355,6 @@ PREVIEW_TIME_S, DELAY_S = 1.0, 0.2
 """Preview time and reaction time of an expecting driver. The preview is the shortest, in steps of 0.2 s, that keeps the paper's
 passive car on the double lane change at 70 km/h."""
 
-PREVIEW_POINTS = 20
-
 
 @dataclass(frozen=True)
 class Hands:
@@ -376,6 +375,37 @@ EXPECTING = Hands()
 """The driver of all scenarios with a path."""
 
 
+@dataclass(frozen=True)
+class Preview:
+    """A driver's law at one speed: the angle of the steering wheel as a weighted sum, in rad.
+
+    Attributes:
+        ahead: m between two of the PREVIEW_POINTS.
+        path_weight: (PREVIEW_POINTS,) rad for each m of the path's lateral position.
+        motion_weight: (4,) weights of lateral position (m), heading (rad), lateral speed (m/s) and yaw rate (rad/s), which are
+            subtracted.
+    """
+
+    ahead: float
+    path_weight: FloatArray
+    motion_weight: FloatArray
+
+    @classmethod
+    def of(cls, config: Config, speed: float, hands: Hands) -> Preview:
+        """Return the law of a driver in a car at a speed in m/s."""
+        step = hands.preview_time_s / PREVIEW_POINTS
+        transition = matrix_exponential(step * _model(config, speed))
+        power: FloatArray = np.eye(len(transition))
+        rows = []
+        for _ in range(PREVIEW_POINTS):
+            power = transition @ power
+            rows.append(power[0])
+        predicted = np.array(rows)  # (points, 5): y ahead for a unit of each state, and of the front angle
+        by_angle = predicted[:, 4]
+        weight = hands.gain * config.steering.ratio / (by_angle @ by_angle) * by_angle
+        return cls(speed * step, weight, weight @ predicted[:, :4])
+
+
 class PreviewDriver:
     """Driver that follows a path at a constant speed by optimal preview.
 
@@ -393,18 +423,8 @@ class PreviewDriver:
     """
 
     def __init__(self, config: Config, path: RoadPath, speed: float, period: float, hands: Hands = EXPECTING) -> None:
-        self._path, self._speed, self._gain = path, speed, hands.gain
-        self._ratio, self._stop = config.steering.ratio, config.steering.front_angle_stop
-        step = hands.preview_time_s / PREVIEW_POINTS
-        transition = matrix_exponential(step * _model(config, speed))
-        power: FloatArray = np.eye(len(transition))
-        rows = []
-        for _ in range(PREVIEW_POINTS):
-            power = transition @ power
-            rows.append(power[0])
-        predicted = np.array(rows)  # (points, 5): y ahead for a unit of each state, and of the front angle
-        self._by_state, self._by_angle = predicted[:, :4], predicted[:, 4]
-        self._ahead = speed * step * np.arange(1, PREVIEW_POINTS + 1, dtype=np.float64)
+        self._path, self._speed, self._preview = path, speed, Preview.of(config, speed, hands)
+        self._largest = config.steering.ratio * config.steering.front_angle_stop
         self._hands: deque[float] = deque([0.0] * round(hands.delay_s / period))
 
     def steer(self, position: tuple[float, float, float], sideslip_angle: float, yaw_rate: float) -> float:
@@ -417,9 +437,9 @@ class PreviewDriver:
         """
         x, y, heading = position
         state = np.array([y, heading, self._speed * np.tan(sideslip_angle), yaw_rate])
-        missed = self._path.lateral(x + self._ahead) - self._by_state @ state
-        angle = self._gain * float(self._by_angle @ missed / (self._by_angle @ self._by_angle))
-        self._hands.append(self._ratio * min(max(angle, -self._stop), self._stop))
+        ahead = x + self._preview.ahead * np.arange(1, PREVIEW_POINTS + 1, dtype=np.float64)
+        angle = float(self._preview.path_weight @ self._path.lateral(ahead) - self._preview.motion_weight @ state)
+        self._hands.append(min(max(angle, -self._largest), self._largest))
         return self._hands.popleft()
 
 

@@ -30,7 +30,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, ValidationError
 
 from codegen.arrays import FloatArray
-from codegen.configuration import Config, parse_toml
+from codegen.configuration import Config, parse_toml, preset
 from codegen.configuration.section import Location, Range, Section, check_name, first_fault
 from codegen.errors import CodegenError, suggestion
 from codegen.files import read_text
@@ -58,7 +58,7 @@ def load(path: Path, config: Config | None = None) -> Scenario:
     text = read_text(path, limit, "name a .csv or .toml file, or cut it into shorter ones")
     if path.suffix.lower() == ".csv":
         return _from_csv(text, path)
-    return _from_toml(text, path, Config() if config is None else config)
+    return _from_toml(text, path, config or preset())
 
 
 def _remedy(word: str, known: Collection[str]) -> str:

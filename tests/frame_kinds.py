@@ -4,8 +4,9 @@ import functools
 from pathlib import Path
 from typing import Any
 
-from codegen.configuration import Xcp, parse
+from codegen.configuration import Xcp
 from tests import builds, shared
+from tests.whole_car import car
 
 IDS = {"vehicle_motion": 0x18FF0101, "vehicle_conditions": 0x102, "rear_steer_command": 0x1FFFFFFF}
 """Identifiers of 29 bits; one of them would fit into 11."""
@@ -68,7 +69,7 @@ def xcp_folder() -> Path:
 @functools.cache
 def built(name: str = "29 bits") -> builds.Built:
     """Return the paper's build with another kind of frames."""
-    can = parse({"can": KINDS[name]}, "test").can
+    can = car({"can": KINDS[name]}).can
     return builds.make(builds.paper_map(), builds.CONFIG.model_copy(update={"can": can}))
 
 

@@ -7,15 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import better, judged_car, lane_change, minimal_error, response
+from benchmarks import better, judged_car, minimal_error, response
 from benchmarks.closed_loop import Loops, slalom, step_steer
-from benchmarks.steady_passive import PassiveTurns
-from codegen import configuration
+from codegen.judgement.drives import SweepFigures
+from codegen.judgement.steady import Dead, Least, SteadyFigures
 from codegen.map_file import map as npz
-from codegen.optimum.turns import turns_of
-from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
+from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.vehicle.dynamics import PLANT_STATES
-from hil_sim.manoeuvres import Hands
 from hil_sim.suite.cells import Cell
 from tests import builds
 
@@ -75,40 +73,22 @@ def test_no_control_near_the_minimal_one_has_a_smaller_error(monkeypatch: pytest
     assert step.optimum(rear_slip_max=math.radians(1.0)).rms > found.rms
 
 
-def test_passive_turns_go_on_from_those_of_the_map() -> None:
-    config = configuration.preset("recommended")
-    speed, angle = np.array([6.0, 20.0, 33.0]), np.radians([0.1, 1.0, 2.0, 4.0])
-    bounded = turns_of(config, config.case("4ws-2")).without_rear_steering().solve(speed, angle)
-    passive = PassiveTurns.of(config, speed)
-    found = passive.yaw_rate(angle)
-    # The yaw rate is linear between points 0.5 % of the friction apart; its curvature leaves less than 1e-4 rad/s.
-    np.testing.assert_allclose(found[bounded.feasible], bounded.yaw_rate[bounded.feasible], atol=1e-4)
-    beyond = np.isfinite(found) & ~bounded.feasible
-    assert beyond.any()
-    largest = np.where(np.isfinite(passive.front_angle), passive.lateral_acceleration, 0.0).max()
-    assert 0.85 < largest / 9.81 < 0.9  # the friction of the road, less what the load transfer and the angles cost
-
-
-def test_figures_of_a_map_from_arrays_by_hand() -> None:
-    rates = np.array([[1.0, 2.0, 1.5, np.nan], [1.0, 1.0, 3.0, 4.0]])
-    assert judged_car.falling_share(rates) == 1 / 5
-    where = np.array([[True, True, False, True], [True, True, True, True]])
-    assert judged_car.least_ratio(rates, np.full(rates.shape, 2.0), where) == 0.5
-    assert judged_car.least_ratio(rates, np.where(rates == 1.0, np.nan, 2.0), where) == 1.0
-    assert math.isnan(judged_car.least_ratio(rates, rates, np.zeros(rates.shape, dtype=np.bool_)))
+def test_a_displacement_is_judged_by_the_easier_requirement() -> None:
     assert better.dwell_reserve(judged_car.Dwell("two-track", "tracking", 2.0, 2.1)) == pytest.approx(2.0 - 0.95 * 2.1)
     assert better.dwell_reserve(judged_car.Dwell("two-track", "tracking", 2.0, 3.0)) == pytest.approx(-0.1)
 
 
 def test_the_table_names_the_worst_car_and_what_it_misses() -> None:
-    def car(name: str, low: float, warnings: tuple[str, ...] = ()) -> judged_car.CarFigures:
+    none = Dead(0.0, 0.0)
+
+    def car(name: str, low: float, named: frozenset[str] = frozenset()) -> judged_car.CarFigures:
         return judged_car.CarFigures(
             name,
-            steady=judged_car.SteadyFigures(0.79, 0.85, 0.8, 0.0, low, 1.0, 0.0),
+            steady=SteadyFigures(0.79, 0.85, 0.8, {}, none, none, Least(low, 30.0, 2.0), Least(1.0, 90.0, 2.0), {}),
             dwells=(judged_car.Dwell("two-track", "tracking", 2.2, 3.0),),
-            sweep=judged_car.Sweep(60, 40, 0, 0),
+            sweep=SweepFigures(60, 40, 0, 0),
             lane_changes=(judged_car.LaneChanges("two-track", 56.0, 56.0, 0.5, 1.0),),
-            warnings=warnings,
+            named=named,
         )
 
     good, bad, failed = car("good", 1.0), car("bad", 0.6), judged_car.CarFigures("failed", "no gains")
@@ -120,33 +100,5 @@ def test_the_table_names_the_worst_car_and_what_it_misses() -> None:
     assert missed == {low, "random cars that meet every row above, seed 1", "`codegen check` on the five cars"}
     assert rows[low].cells[1:3] == ("60.0 %", "bad")
     assert rows["random cars that meet every row above, seed 1"].cells[1].startswith("1 of 3")
-    named = better.report([step], [good, car("bad", 0.6, ("the car turns less",))], [], 1)
+    named = better.report([step], [good, car("bad", 0.6, frozenset({"yaw_rate_low"}))], [], 1)
     assert {row.cells[0] for row in named.comparisons if not row.met} == {low}
-
-
-def test_the_largest_entry_speed_is_that_of_the_best_driver(monkeypatch: pytest.MonkeyPatch) -> None:
-    def passes_below(_drive: Any, _config: Any, speed_km_h: float, hands: Hands) -> float | None:
-        return hands.preview_time_s if speed_km_h <= 50.0 * hands.gain and speed_km_h != 40.0 else None
-
-    monkeypatch.setattr(lane_change, "_sideslip", passes_below)
-    config = builds.paper().software.config
-    drivers = (Hands(0.5, 0.1, 1.0), Hands(0.4, 0.1, 1.2), Hands(0.3, 0.1, 0.8))
-    drive: Any = None
-    assert lane_change.largest_entry_speed(drive, config, drivers) == 60.0
-    assert lane_change.largest_entry_speed(drive, config, (Hands(0.5, 0.1, 0.1),)) == 0.0
-    assert lane_change.least_sideslip(drive, config, 45.0, drivers) == 0.4
-    assert lane_change.least_sideslip(drive, config, 61.0, drivers) == math.inf
-
-
-def test_a_driver_passes_the_lane_change_only_when_slow_enough() -> None:
-    software = builds.paper().software
-    passed = {}
-    for speed in (40.0, 60.0):
-        scenario = lane_change.LaneChange.at(speed, Hands(0.4, 0.1, 0.9))
-        driver = scenario.driver(software.config)
-        assert driver is not None
-        record = ClosedLoop(software, LoopOptions(controlled=False)).run_stepped(scenario.inputs(software.config), driver.steer)
-        passed[speed] = lane_change.sideslip_if_passed(record, scenario, software.config)
-    assert passed[60.0] is None  # it does not spin, but hits cones
-    assert passed[40.0] is not None
-    assert 0.1 < passed[40.0] < 3.0

@@ -11,13 +11,14 @@ import pytest
 
 from codegen.configuration import Case, Config, Limits, Road, check_name, load, parse, preset, preset_text
 from codegen.errors import CodegenError, ConfigError
+from tests.whole_car import REQUIRED, car, car_toml, with_car
 
 
 def refused(source: str | Path | dict[str, Any]) -> str:
-    """Return the error message of a TOML text, a file or data, after general checks of the message."""
+    """Return the error message of a file, or of a TOML text or data with the paper's car, after general checks of it."""
     with pytest.raises(ConfigError) as caught:
         load(source) if isinstance(source, Path) else parse(
-            tomllib.loads(source) if isinstance(source, str) else source, "car.toml"
+            with_car(tomllib.loads(source) if isinstance(source, str) else source), "car.toml"
         )
     error, message = caught.value, str(caught.value)
     assert message.isprintable() and len(message) < 950  # three parts of 300 at most
@@ -35,28 +36,31 @@ def leaves_of(data: dict[str, Any], key: str = "") -> dict[str, Any]:
 
 def differences(left: Config, right: Config) -> set[tuple[str, Any, Any]]:
     one, other = leaves_of(left.model_dump(mode="json")), leaves_of(right.model_dump(mode="json"))
-    return {(key, one.get(key), other.get(key)) for key in one | other if repr(one.get(key)) != repr(other.get(key))}
+    pairs = {key: [tuple(v) if isinstance(v := side.get(key), list) else v for side in (one, other)] for key in one | other}
+    return {(key, *pair) for key, pair in pairs.items() if repr(pair[0]) != repr(pair[1])}
 
 
 def test_the_default_is_the_recommended_preset_and_the_papers_differs_in_controller_and_tyre_model(tmp_path: Path) -> None:
     """The paper has no rate limit and no limiter. The default cycle time is the sampling time."""
     recommended, path = preset("recommended"), tmp_path / "ars.toml"
     roles = recommended.can.messages()
-    assert differences(Config(), recommended) == {(f"can.{role}.cycle_time_ms", None, 10.0) for role in roles}
+    assert differences(car(), recommended) == {(f"can.{role}.cycle_time_ms", None, 10.0) for role in roles}
     tyre_models = {(f"cases.{case}.tyre_model", "magic-formula", None) for case in ("fws", "4ws-1", "4ws-2")}
     assert differences(recommended, preset()) == tyre_models | {
         ("controller.kind", "tracking", "pi"),
         ("controller.rear_rate_max_deg_s", 25.0, "off"),
         ("limiter.rear_rate_max_deg_s", 30.0, "off"),
         ("limiter.opposite_phase_max_deg", "from-car", "off"),
+        ("tuning.actuator_lag_factor", (0.4, 1.0, 2.0), None),
+        ("tuning.actuator_lag_s", None, (0.02, 0.05, 0.1)),
     }
-    path.write_text("")
-    assert load(path) == Config()
+    path.write_text(car_toml())
+    assert load(path) == car()
     path.write_bytes(preset_text().replace("\n", "\r\n").encode())
     assert load(path) == preset()
 
 
-KEYS = {key: value for key, value in leaves_of(Config().model_dump()).items() if not key.startswith("cases.")}
+KEYS = {key: value for key, value in leaves_of(car().model_dump()).items() if not key.startswith("cases.")}
 SECTIONS = ("vehicle", "tyre", "tyre.front", "cases", "cases.mine", "controller.inputs")
 FLOATS = [*(key for key, value in KEYS.items() if isinstance(value, float)), "cases.mine.sideslip_weight_per_s2"]
 
@@ -147,8 +151,19 @@ def test_an_invalid_value_is_rejected(key: str, value: object, words: str) -> No
         ("[controller.inputs]\nrear_angle_max_deg = 3.4\n", "controller.inputs.rear_angle_max_deg rear_actuator.angle_max_deg"),
         ("[controller.inputs]\nfront_angle_max_deg = 34.9\n", "controller.inputs.front_angle_max_deg front_angle_stop_deg"),
         ("[controller.inputs]\nfriction_max = 0.89\n", "controller.inputs.friction_max road.friction"),
+        (
+            "[vehicle]\ntop_speed_km_h = 401.0\n",
+            "vehicle.top_speed_km_h is 401; controller.inputs.speed_max_km_h (15 and 400 km/h)",
+        ),
+        (
+            "[vehicle]\ntop_speed_km_h = 20.0\n[controller]\nenable_speed_km_h = 20.0",
+            "top_speed_km_h controller.enable_speed_km_h",
+        ),
+        (
+            "[tuning]\nactuator_lag_factor = [1.0]\nactuator_lag_s = [0.05]\n",
+            "tuning: exclude each other; remove actuator_lag_s",
+        ),
         ("[road]\nfriction = 0.3\n[controller]\nfriction_min = 0.31\n", "controller.friction_min road.friction"),
-        ("[tyre.front]\nshape_factor_c = 1.2\n", "tyre.front exactly cornering_stiffness_n_per_rad"),
         ("[tyre.rear]\ncornering_stiffness_n_per_rad = 1e5\nstiffness_factor_b_per_rad = 15.0\n", "tyre.rear exactly one"),
         ("[tyre.front]\ncornering_stifness_n_per_rad = 1e5\n", "tyre.front.cornering_stifness_n_per_rad: unknown key"),
         ('"mass\\u001b[31m\\nkg" = 1\n', "unknown key"),
@@ -172,6 +187,78 @@ def test_inconsistent_keys_are_rejected(text: str, words: str) -> None:
     assert words in message or all(part in message for part in words.split())
 
 
+def missing(data: dict[str, Any]) -> str:
+    """Return the keys that the message about a file with missing keys names, after checks of the rest of it."""
+    with pytest.raises(ConfigError) as caught:
+        parse(data, "car.toml")
+    found = re.fullmatch(
+        r"car\.toml: (.+) (?:is missing; add it|are missing; add them); `codegen init DIR` writes a complete file",
+        str(caught.value),
+    )
+    assert found and caught.value.exit_code == 2, caught.value
+    return found[1]
+
+
+def test_data_of_a_car_have_no_defaults() -> None:
+    """No figure shows that a value is another car's. Both presets are complete, and so are stored configurations."""
+    tables = ("vehicle", "tyre.front", "tyre.rear", "steering", "rear_actuator")
+    assert {key.rpartition(".")[0] for key in REQUIRED} == set(tables)
+    assert {"vehicle.mass_kg", "vehicle.track_m", "steering.ratio", "rear_actuator.lag_s"} < set(REQUIRED)
+    assert not {"vehicle.front_roll_share", "vehicle.top_speed_km_h", "road.friction"} & set(REQUIRED)
+    for key in REQUIRED:
+        data = with_car({})
+        *names, name = key.split(".")
+        table = data
+        for each in names:
+            table = table[each]
+        del table[name]
+        assert missing(data) == key
+    for name in ("paper", "recommended"):
+        assert set(REQUIRED) <= set(leaves_of(tomllib.loads(preset_text(name))))  # type: ignore[arg-type]
+
+
+def test_all_missing_keys_are_in_one_message() -> None:
+    assert missing({**with_car({}), "vehicle": {"mass_kg": 2000.0}, "steering": {"ratio": 15.0}}) == (
+        "vehicle.yaw_inertia_kg_m2, vehicle.cg_height_m, vehicle.track_m, vehicle.cg_to_front_axle_m, "
+        "vehicle.cg_to_rear_axle_m, steering.front_angle_stop_deg"
+    )
+    assert missing({**with_car({}), "tyre": {"front": {"shape_factor_c": 1.2}}}) == (
+        "tyre.front.cornering_stiffness_n_per_rad, tyre.rear.cornering_stiffness_n_per_rad"
+    )
+    assert missing({}).endswith("tyre.rear.cornering_stiffness_n_per_rad and 5 more")
+    # A misspelt key or a wrong table explains what seems missing.
+    assert refused({"vehicle": {"mas_kg": 2000.0}}).startswith("car.toml: vehicle.mas_kg: unknown key; did you mean 'mass_kg'?")
+    with pytest.raises(ConfigError, match=r"^car\.toml: vehicle: a table is needed, not 1; "):
+        parse({"vehicle": 1}, "car.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "lags"),
+    [
+        ("", (0.02, 0.05, 0.1)),
+        ("[rear_actuator]\nlag_s = 0.09\n", (0.036, 0.09, 0.18)),
+        ("[rear_actuator]\nlag_s = 0.09\n[tuning]\nactuator_lag_factor = [0.5]\n", (0.045,)),
+        ("[rear_actuator]\nlag_s = 0.09\n[tuning]\nactuator_lag_s = [0.02, 0.1]\n", (0.02, 0.1)),
+    ],
+)
+def test_the_lags_of_the_family_follow_the_car_but_for_older_files(text: str, lags: tuple[float, ...]) -> None:
+    """Both ways are stored as they were written, so that older maps and builds stay equal to the byte."""
+    config = car(tomllib.loads(text))
+    assert config.actuator_lags_s == lags
+    key, other = (
+        ("actuator_lag_s", "actuator_lag_factor") if "actuator_lag_s" in text else ("actuator_lag_factor", "actuator_lag_s")
+    )
+    assert key in (stored := config.model_dump(mode="json")["tuning"]) and other not in stored
+    assert preset().tuning.model_dump(mode="json")["actuator_lag_s"] == [0.02, 0.05, 0.1]
+
+
+def test_the_top_speed_is_that_of_the_map_unless_given() -> None:
+    assert car().top_speed_km_h == 120.0 and "top_speed_km_h" not in car().to_json()
+    assert car({"grid": {"speed_breakpoints_km_h": [20.0, 60.0, 90.0]}}).top_speed_km_h == 90.0
+    assert car({"vehicle": {"top_speed_km_h": 180.0}}).top_speed_km_h == 180.0
+    assert car({"controller": {"inputs": {"speed_max_km_h": 100.0}}}).top_speed_km_h == 100.0
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -186,7 +273,7 @@ def test_inconsistent_keys_are_rejected(text: str, words: str) -> None:
     ],
 )
 def test_values_at_limits_are_allowed_and_the_canonical_text_reads_back(text: str) -> None:
-    config = parse(tomllib.loads(text), "car.toml")
+    config = car(tomllib.loads(text))
     again = parse(json.loads(config.to_json()), "map")
     assert again == config
     assert again.to_json() == config.to_json()
@@ -196,10 +283,10 @@ def test_values_at_limits_are_allowed_and_the_canonical_text_reads_back(text: st
 def test_canonical_text_depends_only_on_values() -> None:
     heavier = f"[vehicle]\nmass_kg = {math.nextafter(2335.07, math.inf)!r}\n"  # one unit in the last place
     changes = ("", heavier, "[plant]\ncommand_delay_samples = 1\n", '[plant]\nload_transfer = "paper"\n', "[cases.fws]\n")
-    assert len({parse(tomllib.loads(text), "car.toml").to_json() for text in changes}) == len(changes)
+    assert len({car(tomllib.loads(text)).to_json() for text in changes}) == len(changes)
     forward = {"vehicle": {"mass_kg": 1500.0, "track_m": 1.5}, "cases": {"a": {}, "b": {}}}
     backward = {"cases": {"b": {}, "a": {}}, "vehicle": {"track_m": 1.5, "mass_kg": 1500}}
-    assert parse(forward, "car.toml").to_json() == parse(backward, "car.toml").to_json()
+    assert car(forward).to_json() == car(backward).to_json()
 
 
 @pytest.mark.parametrize("name", ["a*/", 'a"b', "a'b", "a\n", "a\\", "é", "４ws", "a b", "", "-a", ".a", "_a", "x" * 64])
@@ -221,13 +308,13 @@ def test_names_that_are_invalid_in_c(name: str) -> None:
     ],
 )
 def test_the_case_of_a_car_is_the_last_that_steers_the_rear_wheels(cases: dict[str, Any], expected: str | None) -> None:
-    assert parse({"cases": cases}, "car.toml").rear_steer_case == expected
+    assert car({"cases": cases}).rear_steer_case == expected
 
 
 def test_names_and_values_of_cases() -> None:
     for name in ("a", "4ws-2", "My_car-2.1", "0", "x" * 63):
         assert check_name(name) == name
-    config = parse({"cases": {"mine": {"sideslip_weight_per_s2": 10.0}}}, "car.toml")
+    config = car({"cases": {"mine": {"sideslip_weight_per_s2": 10.0}}})
     assert config.case("mine") == Case(rear_steering=True, sideslip_weight_per_s2=10.0)
     known = "known cases: fws, 4ws-1, 4ws-2, zero-sideslip, variable-wheelbase, envelope"
     for name, where, words in (

@@ -30,6 +30,7 @@ LEVELS = (
     ("codegen.plausibility", "codegen.sil"),
     ("codegen.tuning",),
     ("hil_sim",),
+    ("codegen.judgement",),
     ("codegen.identify", "codegen.sweep"),
     ("codegen.verify", "codegen.export", "codegen.report"),
     ("codegen.explore", "codegen.doctor"),

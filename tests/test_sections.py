@@ -6,11 +6,12 @@ from typing import Any
 
 import pytest
 
-from codegen.configuration import Config, Kind, Xcp, parse, preset, preset_text
+from codegen.configuration import Kind, Xcp, parse, preset, preset_text
 from codegen.configuration.budgets import Budgets, MapShape
 from codegen.configuration.can import RealSignal, Signal
 from codegen.errors import ConfigError
 from tests.test_config import refused
+from tests.whole_car import car, with_car
 
 
 @pytest.mark.parametrize(
@@ -106,15 +107,15 @@ def test_longer_frames_have_a_larger_budget_for_the_task() -> None:
 def test_invalid_budgets_are_rejected() -> None:
     for value in (0, 95.5, True):
         with pytest.raises(ConfigError, match=r"^ars\.toml: budgets\.lookup_instructions_max: "):
-            parse({"budgets": {"lookup_instructions_max": value}}, "ars.toml")
+            parse(with_car({"budgets": {"lookup_instructions_max": value}}), "ars.toml")
 
 
 def test_a_configuration_without_budgets_of_its_own_is_written_without_them() -> None:
     """Older maps and builds stay equal to the byte."""
     assert "budgets" not in preset().to_json()
-    assert "budgets" not in Config().model_dump(mode="json")
-    own = parse({"budgets": {"step_instructions_max": 321}}, "ars.toml")
-    assert own != Config()
+    assert "budgets" not in car().model_dump(mode="json")
+    own = car({"budgets": {"step_instructions_max": 321}})
+    assert own != car()
     assert parse(own.model_dump(mode="json"), "manifest.json") == own
 
 
@@ -159,17 +160,17 @@ def test_invalid_options_of_xcp_are_rejected(tables: str, message: str) -> None:
 
 def test_identifiers_of_11_and_29_bits_are_different() -> None:
     both = "extended_ids = true\n"
-    assert parse(tomllib.loads(f"[xcp]\n{both}transmit_id = 0x201"), "t").xcp.transmit_id == 0x201
-    assert parse(tomllib.loads(f"[can]\n{both}[xcp]\ntransmit_id = 0x201"), "t").xcp.transmit_id == 0x201
+    assert car(tomllib.loads(f"[xcp]\n{both}transmit_id = 0x201")).xcp.transmit_id == 0x201
+    assert car(tomllib.loads(f"[can]\n{both}[xcp]\ntransmit_id = 0x201")).xcp.transmit_id == 0x201
     message = refused(f"[can]\n{both}[xcp]\n{both}transmit_id = 0x201")
     assert "xcp.transmit_id is the id of RearSteerCommand, 0x201" in message
 
 
 def test_identifiers_of_xcp_are_stored_with_the_bus() -> None:
     """Older maps and builds have them there, and stay equal to the byte."""
-    assert "xcp" not in Config().model_dump(mode="json")
-    older = parse({"can": {"xcp_receive_id": 0x700}}, "ars.toml")
-    assert older == parse({"xcp": {"receive_id": 0x700}}, "ars.toml") != Config()
+    assert "xcp" not in car().model_dump(mode="json")
+    older = car({"can": {"xcp_receive_id": 0x700}})
+    assert older == car({"xcp": {"receive_id": 0x700}}) != car()
     assert older.model_dump()["can"]["xcp_receive_id"] == 0x700
     assert parse(older.model_dump(mode="json"), "manifest.json") == older
 

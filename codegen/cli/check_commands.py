@@ -28,19 +28,25 @@ EXAMPLE = "codegen check ars.toml\n  codegen check 4ws2.npz\n  codegen check gen
 @click.option(
     "--config", "config_path", type=configuration_file, help="For a map: ars.toml; by default the map's own configuration."
 )
+@click.option("--drive", is_flag=True, help="Judge the car afresh, with and without the controller; changes no file.")
 @json_option
-def check(subject: Path, config_path: Path | None, as_json: bool) -> None:
-    """Check a configuration, a map or a build for implausible values and contradictions. Takes seconds; nothing is simulated.
+def check(subject: Path, config_path: Path | None, drive: bool, as_json: bool) -> None:
+    """Check a configuration, a map or a build for implausible values and contradictions, and whether the car is better with the
+    controller than without.
 
     The car: yaw inertia, tyre stiffness, understeer gradient. Across sections: limits against the actuator, rates, the actuator
     lag used for tuning. A map, and the build made from it: units, the share of the map that actuator and limiter reach, slip
     bounds, margins, and everything that `codegen build` rejects. A build: the same, edited files, verification results.
-    `solve`, `tune` and `build` report the same warnings. Exits with 1 if there is a warning.
-    """
-    from codegen.plausibility.check import check_path
+    `solve`, `tune` and `build` report the same warnings.
 
-    with console.status(f"checking {subject}"):
-        found = check_path(subject, config_path)
+    The judgement of the car compares it with the same car with straight rear wheels: steady turns of the map, steps, sine with
+    dwell and lane change. `codegen tune` makes it and stores it in the map. Where it is missing or out of date, --drive makes
+    it, which takes seconds; it is printed and not stored. Exits with 1 if there is a warning.
+    """
+    from codegen.judgement.check import check_path
+
+    with console.progress(f"checking {subject}") as progress:
+        found = check_path(subject, config_path, drive=drive, progress=progress)
     if as_json:
         facts: dict[str, Any] = {"subject": str(subject), "kind": found.kind}
         console.print_json({**facts, **found.facts, "notes": list(found.notes), "warnings": list(found.warnings)})

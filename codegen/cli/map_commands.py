@@ -147,7 +147,7 @@ def solve(
     handling, facts = Handling.from_config(chosen.config), MapFacts.of_map(reference_map, chosen.config)
     warnings = [*car_warnings(chosen.config), *map_warnings(reference_map, chosen.config)]
     if as_json:
-        origin = {"map": str(output), "configuration": chosen.source, "warnings": warnings}
+        origin = {"map": str(output), "configuration": chosen.source, "notes": list(chosen.notes), "warnings": warnings}
         like = {"like_friction": [one.to_dict() for one in alike]} if alike else {}
         cost = {} if uncertain is None else {"nominal": {"map": str(nominal_path), **_cost(uncertain)}}
         console.print_json({**origin, "handling": handling.to_dict(), **facts.to_dict(), **summary.to_dict(), **like, **cost})
@@ -224,7 +224,8 @@ def build(
     from codegen.emit.from_files import prepare
     from codegen.emit.text import Precision
     from codegen.emit.write import check_target
-    from codegen.plausibility.check import all_warnings
+    from codegen.judgement.check import all_warnings
+    from codegen.judgement.model import of_map
     from codegen.plausibility.map import require_grip
 
     request = _request(max_error, max_flash, storage)
@@ -251,7 +252,8 @@ def build(
         return
     changed = prepared.write()
     manifest = prepared.folder.manifest
-    warnings = list(all_warnings(prepared.chosen.config, prepared.reference_map, manifest))
+    stored = of_map(prepared.reference_map, prepared.chosen.config)
+    warnings = [*all_warnings(prepared.chosen.config, prepared.reference_map, manifest), *stored.warnings]
     result = {"build": str(target), "changed": changed, "files": files, "configuration": prepared.chosen.source}
     result["limiter_cut"] = manifest["limiter_cut"]
     if request is not None:

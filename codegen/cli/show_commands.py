@@ -55,8 +55,9 @@ SHOW_EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --
 @click.option("--config", "config_path", type=configuration_file, help="With --flash: ars.toml with the kind of controller.")
 @json_option
 def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, config_path: Path | None, as_json: bool) -> None:
-    """Print a map: axes, units, ranges, feasibility and binding constraints."""
+    """Print a map: axes, units, ranges, feasibility and binding constraints, and the judgement of the car."""
     from codegen.emit.outputs import check_output
+    from codegen.judgement.model import MISSING, of_map
     from codegen.map_file import map as npz
     from codegen.plausibility.map import beyond_grip
     from codegen.report.summary import map_summary
@@ -74,6 +75,7 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
         _show_difference(map_path, reference_map, against, plot, as_json)
         return
     summary = map_summary(reference_map)
+    stored = MISSING if reference_map.config is None else of_map(reference_map, reference_map.config)
     if plot is not None:
         from codegen.report.map_plots import map_figure
         from codegen.report.style import save
@@ -81,7 +83,8 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
         with console.status("drawing"):
             save(map_figure(reference_map, map_path.stem), plot)
     if as_json:
-        console.print_json({"map": str(map_path), **summary.to_dict(), "plot": None if plot is None else str(plot)})
+        facts = {"judgement": stored.to_dict(), "plot": None if plot is None else str(plot)}
+        console.print_json({"map": str(map_path), **summary.to_dict(), **facts})
         return
     if text := beyond_grip(reference_map):
         console.warn(text)
@@ -104,6 +107,10 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
     if summary.acceleration_rows:
         header = ("longitudinal acceleration [m/s^2]", "feasible cells", "share", "lateral, largest [m/s^2]", "like friction")
         console.say("", text_table(header, summary.acceleration_rows))
+    if stored.judgement is not None:
+        console.say("", *stored.judgement.lines())
+    elif reference_map.config is not None:
+        console.note(stored.note)
     if plot is not None:
         console.say(f"\nplot: {plot}")
 

@@ -13,13 +13,14 @@ import click
 from codegen import console
 from codegen.cli.base import cli, example, json_option
 from codegen.cli.options import configuration_file, map_file, map_to_write
-from codegen.errors import ConfigError, MapError, within
+from codegen.errors import CodegenError, ConfigError, MapError, within
 from codegen.text_table import text_table
 
 if TYPE_CHECKING:
     from codegen.configuration import Config
     from codegen.design.margins import Weakest
     from codegen.design.tune import Design
+    from codegen.judgement.model import Judgement
     from codegen.map_file.map import ReferenceMap
     from codegen.tuning.transient import Response
     from codegen.tuning.tune import FailSafeRate, Tuned
@@ -79,10 +80,14 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     For a solved map, step responses of the simulated car determine the lead of the front angle and the response gain, and
     simulated losses of all signals determine the rate of the fail-safe. For a map of the nonlinear tyre, the trim is raised
     until its slip bounds are kept in steady state.
+
+    Finally the car is driven with the tuned controller and without it. The judgement is stored in the map, for
+    codegen check, show, build, report and explore.
     """
     from codegen.design.margins import gains_of, weakest
     from codegen.emit.outputs import check_output
     from codegen.map_file import map as npz
+    from codegen.map_file.judged import KEY, with_judgement
     from codegen.map_file.map import choose_config
     from codegen.plausibility.build import schedule_warnings
     from codegen.plausibility.car import car_warnings
@@ -103,11 +108,15 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     with within(config_path or map_path), console.progress("tuning") as progress:
         tuned = tune_map(reference_map, chosen.config, progress, config_path or map_path)
     config, made = tuned.config, tuned.design
-    npz.save(reference_map.with_config(config), output)
+    with console.progress("judging the car") as progress:
+        judgement, unjudged = _judgement(reference_map, tuned, progress)
+    facts_of_car = None if judgement is None else judgement.to_dict()
+    npz.save(with_judgement(reference_map.with_config(config), facts_of_car), output)
     least = weakest(config, gains_of(made.schedule))
     trim = _trim_facts(tuned, chosen.config.controller.tracking.trim_max_percent)
     warnings = [*car_warnings(config), *schedule_warnings(config), *map_warnings(reference_map, config)]
     warnings += [text for text in (_stability_note(tuned), _target_note(tuned.responses)) if text]
+    warnings += unjudged if judgement is None else judgement.warnings
     if as_json:
         facts = {"map": str(output), "configuration": chosen.source, "notes": list(chosen.notes), "warnings": warnings}
         responses = {
@@ -115,7 +124,7 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
             "response_ahead_s": config.controller.tracking.response_ahead_s,
             **({} if tuned.fail_safe is None else {"fail_safe": dataclasses.asdict(tuned.fail_safe)}),
         }
-        console.print_json({**facts, **_to_dict(config, made, least), **responses, **trim})
+        console.print_json({**facts, **_to_dict(config, made, least), **responses, **trim, KEY: facts_of_car})
         return
     console.note(*chosen.notes)
     console.warn(*warnings)
@@ -126,6 +135,18 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
         _print_fail_safe(tuned.fail_safe)
     if trim:
         console.say(_trim_text(trim))
+    if judgement is not None:
+        console.say(*judgement.lines())
+
+
+def _judgement(reference_map: ReferenceMap, tuned: Tuned, progress: console.Tell) -> tuple[Judgement | None, list[str]]:
+    """Return the judgement of the tuned car; None and a warning for a map that cannot be judged, whose gains are kept."""
+    from codegen.judgement.judge import judge_tuned
+
+    try:
+        return judge_tuned(reference_map, tuned, progress), []
+    except CodegenError as error:
+        return None, [f"the car is not judged: {error}"]
 
 
 def _check_same_origin(reference_map: ReferenceMap, config: Config, config_path: Path) -> None:
@@ -238,10 +259,12 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
         f"{tuning.sensitivity_max:g}"
     )
     console.say(*(f"family: {told}" for told in (origin(config),) if told))
-    console.say(
-        "Up to the last speed of the grid, every car meets these requirements. At higher speeds they apply only to the cars "
-        "counted in the table: the configured car, and those that are stable with their rear wheels held."
-    )
+    if config.top_speed_km_h > config.grid.last_speed_km_h:
+        console.say(
+            "Up to the last speed of the grid, every car meets these requirements. At higher speeds they apply only to the "
+            "cars counted in the table: the configured car, and those that are stable with their rear wheels held."
+        )
+    console.say(f"The design ends at {config.top_speed_km_h:g} km/h. At higher speeds the C holds the last gains.")
     rows = zip(_rows(made), made.limiting, strict=True)
     console.say(_table(GAIN_COLUMNS, ({**row, "limiting": limiting} for row, limiting in rows)))
     console.say(

@@ -99,6 +99,8 @@ RELAXATION_STEP_MAX = 2.5
 STEPS_MIN = 50
 """Least number of steps of a CAN signal over its required range; fewer mean a wrong factor."""
 
+MISSING_REMEDY = "; `codegen init DIR` writes a complete file"
+
 STORED_XCP_IDS = ("receive_id", "transmit_id")
 """Keys of `[xcp]` that maps and builds have as `xcp_receive_id` and `xcp_transmit_id` under `can`."""
 
@@ -111,12 +113,15 @@ def _whole_number(value: object) -> object:
 
 
 class Config(Section):
-    """The whole of `ars.toml`."""
+    """The whole of `ars.toml`.
+
+    Data of a particular car have no default: a car with the mass of another is a fault that no figure shows.
+    """
 
     schema_version: Annotated[Literal[1], BeforeValidator(_whole_number), Meaning("version of the format of this file")] = 1
-    vehicle: Vehicle = Vehicle()
+    vehicle: Vehicle
     road: Road = Road()
-    tyre: Tyres = Tyres()
+    tyre: Tyres
     limits: Limits = Limits()
     grid: Grid = Grid()
     cases: dict[Annotated[str, AfterValidator(check_name)], Case] = Field(
@@ -128,8 +133,8 @@ class Config(Section):
     )
     # Omitted where unset, so that maps and builds without a stack over acceleration do not change.
     longitudinal: Longitudinal = Field(default=Longitudinal(), exclude_if=lambda own: own == Longitudinal())
-    steering: Steering = Steering()
-    rear_actuator: RearActuator = RearActuator()
+    steering: Steering
+    rear_actuator: RearActuator
     controller: Controller = Controller()
     tuning: Tuning = Tuning()
     limiter: Limiter = Limiter()
@@ -217,6 +222,12 @@ class Config(Section):
             raise ValueError("controller.friction_min must not be above road.friction")
         if min(self.steering.lag_s, self.rear_actuator.lag_s) < 2.0 * self.plant.sampling_time_s * (1.0 - 1e-9):
             raise ValueError("steering.lag_s and rear_actuator.lag_s must be at least twice plant.sampling_time_s")
+        top = self.vehicle.top_speed_km_h
+        if top is not None and not self.controller.enable_speed_km_h < top <= inputs.speed_max_km_h:
+            raise ValueError(
+                f"vehicle.top_speed_km_h is {top:g}; it must be above controller.enable_speed_km_h and not above "
+                f"controller.inputs.speed_max_km_h ({self.controller.enable_speed_km_h:g} and {inputs.speed_max_km_h:g} km/h)"
+            )
         if inputs.friction_max < self.road.friction:
             raise ValueError("controller.inputs.friction_max must not be below road.friction")
         return self
@@ -284,6 +295,21 @@ class Config(Section):
             where=where or "[cases]",
             remedy=f"known cases: {', '.join(known)}{suggestion(name, known)}",
         )
+
+    @property
+    def top_speed_km_h(self) -> float:
+        """Largest speed for which the controller is designed, in km/h: that of the car, else the last one of the grid."""
+        top = self.vehicle.top_speed_km_h or self.grid.last_speed_km_h
+        return min(top, self.controller.inputs.speed_max_km_h)
+
+    @property
+    def actuator_lags_s(self) -> tuple[float, ...]:
+        """Lags of the rear actuator, in s, for which gains are designed."""
+        factors = self.tuning.actuator_lag_factor
+        if factors is None:
+            return tuple(self.tuning.actuator_lag_s or ())
+        # Nine decimals: 0.4 times 0.05 s is 0.02 s.
+        return tuple(round(factor * self.rear_actuator.lag_s, 9) for factor in factors)
 
     @property
     def rear_steer_case(self) -> str | None:
@@ -376,7 +402,7 @@ def parse(data: Mapping[str, Any], where: object) -> Config:
     try:
         return Config.model_validate(dict(data))
     except ValidationError as error:
-        raise first_fault(error, where, Config, ConfigError) from None
+        raise first_fault(error, where, Config, ConfigError, missing_remedy=MISSING_REMEDY) from None
 
 
 def parse_toml(text: str, where: object, kind: type[CodegenError]) -> dict[str, Any]:

@@ -8,25 +8,35 @@ from abc import abstractmethod
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
+from pydantic_core import PydanticKnownError
 
 from codegen.configuration.section import MAX_BREAKPOINTS, MAX_CELLS, Breakpoints, Meaning, Range, RangeOrZero, Section
 from codegen.units import GRAVITY, KM_H
 
 
 class Vehicle(Section):
-    """Mass and geometry. Defaults: the paper's table of vehicle parameters."""
+    """Mass and geometry. Only the share of the load transfer has a default: it is rarely measured, and cars differ little.
 
-    mass_kg: Annotated[float, Range(200.0, 60_000.0, "kg"), Meaning("m, with the load of normal operation")] = 2335.07
+    Gains and margins are designed up to `top_speed_km_h`, and charts end there. By default it is the last speed of the map. At
+    higher speeds the controller holds the gains of the last one.
+    """
+
+    mass_kg: Annotated[float, Range(200.0, 60_000.0, "kg"), Meaning("m, with the load of normal operation")]
     yaw_inertia_kg_m2: Annotated[
         float, Range(50.0, 500_000.0, "kg m^2"), Meaning("Iz, about the vertical axis through the centre of gravity")
-    ] = 5376.432
-    cg_height_m: Annotated[float, Range(0.05, 3.0, "m"), Meaning("centre of gravity above the road")] = 0.42
-    track_m: Annotated[float, Range(0.5, 3.5, "m"), Meaning("full track, the same on both axles")] = 1.627
-    cg_to_front_axle_m: Annotated[float, Range(0.2, 10.0, "m"), Meaning("lf")] = 1.574
-    cg_to_rear_axle_m: Annotated[float, Range(0.2, 10.0, "m"), Meaning("lr")] = 1.566
+    ]
+    cg_height_m: Annotated[float, Range(0.05, 3.0, "m"), Meaning("centre of gravity above the road")]
+    track_m: Annotated[float, Range(0.5, 3.5, "m"), Meaning("full track, the same on both axles")]
+    cg_to_front_axle_m: Annotated[float, Range(0.2, 10.0, "m"), Meaning("lf")]
+    cg_to_rear_axle_m: Annotated[float, Range(0.2, 10.0, "m"), Meaning("lr")]
     front_roll_share: Annotated[
         float, Range(0.0, 1.0), Meaning("share of the lateral load transfer on the front axle, 0 to 1")
     ] = 0.6
+    # Omitted where unset, so that maps and builds without it do not change.
+    top_speed_km_h: Annotated[
+        Annotated[float, Range(20.0, 500.0, "km/h")] | None,
+        Meaning("largest speed of the car, by default the last one of the map; the design of gains and margins ends there"),
+    ] = Field(default=None, exclude_if=lambda speed: speed is None)
 
     @property
     def wheelbase(self) -> float:
@@ -48,6 +58,7 @@ class Tyre(Section):
     nominal friction) or by the factor B itself.
     """
 
+    one_of: ClassVar[tuple[str, ...]] = ("cornering_stiffness_n_per_rad", "stiffness_factor_b_per_rad")
     curve: ClassVar[str] = "magic-formula"
     """Name in `vehicle.tyre.CURVES`; with a second curve this becomes a key."""
     cornering_stiffness_n_per_rad: Annotated[
@@ -68,16 +79,19 @@ class Tyre(Section):
 
     @model_validator(mode="after")
     def _one_stiffness(self) -> Self:
-        if (self.cornering_stiffness_n_per_rad is None) == (self.stiffness_factor_b_per_rad is None):
-            raise ValueError("give exactly one of cornering_stiffness_n_per_rad and stiffness_factor_b_per_rad")
+        given = [key for key in self.one_of if getattr(self, key) is not None]
+        if not given:
+            raise PydanticKnownError("missing")
+        if len(given) > 1:
+            raise ValueError(f"give exactly one of {' and '.join(self.one_of)}")
         return self
 
 
 class Tyres(Section):
-    """The tyres of both axles. Defaults: the paper's stiffnesses."""
+    """The tyres of both axles."""
 
-    front: Tyre = Tyre(cornering_stiffness_n_per_rad=119_540.0)
-    rear: Tyre = Tyre(cornering_stiffness_n_per_rad=119_830.0)
+    front: Tyre
+    rear: Tyre
 
 
 class Limits(Section):
@@ -212,6 +226,11 @@ class Grid(Section):
         return (listed[0], listed[-1]) if listed else (self.speed_min_km_h, self.speed_max_km_h)
 
     @property
+    def first_speed_km_h(self) -> float:
+        """First breakpoint of the speed axis, in km/h."""
+        return self.speed_ends_km_h[0]
+
+    @property
     def last_speed_km_h(self) -> float:
         """Last breakpoint of the speed axis, in km/h."""
         return self.speed_ends_km_h[1]
@@ -249,14 +268,14 @@ class Longitudinal(Section):
 class Steering(Section):
     """Front steering: from the driver's hands to the road wheels."""
 
-    ratio: Annotated[float, Range(1.0, 40.0), Meaning("steering wheel over road wheel: 90 deg gives 6.75 deg")] = 90.0 / 6.75
+    ratio: Annotated[float, Range(1.0, 40.0), Meaning("steering wheel over road wheel: 13.3 turns 90 deg into 6.75 deg")]
     wheel_rate_max_deg_s: Annotated[
         float, Range(10.0, 3_000.0, "deg/s"), Meaning("largest rate at which the driver turns the steering wheel")
     ] = 300.0
     lag_s: Annotated[float, Range(0.002, 1.0, "s"), Meaning("from the steering wheel to the road wheels, first order")] = 0.005
     front_angle_stop_deg: Annotated[
         float, Range(1.0, 60.0, "deg"), Meaning("mechanical stop at the road wheel; the map is extended up to it")
-    ] = 35.0
+    ]
 
     @property
     def front_angle_stop(self) -> float:
@@ -273,9 +292,9 @@ class RearActuator(Section):
     rate plus ten lags.
     """
 
-    angle_max_deg: Annotated[float, Range(0.1, 20.0, "deg"), Meaning("largest angle of the actuator")] = 3.5
-    rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s"), Meaning("largest rate of the actuator")] = 30.0
-    lag_s: Annotated[float, Range(0.002, 1.0, "s"), Meaning("first order")] = 0.05
+    angle_max_deg: Annotated[float, Range(0.1, 20.0, "deg"), Meaning("largest angle of the actuator")]
+    rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s"), Meaning("largest rate of the actuator")]
+    lag_s: Annotated[float, Range(0.002, 1.0, "s"), Meaning("first order")]
     on_command_loss: Annotated[
         Literal["hold", "return"],
         Meaning('reaction to missing commands: "hold", or "return" to zero (which can make the car spin)'),

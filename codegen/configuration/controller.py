@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -225,8 +226,12 @@ class Tracking(Section):
 class Tuning(Section):
     """The family of cars for which `codegen tune` designs the gains, and the margins that each must keep.
 
-    All combinations of the listed deviations are members. The stiffnesses of front and rear axle vary independently, and the
-    yaw inertia changes in proportion to the mass. Deviations with an uncertainty in `[identified]` come from there instead.
+    All combinations of the listed deviations are members. Lags, masses and stiffnesses are relative to the configured car. The
+    stiffnesses of front and rear axle vary independently, and the yaw inertia changes in proportion to the mass. Deviations
+    with an uncertainty in `[identified]` come from there instead.
+
+    The speeds are followed up to the top speed of the car. If they end below it, further ones are inserted up to there.
+    `actuator_lag_s` belongs to older files and maps, in which the lags do not follow the car.
     """
 
     speed_km_h: Annotated[
@@ -234,9 +239,14 @@ class Tuning(Section):
         Breakpoints(1.0, 500.0, "km/h"),
         Meaning("speeds for which the gains are designed"),
     ] = Field(default_factory=lambda: [15.0, 20.0, 30.0, 42.5, 60.0, 80.0, 100.0, 120.0])
-    actuator_lag_s: Annotated[list[Annotated[float, Range(0.002, 1.0, "s")]], Meaning("lags of the rear actuator")] = Field(
-        default_factory=lambda: [0.02, 0.05, 0.1]
-    )
+    # One of the two is None, and omitted.
+    actuator_lag_factor: Annotated[
+        list[Annotated[float, Range(0.05, 20.0)]] | None,
+        Meaning("lags of the rear actuator, as factors of `rear_actuator.lag_s`"),
+    ] = Field(default_factory=lambda: [0.4, 1.0, 2.0], exclude_if=_is_none)
+    actuator_lag_s: Annotated[
+        list[Annotated[float, Range(0.002, 1.0, "s")]] | None, Meaning("lags in s instead, as older files have them")
+    ] = Field(default=None, exclude_if=_is_none)
     mass_percent: Annotated[
         list[Annotated[float, Range(-50.0, 100.0, "%")]],
         Meaning("deviations of mass and yaw inertia"),
@@ -254,6 +264,21 @@ class Tuning(Section):
     gain_margin_db: Annotated[float, Range(1.0, 40.0, "dB"), Meaning("minimum for every member")] = 8.0
     phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("minimum for every member")] = 45.0
     sensitivity_max: Annotated[float, Range(1.05, 10.0), Meaning("largest peak of the sensitivity of any member")] = 1.8
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_of_the_lags(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping) or data.get("actuator_lag_s") is None:
+            return data
+        if data.get("actuator_lag_factor") is not None:
+            raise ValueError("actuator_lag_factor and actuator_lag_s exclude each other; remove actuator_lag_s")
+        return {**data, "actuator_lag_factor": None}
+
+    @model_validator(mode="after")
+    def _has_lags(self) -> Self:
+        if self.actuator_lag_factor is None and self.actuator_lag_s is None:
+            raise ValueError("no lags of the rear actuator; give actuator_lag_factor")
+        return self
 
 
 class Controller(Section):

@@ -7,10 +7,10 @@ the range and the unit, because a wrong unit is the usual cause.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, get_args
+from typing import Any, ClassVar, get_args
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError
 from pydantic_core import CoreSchema, core_schema
@@ -115,11 +115,17 @@ class Meaning:
 class Section(BaseModel):
     """A table of `ars.toml`: immutable, and unknown keys are errors."""
 
+    one_of: ClassVar[tuple[str, ...]] = ()
+    """Keys of which exactly one is required."""
+
     # defer_build: most tables are never validated alone, and building all of them takes longer than solving a map.
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
 
 
 Location = tuple[int | str, ...]
+
+MISSING_SHOWN = 8
+"""Largest number of missing keys that a message names."""
 
 
 def first_fault(
@@ -128,16 +134,22 @@ def first_fault(
     model: type[BaseModel],
     kind: type[CodegenError],
     key_of: Callable[[Location], str] = lambda location: ".".join(map(str, location)),
+    missing_remedy: str = "",
 ) -> CodegenError:
-    """Return the error of `kind` for the first fault: what is wrong, the file and key, and the remedy.
+    """Return the error of `kind` for the first fault, or for all missing keys: what is wrong, the file and key, and the remedy.
 
     Args:
         error: raised by validating `model`.
         where: location for the message, usually a file; "" if there is none.
         key_of: formats a location as a key.
+        missing_remedy: what helps with missing keys, beyond adding them.
     """
-    # A misspelt key explains a value that seems missing, so it is reported first.
-    fault = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
+    faults = error.errors(include_url=False)
+    # A misspelt key or a wrong table explains a value that seems missing, so it is reported first.
+    fault = min(faults, key=lambda each: (each["type"] != "extra_forbidden", each["type"] == "missing"))
+    if fault["type"] == "missing":
+        missing = [key_of(key) for each in faults for key in _missing_at(model, each["loc"])]
+        return _missing(missing, where, kind, missing_remedy)
     location = tuple(part for part in fault["loc"] if not _is_union_label(part))
     key = key_of(location) or "the file as a whole"
     place = f"{where}: {key}" if where else key
@@ -149,14 +161,42 @@ def first_fault(
         message = str(fault["ctx"]["error"])
     elif fault["type"] in ("model_type", "model_attributes_type", "dict_type"):
         message = f"a table is needed, not {shown(fault['input'])}; write [{key}] and its keys below"
-    elif fault["type"] == "missing":
-        message = "this key is missing; add it"
     elif fault["type"] in ("too_short", "too_long"):
         message = _length_fault(fault)
     else:
         message = f"{fault['msg']} (not {shown(fault['input'])})"
     what, _, remedy = message.partition("; ")
     return kind(what, where=place, remedy=remedy or "correct the value")
+
+
+def required_keys(model: type[BaseModel]) -> Iterator[Location]:
+    """Yield the location of each key without a default in a table and in the tables that it requires."""
+    if issubclass(model, Section):
+        yield from ((key,) for key in model.one_of[:1])
+    for key, field in model.model_fields.items():
+        if not field.is_required():
+            continue
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from ((key, *rest) for rest in required_keys(field.annotation))
+        else:
+            yield (key,)
+
+
+def _missing_at(model: type[BaseModel], location: Location) -> Iterator[Location]:
+    """Yield the missing keys at a location: those that a table requires, else the location itself."""
+    location = tuple(part for part in location if not _is_union_label(part))
+    field = _table_of(model, location).model_fields.get(str(location[-1]))
+    table = next(_models_in(field.annotation), None) if field else None
+    yield from (location,) if table is None else ((*location, *rest) for rest in required_keys(table))
+
+
+def _missing(keys: Sequence[str], where: object, kind: type[CodegenError], remedy: str) -> CodegenError:
+    """Return the error for missing keys."""
+    listed = ", ".join(keys[:MISSING_SHOWN])
+    if len(keys) > MISSING_SHOWN:
+        listed += f" and {len(keys) - MISSING_SHOWN} more"
+    verb, them = ("is", "it") if len(keys) == 1 else ("are", "them")
+    return kind(f"{listed} {verb} missing", where=where, remedy=f"add {them}{remedy}")
 
 
 def shown(value: object) -> str:
@@ -169,12 +209,17 @@ def shown(value: object) -> str:
 
 def _fields_at(model: type[BaseModel], location: Location) -> list[str]:
     """Return the keys of the table that holds the last part of `location`."""
+    return list(_table_of(model, location).model_fields)
+
+
+def _table_of(model: type[BaseModel], location: Location) -> type[BaseModel]:
+    """Return the table that holds the last part of `location`."""
     current = model
     for part in location[:-1]:
         field = current.model_fields.get(str(part))
         if field is not None:  # else the name of an entry or its number
             current = next(_models_in(field.annotation), current)
-    return list(current.model_fields)
+    return current
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -21,7 +21,7 @@ MEMBERS_MAX = 4096
 
 ELLIPSOID_SHARE = 0.99
 
-DEVIATIONS = ("actuator_lag_s", "mass_percent", "stiffness_percent", "relaxation_length_m")
+DEVIATIONS = ("actuator_lag_factor", "actuator_lag_s", "mass_percent", "stiffness_percent", "relaxation_length_m")
 
 
 @dataclass(frozen=True)
@@ -91,11 +91,11 @@ def members(config: Config) -> tuple[Member, ...]:
     """
     tuning = config.tuning
     for key in DEVIATIONS:
-        if not getattr(tuning, key):
+        if getattr(tuning, key) == []:
             raise ConfigError("an empty list", where=f"tuning.{key}", remedy="list at least one value, 0 for no deviation")
     factors = [tuple(1.0 + value / 100.0 for value in values) for values in (tuning.mass_percent, tuning.stiffness_percent)]
     axes = {
-        "actuator_lag": tuning.actuator_lag_s,
+        "actuator_lag": config.actuator_lags_s,
         "mass_factor": factors[0],
         "front_stiffness_factor": factors[1],
         "rear_stiffness_factor": factors[1],

@@ -26,7 +26,7 @@ Gains = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Speeds (n,) in m/s -> Kp in s and Ki, (n,) each."""
 
 WEAKEST_SPEEDS = 160
-"""Number of speeds in `weakest`, evenly spaced in their logarithm: 2 % apart over the default range."""
+"""Number of speeds in `weakest`, evenly spaced in their logarithm: at most 2 % apart from 15 to 400 km/h."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,14 +198,35 @@ def gains_of(schedule: Schedule) -> Gains:
     return gains
 
 
-def margin_speeds(config: Config) -> FloatArray:
-    """Return the speeds (m/s) at which margins are computed: from where control starts to the largest that it accepts."""
+def margin_range_km_h(config: Config) -> tuple[float, float]:
+    """Return the first and the last speed of all margins: from where control starts to the last designed speed.
+
+    A schedule is designed up to the top speed. Fixed gains have no such end: without a top speed of the car, their margins are
+    those at every speed that the controller accepts.
+    """
     controller = config.controller
-    return np.geomspace(controller.enable_speed_km_h * KM_H, controller.inputs.speed_max_km_h * KM_H, WEAKEST_SPEEDS)
+    is_designed = controller.kind == "tracking" or config.vehicle.top_speed_km_h is not None
+    return _range(config, config.top_speed_km_h if is_designed else controller.inputs.speed_max_km_h)
+
+
+def family_range_km_h(config: Config) -> tuple[float, float]:
+    """Return the first and the last speed at which every car of the family must keep its margins."""
+    return _range(config, min(config.grid.last_speed_km_h, config.top_speed_km_h))
+
+
+def _range(config: Config, last: float) -> tuple[float, float]:
+    first = config.controller.enable_speed_km_h
+    return first, max(last, 1.2 * first)
+
+
+def margin_speeds(config: Config) -> FloatArray:
+    """Return the speeds (m/s) of the smallest margins, over `margin_range_km_h`."""
+    first, last = margin_range_km_h(config)
+    return np.geomspace(first * KM_H, last * KM_H, WEAKEST_SPEEDS)
 
 
 def weakest(config: Config, gains: Gains) -> Weakest:
-    """Return the smallest margins of the configured car from the switch-on speed of the controller to the largest it accepts.
+    """Return the smallest margins of the configured car over `margin_range_km_h`.
 
     The delay is `config.tuning.delay_samples`. A build warns where they are below WARN_GAIN_MARGIN_DB or WARN_PHASE_MARGIN_DEG.
 

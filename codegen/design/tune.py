@@ -3,9 +3,9 @@
 Cars that must meet the demands:
 
 - up to the last speed of the map's grid: every member of the family, or the design fails;
-- beyond, up to the largest speed that the controller accepts: the configured car, and every member that is stable there with
-  its rear wheels held. Where no gains suit all of those, the configured car alone. Where none suit that, no car: the gains
-  before are held, and a build warns;
+- beyond, up to the top speed of the car: the configured car, and every member that is stable there with its rear wheels held.
+  Where no gains suit all of those, the configured car alone. Where none suit that, no car: the gains before are held, and a
+  build warns;
 - below the first breakpoint, where its gains hold, down to the speed at which the controller switches off: every member.
 
 Between breakpoints the interpolated gains are checked; where they fail, both ends are designed again with more reserve.
@@ -33,7 +33,7 @@ from codegen.units import KM_H
 Progress = Callable[[int, int], None]
 
 STEP_BEYOND = 1.25
-"""Largest ratio of neighbouring breakpoints beyond the grid."""
+"""Largest ratio of neighbouring breakpoints beyond those of `tuning.speed_km_h`."""
 
 BETWEEN = 3
 """Number of speeds checked inside each interval of the schedule, including the middle, where interpolated gains differ most
@@ -111,25 +111,31 @@ def design(config: Config, progress: Progress | None = None) -> Design:
 
 
 def breakpoints(config: Config) -> list[Breakpoint]:
-    """Return the breakpoints of `config.tuning` up to the last speed of the grid, that speed, and further ones."""
-    controller = config.controller
-    top = controller.inputs.speed_max_km_h
+    """Return the breakpoints of `config.tuning` up to the top speed, the last speed of the grid, and that speed.
+
+    From the end of that list on, further ones are inserted.
+    """
+    top, listed = config.top_speed_km_h, config.tuning.speed_km_h
     last = min(config.grid.last_speed_km_h, top)
-    inside = [speed for speed in config.tuning.speed_km_h if speed < 0.999 * last]  # no two points within rounding
-    beyond: list[float] = []
-    if last < 0.999 * top:
-        steps = math.ceil(math.log(top / last) / math.log(STEP_BEYOND))
-        beyond = [round(last * (top / last) ** (k / steps), 1) for k in range(1, steps)] + [top]
-    if not inside and not beyond:
-        inside = [controller.disable_speed_km_h]
-    points = [Breakpoint(speed, False) for speed in (*inside, last)] + [Breakpoint(speed, True) for speed in beyond]
+    inside = [speed for speed in listed if speed < 0.999 * last]  # no two points within rounding
+    inside = [*inside, *_up_to(last, listed[-1])] if inside else [config.controller.disable_speed_km_h]
+    points = [Breakpoint(speed, False) for speed in dict.fromkeys((*inside, last))]
+    points += [Breakpoint(speed, True) for speed in _up_to(top, last)]
     if len(points) > SCHEDULE_POINTS_MAX:
         raise ConfigError(
-            f"with those beyond the grid, {len(points)} breakpoints; a schedule has at most {SCHEDULE_POINTS_MAX}",
+            f"with those up to the top speed, {len(points)} breakpoints; a schedule has at most {SCHEDULE_POINTS_MAX}",
             where="tuning.speed_km_h",
             remedy=f"list {len(points) - SCHEDULE_POINTS_MAX} less",
         )
     return points
+
+
+def _up_to(last: float, first: float) -> list[float]:
+    """Return speeds above the first one up to the last one, at most STEP_BEYOND apart; none if the last one is not above it."""
+    if first >= 0.999 * last:
+        return []
+    steps = math.ceil(math.log(last / first) / math.log(STEP_BEYOND) - 1e-9)
+    return [round(first * (last / first) ** (k / steps), 1) for k in range(1, steps)] + [last]
 
 
 def round_down(value: float, digits: int = 4) -> float:

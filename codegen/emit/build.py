@@ -16,6 +16,7 @@ import numpy as np
 from codegen import __version__
 from codegen.configuration import Config, check_name
 from codegen.configuration.signals import CARRIED, STATUSES
+from codegen.design.margins import margin_range_km_h
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import Lookup, error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
@@ -41,6 +42,7 @@ from codegen.emit.take_over import sbom, take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.xcp_view import xcp_view
 from codegen.errors import BuildError
+from codegen.map_file import judged
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import ACCELERATION
 from codegen.units import KM_H
@@ -177,6 +179,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     Raises:
         BuildError, MapError: see `extend` and `check_prefix`.
     """
+    judgement = judged.current(reference_map, config)
     config = with_signals(reference_map, config)
     code = _code(reference_map, config, options, inputs)
     evidence = Evidence(reference_map, code.parts.total, config, numpy_type(options.precision))
@@ -191,7 +194,8 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     }
     files[DEVIATIONS] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
     files[SBOM] = sbom(files, code.facts)
-    return Folder(files=files, manifest={**code.facts, **evidence.to_dict()})
+    manifest = {**code.facts, **evidence.to_dict(), **({} if judgement is None else {judged.KEY: judgement})}
+    return Folder(files=files, manifest=manifest)
 
 
 def build_code(reference_map: ReferenceMap, config: Config, options: BuildOptions, inputs: BuildInputs) -> Folder:
@@ -415,8 +419,9 @@ def _stack_facts(total: TotalMap) -> dict[str, Any]:
 
 
 def _margin_range(config: Config) -> str:
-    controller = config.controller
-    return f"{controller.enable_speed_km_h:g} to {controller.inputs.speed_max_km_h:g} km/h"
+    first, last = margin_range_km_h(config)
+    is_beyond = last < config.controller.inputs.speed_max_km_h
+    return f"{first:g} to {last:g} km/h" + (" (the last gains hold beyond)" if is_beyond else "")
 
 
 def _percent(share: float | None) -> str:

@@ -121,7 +121,7 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "schedule_speed",
             tuple(speed * KM_H for speed in schedule.speed_km_h),
-            "m/s, breakpoints of the gains, increasing",
+            "m/s, breakpoints of the gains, increasing; the last gains hold beyond them",
             0.0,
             200.0,
             points,

@@ -157,7 +157,8 @@ def controls_of(config: Config, case: str) -> tuple[Control, ...]:
 
 def _started(control: Control, config: Config, case: str) -> Control:
     if control.key == STEP_SPEED:
-        return replace(control, bounds=(5.0, config.controller.inputs.speed_max_km_h))
+        top = config.top_speed_km_h
+        return replace(control, bounds=(5.0, config.controller.inputs.speed_max_km_h), high=top, value=min(control.value, top))
     if control.key == STEP_ANGLE:
         most = config.steering.ratio * config.steering.front_angle_stop_deg
         return replace(control, bounds=(0.0, float(math.floor(most))))

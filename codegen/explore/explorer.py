@@ -17,13 +17,14 @@ from codegen import configuration
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.design.family import members
-from codegen.design.margins import Margins, concatenate, family_margins, margin_speeds, nominal_margins
+from codegen.design.margins import Margins, concatenate, family_margins, family_range_km_h, margin_speeds, nominal_margins
 from codegen.ecu_map.extend import TotalMap, extend
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import law_of
 from codegen.errors import MapError, within
 from codegen.explore.controls import Control, Step, apply, checked, controls_of
 from codegen.explore.recalibrated import Calibration, Recalibrated
+from codegen.judgement.model import MISSING, Stored, of_map
 from codegen.map_file import map as npz
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
@@ -97,6 +98,15 @@ def cut_data(total: TotalMap, last_angle: float, speed: float) -> Data:
     }
 
 
+def judgement_data(stored: Stored) -> Data:
+    """Return the judgement of the car as texts: a sentence, or why there is none, and the rows of its table."""
+    if stored.judgement is None:
+        return {"state": stored.state, "sentence": f"{stored.note[0].upper()}{stored.note[1:]}.", "header": [], "rows": []}
+    header, rows = stored.judgement.table()
+    texts = {"header": list(header), "rows": [list(row) for row in rows]}
+    return {"state": stored.state, "sentence": stored.judgement.sentence, **texts}
+
+
 def drive(software: Recalibrated, calibration: Calibration, step: Step, *, controlled: bool = True) -> FloatArray:
     """Return a recording (samples, 12) of the step in closed loop, simulated in C; columns RECORD_COLUMNS."""
     config = calibration.config
@@ -160,7 +170,7 @@ def margin_data(config: Config) -> Data | None:
 
 
 def family_data(config: Config, is_stale: Callable[[], bool]) -> Data | None:
-    """Return the worst margins of the whole family of cars over the speeds of the map; None if the request is outdated.
+    """Return the worst margins of the whole family of cars over `family_range_km_h`; None if the request is outdated.
 
     Raises:
         ConfigError: the family is too large.
@@ -168,8 +178,7 @@ def family_data(config: Config, is_stale: Callable[[], bool]) -> Data | None:
     gains = law_of(config).gains(config)
     if gains is None:
         return None
-    first = config.controller.enable_speed_km_h
-    speeds = np.linspace(first, max(config.grid.last_speed_km_h, 1.2 * first), FAMILY_SPEEDS) * KM_H
+    speeds = np.linspace(*family_range_km_h(config), FAMILY_SPEEDS) * KM_H
     found = []
     for k in range(speeds.size):
         if is_stale():
@@ -210,12 +219,14 @@ class Explorer:
         case: its case that is solved.
         name: name of the map, for titles.
         notes: notes for the user.
+        judgement: judgement of the car at the start.
     """
 
     start: Config
     case: str
     name: str
     notes: tuple[str, ...] = ()
+    judgement: Stored = MISSING
     controls: tuple[Control, ...] = field(init=False)
     _software: Recalibrated = field(init=False)
     _begun: Calibration = field(init=False)
@@ -271,9 +282,14 @@ class Explorer:
             "cut": cut,
             "step": runs,
             "margins": None if margins is None else {"now": margins, "start": self._begun_margins},
+            "judgement": judgement_data(self._judgement(config)),
             "warnings": list(car_warnings(config)),
             "took_ms": clock.laps,
         }
+
+    def _judgement(self, config: Config) -> Stored:
+        """Return the judgement for settings: that of the start is out of date with others."""
+        return self.judgement if config == self.start or self.judgement.state == "missing" else Stored("out of date")
 
     def family(self, given: object, is_stale: Callable[[], bool]) -> Data | None:
         """Return the margins of the family of cars; see `family_data`. Runs beside other requests. Raises CodegenError."""
@@ -381,4 +397,4 @@ def opened(map_path: Path, config_path: Path | None = None) -> Explorer:
     if config_path is not None and reference_map.config is not None:
         notes.append(f"the map is solved again with {config_path.name}; the one in the file is not used")
     with within(config_path or map_path):
-        return Explorer(config, case, map_path.stem, tuple(notes))
+        return Explorer(config, case, map_path.stem, tuple(notes), of_map(reference_map, config))

@@ -16,7 +16,8 @@ from codegen.vehicle.population import BAND, draw
 
 CARS = 60
 SEED = 1
-SPEEDS_KM_H = (40.0, 70.0, 100.0)
+SPEED_SHARES = (1.0 / 3.0, 7.0 / 12.0, 5.0 / 6.0)
+"""Fractions of the last speed of the map: 40, 70 and 100 km/h for a map that ends at 120 km/h."""
 FRONT_ANGLES = 41
 FEASIBLE_MIN = 0.5
 """The band ends where fewer of the cars have a feasible turn."""
@@ -53,8 +54,8 @@ def map_spread(identified: Config) -> MapSpread | None:
     if case is None or not identified.identified.keys:
         return None
     speeds, angles = breakpoints(identified)
-    inside = [value * KM_H for value in SPEEDS_KM_H if speeds[0] <= value * KM_H <= speeds[-1]]
-    speed = np.array(inside or [speeds[-1]])
+    speed = np.round(np.array(SPEED_SHARES) * speeds[-1] / KM_H, 1) * KM_H
+    speed = speed[speed >= speeds[0]]
     front_angle = np.linspace(angles[0], angles[-1], FRONT_ANGLES)
 
     def optimum(car: Config) -> FloatArray:

@@ -208,7 +208,7 @@ def actuator_model() -> ShootingModel:
     the step falls between two integration steps. Inputs: command (rad), stretch, and derivative of the stretch by the delay.
     Constants: the largest angle (rad) and the delay (s) of these inputs, from which the parameter departs only in derivatives.
     """
-    plant = two_track_of_parameters(configuration.Config())
+    plant = two_track_of_parameters(configuration.preset())
     x, s, u = ca.SX.sym("x"), ca.SX.sym("s"), ca.SX.sym("u", 3)
     p, c = ca.SX.sym("p", len(ACTUATOR_PARAMETERS)), ca.SX.sym("c", 2)
     lag, rate, offset, delay = ca.vertsplit(p)

@@ -10,12 +10,20 @@ import tomlkit
 
 from codegen.configuration import Config, parse
 from codegen.errors import ConfigError
+from codegen.identify.model import AXLES
+from codegen.identify.parameters import BY_NAME, CURVES
+from codegen.identify.reached import reached
 from codegen.identify.run import Identification
 from codegen.importing.source import ImportFault
 from codegen.importing.toml_edit import replace_values, whole
+from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
 REMARK = "codegen identify wrote into this table."
 DIGITS = 7
+PEAK_REACHED = 0.99
+"""Share of an axle's largest lateral force from which that force counts as reached."""
+GRIP_REACHED_MIN, GRIP_DIGITS = 0.05, 3
+"""Smallest written share, and its digits."""
 _RENAMED = {"stiffness_factor_b_per_rad": "cornering_stiffness_n_per_rad"}
 
 
@@ -71,6 +79,9 @@ def identified_toml(found: Identification, text: str, where: object) -> str:
         "standard_deviations": [deviation for _, deviation in keys.values()],
         "correlations": matrix,
     }
+    for axle, share in grip_reached(found).items():
+        is_limit = f"tyre.{axle}" in tables and share < PEAK_REACHED
+        tables["identified"][f"{axle}_grip_reached"] = round(max(share, GRIP_REACHED_MIN), GRIP_DIGITS) if is_limit else None
     try:
         for table, values in {**tables, "identified": _rows(tables["identified"])}.items():
             text = replace_values(text, table, values, _RENAMED if table.startswith("tyre.") else {}, REMARK)
@@ -80,10 +91,25 @@ def identified_toml(found: Identification, text: str, where: object) -> str:
     return text
 
 
+def grip_reached(found: Identification) -> dict[str, float]:
+    """Return for each axle the largest lateral force of the drives, over the peak of its identified tyres."""
+    config, shares = found.config, {}
+    for axle, curve, load, slip in zip(
+        AXLES, CURVES, static_wheel_loads(config), reached(found.vehicle, config).slip, strict=True
+    ):
+        values = {BY_NAME[name].key.rpartition(".")[2]: found.quantities[name].value for name in (f"{axle}_stiffness", *curve)}
+        tyre = getattr(config.tyre, axle).model_copy(update={**values, "stiffness_factor_b_per_rad": None})
+        shares[axle] = MagicFormulaTyre.from_config(tyre, load, config.road.friction).use_at_slip(slip)
+    return shares
+
+
 def _rows(values: dict[str, Any]) -> dict[str, Any]:
     """Return the lists with an entry, or a row of the matrix, on each line."""
     result = {}
     for key, entries in values.items():
+        result[key] = entries
+        if not isinstance(entries, list):
+            continue
         result[key] = tomlkit.array()
         result[key].extend(entries)
         result[key].multiline(True)
@@ -97,6 +123,8 @@ def _changed(config: Config, tables: dict[str, dict[str, Any]], where: object) -
         for part in table.split("."):
             target = target.setdefault(part, {})
         target.update(values)
+        for key in [key for key, value in values.items() if value is None]:
+            target.pop(key)
         if table.startswith("tyre."):
             target.pop("stiffness_factor_b_per_rad", None)
     return _parsed(data, where)

@@ -28,7 +28,7 @@ def replace_values(text: str, table: str, values: Mapping[str, Any], renamed: Ma
     Args:
         text: a valid TOML file.
         table: dotted name of the table, such as "tyre.front"; added at the end where the text has none.
-        values: key to value; keys that the table lacks are added after its last one.
+        values: key to value, None to remove a key; keys that the table lacks are added after its last one.
         renamed: key in the text to the key that takes its line.
         remark: a comment under the head of the table. It replaces one of an earlier call with the same first two words.
 
@@ -78,12 +78,13 @@ def _edited(body: list[Entry], values: Mapping[str, Any], renamed: Mapping[str, 
         name = "" if key is None else key.key
         new = renamed.get(name, name)
         if key is not None and new in waiting:
-            result.append((key if new == name else tomlkit.key(new), _like(waiting.pop(new), item)))
+            if (value := waiting.pop(new)) is not None:
+                result.append((key if new == name else tomlkit.key(new), _like(value, item)))
         elif name not in renamed:  # else its line is taken already
             result.append((key, item))
         if key is not None and not isinstance(item, (Table, AoT)):
             last = len(result)
-    added: list[Entry] = [(tomlkit.key(key), tomlkit.item(value)) for key, value in waiting.items()]
+    added: list[Entry] = [(tomlkit.key(key), tomlkit.item(value)) for key, value in waiting.items() if value is not None]
     for _, item in added:
         item.trivia.trail = "\n"
     return [*result[:last], *added, *result[last:]]

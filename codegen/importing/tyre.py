@@ -26,7 +26,6 @@ from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre, static_wheel_loads
 
 Peak = Literal["file", "road"]
 AXLES = ("front", "rear")
-NEEDED_OF_VEHICLE = ("mass_kg", "cg_to_front_axle_m", "cg_to_rear_axle_m")
 SLIP_MAX = math.radians(45.0)
 SLIP_POINTS = 4501
 NOTED_SHARE = 0.1
@@ -101,7 +100,6 @@ def import_tyres(paths: Sequence[Path], config_path: Path, peak: Peak = "file") 
         ConfigError: the configuration cannot be read, or cannot hold the tyre.
     """
     config = configuration.load(config_path)
-    _check_car(config, config_path)
     text = read(config_path, configuration.CONFIG_BYTES_MAX).data.decode("utf-8-sig")
     loads = static_wheel_loads(config)
     files = [read(path, TIR_BYTES_MAX) for path in paths]
@@ -121,14 +119,6 @@ def import_tyres(paths: Sequence[Path], config_path: Path, peak: Peak = "file") 
         for of_axle, source, formula, curve, numbers in zip(of_axles, sources, formulas, curves, values, strict=True)
     )
     return TyreImport(text, axles, tuple(_notes(axles, config, peak)))
-
-
-def _check_car(config: Config, path: Path) -> None:
-    missing = [key for key in NEEDED_OF_VEHICLE if key not in config.vehicle.model_fields_set]
-    if missing:
-        raise ImportFault(
-            "not given, and the wheel loads depend on it", where=f"{path}: vehicle.{missing[0]}", remedy="add it to [vehicle]"
-        )
 
 
 def _curve(formula: LateralFormula, load: float, source: Source) -> Curve:

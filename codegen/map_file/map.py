@@ -18,7 +18,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ from codegen.map_file.bounds import MARKS
 from codegen.map_file.longitudinal import under_acceleration
 from codegen.map_file.tables import KEYS, UNITS, BindingArray
 from codegen.units import GRAVITY
-from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
+from codegen.vehicle.tyre import MagicFormulaTyre, grip_known, static_wheel_loads
 
 
 def on_road(config: Config, friction: float) -> Config:
@@ -355,6 +355,22 @@ def _check_case(case: object, place: str) -> None:
 PRESET_NOTE = "the map brings no configuration: the paper's car and the paper's PI, with a rate limit, are taken"
 
 
+def older_keys(config: Config) -> tuple[str, ...]:
+    """Return a note for each key of older files that keeps its meaning, but has a better successor."""
+    lags = config.tuning.actuator_lag_s
+    if not lags:
+        return ()
+    return (
+        f"tuning.actuator_lag_s = {min(lags):g} to {max(lags):g} s does not follow rear_actuator.lag_s "
+        f"({config.rear_actuator.lag_s:g} s); give tuning.actuator_lag_factor instead, such as [0.4, 1.0, 2.0]",
+    )
+
+
+def _notes_on_design(config: Config) -> tuple[str, ...]:
+    """Return those for a controller whose gains are designed."""
+    return older_keys(config) if config.controller.kind == "tracking" else ()
+
+
 @dataclass(frozen=True)
 class Chosen:
     """The chosen configuration, its source ("map", "preset" or a file name), and notes for the user."""
@@ -370,16 +386,17 @@ def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) 
     A file without `[tightening]` gets that of the map.
     """
     own = reference_map.config if reference_map is not None else None
+    cases = None if reference_map is None else [reference_map.case]
     if config_path is not None:
         config = configuration.load(config_path)
-        notes = _borrowed(config)
+        notes = _notes_on_design(config)
         if own is not None and (own.vehicle, own.tyre, own.road) != (config.vehicle, config.tyre, config.road):
             notes += (f"{config_path.name} describes another car than the map was solved for; the map is taken as it is",)
         if own is not None and own.tightening != config.tightening == Tightening():
             config = config.model_copy(update={"tightening": own.tightening})  # it belongs to the map
-        return Chosen(config, config_path.name, notes)
+        return Chosen(config, config_path.name, (*notes, *grip_notes(own or config, cases)))
     if own is not None:
-        return Chosen(own, "map")
+        return Chosen(own, "map", (*_notes_on_design(own), *grip_notes(own, cases)))
     paper = configuration.preset()
     if reference_map is None:
         return Chosen(paper, "preset")
@@ -387,8 +404,18 @@ def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) 
     return Chosen(paper.model_copy(update={"controller": Controller(kind="pi")}), "preset", (PRESET_NOTE,))
 
 
-def _borrowed(config: Config) -> tuple[str, ...]:
-    """Return a note if data of the car are missing and replaced by those of the paper's car."""
-    missing = [f"vehicle.{key}" for key in type(config.vehicle).model_fields if key not in config.vehicle.model_fields_set]
-    missing += [f"tyre.{axle}" for axle in type(config.tyre).model_fields if axle not in config.tyre.model_fields_set]
-    return (f"not given, so the paper's car stands in: {', '.join(missing)}",) if missing else ()
+def grip_notes(config: Config, cases: Iterable[str | None] | None = None) -> Iterator[str]:
+    """Yield notes on the grip that maps of the nonlinear tyre leave unused: those of some cases, by default of all."""
+    chosen = config.cases if cases is None else list(cases)
+    nonlinear = [name for name, case in config.cases.items() if name in chosen and case.tyre_model != "linear"]
+    if not nonlinear:
+        return
+    if config.limits.grip_use_max is None:
+        yield (
+            f"without limits.grip_use_max, a map of the nonlinear tyre ({', '.join(nonlinear)}) keeps to its linear range; "
+            "set the key, such as 0.98, to use its grip"
+        )
+        return
+    for axle, share in zip(("front", "rear"), grip_known(config), strict=True):
+        if share < 1.0:
+            yield f"{axle} axle: the drives reached {100.0 * share:.0f} % of its grip; grip_use_max refers to that"

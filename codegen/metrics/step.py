@@ -61,6 +61,7 @@ class StepResponse(_Steady):
     the start of steering: to 90 % of the steady value, to the peak, and to where the yaw rate stays within 2 % of its steady
     value (NaN where it does not settle). `yaw_rate_gain_per_s` is the steady yaw rate over the steady angle of the steering
     wheel; NaN where that is zero. `sideslip_abs_min_deg` is the smallest |beta| after the rise; before, beta starts from zero.
+    The lateral acceleration has risen when it stays above 90 % of its steady value.
     """
 
     settled = Figure("settled at the end", "", 2, lambda of: of.is_settled.astype(np.float64), ("NO: means only", "yes"))
@@ -77,6 +78,8 @@ class StepResponse(_Steady):
         lambda of: np.where(of.yaw_rate != 0.0, 100.0 * (of.peak / of.yaw_rate - 1.0), 0.0),
     )
     rise_time_s = Figure("rise time to 90 %", "s", 2, lambda of: of.since_start(of.runs.time[of.risen]))
+    lateral_acceleration_overshoot_percent = Figure("overshoot, lateral acceleration", "%", 1, lambda of: of.lateral_overshoot)
+    lateral_acceleration_rise_time_s = Figure("rise to 90 %, lateral acceleration", "s", 2, lambda of: of.lateral_rise)
     settling_time_s = Figure("settling time to 2 %", "s", 2, lambda of: np.where(of.is_settled, of.time_outside_band_s, np.nan))
     peak_time_s = Figure("peak time", "s", 2, lambda of: of.since_start(of.runs.time[of.runs.after][of.turned.argmax(axis=0)]))
     yaw_rate_gain_per_s = Figure("yaw-rate gain, steady", "1/s", 3, lambda of: of.gain)
@@ -140,6 +143,39 @@ class StepResponse(_Steady):
         """Rise times (n,) in s, interpolated linearly between samples; NaN where the yaw rate does not rise."""
         level = RISEN_FRACTION * np.abs(self.yaw_rate)
         return crossing(self.runs.time[self.runs.after], self.turned, level, 0) - self.runs.steer_time
+
+    def end_of(self, values: FloatArray) -> FloatArray:
+        """Return the means (n,) over the steady window of values (samples from the start of steering, n)."""
+        steady = values[self.steady.start - self.runs.after.start :]
+        result: FloatArray = total(steady) / steady.shape[0]
+        return result
+
+    @Lazy
+    def lateral_acceleration(self) -> FloatArray:
+        """Lateral accelerations after the start of steering, (samples, n) m/s^2, positive in their steady direction."""
+        values = self.after("lateral_acceleration_m_s2")
+        return np.where(self.end_of(values) < 0.0, -values, values)
+
+    @Lazy
+    def lateral_rise(self) -> FloatArray:
+        """Times (n,) in s from which the lateral acceleration stays above RISEN_FRACTION of its steady value, interpolated.
+
+        Front wheels that turn before the rear ones may give a peak that is no rise. NaN where it does not stay above.
+        """
+        values, time = self.lateral_acceleration, self.runs.time[self.runs.after]
+        level = RISEN_FRACTION * self.end_of(values)
+        below, each = values < level, np.arange(values.shape[1])
+        last = values.shape[0] - 1 - below[::-1].argmax(axis=0)
+        after = np.minimum(last + 1, values.shape[0] - 1)
+        share = (level - values[last, each]) / (values[after, each] - values[last, each])
+        risen = np.where(last < after, time[last] + share * (time[after] - time[last]), np.nan)
+        return np.where(below.any(axis=0), risen, time[0]) - self.runs.steer_time
+
+    @Lazy
+    def lateral_overshoot(self) -> FloatArray:
+        """Overshoots (n,) of the steady lateral acceleration, in %."""
+        steady = self.end_of(self.lateral_acceleration)
+        return np.where(steady != 0.0, 100.0 * (self.lateral_acceleration.max(axis=0) / steady - 1.0), 0.0)
 
     @Lazy
     def is_settled(self) -> BoolArray:

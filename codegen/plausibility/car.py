@@ -155,19 +155,23 @@ def _actuator(config: Config) -> Iterator[str]:
 
 def _controller(config: Config) -> Iterator[str]:
     controller, lag = config.controller, config.rear_actuator.lag_s
-    critical, top = SingleTrack.from_config(config).critical_speed / KM_H, controller.inputs.speed_max_km_h
+    critical = SingleTrack.from_config(config).critical_speed / KM_H
+    top = config.vehicle.top_speed_km_h or controller.inputs.speed_max_km_h  # the map can end far below what the car reaches
     if controller.kind != "tracking":
         return
     if critical <= top:
         yield (
             f"the car is unstable from {critical:.0f} km/h without rear steering, and so is the controller's reference model: "
-            f"margins do not count there; set controller.inputs.speed_max_km_h below that (it is {top:g})"
+            f"margins do not count there; set vehicle.top_speed_km_h to what the car reaches, if that is below (it is {top:g})"
         )
-    family = config.tuning.actuator_lag_s
-    if not min(family) / TUNED_LAG_FACTOR <= lag <= max(family) * TUNED_LAG_FACTOR:
+    family = config.actuator_lags_s
+    if family and not min(family) / TUNED_LAG_FACTOR <= lag <= max(family) * TUNED_LAG_FACTOR:
+        key, remedy = "tuning.actuator_lag_factor", "include 1 there"
+        if config.tuning.actuator_lag_factor is None:
+            key, remedy = "tuning.actuator_lag_s", "replace that key by tuning.actuator_lag_factor"
         yield (
-            f"rear_actuator.lag_s = {lag:g} is outside the lags for which gains are designed, tuning.actuator_lag_s = "
-            f"{min(family):g} to {max(family):g}; include it there and run `codegen tune`"
+            f"rear_actuator.lag_s = {lag:g} is outside the lags for which gains are designed, {min(family):g} to "
+            f"{max(family):g} s ({key}); {remedy} and run `codegen tune`"
         )
     schedule, lead = controller.tracking.schedule, controller.tracking.lead_s
     # The default stands for a lead that nobody chose.

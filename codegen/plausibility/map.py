@@ -13,10 +13,8 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.emit.limiter_view import LimiterCut, cut_text
 from codegen.errors import MapError
-from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.nonlinear import slip_use
-from codegen.optimum.turns import turns_behind
 from codegen.plausibility.car import distinct, is_limit_beyond_actuator
 from codegen.units import GRAVITY, KM_H
 from codegen.vehicle.single_track import SingleTrack
@@ -32,8 +30,6 @@ GAIN_RATIO = (0.25, 4.0)
 """Plausible range of a map's yaw rates over those of the passive linear car, median of all cells. Solved maps have 0.9 to 1.1;
 over a steering-wheel angle they have less than 0.1."""
 TRANSPOSE = "transpose yaw_rate: its rows are speeds, its columns front angles"
-TURNS_LESS_FACTOR = 0.99
-"""Fraction of the front-steered car's yaw rate below which the controlled car counts as turning less."""
 
 
 @dataclass(frozen=True)
@@ -42,61 +38,26 @@ class MapFacts:
 
     Attributes:
         reachable_percent: cells whose rear angle the actuator and the limiter reach; None for a map without rear angles.
-        turns_less_percent: cells in which the controlled car turns less than the same car with straight rear wheels. Both
-            have the same tyres and bounds. None for a map that was not solved.
-        turns_less_by: the same cells, grouped by their active constraint; "none" where no constraint is active.
-        follows_law: whether the map follows a law for the rear angle, and not the optimisation.
     """
 
     reachable_percent: float | None
-    turns_less_percent: float | None
-    turns_less_by: dict[str, float]
-    follows_law: bool = False
 
     @classmethod
     def of_map(cls, reference_map: ReferenceMap, config: Config) -> MapFacts:
         """Return the facts about a map for the actuator and the limiter of a configuration."""
-        feasible, active = reference_map.feasible, reference_map.active
-        cells = max(int(feasible.sum()), 1)
-        reachable = None
-        if reference_map.rear_angle is not None:
-            cut = LimiterCut.of_map(reference_map, config)
-            reachable = 100.0 * (1.0 - cut.cells / max(cut.of, 1))
-        turns = turns_behind(reference_map)
-        if turns is None or active is None:
-            return cls(reachable, None, {})
-        moving = reference_map.speed > 0.0
-        straight = np.full(feasible.shape, np.nan)
-        straight[moving] = turns.without_rear_steering().solve(reference_map.speed[moving], reference_map.front_angle).yaw_rate
-        less = feasible & (reference_map.yaw_rate < TURNS_LESS_FACTOR * straight)
-        by = {
-            binding_text(int(flags)): 100.0 * float((less & (active == flags)).sum()) / cells
-            for flags in np.unique(active[less])
-        }
-        return cls(reachable, 100.0 * float(less.sum()) / cells, by, turns.problem.law is not None)
+        if reference_map.rear_angle is None:
+            return cls(None)
+        cut = LimiterCut.of_map(reference_map, config)
+        return cls(100.0 * (1.0 - cut.cells / max(cut.of, 1)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON values."""
-        by = {name: round(share, 2) for name, share in self.turns_less_by.items()}
-        shares = {"reachable_percent": self.reachable_percent, "turns_less_percent": self.turns_less_percent}
-        rounded = {name: None if share is None else round(share, 2) for name, share in shares.items()}
-        return {**rounded, "turns_less_by": by}
+        return {"reachable_percent": None if self.reachable_percent is None else round(self.reachable_percent, 2)}
 
     def lines(self) -> Iterator[str]:
         """Yield a line for each known fact."""
         if self.reachable_percent is not None:
             yield f"actuator and limiter reach {self.reachable_percent:.4g} % of the feasible cells"
-        if self.turns_less_percent is None:
-            return
-        shares = {name: share for name, share in self.turns_less_by.items() if share >= 0.5}
-        weight = shares.pop("none", 0.0)
-        decides = "law" if self.follows_law else "sideslip weight"
-        by = ", ".join(f"{name} {share:.0f} %" for name, share in sorted(shares.items(), key=lambda item: -item[1]))
-        yield (
-            f"the car turns less than with its rear wheels straight in {self.turns_less_percent:.0f} % of the feasible cells"
-            f"{f'; no constraint is active in {weight:.0f} %, where the {decides} decides' if weight else ''}"
-            f"{f'; active constraints: {by}' if by else ''}"
-        )
 
 
 def map_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:

@@ -51,8 +51,8 @@ def cells_figure(result: SuiteResult) -> Figure:
     """Draw the overshoot in every cell as configured and with the largest actuator lag, one panel for each subject."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
-    wanted = [condition for condition in result.conditions if condition.name in ("nominal", "lag-100", "relaxation-300")]
-    wanted = wanted or list(result.conditions[:1])
+    names = {"nominal", "relaxation-300", *[each.name for each in result.conditions if each.group == "lag"][-1:]}
+    wanted = [condition for condition in result.conditions if condition.name in names] or list(result.conditions[:1])
     colours = ListedColormap(["#F7FBFF", "#D6E6F4", "#ABD0E6", "#F9D1B0", "#F0935A", "#B8401A"])
     scale = BoundaryNorm([*LEVELS, 1e6], colours.N)
     with style.style():

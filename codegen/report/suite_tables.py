@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from codegen.text_table import text_table
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cars import SHARES, SPEEDS_KM_H
-from hil_sim.suite.cells import LAGS, NOMINAL
+from hil_sim.suite.cells import NOMINAL, lags
 from hil_sim.suite.controller_properties import TIMINGS, compare_rise
 from hil_sim.suite.tracking import STRUCTURE_SET
 
@@ -253,7 +253,7 @@ def c1_table(result: SuiteResult) -> str:
         ("largest |sideslip|", "deg", "sideslip_max_deg", 2),
     )
     rows = []
-    for lag in LAGS:
+    for lag in lags(result.actuator_lag_s):
         for place, (figure, unit, field, digits) in enumerate(figures):
             runs = [result.c1[subject][lag.name] for subject in result.subjects]
             texts = [SPUN if run.spun else _number(getattr(run, field), digits) for run in runs]

@@ -30,7 +30,7 @@ from codegen.emit.manifest import read_build
 from codegen.emit.render import render
 from codegen.emit.text import Precision, c_type, literal
 from codegen.errors import BuildError
-from codegen.sil.closed_loop import INPUT_COLUMNS
+from codegen.sil.closed_loop import INPUT_COLUMNS, PREVIEW_POINTS
 from codegen.sil.compile import Mode, compile_library
 from codegen.sil.software import RECORD_COLUMNS, Software, require_can_side
 from codegen.sil.vector import FLAGS, FUNCTIONS, ISAS, Isa, best_isa, compiler_offers, is_vectorised, machine_runs
@@ -63,7 +63,12 @@ def batch_sources(config: Config, prefix: str, precision: Precision, can: Can) -
         "carried": CARRIED,
         "takes_acceleration": any(signal.is_extra for signal in can.measured),
         "recorded": RECORDED,
-        "batch": {"lanes": LANES, "columns": RECORD_COLUMNS, "parameters": model.parameters},
+        "batch": {
+            "lanes": LANES,
+            "columns": RECORD_COLUMNS,
+            "parameters": model.parameters,
+            "preview_points": PREVIEW_POINTS,
+        },
         "plant": _plant_view(model),
     }
     names = ("batch.h", "batch.c", "batch_plant.h", "batch_plant.c")
@@ -107,7 +112,7 @@ def _function(model: ParametricModel, name: str, states: Sequence[str], results:
     return ca.Function(name, [state, u, p], [result], ["state", "input", "parameter"], [name])
 
 
-__all__ = ["BatchSoftware", "Isa", "Lanes", "best_isa", "compile_batch", "load_batch"]
+__all__ = ["BatchSoftware", "Drivers", "Isa", "Lanes", "best_isa", "compile_batch", "load_batch"]
 
 IntArray = npt.NDArray[np.integer[Any]]
 
@@ -130,6 +135,37 @@ _RELAXATION = PLANT_PARAMETERS.index("relaxation_length")
 
 
 @dataclass(frozen=True, eq=False)
+class Drivers:
+    """Drivers of n runs who follow one path by linear preview. SI units.
+
+    Attributes:
+        path: (points,) m, lateral positions of the path at even distances along the road; held beyond both ends.
+        path_spacing: m between two of them.
+        path_start: (n,) m along the road, position of the first.
+        ahead: (n,) m between two preview points.
+        path_weight: (PREVIEW_POINTS, n) rad of steering wheel for each m of the path at the preview points.
+        motion_weight: (4, n) weights of lateral position (m), heading (rad), lateral speed (m/s) and yaw rate (rad/s), which
+            are subtracted.
+        delay_samples: (n,) reaction time in control samples, 0 to 100.
+        wheel_angle_max: rad, largest angle of the steering wheel.
+    """
+
+    path: FloatArray
+    path_spacing: float
+    path_start: FloatArray
+    ahead: FloatArray
+    path_weight: FloatArray
+    motion_weight: FloatArray
+    delay_samples: IntArray
+    wheel_angle_max: float
+
+    def pick(self, runs: BoolArray) -> Drivers:
+        """Return the drivers of the runs (n,) that are true."""
+        names = ("path_start", "ahead", "path_weight", "motion_weight", "delay_samples")
+        return replace(self, **{name: getattr(self, name)[..., runs] for name in names})
+
+
+@dataclass(frozen=True, eq=False)
 class Lanes:
     """Values that differ between the n runs of a batch: an array (n,), or one number for all runs.
 
@@ -144,6 +180,7 @@ class Lanes:
         command_factor: multiplies the rear angle command, and so the loop gain, when the command acts; 1 changes nothing.
         controlled: False keeps the rear command at zero: the passive car.
         noise: (samples, 3, n), added to measured speed (m/s), front angle (rad) and yaw rate (rad/s). None adds nothing.
+        drivers: drivers of the runs, who add to the scenario's steering-wheel command; None for none.
     """
 
     cars: FloatArray
@@ -155,12 +192,14 @@ class Lanes:
     command_factor: FloatArray | float = 1.0
     controlled: BoolArray | bool = True
     noise: FloatArray | None = None
+    drivers: Drivers | None = None
 
     def pick(self, runs: BoolArray) -> Lanes:
         """Return the runs (n,) that are true."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         chosen = {name: value[..., runs] for name, value in values.items() if isinstance(value, np.ndarray) and name != "cars"}
-        return replace(self, cars=self.cars[runs], **chosen)
+        drivers = None if self.drivers is None else self.drivers.pick(runs)
+        return replace(self, cars=self.cars[runs], drivers=drivers, **chosen)
 
 
 @dataclass(frozen=True)
@@ -234,6 +273,9 @@ class BatchSoftware:
         runs.count = count
         for name, array in own.items():
             setattr(runs, name, ffi.cast(_C_TYPES.get(name, "double *"), ffi.from_buffer(array)))
+        held = None if lanes.drivers is None else self._drivers(lanes.drivers, count)
+        if held is not None:
+            runs.drivers = held[0]
         chosen = self.parameters() if parameters is None else parameters
         lib.batch_run(scenario, chosen, runs, pointers)
         return record
@@ -281,6 +323,31 @@ class BatchSoftware:
                 raise ValueError(f"noise of shape {noise.shape}; needed: ({samples}, {NOISES}, {cars.shape[0]})")
             own["noise"] = noise
         return profile, own
+
+    def _drivers(self, drivers: Drivers, count: int) -> tuple[Any, ...]:
+        """Return a batch_drivers_t, and what must live as long as it."""
+        ffi = self.software.ffi
+        arrays = {
+            "path": (drivers.path, (drivers.path.size,)),
+            "path_start": (drivers.path_start, (count,)),
+            "ahead": (drivers.ahead, (count,)),
+            "path_weight": (drivers.path_weight, (PREVIEW_POINTS, count)),
+            "motion_weight": (drivers.motion_weight, (4, count)),
+        }
+        made = ffi.new("batch_drivers_t *")
+        made.path_points, made.path_spacing = drivers.path.size, drivers.path_spacing
+        made.wheel_angle_max = drivers.wheel_angle_max
+        delay = np.asarray(drivers.delay_samples)
+        if drivers.path.size < 2 or delay.shape != (count,) or (delay < 0).any() or (delay > self.delay_max).any():
+            raise ValueError(f"a driver needs a path of two points, and (n,) delays of 0 to {self.delay_max} samples")
+        held: list[npt.NDArray[Any]] = [np.ascontiguousarray(delay, dtype=np.uint32)]
+        made.delay_samples = ffi.cast("uint32_t *", ffi.from_buffer(held[0]))
+        for name, (values, shape) in arrays.items():
+            if values.shape != shape:
+                raise ValueError(f"{name} of shape {values.shape}; needed: {shape}")
+            held.append(np.ascontiguousarray(values, dtype=np.float64))
+            setattr(made, name, ffi.cast("double *", ffi.from_buffer(held[-1])))
+        return (made, *held)
 
     def _check_own(self, own: Mapping[str, npt.NDArray[Any]]) -> None:
         if not (own["speed_factor"] > 0.0).all():

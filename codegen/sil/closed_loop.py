@@ -19,6 +19,8 @@ INPUT_COLUMNS = (
 )
 """Columns of a scenario with one row for each plant step: m/s, rad, -, - (NaN: no estimate), N m, 0 or 1."""
 
+PREVIEW_POINTS = 20
+"""Number of points of a path that a driver looks ahead to."""
 
 Driver = Callable[[tuple[float, float, float], float, float], float]
 """Function of position (m forward, m left, heading in rad), sideslip (rad) and yaw rate (rad/s) that returns the steering-wheel

@@ -21,7 +21,7 @@ from codegen import configuration
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.configuration.controller import SPEED_MAX_LEAST_KM_H
-from codegen.design.margins import Margins, loop_margins
+from codegen.design.margins import Margins, loop_margins, margin_range_km_h
 from codegen.design.sampled import SampledCar, SteadyTurns, frequency_grid, linearised
 from codegen.emit.laws import law_of
 from codegen.sil.batch import BatchSoftware, Isa, Lanes, compile_batch
@@ -265,8 +265,9 @@ def _gains_about(limit: FloatArray) -> list[FloatArray]:
 
 
 def speeds_of(config: Config) -> tuple[float, ...]:
-    """Return those of SPEEDS_KM_H that the controller accepts."""
-    return tuple(speed for speed in SPEEDS_KM_H if speed <= config.controller.inputs.speed_max_km_h)
+    """Return those of SPEEDS_KM_H below the last speed of `margin_range_km_h`, and that speed or the last of them."""
+    last = min(margin_range_km_h(config)[1], SPEEDS_KM_H[-1])
+    return (*(speed for speed in SPEEDS_KM_H if speed < last), last)
 
 
 def _grid(config: Config) -> tuple[FloatArray, FloatArray, FloatArray]:

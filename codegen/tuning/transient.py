@@ -68,6 +68,8 @@ RESPONSE_GAINS_S = (0.0, 0.06, 0.12, 0.18, 0.24)
 DISTANCE_PRICE_S = 0.005
 """Cost of one step of distance between the pairs of neighbouring speeds, in s of t90. A pair interpolated between distant
 pairs behaves like neither."""
+RISE_PRICE_S = 0.3
+"""Rise time that costs as much as an excess of the size of a limit, in s; a good car needs no more at 80 to 120 km/h."""
 TIERS = (1e6, 1e4, 1e2, 1.0)
 """Weights of the criteria, in order of priority, in the sum over the speeds."""
 STEPS = ((0.015, 0.04), (0.0075, 0.02), (0.00375, 0.01))
@@ -175,7 +177,14 @@ def tune_response(
         tried.append((ahead, _pairs(search, progress)))
         if all(response.is_met for response in tried[-1][1]):
             break
-    return min(tried, key=lambda found: max(response.excess for response in found[1]))
+    return min(tried, key=lambda found: sum(map(_price, found[1])))
+
+
+def _price(response: Response) -> float:
+    """Return the price of a pair at one speed where no look-ahead lets the car keep its limits everywhere.
+
+    A long look-ahead reduces overshoot near the limit of grip, and makes the car slow at every angle."""
+    return max(response.excess, 1.0) + response.rise_s / RISE_PRICE_S
 
 
 def _pairs(search: _Search, progress: Progress | None) -> tuple[Response, ...]:

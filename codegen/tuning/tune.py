@@ -41,7 +41,7 @@ RATES_DEG_S = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 """Candidates in addition to the configured rate."""
 
 SPEED_SHARES = (2.0 / 3.0, 0.75, 5.0 / 6.0, 11.0 / 12.0, 1.0)
-"""Fractions of the largest speed of the map: 80 to 120 km/h for a map that ends at 120 km/h. Slower cars do not spin."""
+"""Fractions of the last speed of the map and of the design: 80 to 120 km/h if that is 120 km/h. Slower cars do not spin."""
 ANGLE_SHARES = (0.5, 0.75, 1.0)
 """Fractions of the largest feasible front angle."""
 
@@ -186,7 +186,7 @@ class _Drives:
         """Return the cells of cars, rows of PLANT_PARAMETERS, on the map."""
         assert reference_map.case is not None  # a solved map has one
         axis, angles = breakpoints(config)
-        speed: FloatArray = axis[-1] * np.array(SPEED_SHARES)
+        speed: FloatArray = min(float(axis[-1]), config.top_speed_km_h * KM_H) * np.array(SPEED_SHARES)
         speed = speed[speed >= max(float(axis[0]), config.controller.enable_speed_km_h * KM_H)]
         edge = turns_of(config, config.case(reference_map.case)).edge(speed, float(angles[-1])).front_angle
         angle: FloatArray = np.outer(np.minimum(edge, angles[-1]), ANGLE_SHARES)

@@ -231,6 +231,11 @@ class MagicFormulaTyre:
         wanted = use * float(self._shape(np.array(peak)))
         return bracketed_root(lambda slip: float(self._shape(np.array(slip))) - wanted, 0.0, peak)
 
+    def use_at_slip(self, slip_angle: float) -> float:
+        """Return the largest force up to a slip angle in rad, without shifts, over the largest one; see `slip_at_use`."""
+        peak = min(self.peak_slip, SLIP_SEARCH_MAX)
+        return float(self._shape(np.array(min(slip_angle, peak))) / self._shape(np.array(peak)))
+
     def force(self, slip_angle: npt.ArrayLike, load: float | None = None, friction: float | None = None) -> FloatArray:
         """F in N for slip angles (rad, any shape) with the shifts; load and friction default to static and nominal."""
         load = self.static_load if load is None else load

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from codegen import configuration
 from codegen.arrays import FloatArray
-from codegen.configuration import Config
+from codegen.configuration import Config, Controller
 from codegen.configuration.can import E2e
 from codegen.configuration.signals import MEASURED
 from codegen.emit.inputs_view import inputs_parameters
@@ -233,7 +233,7 @@ def are_faults_defined_for(config: Config) -> bool:
 
     They count lost samples and counters as the presets do. The rate of the fail-safe, which `codegen tune` sets, is free.
     """
-    controller, defaults = config.controller, Config().controller
+    controller, defaults = config.controller, Controller()
     return (
         config.can.e2e == E2e()
         and controller.sampling_time_s == defaults.sampling_time_s

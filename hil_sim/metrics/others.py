@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
+from codegen.metrics.path import cone_clearances, paths
 from codegen.sil.software import Status
 from codegen.units import KM_H
 from hil_sim.metrics.run import Metric, Run, common, largest
@@ -68,14 +69,8 @@ def measure_straight(run: Run) -> list[Metric]:
 
 def path(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return heading (rad) and position forward and to the left (m) of the centre of gravity, (samples,) each, from zero."""
-    yaw_rate, speed, sideslip = run["yaw_rate_rad_s"], run["speed_m_s"], run["sideslip_rad"]
-
-    def integral(values: FloatArray) -> FloatArray:
-        return np.concatenate([[0.0], np.cumsum(0.5 * run.step * (values[1:] + values[:-1]))])
-
-    heading, aside = integral(yaw_rate), speed * np.tan(sideslip)
-    along, across = np.cos(heading), np.sin(heading)
-    return heading, integral(speed * along - aside * across), integral(speed * across + aside * along)
+    heading, forward, left = (values[:, 0] for values in paths(run.runs))
+    return heading, forward, left
 
 
 def measure_path(run: Run) -> list[Metric]:
@@ -83,6 +78,7 @@ def measure_path(run: Run) -> list[Metric]:
     followed = run.scenario.road_path(run.config)
     assert followed is not None  # every scenario of this kind has one
     _, forward, left = path(run)
+    clearance = float(cone_clearances(followed.cones, forward[:, np.newaxis], left[:, np.newaxis])[0])
     on_path = (forward >= followed.start) & (forward <= followed.start + followed.length)
     error = (left - followed.lateral(forward))[on_path]
     wheel = np.rad2deg(run.steering_wheel_angle)
@@ -90,23 +86,11 @@ def measure_path(run: Run) -> list[Metric]:
     return [
         Metric("path_error_rms_m", "path error, rms", "m", _rms(error), 3, end),
         Metric("path_error_max_m", "path error, largest", "m", largest(error), 3, end),
-        Metric(CONE_CLEARANCE, "clearance to the cones, smallest", "m", cone_clearance(followed.cones, forward, left), 3, end),
+        Metric(CONE_CLEARANCE, "clearance to the cones, smallest", "m", None if math.isnan(clearance) else clearance, 3, end),
         Metric("steering_wheel_max_deg", "|steering wheel|, largest", "deg", largest(wheel, run.after), 1),
         Metric("steering_wheel_rate_rms_deg_s", "steering wheel rate, rms", "deg/s", _rms(np.diff(wheel) / run.step), 1),
         *common(run),
     ]
-
-
-def cone_clearance(cones: FloatArray, forward: FloatArray, left: FloatArray) -> float | None:
-    """Return the smallest distance in m from the sides of the car to the cones that it has passed; negative: a cone is hit.
-
-    Args:
-        cones: (k, 3), see `RoadPath`.
-        forward, left: (samples,) m, positions of the centre of gravity.
-    """
-    at, low, high = cones[cones[:, 0] <= forward[-1]].T
-    lateral = np.interp(at, forward, left)
-    return float(np.minimum(lateral - low, high - lateral).min()) if at.size else None
 
 
 def measure_corner(run: Run) -> list[Metric]:

@@ -95,10 +95,11 @@ def front_roll_share(parameters: Any) -> float:
 
 
 def car_of(parameters: Any, base: Config | None = None) -> Config:
-    """Return the configuration of a multi-body car: vehicle, tyres and road; the rest as in `base` (default: `Config()`).
+    """Return the configuration of a multi-body car: vehicle, tyres and road; the rest as in `base`.
 
     Mass, inertia, heights and arms are the data's, the track is the mean of both axles. The tyre formula has the form of
-    ours, so C, E and the peak friction are its own; the stiffness is its slope at the static load of each axle.
+    ours, so C, E and the peak friction are its own; the stiffness is its slope at the static load of each axle. The default of
+    `base` is the recommended preset.
 
     Raises:
         CodegenError: the package is missing.
@@ -113,7 +114,7 @@ def car_of(parameters: Any, base: Config | None = None) -> Config:
         }
         for load in static_loads(parameters)
     )
-    data = (Config() if base is None else base).model_dump(mode="json")
+    data = (configuration.preset("recommended") if base is None else base).model_dump(mode="json")
     data["vehicle"] = {
         "mass_kg": parameters.m,
         "yaw_inertia_kg_m2": parameters.I_z,

@@ -20,7 +20,7 @@ from codegen.errors import CodegenError
 from codegen.optimum.solve import solve_case
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.background import Background
-from hil_sim.suite.cells import NOMINAL, cells
+from hil_sim.suite.cells import NOMINAL, cells, last_cell_km_h, up_to
 from hil_sim.suite.controller_properties import FamilyMargins, margins_of
 from hil_sim.suite.requirements import Limits, Requirement, all_passed, car_requirements
 from hil_sim.suite.runs import Summary, run_table, summarise
@@ -206,7 +206,7 @@ def examine(number: int, config: Config, limits: Limits) -> CarResult:
     try:
         reference_map = solve_case(config, RECOMMENDED_CASE)
         config = tuned(reference_map, config)
-        points = cells(config, config.case(RECOMMENDED_CASE), SPEEDS_KM_H, SHARES)
+        points = cells(config, config.case(RECOMMENDED_CASE), up_to(last_cell_km_h(config), SPEEDS_KM_H), SHARES)
         results = run_table(of_config("tracking", reference_map, config), [NOMINAL], points)[NOMINAL.name]
         margins = margins_of(config)
     except CodegenError as error:

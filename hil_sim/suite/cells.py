@@ -10,7 +10,7 @@ friction it is B that is kept, as intended; the scenario sets that friction.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -28,6 +28,7 @@ from hil_sim.metrics.run import Figures
 from hil_sim.scenarios import Scenario
 
 SPEEDS_KM_H = (25.0, 42.5, 60.0, 80.0, 100.0, 120.0)
+"""Speeds for a car that reaches 120 km/h; see `up_to`."""
 SHARES = (0.25, 0.5, 0.75, 1.0)
 """Fractions of the largest feasible front angle at a speed."""
 
@@ -76,9 +77,9 @@ class Cell(Figures):
 
 
 def cells(
-    config: Config, case: Case, speeds_km_h: tuple[float, ...] = SPEEDS_KM_H, shares: tuple[float, ...] = SHARES
+    config: Config, case: Case, speeds_km_h: tuple[float, ...] | None = None, shares: tuple[float, ...] = SHARES
 ) -> tuple[Cell, ...]:
-    """Return the cells of a car: speeds times shares, by default 24; fewer if the grid ends at a lower speed.
+    """Return the cells of a car: speeds times shares, without speeds beyond the map; by default 24 for a map to 120 km/h.
 
     The largest feasible front angle is that of the continuous problem, capped at the grid's last front angle.
 
@@ -86,11 +87,12 @@ def cells(
         CodegenError: the grid ends below the first of the speeds.
         ConfigError: see `turns_of` and `breakpoints`.
     """
-    speed, front_angle = breakpoints(config)
-    speeds = tuple(value for value in speeds_km_h if value * KM_H <= speed[-1] * (1.0 + 1e-9))
+    last, front_angle = last_cell_km_h(config), breakpoints(config)[1]
+    listed = up_to(last, SPEEDS_KM_H) if speeds_km_h is None else speeds_km_h
+    speeds = tuple(speed for speed in listed if speed <= last * (1.0 + 1e-9))
     if not speeds:
         raise CodegenError(
-            f"the grid ends at {speed[-1] / KM_H:.4g} km/h, and the slowest cell of the test set has {speeds_km_h[0]:g}",
+            f"the grid ends at {last:.4g} km/h, and the slowest cell of the test set has {(speeds_km_h or SPEEDS_KM_H)[0]:g}",
             where="grid",
             remedy="solve a map that reaches higher speeds",
         )
@@ -99,6 +101,20 @@ def cells(
     return tuple(
         Cell(value, share * float(angle), share) for value, angle in zip(speeds, largest, strict=True) for share in shares
     )
+
+
+def up_to(last_km_h: float, speeds_km_h: Sequence[float]) -> tuple[float, ...]:
+    """Return listed speeds (km/h) up to a last one. If it is above the list, more follow in its last step, and the last one."""
+    last, end = round(last_km_h, 6), speeds_km_h[-1]
+    if last <= end:
+        return tuple(speed for speed in speeds_km_h if speed <= last)
+    step = end - speeds_km_h[-2]
+    return (*speeds_km_h, *(end + step * k for k in range(1, math.ceil((last - end) / step - 1e-9))), last)
+
+
+def last_cell_km_h(config: Config) -> float:
+    """Return the largest speed of cells, in km/h: the last one of the map that the car reaches."""
+    return min(float(breakpoints(config)[0][-1]) / KM_H, config.top_speed_km_h)
 
 
 def c1(config: Config) -> Cell:
@@ -126,9 +142,9 @@ def mass(percent: float) -> Change:
     return lambda config: config.replace(deviations(config, mass=1.0 + percent / 100.0), VARIED)
 
 
-def actuator_lag(seconds: float) -> Change:
+def actuator_lag(factor: float) -> Change:
     """Return a change of the rear actuator's lag."""
-    return lambda config: config.replace({"rear_actuator.lag_s": seconds}, VARIED)
+    return lambda config: config.replace({"rear_actuator.lag_s": round(factor * config.rear_actuator.lag_s, 9)}, VARIED)
 
 
 def stiffness(front_percent: float, rear_percent: float) -> Change:
@@ -165,7 +181,7 @@ def together(*changes: Change) -> Change:
 
 Group = Literal["nominal", "lag", "mass", "tyre", "combined", "friction"]
 
-LAGS_S = (0.02, 0.05, 0.1)
+LAG_FACTORS = (0.4, 1.0, 2.0)
 FRICTIONS = (0.6, 0.4)
 ESTIMATE_ERROR = 0.2
 """Largest overestimate of the friction."""
@@ -204,7 +220,6 @@ class Condition:
 
 
 NOMINAL = Condition("nominal", "as configured", "nominal")
-LAGS = tuple(Condition(f"lag-{1e3 * lag:.0f}", f"actuator lag {1e3 * lag:.0f} ms", "lag", actuator_lag(lag)) for lag in LAGS_S)
 MASSES = (
     Condition("mass-minus-20", "mass -20 %", "mass", mass(-20.0)),
     Condition("mass-plus-20", "mass +20 %", "mass", mass(20.0)),
@@ -224,14 +239,14 @@ COMBINED = Condition(
     "many at once",
     "combined",
     together(
-        actuator_lag(0.1),
+        actuator_lag(2.0),
         mass(20.0),
         stiffness(-20.0, -20.0),
         peak(-10.0),
         load_sensitivity(-0.1),
         relaxation(0.6),
     ),
-    what="actuator lag 100 ms, mass +20 %, tyre stiffness -20 %, peak -10 %, p2 = -0.1 and relaxation length 0.6 m",
+    what="twice the actuator lag, mass +20 %, tyre stiffness -20 %, peak -10 %, p2 = -0.1 and relaxation length 0.6 m",
 )
 
 
@@ -247,9 +262,14 @@ def _on_road(friction: float) -> tuple[Condition, ...]:
 
 SLIPPERY = tuple(condition for friction in FRICTIONS for condition in _on_road(friction))
 
-CONDITIONS = (NOMINAL, *LAGS, *MASSES, *TYRES, COMBINED, *SLIPPERY)
+
+def lags(lag_s: float) -> tuple[Condition, ...]:
+    """Return the conditions with another lag of the actuator, of a car whose own lag is `lag_s`: the fastest first."""
+    texts = [(f"{1e3 * factor * lag_s:.4g}", factor) for factor in LAG_FACTORS]
+    return tuple(Condition(f"lag-{text}", f"actuator lag {text} ms", "lag", actuator_lag(factor)) for text, factor in texts)
 
 
 def conditions(config: Config) -> tuple[Condition, ...]:
     """Return the conditions that apply to a configuration: no road with more friction than its map assumes."""
-    return tuple(each for each in CONDITIONS if each.friction is None or each.friction < config.road.friction)
+    slippery = (each for each in SLIPPERY if each.friction is not None and each.friction < config.road.friction)
+    return (NOMINAL, *lags(config.rear_actuator.lag_s), *MASSES, *TYRES, COMBINED, *slippery)

@@ -16,7 +16,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.design.margins import Margins, family_margins, nominal_margins
+from codegen.design.margins import Margins, family_margins, family_range_km_h, nominal_margins
 from codegen.emit.laws import law_of
 from codegen.sil.software import RECORD_COLUMNS, Software
 from codegen.units import KM_H
@@ -26,11 +26,12 @@ from hil_sim.faults import Fault
 from hil_sim.metrics.run import Figures, Run, column, spin_time
 from hil_sim.metrics.steering_response import FrequencyResponse, frequency_response
 from hil_sim.scenarios import Scenario, find
-from hil_sim.suite.cells import NOMINAL, Cell, Condition
+from hil_sim.suite.cells import NOMINAL, Cell, Condition, up_to
 from hil_sim.suite.runs import CellResult, software_of
 from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
 
-SINE_SPEEDS_KM_H = (100.0, 120.0)
+SINE_SPEEDS = 2
+"""Number of speeds of the sine, the largest ones of the cells."""
 SINE_FREQUENCIES_HZ = (0.5, 1.0, 1.5)
 SINE_SHARE = 0.1
 """Amplitude of the sine, of the largest feasible front angle: 1 to 3 m/s^2, where tyres hardly bend."""
@@ -114,12 +115,11 @@ def sine_scenario(cell: Cell, ratio: float) -> Scenario:
 def sine_tracking(
     subject: Subject, cells: Iterable[Cell], condition: Condition = NOMINAL, delay_samples: int = DELAY_SAMPLES
 ) -> tuple[SineTracking, ...]:
-    """Return rows at those of SINE_SPEEDS_KM_H with a cell at the largest feasible front angle. Raises BuildError."""
+    """Return rows at the largest SINE_SPEEDS speeds of cells at the largest feasible front angle. Raises BuildError."""
     rows: list[SineTracking] = []
-    for cell in cells:
-        if cell.share == 1.0 and cell.speed_km_h in SINE_SPEEDS_KM_H:
-            smaller = Cell(cell.speed_km_h, SINE_SHARE * cell.front_angle_deg, SINE_SHARE)
-            rows += _at_one_speed(subject, smaller, condition, delay_samples)
+    for cell in [cell for cell in cells if cell.share == 1.0][-SINE_SPEEDS:]:
+        smaller = Cell(cell.speed_km_h, SINE_SHARE * cell.front_angle_deg, SINE_SHARE)
+        rows += _at_one_speed(subject, smaller, condition, delay_samples)
     return tuple(rows)
 
 
@@ -155,7 +155,7 @@ def _at(found: FrequencyResponse, frequency: float) -> tuple[float, float]:
 
 
 SPEEDS_KM_H = (20.0, 25.0, 30.0, 36.0, 42.5, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0)
-"""Speeds at and between the breakpoints of a schedule."""
+"""Speeds at and between the breakpoints of a schedule; see `up_to`."""
 
 
 @dataclass(frozen=True)
@@ -215,8 +215,10 @@ def finite_or_none(value: float | None) -> float | None:
     return value if value is not None and np.isfinite(value) else None
 
 
-def margins_of(config: Config, speeds_km_h: tuple[float, ...] = SPEEDS_KM_H) -> FamilyMargins | None:
+def margins_of(config: Config, speeds_km_h: tuple[float, ...] | None = None) -> FamilyMargins | None:
     """Return the margins of the configured car and the worst of the family of `config.tuning`; None without feedback.
+
+    By default the speeds are those at which every car of the family must keep its margins.
 
     Raises:
         BuildError: the kind lacks a required function. ConfigError: an empty family.
@@ -224,6 +226,7 @@ def margins_of(config: Config, speeds_km_h: tuple[float, ...] = SPEEDS_KM_H) -> 
     gains = law_of(config).gains(config)
     if gains is None:
         return None
+    speeds_km_h = speeds_km_h or up_to(family_range_km_h(config)[1], SPEEDS_KM_H)
     speed = np.array(speeds_km_h) * KM_H
     worst, _ = family_margins(config, speed, *gains(speed))
     own = nominal_margins(config, speed, *gains(speed))

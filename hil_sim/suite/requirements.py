@@ -14,7 +14,7 @@ from codegen.configuration import parse_toml
 from codegen.configuration.section import Range, Section, first_fault
 from codegen.errors import CodegenError
 from codegen.files import read_text
-from hil_sim.suite.cells import FRICTIONS, LAGS, MASSES, NOMINAL, SLIPPERY, Condition
+from hil_sim.suite.cells import FRICTIONS, MASSES, NOMINAL, SLIPPERY, Condition, lags
 from hil_sim.suite.controller_properties import IN_STEP, TIMINGS, FamilyMargins, TimingError, finite_or_none
 from hil_sim.suite.runs import FEEDFORWARD, CellResult, Extreme, Summary
 
@@ -183,7 +183,7 @@ def _row(
 
 def _c1(measured: Measured) -> list[Requirement]:
     rows, limits = [], measured.limits
-    for condition in LAGS:
+    for condition in lags(measured.actuator_lag_s):
         result = measured.c1.get(condition.name)
         overshoot = _overshoot_limit(limits, limits.c1_overshoot_percent, measured.feedforward_c1.get(condition.name))
         figures = (
@@ -281,7 +281,8 @@ def _over_cells(measured: Measured) -> list[Requirement]:
             _worst(limits, summary, matter, "settling time to 2 %", "s", "settling_time_s", "settling_s", settling),
             _worst(limits, summary, matter, *sideslip),
         ]
-    return [*rows, _other_lag(measured, LAGS[0]), _other_lag(measured, LAGS[-1])]
+    fast, _, slow = lags(measured.actuator_lag_s)
+    return [*rows, _other_lag(measured, fast), _other_lag(measured, slow)]
 
 
 def _margins(limits: Limits, margins: FamilyMargins | None, matter: str = "margins over the family") -> list[Requirement]:

@@ -10,7 +10,8 @@ from typing import Any
 from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.design.family import members
-from hil_sim.suite.cells import LAGS, NOMINAL, Cell, Condition, c1, cells, conditions
+from codegen.design.tune import breakpoints
+from hil_sim.suite.cells import NOMINAL, Cell, Condition, c1, cells, conditions, lags
 from hil_sim.suite.controller_properties import (
     FamilyMargins,
     RiseTime,
@@ -35,8 +36,8 @@ from hil_sim.suite.runs import (
 )
 from hil_sim.suite.subjects import DELAY_SAMPLES, PASSIVE, Subject, passive_of
 
-SHOWN = ((60.0, 0.75), (100.0, 0.75), (120.0, 1.0))
-"""Speed (km/h) and share of the cells that are kept for pictures."""
+SHOWN = ((60.0, 0.75), (100.0, 0.75))
+"""Speed (km/h) and share of the cells that are kept for pictures, beside the last one."""
 
 STRUCTURE_SET = (
     "the structure of the law and its other parameters were chosen on step steers of the nonlinear plant at 30, 50, 70, 90 and "
@@ -194,7 +195,7 @@ class SuiteResult:
 
 def design_set(config: Config) -> str:
     """Describe the cars on which `codegen tune` designs the gains; no cell of the test set is among them."""
-    speeds = config.tuning.speed_km_h
+    speeds = [point.speed_km_h for point in breakpoints(config)]
     return (
         f"{len(members(config))} linear single-track cars at {len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g} km/h: "
         "margins of the loop, no step steer and no nonlinear plant"
@@ -231,7 +232,7 @@ def run_suite(
     config, nominal = tested.config, NOMINAL.name
     points, under = cells(config, case), conditions(config) if chosen is None else tuple(chosen)
     results = _all_tables(subjects, under, points, progress)
-    step = c1(config)
+    step, driven = c1(config), lags(config.rear_actuator.lag_s)
     measured = SuiteResult(
         tested=tested.name,
         subjects=names,
@@ -239,7 +240,7 @@ def run_suite(
         conditions=under,
         design_set=design_set(config),
         results=results,
-        c1={subject.name: {name: row[0] for name, row in run_table(subject, LAGS, [step]).items()} for subject in subjects},
+        c1={subject.name: {name: row[0] for name, row in run_table(subject, driven, [step]).items()} for subject in subjects},
         shown=tuple(
             CellRuns(cell, map_yaw_rate(tested, NOMINAL, cell), {each.name: drive(each, NOMINAL, cell) for each in subjects})
             for cell in (step, *_some(points))
@@ -255,8 +256,8 @@ def run_suite(
 
 
 def _some(points: Sequence[Cell]) -> tuple[Cell, ...]:
-    """Return the cells of SHOWN that the test set has."""
-    return tuple(cell for speed, share in SHOWN for cell in points if (cell.speed_km_h, cell.share) == (speed, share))
+    """Return the cells of SHOWN that the test set has, and its last one."""
+    return (*(cell for cell in points[:-1] if (cell.speed_km_h, cell.share) in SHOWN), points[-1])
 
 
 def _all_tables(

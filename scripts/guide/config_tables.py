@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from codegen.configuration import Config
-from codegen.configuration.section import Breakpoints, Meaning, Range, RangeOrZero
+from codegen.configuration.section import Breakpoints, Meaning, Range, RangeOrZero, Section
 from codegen.identify.names import Names, SignalChoice
 from codegen.identify.parameters import PARAMETERS
 from codegen.identify.quantities import QUANTITIES
@@ -77,10 +77,12 @@ def described(annotation: Any, metadata: tuple[Any, ...] = ()) -> str:
     return f"{names[annotation]}, {within}" if within else names[annotation]
 
 
-def _default(field: FieldInfo) -> str:
-    value = field.get_default(call_default_factory=True)
+def _default(model: type[BaseModel], key: str) -> str:
+    if issubclass(model, Section) and key in model.one_of:
+        return "*one required*"
+    value = model.model_fields[key].get_default(call_default_factory=True)
     if value is PydanticUndefined:
-        return "*needed*"
+        return "*required*"
     if value is None:
         return "–"
     if isinstance(value, BaseModel):
@@ -139,14 +141,14 @@ def markdown() -> str:
     """The whole reference, a heading for each table."""
     lines: list[str] = []
     for name, model in sections():
-        rows = [(f"`{key}`", _typed(field), _default(field), text) for key, field, text in _rows(model)]
+        rows = [(f"`{key}`", _typed(field), _default(model, key), text) for key, field, text in _rows(model)]
         if not rows:
             continue
         title = {"": "Top level", "tyre.front": "`[tyre.front]` and `[tyre.rear]`"}.get(name, f"`[{name}]`")
         lines += [f"## {title}", "", *([] if not name else [_plain_docstring(model), ""]), table(KEYS, rows)]
     for title, model in inline_tables():
         rows = [
-            (f"`{key}`", described(field.annotation, tuple(field.metadata)), _default(field), meaning(model, key))
+            (f"`{key}`", described(field.annotation, tuple(field.metadata)), _default(model, key), meaning(model, key))
             for key, field in model.model_fields.items()
         ]
         lines += [f"## {title}", "", _plain_docstring(model), "", table(KEYS, rows)]
@@ -156,7 +158,7 @@ def markdown() -> str:
 def names_markdown() -> str:
     """The keys of a `names.toml`: those at the top, then those of a signal."""
     top = [
-        (f"`{key}`", described(field.annotation, tuple(field.metadata)), _default(field), meaning(Names, key))
+        (f"`{key}`", described(field.annotation, tuple(field.metadata)), _default(Names, key), meaning(Names, key))
         for key, field in Names.model_fields.items()
         if key not in QUANTITIES
     ]
@@ -169,7 +171,12 @@ def names_markdown() -> str:
         for key, quantity in QUANTITIES.items()
     ]
     signal = [
-        (f"`{key}`", described(field.annotation, tuple(field.metadata)), _default(field), meaning(SignalChoice, key))
+        (
+            f"`{key}`",
+            described(field.annotation, tuple(field.metadata)),
+            _default(SignalChoice, key),
+            meaning(SignalChoice, key),
+        )
         for key, field in SignalChoice.model_fields.items()
     ]
     names = table(("table", "quantity", "names that need no table"), tables)

@@ -17,7 +17,7 @@ import numpy as np
 from codegen import configuration
 from codegen.arrays import FloatArray
 from codegen.configuration import KM_H
-from codegen.design.margins import gains_of, nominal_margins
+from codegen.design.margins import gains_of, margin_range_km_h, nominal_margins
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.total import RULE_TEXT, Rule
 from codegen.files import write_atomically
@@ -201,7 +201,7 @@ def margins() -> Figure:
     recommended, paper = _recommended(), configuration.preset()
     schedule = recommended.controller.tracking.schedule
     assert schedule is not None
-    speed_km_h = np.geomspace(15.0, 180.0, 120)
+    speed_km_h = np.geomspace(*margin_range_km_h(recommended), 120)
     speed = speed_km_h * KM_H
     constant = [np.full(speed.shape, gain) for gain in (paper.controller.proportional_gain_s, paper.controller.integral_gain)]
     lines = (
@@ -242,7 +242,7 @@ def bounds() -> Figure:
     parameters = load(RECOMMENDED).parameters()  # owns the memory of the limiter's
     limiter = parameters.limiter
     speeds, angles = (np.array(list(values)) for values in (limiter.opposite_phase_speed, limiter.opposite_phase_max))
-    speed = np.linspace(0.0, 160.0, 641)
+    speed = np.linspace(0.0, _recommended().top_speed_km_h, 641)
     opposite = np.degrees(np.interp(speed * KM_H, speeds, angles))
     with look.style():
         figure = look.new_figure(WIDTH, 3.3)

@@ -104,3 +104,50 @@ def c_functions(header: str) -> str:
     if not rows:
         raise LookupError(f"{header}: no function with a comment")
     return table(("function", "what it does"), rows)
+
+
+def judgement() -> str:
+    """Every figure of the judgement of a car with its requirement."""
+    from codegen.judgement import rows, steady
+    from codegen.metrics.sine_with_dwell import DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY, HEAVY_MASS, RATIOS
+    from codegen.units import KM_H
+
+    speed = f"{steady.CHARACTERISTIC_SPEED / KM_H:.0f} km/h"
+    (low, low_to), (high, high_to) = steady.LOW_KM_H, steady.HIGH_KM_H
+    displacement = f"{DISPLACEMENT_MIN:g} m ({DISPLACEMENT_MIN_HEAVY:g} m above {HEAVY_MASS:,.0f} kg)"
+    enough = f"{rows.DISPLACEMENT_ENOUGH_M:g} m or {100.0 * rows.DISPLACEMENT_SHARE_MIN:g} % of passive"
+    required = (
+        ("largest lateral acceleration of the map", f"at least {100.0 * rows.GRIP_MIN:g} % of what the car can use"),
+        ("dead steering in the map and in the table of the ECU", f"no falling step, at most {rows.FLAT_MAX_PERCENT:g} % flat"),
+        (
+            f"yaw rate at {low:g} to {low_to:g} km/h, up to the configured lateral acceleration",
+            f"at least {100.0 * rows.LOW_MIN:g} % of passive",
+        ),
+        (
+            f"yaw rate at {high:g} to {high_to:g} km/h, up to {steady.HIGH_LATERAL_ACCELERATION_G:g} g",
+            f"at least {100.0 * rows.HIGH_MIN:g} % of the smaller of passive and a car with a characteristic speed of {speed}",
+        ),
+        (
+            f"yaw gain at 60, 80 and 120 km/h and the last speed, smallest up to {steady.HIGH_LATERAL_ACCELERATION_G:g} g",
+            "stated only",
+        ),
+        ("steady yaw rate after the paper's step", f"at least {100.0 * rows.LOW_MIN:g} % of passive"),
+        ("steady sideslip after it", f"at most {rows.STEP_SIDESLIP_TOLERANCE_DEG:g} deg more than passive"),
+        (
+            "overshoot of yaw rate and of lateral acceleration",
+            f"at most {rows.OVERSHOOT_TOLERANCE_PERCENT:g} points more than passive",
+        ),
+        ("rise to 90 % of both", f"at most {rows.RISE_TOLERANCE_S:g} s more than passive"),
+        ("phase delay of both", f"at most {1e3 * rows.DELAY_TOLERANCE_S:g} ms more than passive"),
+        ("sine with dwell, lateral displacement", f"at least {displacement}, and {enough}"),
+        *((f"yaw-rate ratio {after:g} s after it", f"at most {limit:g} %") for after, limit in RATIOS.values()),
+        ("sines with dwell, over load and road, that only passive meets", "none"),
+        ("entry speed into the lane change", "not below passive"),
+        ("peak sideslip in the lane change", f"at most {100.0 * rows.SIDESLIP_SHARE_MAX:g} % of passive"),
+        ("peak sideslip of all drives", f"at most {rows.PEAK_SIDESLIP_TOLERANCE_DEG:g} deg more than passive"),
+        (
+            "largest slip of each axle in all drives",
+            f"at most {rows.SLIP_MAX_PERCENT:g} % of that of peak force, or as passive",
+        ),
+    )
+    return table(("figure", "required"), required)

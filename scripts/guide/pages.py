@@ -27,6 +27,7 @@ REGIONS: Mapping[str, Callable[..., str]] = {
     "evidence-summary": evidence_tables.summary,
     "exit-codes": interface_tables.exit_codes,
     "identified-quantities": config_tables.quantities_markdown,
+    "judgement": interface_tables.judgement,
     "map-comparison": map_choice.comparison,
     "map-file": interface_tables.map_file,
     "map-keys": map_choice.keys,

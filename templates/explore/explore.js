@@ -165,6 +165,7 @@
     element("map-reading").textContent = summary(data.map);
     element("margins-caption").textContent = marginText(data.margins);
     fillFigures(data);
+    fillJudgement(data.judgement);
     const quantity = element("quantity").value;
     const { map, cut, step, margins } = data;
     const stepPlace = [cut.speed_km_h, cut.front_angle_deg];
@@ -245,6 +246,24 @@
       }
     }
     element("figures").replaceChildren(...rows);
+  }
+
+  /* The judgement that codegen tune stored in the map. It is valid until a setting moves. */
+  function fillJudgement(judgement) {
+    element("judgement").dataset.state = judgement.state;
+    element("judgement-sentence").textContent = judgement.sentence;
+    element("judgement-details").hidden = judgement.rows.length === 0;
+    element("judgement-header").replaceChildren(...judgement.header.map((text) => {
+      const head = document.createElement("th");
+      head.scope = "col";
+      head.textContent = text;
+      return head;
+    }));
+    element("judgement-rows").replaceChildren(...judgement.rows.map(([title, ...cells]) => {
+      const line = row(title, cells);
+      line.querySelectorAll("td").forEach((cell, at) => cell.classList.toggle("number", at < 2));
+      return line;
+    }));
   }
 
   /* Unstable settings are no configuration to keep: they cannot be written. */

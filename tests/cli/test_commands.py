@@ -71,7 +71,11 @@ def test_a_build_that_another_numpy_made_is_up_to_date(run: Run, here: Path, mon
 
 def test_check_prints_a_line_per_warning_and_returns_1(run: Run, here: Path) -> None:
     """`check` reports a map in km/h, `build` rejects it unless overridden; a build folder has its facts."""
-    assert (run("check", MAP.with_name("4ws2.npz")).code, run("check", TRACKING, "--json").code) == (0, 0)
+    for subject in (MAP.with_name("4ws2.npz"), TRACKING):
+        answer = run("check", subject, "--json")
+        judged = json.loads(answer.out)["judgement"].get("rows", [])
+        faults = [row for row in judged if row["verdict"] in ("worse", "missed")]
+        assert (answer.code, len(json.loads(answer.out)["warnings"])) == (1 if faults else 0, len(faults))
     speed, angle = np.array([20.0, 60.0, 110.0]), np.array([0.02, 0.05, 0.1])
     np.savez("km-h.npz", vx=speed, delta_f=angle, yaw_rate=np.minimum(np.outer(speed / 12.0, angle), 0.3))
     answer = run("check", "km-h.npz")
@@ -97,9 +101,13 @@ def test_a_bare_map_builds_with_the_papers_car(run: Run, here: Path) -> None:
 def test_another_configuration_than_the_one_in_the_map(run: Run, here: Path) -> None:
     config = here / "ars.toml"
     config.write_text(configuration.preset_text(), encoding="utf-8")
-    edit(config, ("integral_gain = 1.0", "integral_gain = 13.0"), ("mass_kg = 2335.07", ""))
-    answer = run("build", "--map", MAP, "-o", "own", "--config", config)
-    assert answer.code == 0 and "vehicle.mass_kg" in answer.err  # the paper's mass is used
+    edit(config, ("integral_gain = 1.0", "integral_gain = 13.0"))
+    assert run("build", "--map", MAP, "-o", "own", "--config", config).code == 0
+    edit(config, ("mass_kg = 2335.07", ""))
+    for command in (("build", "--map", MAP, "-o", "no"), ("solve", "--case", "4ws-2", "-o", "no.npz")):
+        answer = run(*command, "--config", config)
+        assert (answer.code, answer.out) == (2, "")
+        assert answer.err == f"error: {config}: vehicle.mass_kg is missing; add it; `codegen init DIR` writes a complete file\n"
     assert ".integral_gain = 13.0f" in Path("own/src/ars_calibration.c").read_text(encoding="ascii")
 
 

@@ -13,8 +13,10 @@ from .conftest import BUILD, MAP, Refused, Run
 def test_a_report_of_a_map_with_and_without_a_run(run: Run, refused: Refused, here: Path) -> None:
     answer = run("report", "--map", MAP, "-o", "report.html")
     assert answer.code == 0, answer
-    assert answer.out.startswith("report.html: 14 sections, ")
-    assert Path("report.html").read_text(encoding="utf-8").count("name a build with <code>--build</code>") == 3
+    assert answer.out.startswith("report.html: 15 sections, ")
+    page = Path("report.html").read_text(encoding="utf-8")
+    assert page.count("name a build with <code>--build</code>") == 3
+    assert page.count("not judged; <code>codegen check --drive</code> makes it") == 2  # the first screen, and the section
     assert run("sil", "--build", BUILD, "--csv", "mine.csv").code == 0
     files = ("--run", "one=mine.csv", "--run", "two=mine.csv", "--scenario", "step-steer")
     assert run("report", "--map", MAP, "--build", BUILD, *files, "--no-simulation", "-o", "report.html").code == 0

@@ -13,6 +13,7 @@ from codegen.cli.options import memory_size, yaw_rate_error
 from codegen.map_file import map as npz
 from codegen.optimum.solve import solve_case
 from tests import shared
+from tests.whole_car import car_toml
 
 from .conftest import Run
 
@@ -23,7 +24,8 @@ CASE = "[cases.4ws-2]\nrear_steering = true\nsideslip_weight_per_s2 = 3000.0\n"
 @pytest.fixture
 def maps(here: Path) -> dict[str, Path]:
     """Return linear.npz, and nonlinear.npz with the same tables but marked as solved with the other tyre."""
-    (here / "linear.toml").write_text(f'{GRID}[controller]\nkind = "pi"\n{CASE}\n[cases.fws]\nrear_steering = false\n')
+    text = car_toml(f'{GRID}[controller]\nkind = "pi"\n{CASE}\n[cases.fws]\nrear_steering = false\n')
+    (here / "linear.toml").write_text(text)
     linear = shared.once("show", lambda: solve_case(configuration.load(here / "linear.toml"), "4ws-2"))
     config = linear.config.with_tyre_model("magic-formula")
     other = replace(linear, config=config, meta=npz.make_meta(config, "4ws-2", "exact"))
@@ -46,7 +48,7 @@ def test_maps_are_compared_in_the_width_of_a_terminal(run: Run, maps: dict[str, 
     for start in ("yaw rate, first less second  ", "60 km/h, 2.00 deg  "):
         assert any(line.startswith(start) for line in lines)
     assert Path("difference.png").read_bytes().startswith(b"\x89PNG")
-    Path("heavy.toml").write_text(f"[vehicle]\nmass_kg = 2000.0\n{GRID}", encoding="utf-8")
+    Path("heavy.toml").write_text(car_toml(f"[vehicle]\nmass_kg = 2000.0\n{GRID}"), encoding="utf-8")
     assert run("solve", "--config", "heavy.toml", "--case", "4ws-2", "-o", "heavy.npz").code == 0
     assert "different cars" in run("show", maps["linear"], "--against", "heavy.npz").err
     data = json.loads(run("show", maps["linear"], "--against", "heavy.npz", "--json").out)
@@ -55,7 +57,7 @@ def test_maps_are_compared_in_the_width_of_a_terminal(run: Run, maps: dict[str, 
 
 
 def test_a_stack(run: Run, here: Path) -> None:
-    Path("ars.toml").write_text(f"[grid]\nspeed_points = 6\nfront_angle_points = 5\n{CASE}", encoding="utf-8")
+    Path("ars.toml").write_text(car_toml(f"[grid]\nspeed_points = 6\nfront_angle_points = 5\n{CASE}"), encoding="utf-8")
     answer = run("solve", "--config", "ars.toml", "--case", "4ws-2", "--friction", "0.9, 0.5", "-o", "stack.npz")
     assert answer.code == 0, answer
     assert answer.out.startswith("stack.npz: case 4ws-2, 6 speeds x 5 front angles")

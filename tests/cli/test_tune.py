@@ -1,5 +1,6 @@
 """`codegen tune`: adds a controller to a map."""
 
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,17 +13,18 @@ from codegen.cli.tune_command import _target_note, _trim_facts, _trim_text
 from codegen.configuration import Config
 from codegen.design.margins import gains_of, weakest
 from codegen.ecu_map.model_excess import Excess
+from codegen.judgement.model import of_map
 from codegen.map_file import map as npz
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import excess_warning
 from codegen.tuning.transient import Response
 
-from .conftest import Run, edit, everything_in
+from .conftest import Answer, Run, edit, everything_in
 
 # Nine cars and four speeds up to the end of the grid: designed in well under a second.
 TUNING = """
 [tuning]
-actuator_lag_s = [0.05]
+actuator_lag_factor = [1.0]
 mass_percent = [0.0]
 stiffness_percent = [-20.0, 15.0]
 relaxation_length_m = [0.0, 0.6]
@@ -40,7 +42,8 @@ NONLINEAR = '\n[cases.nonlinear]\nrear_steering = true\nsideslip_weight_per_s2 =
 def write_config(*changes: tuple[str, str], grid: tuple[int, int] = (11, 10), more: str = "") -> Path:
     """Write the paper's ars.toml with a small family of cars and a small grid to the current folder."""
     path = Path("ars.toml")
-    path.write_text(configuration.preset_text() + TUNING + more, encoding="utf-8")
+    text = configuration.preset_text().replace("[tuning]\nactuator_lag_s = [0.02, 0.05, 0.1]\n", TUNING)
+    path.write_text(text + more, encoding="utf-8")
     points = (("speed_points = 101", f"speed_points = {grid[0]}"), ("angle_points = 100", f"angle_points = {grid[1]}"))
     return edit(path, *points, *changes)
 
@@ -70,7 +73,8 @@ def test_only_the_gains_of_the_map_change(run: Run, solved: Path) -> None:
     for key in ("speed", "front_angle", "yaw_rate", "feasible", "sideslip", "rear_angle", "active"):
         np.testing.assert_array_equal(getattr(before, key), getattr(after, key))
     assert after.case == "4ws-2"
-    assert after.meta | {"configuration": ""} == before.meta | {"configuration": ""}
+    added = {"configuration": "", "judgement": ""}
+    assert after.meta | added == before.meta | added
     controller = after.config.controller
     assert controller.kind == "tracking"
     assert controller.tracking.schedule.lead_s and max(controller.tracking.schedule.response_gain_s) > 0.0
@@ -78,8 +82,11 @@ def test_only_the_gains_of_the_map_change(run: Run, solved: Path) -> None:
     assert answer.out.startswith("tuned.npz: 25 cars, ")
     assert "\nfamily: rear_actuator.lag_s from [identified] (99 % of the cars); mass, stiffness, relaxation from" in answer.out
     assert "\n42.5 " in answer.out.partition("response gain s")[2]
+    assert "\nThe design ends at 120 km/h. At higher speeds the C holds the last gains.\n" in answer.out
+    assert "Up to the last speed of the grid" not in answer.out and controller.tracking.schedule.speed_km_h[-1] == 120.0
     assert weakest(after.config, gains_of(controller.tracking.schedule)).enough
     assert f"\ncontroller.fail_safe.rate_deg_s: {controller.fail_safe.rate_deg_s:g}" in answer.out
+    assert_judged(run, after, answer)
     # Without the added keys, the controller is unchanged.
     before_tracking = before.config.controller.tracking
     was = {
@@ -90,6 +97,22 @@ def test_only_the_gains_of_the_map_change(run: Run, solved: Path) -> None:
         ),
     }
     assert after.config.model_copy(update={"controller": controller.model_copy(update=was)}) == before.config
+
+
+def assert_judged(run: Run, tuned: npz.ReferenceMap, answer: Answer) -> None:
+    """Check that the judgement is stored and printed, and that `check --drive` makes the same one."""
+    found = of_map(tuned, stored(Path("tuned.npz"))).judgement
+    assert found is not None and found.sentence in answer.out
+    assert all(f"warning: {text}" in answer.err for text in found.warnings)
+    before = everything_in(Path())
+    shown, fresh = json.loads(run("show", "tuned.npz", "--json").out), run("check", "tuned.npz", "--drive", "--json")
+    assert fresh.code == (1 if found.warnings else 0)
+    assert json.loads(fresh.out)["judgement"] == shown["judgement"] == {"state": "current", **found.to_dict()}
+    assert everything_in(Path()) == before
+    built = run("build", "--map", "tuned.npz")
+    assert all(f"warning: {text}" in built.err for text in found.warnings)
+    assert run("build", "--map", "tuned.npz", "--check").code == 0
+    assert json.loads(run("check", "generated/tuned", "--json").out)["judgement"] == shown["judgement"]
 
 
 def test_a_missed_target_of_the_step_response_is_a_warning() -> None:

@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
-from codegen.configuration import Config, Schedule, parse
+from codegen.configuration import Config, Schedule
 from codegen.map_file.map import load
+from tests.whole_car import car
 
 SMALL_FAMILY = {"actuator_lag_s": [0.05], "mass_percent": [0.0], "stiffness_percent": [-20.0, 15.0]}
 SMALL_FAMILY |= {"relaxation_length_m": [0.0, 0.6], "speed_km_h": [15.0, 42.5, 80.0, 120.0]}
@@ -14,7 +15,7 @@ SMALL_FAMILY |= {"relaxation_length_m": [0.0, 0.6], "speed_km_h": [15.0, 42.5, 8
 
 def small_config(other: dict[str, Any] | None = None, /, **tuning: Any) -> Config:
     """Return the default car with a family of 9, which excludes the configured car, and with changes."""
-    return parse({"tuning": {**SMALL_FAMILY, **tuning}, **(other or {})}, "small family")
+    return car({"tuning": {**SMALL_FAMILY, **tuning}, **(other or {})})
 
 
 @pytest.fixture(scope="session")

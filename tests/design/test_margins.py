@@ -11,7 +11,10 @@ from codegen.arrays import FloatArray
 from codegen.design.family import Member, members
 from codegen.design.margins import (
     family_margins,
+    family_range_km_h,
     loop_margins,
+    margin_range_km_h,
+    margin_speeds,
     nominal_margins,
     weakest,
 )
@@ -92,7 +95,7 @@ def test_the_family_is_as_good_as_its_worst_members() -> None:
 
 
 def test_weakest_finds_a_dip_and_reaches_the_largest_speed() -> None:
-    """One PI has three times the gain at a medium speed; the published one is weakest at the largest speed."""
+    """One PI has three times the gain at a medium speed; fixed gains are weakest at the largest speed."""
 
     def with_dip(speed: FloatArray) -> tuple[FloatArray, FloatArray]:
         dip = 1.0 + 2.0 * np.exp(-(((speed / KM_H - 60.0) / 8.0) ** 2))
@@ -106,9 +109,27 @@ def test_weakest_finds_a_dip_and_reaches_the_largest_speed() -> None:
     assert found.gain_margin_speed == pytest.approx(speed[fine.gain_margin_db.argmin()], rel=0.012)
     assert found.gain_margin_db == pytest.approx(fine.gain_margin_db.min(), abs=0.05)
     assert found.phase_margin_deg == pytest.approx(fine.phase_margin_deg.min(), abs=0.3)
-    config = small_config({"controller": {"inputs": {"speed_max_km_h": 150.0}}})
+    config = small_config({"vehicle": {"top_speed_km_h": 150.0}})
     found = weakest(config, lambda speed: (np.full(speed.shape, 0.01), np.full(speed.shape, 1.0)))
     at_end = nominal_margins(config, [150.0 * KM_H], [0.01], [1.0])
     assert found.gain_margin_db == pytest.approx(at_end.gain_margin_db[0], rel=1e-9)
     assert (found.gain_margin_speed, found.phase_margin_speed) == pytest.approx((150.0 * KM_H, 150.0 * KM_H))
     assert not found.enough
+
+
+@pytest.mark.parametrize(
+    ("kind", "top", "last", "family"),
+    [
+        ("tracking", None, 120.0, 120.0),
+        ("tracking", 160.0, 160.0, 120.0),
+        ("tracking", 90.0, 90.0, 90.0),
+        ("pi", None, 400.0, 120.0),
+        ("pi", 160.0, 160.0, 120.0),
+    ],
+)
+def test_margins_end_at_the_top_speed(kind: str, top: float | None, last: float, family: float) -> None:
+    """Fixed gains have no last designed speed: without a top speed of the car, the range of the sensor counts."""
+    vehicle = {} if top is None else {"top_speed_km_h": top}
+    config = small_config({"vehicle": vehicle, "controller": {"kind": kind}})
+    assert margin_range_km_h(config) == (15.0, last) and family_range_km_h(config) == (15.0, family)
+    assert margin_speeds(config)[[0, -1]] / KM_H == pytest.approx([15.0, last])

@@ -6,11 +6,11 @@ import control
 import numpy as np
 import pytest
 
-from codegen.configuration import Config
 from codegen.design.family import MEMBERS_MAX, Member, members, nominal
 from codegen.design.sampled import frequency_grid, sample
 from codegen.errors import ConfigError
 from codegen.vehicle.single_track import SingleTrack
+from tests.whole_car import car
 
 from .conftest import small_config
 from .oracle import loop, sampled_car
@@ -36,7 +36,7 @@ def test_the_frequency_response_is_that_of_python_control(car: int, delay: int) 
 
 
 def test_relaxation_lags_and_keeps_the_closed_form_of_the_steady_turn() -> None:
-    config = Config()
+    config = car()
     cars = sample(config, [Member(0.05, relaxation_length=sigma) for sigma in (0.0, 0.05, 0.6)], SPEEDS)
     # Near neutral steer at 400 km/h, cancellation leaves six or seven digits.
     closed_form = -SingleTrack.from_config(config).yaw_gain(SPEEDS)
@@ -73,14 +73,16 @@ def test_closed_loop_stability_is_that_of_python_controls_poles(delay: int) -> N
 
 def test_the_default_family_is_all_combinations() -> None:
     expected = set(itertools.product((0.02, 0.05, 0.1), (0.8, 1.0, 1.2), (0.8, 1.0, 1.15), (0.8, 1.0, 1.15), (0.0, 0.3, 0.6)))
-    family = members(Config())
+    family = members(car())
     assert len(family) == len(set(family)) == len(expected) == 243
     found = [
         (m.actuator_lag, m.mass_factor, m.front_stiffness_factor, m.rear_stiffness_factor, m.relaxation_length) for m in family
     ]
     # The factors are percentages divided by 100, with one rounding.
     assert sorted(found) == [pytest.approx(values, rel=1e-15) for values in sorted(expected)]
-    assert family.count(nominal(Config())) == 1
+    assert family.count(nominal(car())) == 1
+    slow = {member.actuator_lag for member in members(car({"rear_actuator": {"lag_s": 0.09}}))}
+    assert slow == {0.036, 0.09, 0.18}
     # The configured car is a member even if no combination equals it.
     config = small_config({"plant": {"relaxation_length_m": 0.25}}, mass_percent=[0.0, 0.0])
     assert len(members(config)) == 9 and members(config).count(Member(0.05, relaxation_length=0.25)) == 1

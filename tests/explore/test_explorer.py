@@ -10,7 +10,8 @@ import pytest
 from codegen.design.margins import family_margins, nominal_margins
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.laws import law_of
-from codegen.explore.explorer import Explorer, opened
+from codegen.explore.controls import STEP_SPEED, controls_of
+from codegen.explore.explorer import Explorer, family_data, margin_data, opened
 from codegen.map_file import map as npz
 from codegen.map_file.bounds import Binding
 from codegen.map_file.map import on_road
@@ -19,6 +20,7 @@ from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import compile_build
 from codegen.units import KM_H
 from hil_sim.scenarios import SCENARIOS
+from tests import builds
 from tests.optimum.cars import PAPER, changed
 from tests.report.figures import unpacked
 
@@ -184,3 +186,13 @@ def test_what_a_page_leaves_out_is_noted(tmp_path: Path) -> None:
     moving, follows = opened(tmp_path / "law.npz").notes
     assert moving == "the maps for longitudinal accelerations are not used"
     assert follows == "the case follows a law for the rear angle, on which the sideslip weight has no effect"
+
+
+@pytest.mark.parametrize(("top", "high", "family"), [(None, 120.0, 120.0), (180.0, 180.0, 120.0), (40.0, 40.0, 40.0)])
+def test_the_sliders_and_curves_end_at_the_top_speed(top: float | None, high: float, family: float) -> None:
+    config = builds.TRACKING_CONFIG.replace({"vehicle.top_speed_km_h": top})
+    (speed,) = (each for each in controls_of(config, "4ws-2") if each.key == STEP_SPEED)
+    assert speed.high == high and speed.value == min(42.5, high) and speed.bounds == (5.0, 400.0)
+    alone, all_cars = margin_data(config), family_data(config, lambda: False)
+    assert alone and all_cars
+    assert (alone["speed_km_h"][-1], all_cars["speed_km_h"][-1]) == pytest.approx((high, family))

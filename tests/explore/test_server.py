@@ -137,7 +137,7 @@ def test_bad_values_give_one_line(client: Client, tmp_path: Path, values: str, t
 
 def test_a_picture_is_strict_json_and_only_for_the_newest_request(client: Client) -> None:
     data = json.loads(client.post("/api/picture", GOOD).body, parse_constant=pytest.fail)
-    assert set(data) == {"map", "cut", "step", "margins", "warnings", "took_ms"}
+    assert set(data) == {"map", "cut", "step", "margins", "judgement", "warnings", "took_ms"}
     client.server.newest.came(7, 5)
     for page, number, key in ((7, 4, "stale"), (7, 5, "map"), (8, 1, "map")):
         assert key in client.post("/api/picture", {"page": page, "number": number, "values": {}}).data

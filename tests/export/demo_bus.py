@@ -29,6 +29,7 @@ from tests.export import fmus
 from tests.export.bus import MICROSECOND, TRANSMIT, Bus, Node, frame_of, operations, simulate
 from tests.export.fmus import Made, Slave, made
 from tests.export.test_fmu_bus import driver, recorded
+from tests.whole_car import car_toml
 
 BUS, NODE = "can-bus-simulation", "can-node-triggered-output"
 NODE_FRAME, NODE_PERIOD, NODE_BIT_RATE = (1, bytes([1, 2, 3, 4])), 0.3, 100e3
@@ -161,7 +162,8 @@ def both_beside_demo_node(node: Made) -> tuple[str, bool]:
 def ecu_and_demo_node(bus_fmu: Made, node: Made, target: Path) -> tuple[str, bool]:
     """Compare an ECU that hears the demo node only, on the demo bus, with its task; it has the bit rate of that node."""
     settings, build = target / "ars.toml", target / "build"
-    settings.write_text(f'[controller]\nkind = "pi"\n[can]\nbitrate_kbit_s = {NODE_BIT_RATE / 1e3}\n', encoding="utf-8")
+    can = f"[can]\nbitrate_kbit_s = {NODE_BIT_RATE / 1e3}\n"
+    settings.write_text(car_toml(f'[controller]\nkind = "pi"\n{can}'), encoding="utf-8")
     write_folder(prepare(fmus.ROOT / "generated" / "4ws2-paper.npz", settings, build).folder, build)
     ecu = started(fmus.unpacked(target / "fmu", "ecu", make_fmu(build, "ecu", "3")), NOTIFIED)
     third = started(node)

@@ -48,6 +48,7 @@ from tests.cli.conftest import Answer, refused, run
 from tests.export import rte
 from tests.hil_sim.test_codec import OTHER
 from tests.sil import e2e_profiles
+from tests.whole_car import car
 
 __all__ = ["refused", "run"]  # fixtures
 
@@ -601,7 +602,7 @@ def test_settings_that_autosar_does_not_allow_for_a_transformer_are_rejected(
 ) -> None:
     if "frame_bytes" in can:
         can = {**can, "vehicle_conditions": {**can["vehicle_conditions"], "data_id": 0xFF}}
-    config = builds.CONFIG.model_copy(update={"can": parse({"can": can}, "test").can})
+    config = builds.CONFIG.model_copy(update={"can": car({"can": can}).can})
     write_folder(builds.render(builds.paper_map(), config, "single"), tmp_path / "build")
     assert message in refused("arxml", "--build", tmp_path / "build", "-o", tmp_path / "new")
     assert not (tmp_path / "new").exists()

@@ -31,6 +31,7 @@ from codegen.export.calibration.labels import number_text
 from codegen.export.calibration.layout import Values
 from codegen.export.calibration.sets import READERS, merged, read_set
 from codegen.report.calibration_plots import ValueChange, calibration_figure
+from codegen.units import KM_H
 from codegen.verify.target import CORTEX_M4F, POWERPC_BE, Core, Processor, compile_image
 from tests import builds, shared
 from tests.calibrations import addressed, records_of
@@ -223,6 +224,10 @@ def test_ranges_are_those_of_the_c() -> None:
                 assert not build._is_valid(), each.name
 
 
+SCHEDULE = read_manifest(BUILD)["configuration"]["controller"]["tracking"]["schedule"]
+POINTS, LAST = len(SCHEDULE["speed_km_h"]), " ".join(str(np.float32(speed * KM_H)) for speed in SCHEDULE["speed_km_h"][-2:])
+"""Breakpoints of the schedule, and the last two as a file has them."""
+
 DAMAGES: dict[str, tuple[str, str, str, str]] = {
     "name": (
         ".dcm",
@@ -234,9 +239,9 @@ DAMAGES: dict[str, tuple[str, str, str, str]] = {
     "word": (".dcm", "0.48658288", "nan", "'nan' is not a number"),
     "missing number": (
         ".dcm",
-        "90.916664 111.111115\nEND",
-        "90.916664\nEND",
-        "13 numbers for ars.parameters.schedule_speed, which has 14",
+        f"{LAST}\nEND",
+        f"{LAST.split()[0]}\nEND",
+        f"{POINTS - 1} numbers for ars.parameters.schedule_speed, which has {POINTS}",
     ),
     "fraction": (".dcm", "WERT 73\n", "WERT 73.5\n", "not whole numbers from 0 to 65535"),
     "no END": (".dcm", "END\n\nFESTWERT ars.limiter.rear_rate_max", "\nFESTWERT ars.limiter.rear_rate_max", "has no END"),
@@ -258,7 +263,7 @@ DAMAGES: dict[str, tuple[str, str, str, str]] = {
         'integrated error"\n   EINHEIT_X "km/h"',
         "breakpoints of ars.parameters.schedule_speed in km/h in the file, in m/s in the build",
     ),
-    "size": (".dcm", f"KENNLINIE {GAIN} 14", f"KENNLINIE {GAIN} 13", "size 13 in the file, 14 in the build"),
+    "size": (".dcm", f"KENNLINIE {GAIN} {POINTS}", f"KENNLINIE {GAIN} 2", f"size 2 in the file, {POINTS} in the build"),
     "keyword": (".dcm", "FESTWERT ars.limiter.speed_max", "KENNWERT ars.limiter.speed_max", "unknown keyword KENNWERT"),
     "kind": (".dcm", "FESTWERT ars.limiter.speed_max", "KENNLINIE ars.limiter.speed_max 1", "a curve in the file, a value in"),
     "format": (".dcm", "KONSERVIERUNG_FORMAT 2.0", "KONSERVIERUNG_FORMAT 1.0", "does not begin with KONSERVIERUNG_FORMAT 2.0"),
@@ -317,10 +322,10 @@ FESTWERT {DISABLE}
   VAR a=1
   WERT 3.25
 END
-KENNLINIE {GAIN} 14
+KENNLINIE {GAIN} {POINTS}
   EINHEIT_X "m/s"
   ST/X {points}
-  WERT {" ".join(["0.5"] * 14)}
+  WERT {" ".join(["0.5"] * POINTS)}
 END
 """
     (tmp_path / "set.dcm").write_bytes(dcm.encode("latin-1"))

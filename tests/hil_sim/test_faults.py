@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from codegen.configuration import Config
 from codegen.configuration.can import Can
 from codegen.errors import CodegenError
 from codegen.sil.software import RECORD_COLUMNS, Software, Status
@@ -157,8 +156,8 @@ def test_faults_end_as_defined_with_a_constant_window_of_the_counter(name: str) 
 def test_every_kind_is_covered_and_messages_are_those_of_the_configuration() -> None:
     assert {fault.kind for case in CASES.values() for fault in case.faults} == set(typing.get_args(FaultKind))
     motion = CAN.vehicle_motion.model_copy(update={"name": "Drive", "id": 0x55})
-    config = Config(can=CAN.model_copy(update={"vehicle_motion": motion}))
-    named = {fault.message for case in catalogue(config.can, PERIOD) for fault in case.faults}
+    can = CAN.model_copy(update={"vehicle_motion": motion})
+    named = {fault.message for case in catalogue(can, PERIOD) for fault in case.faults}
     assert "Drive" in named and "VehicleMotion" not in named
 
 

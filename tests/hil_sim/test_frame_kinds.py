@@ -11,7 +11,7 @@ import cantools
 import numpy as np
 import pytest
 
-from codegen.configuration import Config, parse
+from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.sil.toolchain import compiler_command
 from hil_sim import bus, ecu_process
@@ -24,6 +24,7 @@ from hil_sim.scenarios import find
 from tests import builds
 from tests.frame_kinds import FD, IDS, KINDS, built, folder
 from tests.test_config import refused
+from tests.whole_car import car
 
 
 def test_dbc_and_c_have_the_identifiers() -> None:
@@ -126,7 +127,7 @@ def test_native_ecu_compiles_under_strict_warnings(name: str, tmp_path: Path) ->
 
 def test_examples_of_the_guide_are_valid() -> None:
     page = (Path(__file__).parents[2] / "docs" / "own-can-ids.md").read_text(encoding="utf-8")
-    examples = [parse(tomllib.loads(text), "guide").can for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL)]
+    examples = [car(tomllib.loads(text)).can for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL)]
     assert {(can.extended_ids, can.frame_bytes, can.e2e.profile) for can in examples} == {
         (False, 8, "1A"),
         (True, 8, "1A"),

@@ -156,7 +156,7 @@ def test_faults_of_a_scenario_file() -> None:
         (fault("drop", 'message = "Motion"'), "faults 1: message: there is no message 'Motion'; known: VehicleMotion"),
         (fault("infinity", MOTION), "faults 1: signal: infinity needs it"),
         (fault("infinity", MOTION, 'signal = "V"'), "signal: VehicleMotion has no signal 'V'; known: qualifier, speed"),
-        (fault("drop") + '[[faults]]\nkind = "drop"\nstart_s = 1.0\n', "faults 2: duration_s: this key is missing"),
+        (fault("drop") + '[[faults]]\nkind = "drop"\nstart_s = 1.0\n', ": faults 2: duration_s is missing; add it"),
         (fault("drop").replace("11.0", "15.0"), "faults 1: start_s: begins at 15 s, and the run ends at 15 s"),
         ("", "line 1: no column time_s"),
         ("time_s,speed_kmh,steering_wheel_angle_rad\n0,0,0\n", "is it 'speed_kmh'? units are in the names"),

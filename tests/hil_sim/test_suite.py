@@ -25,7 +25,7 @@ from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.second_plant.run import STEER_TIME as SECOND_STEER_TIME
 from hil_sim.suite import cells as changes
 from hil_sim.suite import tracking
-from hil_sim.suite.cells import COMBINED, CONDITIONS, DURATION, LAGS, NOMINAL, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells
+from hil_sim.suite.cells import COMBINED, DURATION, NOMINAL, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells, conditions, lags
 from hil_sim.suite.controller_properties import (
     SETTLING_TIME_S,
     TIMINGS,
@@ -48,6 +48,7 @@ from tests.hil_sim.made import record, spun
 
 CONFIG = builds.CONFIG
 CASE = CONFIG.case("4ws-2")
+LAGS, CONDITIONS = lags(CONFIG.rear_actuator.lag_s), conditions(CONFIG)
 
 
 @pytest.fixture(scope="module")
@@ -68,8 +69,14 @@ def test_cells_are_six_speeds_by_four_amplitudes_on_the_grid() -> None:
         assert solution.feasible[0].tolist() == [True, False]
     assert [cell.front_angle_deg / largest[-1].front_angle_deg for cell in found[-4:]] == pytest.approx(SHARES, rel=1e-12)
     assert (c1(CONFIG).speed_km_h, c1(CONFIG).front_angle_deg) == (42.5, pytest.approx(6.75))
-    slow = CONFIG.replace({"grid": {"speed_max_km_h": 70.0}})
-    assert {cell.speed_km_h for cell in cells(slow, CASE)} == {25.0, 42.5, 60.0}
+    for other, speeds in (
+        ({"grid.speed_max_km_h": 70.0}, {25.0, 42.5, 60.0}),
+        ({"vehicle.top_speed_km_h": 90.0}, {25.0, 42.5, 60.0, 80.0}),
+        ({"grid.speed_max_km_h": 150.0}, {*SPEEDS_KM_H, 140.0, 150.0}),
+        ({"vehicle.top_speed_km_h": 150.0}, {*SPEEDS_KM_H}),  # the map ends below
+    ):
+        assert {cell.speed_km_h for cell in cells(CONFIG.replace(other), CASE)} == speeds
+    assert {cell.speed_km_h for cell in cells(CONFIG, CASE, (60.0, 130.0))} == {60.0}  # those that a caller lists
     slower = CONFIG.replace({"grid": {"speed_min_km_h": 10.0, "speed_max_km_h": 24.0}})
     with pytest.raises(CodegenError, match="ends at 24 km/h"):
         cells(slower, CASE)
@@ -86,11 +93,20 @@ def test_a_cell_is_a_step_at_the_steering_wheel() -> None:
     assert np.isnan(Cell(80.0, 3.0).scenario(CONFIG).inputs(CONFIG)[0, 3])
 
 
+def test_lags_follow_the_car() -> None:
+    slow = CONFIG.replace({"rear_actuator.lag_s": 0.09})
+    names = [each.name for each in conditions(slow) if each.group == "lag"]
+    assert names == [each.name for each in lags(0.09)] == ["lag-36", "lag-90", "lag-180"]
+    assert [each.plant(slow).rear_actuator.lag_s for each in lags(0.09)] == [0.036, 0.09, 0.18]
+    assert COMBINED.plant(slow).rear_actuator.lag_s == 0.18
+    assert [each.name for each in LAGS] == ["lag-20", "lag-50", "lag-100"]  # the paper's car
+
+
 def test_load_sensitivity_and_relaxation() -> None:
     """`tests/sweep` compares the other changes with the cars of a campaign; one condition has all of them."""
     own = changes.together(changes.load_sensitivity(-0.1), changes.relaxation(0.6))
     others = changes.together(
-        changes.mass(20.0), changes.stiffness(-20.0, -20.0), changes.peak(-10.0), changes.actuator_lag(0.1)
+        changes.mass(20.0), changes.stiffness(-20.0, -20.0), changes.peak(-10.0), changes.actuator_lag(2.0)
     )
     assert COMBINED.plant(CONFIG) == changes.together(others, own)(CONFIG)
     car = own(CONFIG)
@@ -397,6 +413,9 @@ def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none()
     own, worst = ([point.phase_margin_deg for point in points] for points in (found.configured, found.points))
     assert own == pytest.approx(worst, rel=1e-9)  # a family with one member
     assert margins_of(CONFIG.replace({"controller": {"kind": "feedforward"}})) is None
+    fast, slow = ({"tuning": one_car, "grid.speed_max_km_h": top} for top in (160.0, 90.0))
+    speeds = [[point.speed_km_h for point in made.points] for one in (fast, slow) if (made := margins_of(CONFIG.replace(one)))]
+    assert [each[-3:] for each in speeds] == [[140.0, 150.0, 160.0], [70.0, 80.0, 90.0]]
 
 
 def test_sine_of_the_passive_car_is_that_of_linear_theory(pi: Subject) -> None:
@@ -412,8 +431,10 @@ def test_sine_of_the_passive_car_is_that_of_linear_theory(pi: Subject) -> None:
         return 1.0 + 2j * math.pi * frequency * CONFIG.steering.lag_s
 
     lowest = abs(response(0.2) / lag(0.2))
-    rows = sine_tracking(passive, [largest, Cell(100.0, 1.2, 0.25), Cell(60.0, 6.0, 1.0)])
+    driven = [Cell(42.5, 6.0, 1.0), Cell(60.0, 6.0, 1.0), Cell(100.0, 1.2, 0.25), largest]
+    slower, rows = (found := sine_tracking(passive, driven))[:3], found[3:]
     assert [(row.speed_km_h, row.frequency_hz) for row in rows] == [(100.0, f) for f in (0.5, 1.0, 1.5)]
+    assert {row.speed_km_h for row in slower} == {60.0}  # the two largest speeds
     # The passive car turns more than the map at 100 km/h by the ratio of their steady gains.
     small = Cell(100.0, 0.1 * largest.front_angle_deg)
     gain = float(SingleTrack.from_config(CONFIG).yaw_gain(speed))

@@ -3,9 +3,11 @@
 import functools
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import tomlkit
 
 from codegen.configuration import Config, parse, preset_text
 from codegen.errors import CodegenError
@@ -15,12 +17,16 @@ from codegen.identify.estimate import Fit
 from codegen.identify.held import undetermined_curves
 from codegen.identify.identifiability import Direction, Identifiability, analyse
 from codegen.identify.parameters import BY_NAME, CURVES, configured
-from codegen.identify.result import identified_keys, identified_toml, understeer_gradient
+from codegen.identify.reached import reached
+from codegen.identify.result import grip_reached, identified_keys, identified_toml, understeer_gradient
 from codegen.identify.run import Identification, Quantity, identify, judge
 from codegen.identify.validation import validate, whiteness
+from codegen.map_file.map import choose_config
+from codegen.optimum.solve import solve_case
 from codegen.units import DEGREE
 from codegen.vehicle.single_track import SingleTrack
 from tests.identify.drives import SENSOR, Course, Part, configured_car, drive, true_car, truth
+from tests.whole_car import with_car
 
 SEED = 3
 DEVIATIONS_MAX = 3.5
@@ -103,10 +109,42 @@ def test_a_covariance_is_symmetric() -> None:
     assert (found.correlation == found.correlation.T).all()
 
 
-@pytest.mark.parametrize("vehicle", ["vehicle = { mass_kg = 2000.0 }", "[vehicle]\nmass_kg = 2000.0"])
-def test_a_stiffness_factor_becomes_a_stiffness(vehicle: str) -> None:
+def test_the_file_has_the_grip_that_the_drives_reached() -> None:
+    """The side force of the drives decides, over the load and the identified peak; load transfer is worth 2 %. The front axle
+    reached its peak, and a key of an earlier identification that says otherwise is taken out."""
+    found = identified()
+    before = "\n[identified]\nfront_grip_reached = 0.5 # of another drive\nrear_grip_reached = 0.5\n"
+    data = with_car({})
+    inline = ", ".join(f"{key} = {value}" for key, value in data.pop("vehicle").items())
+    rewritten = f"schema_version = 1\nvehicle = {{ {inline} }}\n{tomlkit.dumps(data)}"
+    for text in (preset_text("recommended") + before, rewritten + before):
+        written = parse(tomllib.loads(identified_toml(found, text, "ars.toml")), "ars.toml").identified
+        assert written.front_grip_reached == 1.0 and written.rear_grip_reached < 0.99
+        force = reached(found.vehicle, found.config).friction[1]
+        peak = found.config.road.friction * found.values()["rear_peak"]
+        assert written.rear_grip_reached == pytest.approx(force / peak, rel=0.02)
+        assert written.keys == list(identified_keys(found))
+    (shares,) = [grip_reached(identify(found.config, [driven()[2][1]]))]
+    assert max(shares.values()) < 0.9  # without the drive to the limit
+
+
+def test_the_grip_reached_is_a_note_of_every_command(tmp_path: Path) -> None:
+    file = tmp_path / "ars.toml"
+    text = identified_toml(identified(), preset_text("recommended"), "ars.toml")
+    file.write_text(text, encoding="utf-8")
+    share = round(100.0 * parse(tomllib.loads(text), "ars.toml").identified.rear_grip_reached)
+    note = f"rear axle: the drives reached {share} % of its grip; grip_use_max refers to that"
+    config = choose_config(None, file).config.replace({"grid": {"speed_points": 3, "front_angle_points": 3}})
+    for reference_map, path in ((None, file), (solve_case(config, "4ws-2"), None), (solve_case(config, "4ws-2"), file)):
+        assert choose_config(reference_map, path).notes == (note,)
+
+
+@pytest.mark.parametrize(("vehicle", "between"), [("vehicle = {{ {} }}", ", "), ("[vehicle]\n{}", "\n")])
+def test_a_stiffness_factor_becomes_a_stiffness(vehicle: str, between: str) -> None:
     """A file with an inline table is written anew."""
-    text = f"schema_version = 1\n{vehicle}\n[tyre.rear]\nstiffness_factor_b_per_rad = 12.0\n"
+    data = with_car({"tyre": {"rear": {"stiffness_factor_b_per_rad": 12.0}}})
+    own = vehicle.format(between.join(f"{key} = {value}" for key, value in data.pop("vehicle").items()))
+    text = f"schema_version = 1\n{own}\n{tomlkit.dumps(data)}"
     found = identified()
     written = parse(tomllib.loads(identified_toml(found, text, "ars.toml")), "ars.toml")
     assert written.tyre.rear.stiffness_factor_b_per_rad is None

@@ -151,7 +151,7 @@ unit = "deg"
     ("toml", "message"),
     [
         ("[yawrate]\nsignal = 'x'", "yawrate: unknown key; did you mean 'yaw_rate'?"),
-        ("[vx]\nunit = 'km/h'", "vx.signal: this key is missing; add it"),
+        ("[vx]\nunit = 'km/h'", "vx.signal is missing; add it"),
         ("[vx]\nsignal = ''", "vx.signal"),
         ("[vx]\nsignal = []", "vx.signal"),
         ("[vx]\nsignal = 3", "vx.signal"),

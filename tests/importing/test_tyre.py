@@ -113,12 +113,20 @@ def test_two_files_are_front_and_rear_and_only_their_keys_change(run: Run, car: 
     assert again.read_bytes() == new.read_bytes()  # the comment is not repeated
 
 
-CAR = "[vehicle]\nmass_kg = 1500.0\ncg_to_front_axle_m = 1.2\n"
+CAR = """steering = { ratio = 15.0, front_angle_stop_deg = 35.0 }
+rear_actuator = { angle_max_deg = 3.5, rate_max_deg_s = 30.0, lag_s = 0.05 }
+[vehicle]
+mass_kg = 1500.0
+yaw_inertia_kg_m2 = 2600.0
+cg_height_m = 0.5
+track_m = 1.5
+cg_to_front_axle_m = 1.2
+"""
 
 
-def test_a_stiffness_factor_is_replaced_and_missing_tables_are_added(car: Path) -> None:
-    rest = "cg_to_rear_axle_m = 1.4\n\n[tyre.front]\nstiffness_factor_b_per_rad = 12.0 # B\n\n[road] # dry\nfriction = 1.0\n"
-    car.write_text("schema_version = 1\n" + CAR + rest, encoding="utf-8")
+def test_a_stiffness_factor_is_replaced(car: Path) -> None:
+    tyres = "[tyre.front]\nstiffness_factor_b_per_rad = 12.0 # B\n\n[tyre.rear]\nstiffness_factor_b_per_rad = 12.0\n"
+    car.write_text(f"{CAR}cg_to_rear_axle_m = 1.4\n\n{tyres}\n[road] # dry\nfriction = 1.0\n", encoding="utf-8")
     text = import_tyres([DATA / "mf61.tir"], car).text
     made = configuration.parse(tomllib.loads(text), "made")
     assert made.tyre.front.stiffness_factor_b_per_rad is None
@@ -154,9 +162,11 @@ BAD_FILES = [
     ("mf61.tir", "FITTYP   = 61", "FITTYP = 5", "FITTYP 5 is not read; read are PAC2002, and FITTYP 6, 21, 52"),
     ("mf61.tir", "ANGLE  = 'radians'", "ANGLE = 'gon'", "line 7: ANGLE = 'gon' is not known; give 'radian' or 'degree'"),
 ]
-INLINE = "cg_to_rear_axle_m = 1.4\n[tyre]\nfront = { cornering_stiffness_n_per_rad = 80000.0 }\n"
+INLINE = "cg_to_rear_axle_m = 1.4\n[tyre]\n" + "".join(
+    f"{axle} = {{ cornering_stiffness_n_per_rad = 80000.0 }}\n" for axle in ("front", "rear")
+)
 BAD_CARS = {
-    CAR: "vehicle.cg_to_rear_axle_m: not given",
+    CAR: "vehicle.cg_to_rear_axle_m, tyre.front.cornering_stiffness_n_per_rad, tyre.rear.cornering_stiffness_n_per_rad are",
     CAR + INLINE: "[tyre.front] is written in a way that cannot be edited",
 }
 

@@ -16,11 +16,16 @@ import numpy as np
 import pytest
 
 from codegen import configuration
+from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.emit.write import write_folder
 from codegen.errors import MapError
+from codegen.importing.toml_edit import whole
+from codegen.judgement.check import check_path
 from codegen.map_file import archive
 from codegen.map_file import map as refmap
 from codegen.map_file.bounds import Binding
-from codegen.map_file.map import ReferenceMap
+from codegen.map_file.map import ReferenceMap, choose_config
+from codegen.optimum.solve import solve_case
 
 Arrays = dict[str, Any]
 Change = Callable[[Arrays], None]
@@ -293,3 +298,24 @@ def test_a_map_that_breaks_the_contract_is_not_saved(tmp_path: Path, monkeypatch
     monkeypatch.setattr(archive, "UNPACKED_BYTES_MAX", len(refmap.to_bytes(solved_map())) // 2)
     with pytest.raises(MapError, match="fewer breakpoints"):
         refmap.to_bytes(solved_map())
+
+
+def test_a_map_that_leaves_its_grip_unused_has_a_note(tmp_path: Path) -> None:
+    """Of the map, where there is one, and else of all cases; the build and its check have it too."""
+    note = (
+        "without limits.grip_use_max, a map of the nonlinear tyre ({}) keeps to its linear range; "
+        "set the key, such as 0.98, to use its grip"
+    )
+    small = {"grid": {"speed_points": 3, "front_angle_points": 3}}
+    config = configuration.preset().with_tyre_model("magic-formula").replace(small)
+    file, path, folder = tmp_path / "ars.toml", tmp_path / "map.npz", tmp_path / "build"
+    file.write_text(whole(config, "a test"), encoding="utf-8")
+    solved = solve_case(config, "4ws-2")
+    refmap.save(solved, path)
+    assert choose_config(None, file).notes == (note.format("fws, 4ws-1, 4ws-2"),)
+    mine = note.format("4ws-2")
+    assert choose_config(solved, None).notes == choose_config(solved, file).notes == (mine,)
+    write_folder(build(solved, config, BuildOptions("test"), BuildInputs("map.npz", "0" * 64, "map")), folder)
+    assert mine in check_path(path).notes and mine in check_path(folder).notes and mine not in check_path(path).warnings
+    for other in (configuration.preset("recommended"), configuration.preset()):
+        assert choose_config(solve_case(other.replace(small), "4ws-2"), None).notes == ()

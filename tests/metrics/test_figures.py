@@ -53,6 +53,8 @@ KNOWN = {
     "map_overshoot_percent": 37.5,
     "overshoot_percent": 10.0,
     "rise_time_s": 0.41,  # 0.45 rad/s are passed after 0.4091 s
+    "lateral_acceleration_overshoot_percent": 10.0,
+    "lateral_acceleration_rise_time_s": 9.0 / 22.0,
     "settling_time_s": 0.93,  # 0.51 rad/s are passed 4/5 down the fall of 0.53 s, after 0.924 s
     "peak_time_s": 0.5,
     "yaw_rate_gain_per_s": 0.5 / (0.04 * RATIO),
@@ -112,6 +114,16 @@ def test_a_run_that_does_not_settle_and_one_that_stays_outside() -> None:
     assert found.overshoot_percent[2] == 0.0 and math.isnan(found.yaw_rate_gain_per_s[2])
     short = StepResponse(stacked(leaving), steady_window=0.05)  # one of five samples is at 0.6 rad/s
     assert short.yaw_rate_steady_deg_s == pytest.approx(math.degrees(0.52))
+
+
+def test_a_lateral_acceleration_has_risen_when_it_stays_above() -> None:
+    """A peak of the front wheels at 0.2 s, a dip, and the rise proper through 9 m/s^2; one that falls at the end; none."""
+    peak = step_record(lateral_acceleration_m_s2=lambda t: np.interp(t, [1.0, 1.2, 1.4, 2.0], [0.0, 9.5, 6.0, 10.0]))
+    falls = step_record(lateral_acceleration_m_s2=lambda t: np.where((t > 1.5) & (t < 5.985), 10.0, 0.0))
+    still = step_record(lateral_acceleration_m_s2=0.0)
+    found = StepResponse(stacked(peak, falls, still))
+    assert found.lateral_acceleration_rise_time_s == pytest.approx([0.4 + 0.6 * 0.75, math.nan, 0.0], nan_ok=True)
+    assert found.lateral_acceleration_overshoot_percent[2] == 0.0
 
 
 @pytest.mark.parametrize("kind", TABLES)

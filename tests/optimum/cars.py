@@ -16,7 +16,7 @@ import pytest
 from scipy.optimize import linprog
 
 from codegen.arrays import FloatArray
-from codegen.configuration import Case, Config, parse, preset
+from codegen.configuration import Case, Config, preset
 from codegen.ecu_map.extend import TotalMap, extend
 from codegen.map_file.bounds import Binding
 from codegen.map_file.map import ReferenceMap
@@ -26,6 +26,7 @@ from codegen.optimum.solve import solve_case
 from codegen.vehicle.dynamics import Model, single_track
 from codegen.vehicle.single_track import SingleTrack
 from tests import shared
+from tests.whole_car import car
 
 CASE = "random"
 PAPER = preset()
@@ -101,7 +102,7 @@ def random_config(rng: np.random.Generator, *, rear_steering: bool | None = None
             }
         },
     }
-    top = min(draw(60.0, 250.0), 0.97 * 3.6 * SingleTrack.from_config(parse(data, "random car")).critical_speed)
+    top = min(draw(60.0, 250.0), 0.97 * 3.6 * SingleTrack.from_config(car(data)).critical_speed)
     data["grid"] = {
         "speed_min_km_h": min(10.0, 0.3 * top),
         "speed_max_km_h": top,
@@ -110,7 +111,7 @@ def random_config(rng: np.random.Generator, *, rear_steering: bool | None = None
         "front_angle_max_deg": draw(3.0, 20.0),
         "front_angle_points": 4,
     }
-    return parse(data, "random car")
+    return car(data)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
+from benchmarks.judged_cars import five_cars
 from codegen import configuration
 from codegen.configuration import Tightening
 from codegen.errors import CodegenError
@@ -18,6 +19,7 @@ from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import solve_case
 from codegen.optimum.uncertain import CONFIDENCE, SEED, car_count, keeps, lost_allowed, solve_uncertain, uses_of
 from codegen.vehicle.population import draw
+from codegen.vehicle.tyre import AxleTyres
 from tests.optimum.cars import PAPER, SteadyModel, changed
 from tests.optimum.populations import uncertain
 
@@ -87,6 +89,23 @@ def test_other_cars_keep_the_limits_in_the_wanted_share() -> None:
     both = found.map.feasible & found.nominal.feasible
     assert (found.map.yaw_rate[both] <= found.nominal.yaw_rate[both] * (1.0 + 1e-9)).all()
     assert npz.from_bytes(npz.to_bytes(found.map), "test").config == found.map.config
+
+
+def test_a_map_that_uses_grip_is_tightened_by_its_grip_slips() -> None:
+    """Cap and floor follow the tighter bounds: the yaw rate still never falls, and the nominal map loses most cars."""
+    config = uncertain(changed(five_cars()["van, loaded"], grid=GRID))
+    found = solve_uncertain(config, "4ws-2", 0.5)
+    grip = AxleTyres.from_config(config).grip_slips
+    assert grip is not None and found.map.config is not None
+    problem = SteadyTurnProblem.from_config(found.map.config, found.map.config.case("4ws-2"))
+    made = found.tightening
+    limits = [made.front_slip_max * grip[0], made.rear_slip_max * grip[1]]
+    assert [problem.front_slip_max, problem.rear_slip_max] == pytest.approx(limits, rel=1e-12)
+    assert 0.6 < made.front_slip_max < 0.98 and made.lost <= lost_allowed(0.5, made.cars) < 0.5 * made.cars
+    assert found.lost_by_nominal > 0.5
+    assert 0.9 < np.nanmin(found.map.yaw_rate / found.nominal.yaw_rate) < 1.0
+    for each in (found.map, found.nominal):
+        assert np.nanmin(np.diff(each.yaw_rate, axis=1) / each.yaw_rate[:, 1:]) >= -1e-14
 
 
 def test_uses_are_those_of_the_independent_model() -> None:

@@ -13,14 +13,17 @@ from codegen.cli.check_commands import check
 from codegen.configuration import Config, preset
 from codegen.emit.from_files import prepare
 from codegen.errors import CheckFailed, CodegenError
+from codegen.judgement.check import Found, check_path
+from codegen.judgement.model import of_map
 from codegen.map_file import map as npz
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import margins_line, schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings, distinct
-from codegen.plausibility.check import Found, check_path
 from codegen.plausibility.map import MapFacts, axis_warnings, beyond_grip, map_warnings
 from hil_sim.suite.cars import TEST_SEED, random_cars
+from tests.whole_car import car_toml
 
+OLDER_LAGS = {"actuator_lag_s": [0.02, 0.05, 0.1], "actuator_lag_factor": None}
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
 COARSE = {"grid": {"speed_points": 7, "front_angle_points": 8}}
 
@@ -63,7 +66,14 @@ def test_a_plausible_car_has_no_warning(number: int) -> None:
         ),
         ({"vehicle": {"cg_height_m": 1.0}}, "rolls over before its tyres slide"),
         ({"rear_actuator": {"rate_max_deg_s": 20.0}}, "rear_rate_max_deg_s = 25 is above rear_actuator.rate_max_deg_s = 20"),
-        ({"rear_actuator": {"lag_s": 0.2}}, "rear_actuator.lag_s = 0.2 is outside the lags for which gains are designed"),
+        (
+            {"rear_actuator": {"lag_s": 0.2}, "tuning": OLDER_LAGS},
+            r"rear_actuator.lag_s = 0.2 is outside the lags .*, 0.02 to 0.1 s \(tuning.actuator_lag_s\); replace that key by",
+        ),
+        (
+            {"tuning": {"actuator_lag_factor": [2.0, 4.0]}},
+            r"rear_actuator.lag_s = 0.05 is outside .* 0.1 to 0.2 s \(tuning.actuator_lag_factor\); include 1 there and run",
+        ),
         (
             {"tyre": {"front": {"cornering_stiffness_n_per_rad": 140e3}}},
             "the car is unstable from 137 km/h without rear steering",
@@ -104,7 +114,7 @@ def test_handling_is_that_of_the_linear_car() -> None:
 
 
 def test_a_map_beyond_the_actuator_or_the_tyres_is_found() -> None:
-    """The warnings give the fraction of cells beyond the actuator, and the slip; the facts, the active constraints."""
+    """The warnings give the fraction of cells beyond the actuator, and the slip."""
     config = hatchback(limits={"rear_angle_max_deg": 5.0})
     found = list(map_warnings(solve_case(config, "4ws-2"), hatchback()))
     assert any(
@@ -112,27 +122,7 @@ def test_a_map_beyond_the_actuator_or_the_tyres_is_found() -> None:
     )
     linear = solve_case(hatchback().with_tyre_model("linear"), "4ws-2")
     assert [text for text in map_warnings(linear, hatchback()) if "rear slip bound" in text]
-    facts = MapFacts.of_map(linear, hatchback())
-    assert facts.reachable_percent == 100.0
-    assert sum(facts.turns_less_by.values()) == pytest.approx(facts.turns_less_percent)
-
-
-def test_cells_without_an_active_constraint_are_attributed_to_the_sideslip_weight() -> None:
-    start = "the car turns less than with its rear wheels straight in 16 % of the feasible cells"
-    found = MapFacts(None, 16.2, {"sideslip": 2.4, "none": 13.4, "rear angle": 0.4})
-    weight = "no constraint is active in 13 %, where the sideslip weight decides"
-    assert list(found.lines()) == [f"{start}; {weight}; active constraints: sideslip 2 %"]
-    assert list(MapFacts(None, 0.0, {}).lines()) == [start.replace("16 %", "0 %")]
-
-
-@pytest.mark.parametrize("tyre_model", ["linear", "magic-formula"])
-def test_the_front_steered_car_of_the_comparison_has_the_same_bounds(tyre_model: Any) -> None:
-    config = hatchback().with_tyre_model(tyre_model)
-    steered, straight = solve_case(config, "4ws-2"), solve_case(config, "fws")
-    less = steered.feasible & (steered.yaw_rate < 0.99 * straight.yaw_rate)
-    percent = MapFacts.of_map(steered, config).turns_less_percent
-    assert less.any() and percent == pytest.approx(100.0 * less.sum() / steered.feasible.sum())
-    assert MapFacts.of_map(straight, config).turns_less_percent == 0.0
+    assert MapFacts.of_map(linear, hatchback()).reachable_percent == 100.0
 
 
 def test_a_map_of_the_nonlinear_tyre_that_exceeds_its_slip_bounds_is_solved_again() -> None:
@@ -149,6 +139,17 @@ def test_a_limiter_derived_from_the_car_has_another_remedy() -> None:
     assert "raise limiter.opposite_phase_lateral_acceleration_m_s2 (it is 1)" in text
 
 
+def test_the_family_follows_a_slow_actuator_and_the_top_speed_ends_the_check() -> None:
+    slow = {"rear_actuator": {"lag_s": 0.2}}
+    assert car_warnings(hatchback(**slow)) == ()
+    oversteering = {"tyre": {"front": {"cornering_stiffness_n_per_rad": 140e3}}}
+    found = [
+        "unstable from 137 km/h" in "\n".join(car_warnings(hatchback(**oversteering, vehicle={"top_speed_km_h": top})))
+        for top in (140.0, 130.0)
+    ]
+    assert found == [True, False]
+
+
 def test_a_neutral_car_has_no_critical_or_characteristic_speed() -> None:
     arm = {"cg_to_front_axle_m": 1.3, "cg_to_rear_axle_m": 1.301}
     assert str(Handling.from_config(hatchback(vehicle=arm))) == "understeer gradient 0.00 deg/g, neutral"
@@ -162,8 +163,9 @@ def test_a_value_close_to_a_limit_has_enough_digits() -> None:
 def test_a_gain_schedule_of_another_car_is_found() -> None:
     config = npz.load(GENERATED / "4ws2.npz").config
     assert config is not None and list(schedule_warnings(config)) == []
-    (text,) = schedule_warnings(config.replace({"rear_actuator": {"lag_s": 0.08}}))
+    family, text = schedule_warnings(config.replace({"rear_actuator": {"lag_s": 0.08}}))  # the family follows the actuator
     assert "tuned for another actuator than rear_actuator.lag_s = 0.08" in text
+    assert family.startswith("over the family of cars the gains keep ")
     schedule = config.controller.tracking.schedule
     assert schedule is not None
     tripled = {
@@ -202,8 +204,9 @@ def test_axes_are_checked_where_the_acceleration_is_plausible() -> None:
 
 def test_committed_files_and_a_modified_build(tmp_path: Path) -> None:
     found = check_path(GENERATED / "4ws2.npz")
-    assert (found.kind, found.warnings) == ("map", ())
-    assert found.facts["turns_less_percent"] == pytest.approx(12.73)
+    stored = of_map(npz.load(GENERATED / "4ws2.npz"), npz.load(GENERATED / "4ws2.npz").config)
+    assert (found.kind, found.warnings) == ("map", stored.warnings)
+    assert found.facts["judgement"] == stored.to_dict()
     folder = tmp_path / "build"
     (folder / "src").mkdir(parents=True)
     manifest = json.loads((GENERATED / "4ws2/manifest.json").read_text(encoding="utf-8"))
@@ -262,7 +265,7 @@ def test_reasons_to_reject_a_build_are_warnings_of_its_map(tmp_path: Path) -> No
 
 def configured(folder: Path, text: str) -> Path:
     path = folder / "ars.toml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(car_toml(text), encoding="utf-8")
     return path
 
 
@@ -288,11 +291,13 @@ def test_a_limit_above_that_of_the_actuator_is_reported_once(tmp_path: Path) -> 
     assert "limits.rear_angle_max_deg = 5 is above rear_actuator.angle_max_deg = 3.5" in text
 
 
-def test_defaults_for_missing_keys_are_one_note(tmp_path: Path) -> None:
-    found = check_path(configured(tmp_path, GRID))
-    assert found.warnings == ()
-    (note,) = [text for text in found.notes if "stands in" in text]
-    assert "vehicle.mass_kg" in note and "tyre.rear" in note
+def test_lags_that_do_not_follow_the_car_are_one_note(tmp_path: Path) -> None:
+    older = check_path(configured(tmp_path, f"{GRID}[tuning]\nactuator_lag_s = [0.02, 0.05, 0.1]\n"))
+    (note,) = [text for text in older.notes if "actuator_lag_factor" in text]
+    assert note.startswith("tuning.actuator_lag_s = 0.02 to 0.1 s does not follow rear_actuator.lag_s")
+    assert not [text for text in check_path(configured(tmp_path, GRID)).notes if "actuator_lag" in text]
+    of_map, of_build = (check_path(GENERATED / name).notes for name in ("4ws2-paper.npz", "4ws2-paper"))
+    assert note in of_map and note in of_build
 
 
 def test_another_configuration_requires_a_map(tmp_path: Path) -> None:
@@ -302,6 +307,6 @@ def test_another_configuration_requires_a_map(tmp_path: Path) -> None:
 
 def test_several_warnings_are_counted_in_the_plural(monkeypatch: pytest.MonkeyPatch) -> None:
     found = Found("map", (), {}, (), ("one", "two"))
-    monkeypatch.setattr("codegen.plausibility.check.check_path", lambda *_: found)
+    monkeypatch.setattr("codegen.judgement.check.check_path", lambda *_, **__: found)
     with pytest.raises(CheckFailed, match="2 warnings; resolve them"):
         check.main([str(GENERATED / "4ws2.npz")], standalone_mode=False)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hil_sim.scenarios import PATH_SCENARIOS
-from hil_sim.suite.cells import CONDITIONS, DURATION, LAGS, NOMINAL, SHARES, SPEEDS_KM_H, STEER_TIME, Cell
+from hil_sim.suite.cells import DURATION, NOMINAL, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, conditions, lags
 from hil_sim.suite.controller_properties import (
     SINE_FREQUENCIES_HZ,
     TIMINGS,
@@ -18,9 +18,11 @@ from hil_sim.suite.controller_properties import (
 )
 from hil_sim.suite.runs import CellResult
 from hil_sim.suite.tracking import CellRuns, ExternalFigures, SuiteResult
+from tests import builds
 from tests.hil_sim import made as recordings
 
 SUBJECTS = ("tracking", "pi", "feedforward", "proportional", "passive")
+LAGS, CONDITIONS = lags(builds.CONFIG.rear_actuator.lag_s), conditions(builds.CONFIG)
 CELLS = tuple(Cell(speed, share * 200.0 / speed, share) for speed in SPEEDS_KM_H for share in SHARES)
 OVERSHOOT = {"tracking": 1.0, "pi": 20.0, "feedforward": 4.0, "proportional": 5.0, "passive": 8.0}
 """% at the smallest share, and in proportion to the share elsewhere."""

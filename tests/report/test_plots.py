@@ -16,7 +16,6 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from scipy.interpolate import RegularGridInterpolator
 
-from codegen import configuration
 from codegen.map_file.bounds import Binding, binding_text
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.nonlinear import slip_use
@@ -27,11 +26,11 @@ from codegen.vehicle.tyre import AxleTyres
 from hil_sim.scenarios import find
 from tests.hil_sim.made import record
 from tests.report.figures import check_layout, line_of, names
+from tests.whole_car import car
 
 # A coarse grid with breakpoints at 4 deg and at whole km/h.
-CONFIG = configuration.parse(
-    {"grid": {"speed_points": 21, "front_angle_min_deg": 0.5, "front_angle_points": 20}, "controller": {"kind": "pi"}},
-    "configuration of the test",
+CONFIG = car(
+    {"grid": {"speed_points": 21, "front_angle_min_deg": 0.5, "front_angle_points": 20}, "controller": {"kind": "pi"}}
 ).with_tyre_model("linear")
 CASES = ("fws", "4ws-1", "4ws-2")
 FOUR_DEGREES = math.radians(4.0)

@@ -13,10 +13,9 @@ from matplotlib.figure import Figure
 from codegen.report import suite_plots
 from codegen.report.style import CONTROLLER_COLOURS as COLOURS
 from codegen.report.suite_tables import WIDTH, failures, sections
-from hil_sim.suite.cells import CONDITIONS, LAGS
 from hil_sim.suite.tracking import ExternalFigures, SuiteResult
 from tests.report.figures import check_layout, names
-from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, spun, third_party, with_table
+from tests.report.made_suite import CELLS, CONDITIONS, LAGS, SUBJECTS, cell_result, made, spun, third_party, with_table
 
 FIGURES = ("overview", "steps", "cells", "conditions", "margins", "friction", "price")
 

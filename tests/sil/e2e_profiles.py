@@ -8,10 +8,11 @@ import numpy as np
 from cantools.autosar.end_to_end import compute_profile2_crc, compute_profile5_crc
 from e2e import p01, p02, p05, p11
 
-from codegen.configuration import Config, parse
+from codegen.configuration import Config
 from codegen.configuration.e2e_profiles import PROFILES, DataId, Profile, ProfileName
 from hil_sim.e2e import E2eStatus
 from tests import builds
+from tests.whole_car import car
 
 DATA_IDS = tuple(bytes(11 * k + 16 * message & 0xFF for k in range(16)) for message in range(3))
 """Data ids of profile 2 for each message."""
@@ -57,7 +58,7 @@ def can_of(name: ProfileName) -> dict[str, Any]:
 
 def config_of(name: ProfileName) -> Config:
     """Return the paper's configuration with a profile."""
-    return builds.CONFIG.model_copy(update={"can": parse({"can": can_of(name)}, "test").can})
+    return builds.CONFIG.model_copy(update={"can": car({"can": can_of(name)}).can})
 
 
 @functools.cache

@@ -226,7 +226,7 @@ def mixed_lanes(count: int) -> tuple[Lanes, npt.NDArray[np.intp]]:
 
 def selected(lanes: Lanes, index: Any) -> Lanes:
     """Return some runs, reordered."""
-    fields = [field.name for field in dataclasses.fields(lanes) if field.name != "noise"]
+    fields = [field.name for field in dataclasses.fields(lanes) if field.name not in ("noise", "drivers")]
     picked: Mapping[str, Any] = {name: np.asarray(getattr(lanes, name))[index] for name in fields}
     assert lanes.noise is not None
     return Lanes(**picked, noise=lanes.noise[:, :, index])

@@ -94,7 +94,7 @@ HEAVIER = ("mass", "yaw_inertia", "load_transfer_front", "load_transfer_rear", "
         ),
         (
             {"rear_lag_s": 0.1},
-            cells.actuator_lag(0.1),
+            cells.actuator_lag(2.0),
             {"rear_lag": 0.1 / builds.CONFIG.rear_actuator.lag_s},
         ),
         (

@@ -20,6 +20,7 @@ from codegen.sweep.region import (
     _is_stable,
     confirm,
     region,
+    speeds_of,
 )
 from tests import builds
 
@@ -47,6 +48,14 @@ def test_the_papers_loop_is_unstable_at_high_speed(driven: Region, linear: Regio
     assert driven.undecided.sum() < 0.05 * driven.stable.size
     stable = linear.stable.sum(axis=2)  # mass and low friction reduce the number of stable speeds
     assert (np.diff(stable, axis=0) <= 0).all() and (np.diff(stable, axis=1) >= 0).all()
+
+
+def test_the_region_ends_with_the_margins() -> None:
+    """Its grid has the last speed of a designed controller, and of fixed gains only those that the controller accepts."""
+    tracking, pi = builds.TRACKING_CONFIG, builds.CONFIG
+    assert speeds_of(tracking) == SPEEDS_KM_H[:6] and speeds_of(pi) == SPEEDS_KM_H
+    assert speeds_of(tracking.replace({"vehicle.top_speed_km_h": 150.0})) == (*SPEEDS_KM_H[:7], 150.0)
+    assert speeds_of(pi.replace({"vehicle.top_speed_km_h": 90.0})) == (*SPEEDS_KM_H[:4], 90.0)
 
 
 def test_poles_and_margins_agree(linear: Region) -> None:

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from tests.whole_car import with_car
+
 ROLLING_SPEED_MIN = 0.5
 """m/s: a slower wheel counts as rolling at this speed."""
 
@@ -162,11 +164,12 @@ def tables(car: Car) -> dict[str, Any]:
     wheel_rate, rear_rate = (math.degrees(lag.rate_limit) for lag in (car.steering, car.rear_actuator))
     rear_angle, rear_lag = math.degrees(car.rear_angle_max), car.rear_actuator.time_constant
     transfer = "paper" if car.load_transfer_scale == 0.5 else "moment-balance"
+    steering = {"ratio": car.steering_ratio, "wheel_rate_max_deg_s": wheel_rate, "lag_s": car.steering.time_constant}
     return {
         "vehicle": dict(zip(_VEHICLE.split(), vehicle, strict=True)),
         "road": {"friction": car.dry_friction, "gravity_m_s2": car.gravity},
         "tyre": {"front": dict(zip(_TYRE.split(), front, strict=True)), "rear": dict(zip(_TYRE.split(), rear, strict=True))},
-        "steering": {"ratio": car.steering_ratio, "wheel_rate_max_deg_s": wheel_rate, "lag_s": car.steering.time_constant},
+        "steering": {**steering, "front_angle_stop_deg": 35.0},
         "rear_actuator": {"angle_max_deg": rear_angle, "rate_max_deg_s": rear_rate, "lag_s": rear_lag},
         "plant": {"load_transfer": transfer, "relaxation_length_m": car.relaxation_length},
     }
@@ -182,9 +185,9 @@ OTHER = Car(
 )
 """A car in which every term of the model is active, except the relaxation length."""
 CARS: dict[str, tuple[dict[str, Any], Car]] = {
-    "paper": ({}, Car()),
+    "paper": (with_car({}), Car()),
     "other": (tables(OTHER), OTHER),
-    "relaxed": ({"plant": {"relaxation_length_m": 0.4}}, Car(relaxation_length=0.4)),
+    "relaxed": (with_car({"plant": {"relaxation_length_m": 0.4}}), Car(relaxation_length=0.4)),
 }
 
 

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.configuration import Tyre, parse
+from codegen.configuration import Tyre
 from codegen.errors import ConfigError
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 from tests.builds import CONFIG
+from tests.whole_car import car
 
 LOAD = 5_700.0
 FRICTION = 0.9
@@ -64,7 +65,7 @@ def test_slip_bound_is_the_first_departure(factors: dict[str, float], percent: f
 
 def test_a_tyre_that_never_departs_is_refused() -> None:
     # With B = 0.5/rad, 45 degrees of slip are still in the linear range.
-    config = parse({"tyre": {"rear": {"stiffness_factor_b_per_rad": 0.5}}}, "test")
+    config = car({"tyre": {"rear": {"stiffness_factor_b_per_rad": 0.5}}})
     with pytest.raises(ConfigError, match=r"^tyre\.rear: .*never departs 10 %.*45 deg.*limits\.slip_departure_percent"):
         AxleTyres.from_config(config)
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from codegen.configuration import parse
 from codegen.emit.render import hexadecimal
 from codegen.emit.xcp_view import xcp_timing
 from codegen.errors import BuildError, CodegenError
 from codegen.sil.toolchain import compiler_command
 from hil_sim import ecu_process
 from hil_sim.session import check_xcp
+from tests.whole_car import car
 from tests.xcp.checks import run_random_packets
 from tests.xcp.slave import BUILD, COMMANDS, ERRORS
 
@@ -27,7 +27,7 @@ from tests.xcp.slave import BUILD, COMMANDS, ERRORS
 )
 def test_the_period_in_the_program(period: float, ticks: int, mode: str, cycle: int, unit: int) -> None:
     tables = {"controller": {"sampling_time_s": period}, "plant": {"sampling_time_s": 0.00025}}
-    config = parse(tables, "car.toml")
+    config = car(tables)
     timing = xcp_timing(config)
     printed = f"{hexadecimal(timing.timestamp_mode, 2)}u"
     assert (timing.timestamp_ticks, printed, timing.event_cycle, timing.event_unit) == (ticks, mode, cycle, unit)

@@ -79,7 +79,7 @@ def front_angle_chart(config: Config, front_angle_deg: float, paper: bool, own: 
         paper: whether to mark the paper's table, which is for this car and angle.
         own: case of the map. Of equal cases only the first is drawn, but this one always.
     """
-    speed = np.linspace(config.grid.speed_min_km_h, config.grid.speed_max_km_h, 401)
+    speed = np.linspace(config.grid.first_speed_km_h, config.grid.last_speed_km_h, 401)
     angle = np.array([math.radians(front_angle_deg)])
     others = iter(OTHER_LOOKS * len(config.cases))
     data: list[dict[str, Any]] = []

@@ -13,12 +13,14 @@ import numpy.typing as npt
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.design.margins import Weakest
+from codegen.design.margins import Weakest, margin_range_km_h
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.total import RULE_TEXT, Rule
 from codegen.emit.evidence import margins_of, margins_text
+from codegen.emit.folder import verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.errors import MapError
+from codegen.judgement.model import Stored, of_manifest, of_map
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.report.bus_tables import HEADER, FaultEntry, fault_cells
@@ -39,6 +41,7 @@ from codegen.report.html.build import manifest_blocks, verification_blocks
 from codegen.report.html.bus import bus_blocks
 from codegen.report.html.curves import front_angle_chart, tyre_charts
 from codegen.report.html.inputs import BusTimes
+from codegen.report.html.judgement import judgement_blocks
 from codegen.report.html.maps import (
     FRONT_ANGLE,
     SPEED,
@@ -208,6 +211,15 @@ class Material:
     of_paper: bool = False
 
     @cached_property
+    def judgement(self) -> Stored:
+        """The judgement of the car that is stored in the map or the build."""
+        found = of_map(self.map.map, self.config)
+        if found.judgement is not None or self.build is None:
+            return found
+        of_build = of_manifest(read_build(self.build), is_edited=bool(verify_hashes(self.build)))
+        return of_build if of_build.state != "missing" else found
+
+    @cached_property
     def margins(self) -> Weakest | None:
         """Smallest margins of the configured controller; None without feedback."""
         return margins_of(self.config)
@@ -226,6 +238,8 @@ def to_compare(one: ReferenceMap) -> NamedMap | None:
 def sections(material: Material) -> Iterator[Section]:
     """Yield all sections. A section without content contains a notice that explains how to add it."""
     yield Section("verdict", "Verdict", list(verdict_blocks(material)), is_open=True)
+    if material.configured:
+        yield Section("judgement", "Better than without the controller?", list(judgement_blocks(material.judgement)))
     yield Section("map", "The map", list(_map(material)))
     if material.others:
         yield Section("compared", "Maps compared", list(_compared(material)))
@@ -371,8 +385,7 @@ def _margins(material: Material) -> Iterator[Block]:
     yield chart
     for name, config in (material.loops or {}).items():
         least = margins_text(material.margins if config is material.config else margins_of(config)).replace("**", "")
-        top = config.controller.inputs.speed_max_km_h
-        yield Text(f"{name}, least margins of the car itself up to {top:g} km/h: {least}.")
+        yield Text(f"{name}, least margins of the car itself up to {margin_range_km_h(config)[1]:g} km/h: {least}.")
 
 
 def _faults(faults: Sequence[FaultEntry] | None) -> Iterator[Block]:

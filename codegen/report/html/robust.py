@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 
 from codegen.configuration import Config, preset
-from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, family_margins, nominal_margins
+from codegen.design.margins import (
+    WARN_GAIN_MARGIN_DB,
+    WARN_PHASE_MARGIN_DEG,
+    family_margins,
+    family_range_km_h,
+    margin_range_km_h,
+    nominal_margins,
+)
 from codegen.emit.laws import LAWS, law_of
 from codegen.report.html.blocks import INK, MUTED, Block, Chart, Gallery, Table, Text, axis, layout, line, numbers, scale_of
 from codegen.report.html.maps import SPEED, colour_bar
@@ -34,10 +41,9 @@ def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
             continue
         shown.append(name)
         colour = next(colours)
-        first = config.controller.enable_speed_km_h * KM_H
-        last = max(config.tuning.speed_km_h) * KM_H
         for count, dash, whose in ((POINTS, "solid", "the car itself"), (FAMILY_POINTS, "dash", "worst of the family")):
-            speed = np.linspace(first, last, count)
+            ends = margin_range_km_h(config) if count == POINTS else family_range_km_h(config)
+            speed = np.linspace(*ends, count) * KM_H
             if count == POINTS:
                 margins = nominal_margins(config, speed, *gains(speed))
             else:

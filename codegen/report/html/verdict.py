@@ -1,4 +1,4 @@
-"""First screen of a report: the build, its gain over the front-steered car, its margins, its cost and its verification."""
+"""First screen of a report: whether the car is better, its figures, its margins, its cost and its verification."""
 
 from __future__ import annotations
 
@@ -6,26 +6,21 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from codegen.configuration import Config
-from codegen.design.margins import Weakest
+from codegen.design.margins import Weakest, margin_range_km_h
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
-from codegen.map_file.map import ReferenceMap
+from codegen.judgement.check import all_warnings
 from codegen.plausibility.build import folder_notes, folder_warnings
 from codegen.plausibility.car import Handling
-from codegen.plausibility.check import all_warnings
 from codegen.report.html import build as build_tables
-from codegen.report.html import maps, runs
+from codegen.report.html import judgement, maps, runs
 from codegen.report.html.blocks import Block, Chart, Gallery, Text, Tile, Tiles
 from codegen.units import KM_H
-from hil_sim.metrics import evaluate
 
 if TYPE_CHECKING:
     from codegen.report.html.report import Material
-    from hil_sim.scenarios import Scenario
 
 PICTURE_HEIGHT = 280
 """Height in px."""
@@ -33,8 +28,11 @@ PICTURE_HEIGHT = 280
 
 def verdict_blocks(material: Material) -> Iterator[Block]:
     """Yield a sentence, tiles with figures, two pictures, and the warnings."""
-    yield Text(_headline(material), "lead")
-    yield Tiles(tuple(_tiles(material)))
+    if material.configured:
+        yield judgement.headline(material.judgement)
+    yield Text(_headline(material), "" if material.configured else "lead")
+    if tiles := tuple(_tiles(material)):
+        yield Tiles(tiles)
     yield Gallery(list(_pictures(material)))
     for note in (*material.notes, *_warnings(material)):
         yield Text(note, "notice")
@@ -54,51 +52,17 @@ def _headline(material: Material) -> str:
 
 
 def _tiles(material: Material) -> Iterator[Tile]:
-    if material.others and material.others[0].map.solved:
-        yield _gain(material.map.map, material.others[0].map)
-    if material.runs and material.scenario is not None and material.scenario.kind == "step":
-        yield from _against_passive(material, material.scenario)
+    if material.configured and material.judgement.judgement is not None:
+        yield from judgement.tiles(material.judgement.judgement)
     if material.configured and not is_untuned(material.config):
         yield _margins(material.margins, material.config)
     if material.build is not None:
         yield from _verification(material.build)
 
 
-def _gain(one: ReferenceMap, other: ReferenceMap) -> Tile:
-    """Return the share of the grid with a safe turn, and the yaw rate there relative to the front-steered car's."""
-    title = "Safe turns, against the front-steered car"
-    if one.feasible.shape != other.feasible.shape:
-        return Tile(title, "-", "the maps have different grids")
-    own, theirs = one.feasible.mean(), other.feasible.mean()
-    both = one.feasible & other.feasible & (other.yaw_rate > 0.0)
-    ratio = 100.0 * (float(np.median(one.yaw_rate[both] / other.yaw_rate[both])) - 1.0) if both.any() else 0.0
-    return Tile(
-        title,
-        f"{100.0 * own:.0f} % of the grid",
-        f"front-steered: {100.0 * theirs:.0f} %; where both are safe, yaw rate {round(ratio):+d} % in the median",
-    )
-
-
-def _against_passive(material: Material, scenario: Scenario) -> Iterator[Tile]:
-    found = evaluate(scenario, material.config, material.runs or {}, material.look_up)
-    name, own = next(iter(found.runs.items()))
-    passive = next((run for other, run in found.runs.items() if runs.is_passive(other)), None)
-    for key, title, unit, digits in (
-        ("overshoot_percent", "Overshoot", "%", 1),
-        ("settling_time_s", "Settling time", "s", 2),
-        ("map_error_percent", "Steady error to the map", "%", 1),
-    ):
-        comparison = "" if passive is None else f"; passive car: {_number(passive[key], unit, digits)}"
-        yield Tile(f"{title}, {scenario.name}", _number(own[key], unit, digits), f"{name}{comparison}")
-
-
-def _number(value: float | bool | None, unit: str, digits: int) -> str:
-    return "-" if value is None else f"{round(float(value), digits) + 0.0:.{digits}f}\u00a0{unit}"
-
-
 def _margins(found: Weakest | None, config: Config) -> Tile:
     title = "Least margins of the car itself"
-    speeds = f"{config.controller.enable_speed_km_h:g} to {config.controller.inputs.speed_max_km_h:g} km/h"
+    speeds = "{:g} to {:g} km/h".format(*margin_range_km_h(config))
     if found is None:
         return Tile(title, "no feedback", "so no margins")
     if found.unstable_from is not None:

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x265863FCu
+#define ARS_DYNAMICS_BUILD 0xE9BD4679u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x265863FCu
+#define ARS_MAP_BUILD 0xE9BD4679u
 
 /* Numbers of breakpoints. */
 enum {

@@ -15,10 +15,10 @@
 #include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_INPUTS_BUILD != 0x265863FCu
+#if ARS_INPUTS_BUILD != 0xE9BD4679u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x265863FCu
+#if ARS_LIMITER_BUILD != 0xE9BD4679u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -26,13 +26,13 @@
 extern "C" {
 #endif
 
-#define ARS_PARAMETERS_BUILD 0x265863FCu
+#define ARS_PARAMETERS_BUILD 0xE9BD4679u
 
-enum { ARS_SCHEDULE_POINTS = 14 };
+enum { ARS_SCHEDULE_POINTS = 8 };
 
 /* Calibration parameters. Call ars_parameters_valid() after each change. */
 typedef struct {
-    float schedule_speed[ARS_SCHEDULE_POINTS];/* m/s, breakpoints of the gains, increasing */
+    float schedule_speed[ARS_SCHEDULE_POINTS];/* m/s, breakpoints of the gains, increasing; the last gains hold beyond them */
     float proportional_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s of error */
     float integral_gain[ARS_SCHEDULE_POINTS];/* rad of rear angle for each rad of integrated error */
     float lead_time[ARS_SCHEDULE_POINTS];/* s, prediction time of the front angle that enters the map */

@@ -18,37 +18,22 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x265863FCu
+#if ARS_CONSTANTS_BUILD != 0xE9BD4679u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x265863FCu
+#if ARS_CONTROLLER_BUILD != 0xE9BD4679u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x265863FCu
+#if ARS_MAP_BUILD != 0xE9BD4679u
 #error "ars_map.h and this source come from different builds"
 #endif
 
 ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
-    .schedule_speed = {
-        4.1666665f, 5.5555553f, 8.333333f, 11.805555f, 16.666666f, 22.222221f, 27.777779f, 33.333332f,
-        40.75f, 49.805557f, 60.86111f, 74.388885f, 90.916664f, 111.111115f
-    },
-    .proportional_gain = {
-        0.001481f, 0.0197f, 0.04246f, 0.0866f, 0.1135f, 0.1332f, 0.14f, 0.1431f,
-        0.1394f, 0.1338f, 0.1228f, 0.1135f, 0.09881f, 0.08963f
-    },
-    .integral_gain = {
-        1.774f, 1.718f, 1.552f, 1.197f, 0.9101f, 0.6707f, 0.4972f, 0.3745f,
-        0.2637f, 0.3164f, 0.3468f, 0.2927f, 0.2997f, 0.2539f
-    },
-    .lead_time = {
-        0.005f, 0.005f, 0.005f, 0.0275f, 0.0363f, -0.02f, -0.0075f, 0.0363f,
-        0.0363f, 0.0363f, 0.0363f, 0.0363f, 0.0363f, 0.0363f
-    },
-    .response_gain = {
-        0.17f, 0.17f, 0.17f, 0.31f, 0.18f, 0.25f, 0.16f, 0.14f,
-        0.14f, 0.14f, 0.14f, 0.14f, 0.14f, 0.14f
-    },
+    .schedule_speed = { 4.1666665f, 5.5555553f, 8.333333f, 11.805555f, 16.666666f, 22.222221f, 27.777779f, 33.333332f },
+    .proportional_gain = { 0.001481f, 0.0197f, 0.04246f, 0.0866f, 0.1135f, 0.1332f, 0.14f, 0.145f },
+    .integral_gain = { 1.774f, 1.718f, 1.552f, 1.197f, 0.9101f, 0.6707f, 0.4972f, 0.3976f },
+    .lead_time = { 0.005f, 0.005f, 0.005f, 0.0275f, 0.0363f, -0.02f, -0.0075f, 0.0363f },
+    .response_gain = { 0.17f, 0.17f, 0.17f, 0.31f, 0.18f, 0.25f, 0.16f, 0.14f },
     .lead_smoothing = 0.48658288f,
     .lead_angle_max = 0.015707964f,
     .response_samples = 6.0f,
@@ -107,9 +92,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "265863FC";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "E9BD4679";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x6F5AEBACu;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x34942499u;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0x265863FCu
+#if ARS_LAW_BUILD != 0xE9BD4679u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x265863FCu
+#if ARS_MAP_BUILD != 0xE9BD4679u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -109,9 +109,6 @@ ARS_SECTION_CODE static gains_t gains_at(const ars_parameters_t *parameters, flo
     gains_t gains;
 
     /* Binary search without a loop: each stride halves the remaining cells. */
-    if (speed >= breakpoints[lower + 6u]) {
-        lower += 6u;
-    }
     if (speed >= breakpoints[lower + 3u]) {
         lower += 3u;
     }

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from codegen import configuration
 from hil_sim.suite import subjects
 from tests.cli.conftest import BUILD, MAP, Run
 from tests.cli.test_suite_command import SMALL_TUNING
 from tests.cli.test_tune import NONLINEAR, solve, stored, write_config
+from tests.whole_car import car
 
 pytestmark = pytest.mark.long
 MAGIC = b"\x89PNG"
@@ -34,7 +34,7 @@ def test_a_report_of_a_build_with_injected_faults(run: Run, here: Path) -> None:
 
 def test_baselines_of_a_scenario(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames are included: their quantisation affects the baselines too."""
-    found, small = subjects.tuned, configuration.parse({"tuning": SMALL_TUNING}, "test").tuning
+    found, small = subjects.tuned, car({"tuning": SMALL_TUNING}).tuning
     monkeypatch.setattr(
         subjects, "tuned", lambda solved, config, *more: found(solved, config.model_copy(update={"tuning": small}), *more)
     )

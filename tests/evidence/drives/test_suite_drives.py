@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil_sim.suite.cells import CONDITIONS, SPEEDS_KM_H
+from hil_sim.suite.cells import SPEEDS_KM_H, conditions
 from hil_sim.suite.subjects import Subject, around
 from hil_sim.suite.tracking import run_suite
 from tests import builds
@@ -11,7 +11,7 @@ from tests import builds
 def test_the_papers_pi_over_all_cells() -> None:
     """A prototype of the same loop had a mean of 55 %, a worst case of 174 % and 4 spins."""
     pi = Subject("pi", builds.CONFIG, around(builds.paper_map(), builds.CONFIG))
-    chosen = [each for each in CONDITIONS if each.name in ("nominal", "lag-100", "friction-60")]
+    chosen = [each for each in conditions(builds.CONFIG) if each.name in ("nominal", "lag-100", "friction-60")]
     suite = run_suite(pi, [], builds.CONFIG.case("4ws-2"), chosen=chosen)
     found = suite.summary("pi", "nominal")
     assert found.cells == 24

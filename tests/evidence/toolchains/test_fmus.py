@@ -17,6 +17,7 @@ from codegen.sil.toolchain import compiler_command
 from tests.export import fmus, test_fmu_bus
 from tests.export.test_fmu_file import RECORD_ORDER
 from tests.export.test_fmu_states import misuse
+from tests.whole_car import car_toml
 
 
 @pytest.mark.long
@@ -53,7 +54,7 @@ def test_another_configuration(tmp_path: Path) -> None:
     """Double precision, another prefix, tyres with a relaxation length, and a command delayed by two samples."""
     settings, build = tmp_path / "ars.toml", tmp_path / "build"
     plant = "[plant]\ncommand_delay_samples = 2\nrelaxation_length_m = 0.3\n"
-    settings.write_text(f'[controller]\nkind = "pi"\n{plant}', encoding="utf-8")
+    settings.write_text(car_toml(f'[controller]\nkind = "pi"\n{plant}'), encoding="utf-8")
     write_folder(prepare(fmus.ROOT / "generated" / "4ws2-paper.npz", settings, build, "rear", "double").folder, build)
     known = fmus.unpacked(tmp_path / "fmu", "other", make_fmu(build, "loop", "3"))
     assert validate_fmu(str(known.path)) == []

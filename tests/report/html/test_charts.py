@@ -171,4 +171,18 @@ def test_margins_are_those_of_the_design() -> None:
     # Half a decibel and two degrees may be missing between the breakpoints of the design.
     assert least("tracking, worst of the family", "y") > config.tuning.gain_margin_db - 0.5
     assert least("tracking, worst of the family", "y2") > config.tuning.phase_margin_deg - 2.0
-    assert least("pi, worst of the family", "y2") == 0.0
+    assert least("pi, the car itself", "y2") == 0.0
+
+
+@pytest.mark.parametrize(("top", "car", "family"), [(None, 120.0, 120.0), (180.0, 180.0, 120.0), (90.0, 90.0, 90.0)])
+def test_margins_are_drawn_up_to_the_top_speed(top: float | None, car: float, family: float) -> None:
+    """Beyond the map only the configured car must keep them; the other cars are drawn where all must."""
+    config = npz.load(GENERATED / "4ws2.npz").config.replace({"vehicle.top_speed_km_h": top})
+    ends = {each["name"]: unpacked(each["x"])[-1] for each in margins_chart({"x": config}).figure["data"]}
+    assert ends == pytest.approx({"x, the car itself": car, "x, worst of the family": family}, rel=1e-6)
+
+
+def test_the_cut_ends_with_listed_breakpoints() -> None:
+    config = preset().replace({"grid.speed_breakpoints_km_h": [30.0, 60.0, 150.0]})
+    for line in (each for each in front_angle_chart(config, 4.0, paper=False).figure["data"] if each["mode"] == "lines"):
+        assert unpacked(line["x"])[[0, -1]] == pytest.approx([30.0, 150.0])

@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.emit.build import build_facts, check_inputs
+from codegen.emit.folder import verify_hashes
 from codegen.emit.laws import is_untuned
 from codegen.emit.limiter_view import LimiterCut
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
+from codegen.judgement.judge import judge, judge_build
+from codegen.judgement.model import MISSING, Stored, of_manifest, of_map
 from codegen.map_file import map as npz
-from codegen.map_file.map import ReferenceMap, choose_config
+from codegen.map_file.map import ReferenceMap, choose_config, grip_notes, older_keys
 from codegen.optimum.solve import solve_case, solve_stack
 from codegen.plausibility.build import build_warnings, folder_notes, folder_warnings, margins_line, schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings
 from codegen.plausibility.map import MapFacts, beyond_grip, cut_warning, map_warnings
+from codegen.sil.batch import load_batch
 
 Kind = Literal["configuration", "map", "build"]
 Manifest = Mapping[str, Any]
 
+NO_CAR = "without a configuration there is no car to judge; name one with --config"
 UNTUNED_NOTE = "the controller has no gains yet, so no margins; next: `codegen tune`"
 
 
@@ -37,13 +44,26 @@ class Found:
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
 
+    def with_judgement(self, stored: Stored) -> Found:
+        """Return the result with a judgement of the car, or with the note that there is none."""
+        facts = {**self.facts, "judgement": stored.to_dict()}
+        if stored.judgement is None:
+            return replace(self, facts=facts, notes=(*self.notes, stored.note))
+        lines, warnings = stored.judgement.lines(), stored.judgement.warnings
+        return replace(self, facts=facts, lines=(*self.lines, *lines), warnings=(*self.warnings, *warnings))
 
-def check_path(path: Path, config_path: Path | None = None) -> Found:
-    """Check a configuration, a map or a build.
+
+Progress = Callable[[int, int], None]
+
+
+def check_path(path: Path, config_path: Path | None = None, *, drive: bool = False, progress: Progress | None = None) -> Found:
+    """Check a configuration, a map or a build. No file is changed.
 
     Args:
         path: an ars.toml, an .npz or a build folder.
         config_path: the ars.toml to check a map with, as `codegen build` takes it; by default the map's own configuration.
+        drive: make the judgement of the car; by default the one in the map or build is used.
+        progress: called with (done, in all) by each judgement.
 
     Raises:
         CodegenError: the path is none of the three, or cannot be read; or a configuration is given, and the path is not a map.
@@ -51,8 +71,10 @@ def check_path(path: Path, config_path: Path | None = None) -> Found:
     if config_path is not None and (path.is_dir() or path.suffix != ".npz"):
         raise CodegenError("only a map is checked with another configuration", where="--config", remedy="leave it out")
     if path.is_dir():
-        return _check_build(path)
-    return _check_map(path, config_path) if path.suffix == ".npz" else _check_configuration(path)
+        return _check_build(path, drive, progress)
+    if path.suffix == ".npz":
+        return _check_map(path, config_path, drive, progress)
+    return _check_configuration(path, drive, progress)
 
 
 def all_warnings(config: Config, reference_map: ReferenceMap | None, manifest: Manifest | None) -> tuple[str, ...]:
@@ -67,7 +89,7 @@ def all_warnings(config: Config, reference_map: ReferenceMap | None, manifest: M
     return tuple(found)
 
 
-def _judge(config: Config, reference_map: ReferenceMap | None, manifest: Manifest | None) -> Found:
+def _facts(config: Config, reference_map: ReferenceMap | None, manifest: Manifest | None) -> Found:
     """Return the facts and warnings that a map and its build share. Without the map, facts about it are left out."""
     handling = Handling.from_config(config)
     facts: dict[str, Any] = {"handling": handling.to_dict()}
@@ -76,14 +98,14 @@ def _judge(config: Config, reference_map: ReferenceMap | None, manifest: Manifes
         facts["margins"] = manifest["margins"]
         lines.append(margins_line(manifest["margins"]))
     if reference_map is not None and not beyond_grip(reference_map):
-        of_map = MapFacts.of_map(reference_map, config)
-        facts.update(of_map.to_dict())
-        lines += of_map.lines()
+        found = MapFacts.of_map(reference_map, config)
+        facts.update(found.to_dict())
+        lines += found.lines()
     notes = (UNTUNED_NOTE,) if is_untuned(config) else ()
     return Found("map", tuple(lines), facts, notes, all_warnings(config, reference_map, manifest))
 
 
-def _judge_map(config: Config, reference_map: ReferenceMap) -> Found:
+def _facts_of_map(config: Config, reference_map: ReferenceMap) -> Found:
     """Check a map and the build that it would give. An error that would stop `codegen build` becomes a warning."""
     manifest: Manifest | None = None
     refused: list[str] = []
@@ -94,29 +116,43 @@ def _judge_map(config: Config, reference_map: ReferenceMap) -> Found:
             manifest = build_facts(reference_map, config)
     except CodegenError as error:
         refused.append(str(error))
-    found = _judge(config, reference_map, manifest)
+    found = _facts(config, reference_map, manifest)
     return replace(found, warnings=(*found.warnings, *refused))
 
 
-def _check_map(path: Path, config_path: Path | None) -> Found:
+def _judged(found: Found, reference_map: ReferenceMap, config: Config, drive: bool, progress: Progress | None) -> Found:
+    """Add the judgement of a map that can be built."""
+    if beyond_grip(reference_map):
+        return found
+    if not drive:
+        return found.with_judgement(of_map(reference_map, config))
+    return found.with_judgement(Stored("current", judge(reference_map, config, progress=progress)))
+
+
+def _check_map(path: Path, config_path: Path | None, drive: bool, progress: Progress | None) -> Found:
     reference_map = npz.load(path)
     chosen = choose_config(reference_map, config_path)
-    found = _judge_map(chosen.config, reference_map)
-    return replace(found, notes=(*chosen.notes, *found.notes))
+    found = _facts_of_map(chosen.config, reference_map)
+    found = replace(found, notes=tuple(dict.fromkeys((*chosen.notes, *_older(chosen.config, chosen.source), *found.notes))))
+    if chosen.source == "preset" and not beyond_grip(reference_map):
+        return replace(found, notes=(*found.notes, NO_CAR))
+    with within(path):
+        return _judged(found, reference_map, chosen.config, drive, progress)
 
 
-def _check_configuration(path: Path) -> Found:
+def _check_configuration(path: Path, drive: bool, progress: Progress | None) -> Found:
     """Check a configuration, and the maps of all its cases that steer the rear wheels."""
     chosen = choose_config(None, path)
     config, steering = chosen.config, [name for name, case in chosen.config.cases.items() if case.rear_steering]
-    common = _judge(config, None, None)
+    common = _facts(config, None, None)
     facts: dict[str, Any] = {**common.facts, "cases": {}}
     lines: dict[str, list[str]] = {}
     warnings: dict[str, list[str]] = {}
     for name in steering:
         try:
             with within(path):
-                found = _judge_map(config, solve_case(config, name))
+                reference_map = solve_case(config, name)
+                found = _judged(_facts_of_map(config, reference_map), reference_map, config, drive, progress)
         except CodegenError as error:
             warnings.setdefault(f"no map: {error}", []).append(name)
             continue
@@ -130,19 +166,30 @@ def _check_configuration(path: Path) -> Found:
         return tuple(text if names == steering else f"case {', '.join(names)}: {text}" for text, names in found.items())
 
     everywhere = dict.fromkeys(common.warnings, steering)
-    notes = (*chosen.notes, *common.notes)
+    older = (*chosen.notes, *_older(config, chosen.source), *common.notes)
+    notes = tuple(dict.fromkeys((*older, *(() if drive else (MISSING.note,)))))
     return Found(
         "configuration", of_cases(dict.fromkeys(common.lines, steering) | lines), facts, notes, of_cases(everywhere | warnings)
     )
 
 
-def _check_build(path: Path) -> Found:
+def _check_build(path: Path, drive: bool, progress: Progress | None) -> Found:
     manifest = read_build(path)
     with within(path):
         config = configuration.parse(manifest["configuration"], path / "manifest.json")
     reference_map = _map_behind(manifest, config)
-    found = _judge(config, reference_map, manifest)
-    notes = [*found.notes, *folder_notes(path)]
+    found = _facts(config, reference_map, manifest)
+    if drive:
+        speed = np.array(manifest["map"]["speed_m_s"], dtype=np.float64)
+        found = found.with_judgement(Stored("current", judge_build(load_batch(path), speed, reference_map, progress)))
+    else:
+        found = found.with_judgement(of_manifest(manifest, is_edited=bool(verify_hashes(path))))
+    notes = [
+        *_older(config, manifest["inputs"]["configuration"]["source"]),
+        *grip_notes(config, [manifest["inputs"]["map"].get("case")]),
+        *found.notes,
+        *folder_notes(path),
+    ]
     if reference_map is None and manifest["map"]["solved"]:
         inputs = manifest["inputs"]
         notes.append(
@@ -150,6 +197,11 @@ def _check_build(path: Path) -> Found:
             f"`codegen check {inputs['map']['file']} --config {inputs['configuration']['source']}`"
         )
     return replace(found, kind="build", notes=tuple(notes), warnings=(*found.warnings, *folder_warnings(path)))
+
+
+def _older(config: Config, source: str) -> tuple[str, ...]:
+    """Return the notes about older keys, unless the configuration is the paper's preset for a map without its own."""
+    return () if source == "preset" else older_keys(config)
 
 
 def _map_behind(manifest: Manifest, config: Config) -> ReferenceMap | None:
