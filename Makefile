@@ -71,6 +71,11 @@ generated: $(READY) ## the committed reference output in generated/, the picture
 	@$(BIN)/codegen sil --build generated/4ws2-paper --can --scenario ecu-loss --plot docs/images/ecu-loss.png >/dev/null
 	@$(BIN)/python -m scripts.guide --suite build/tracking.json --figures
 
+cars: $(READY) ## the record of the suite of random cars in the guide; ten minutes
+	@mkdir -p build
+	@$(BIN)/codegen sil --suite cars --cars 40 --seed 4 --json >build/cars.json || test $$? = 1  # a missed limit
+	@$(BIN)/python -m scripts.guide --cars build/cars.json
+
 wheel: $(READY) ## sdist, and the wheel built from it, in dist/
 	@$(BIN)/python -m build --no-isolation --outdir dist
 

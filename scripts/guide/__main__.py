@@ -1,7 +1,7 @@
-"""Write the parts of docs/ that come from the code: `python -m scripts.guide [--figures] [--suite tracking.json]`.
+"""Write the parts of docs/ that come from the code: `python -m scripts.guide [--figures] [--suite JSON] [--cars JSON]`.
 
-With `--figures` the figures as well. With `--suite`, the record of the suite is made first, from the output of
-`codegen sil --build generated/4ws2 --suite tracking --json`.
+With `--figures` the figures as well. With `--suite` and `--cars`, the records of the suites are made first, from the output of
+`codegen sil --build generated/4ws2 --suite tracking --json` and of `codegen sil --suite cars --cars 40 --seed 4 --json`.
 """
 
 import argparse
@@ -15,9 +15,12 @@ parser = argparse.ArgumentParser(
 )
 parser.add_argument("--figures", action="store_true", help="draw the figures too")
 parser.add_argument("--suite", type=Path, metavar="JSON", help="make the record of the suite from its output first")
+parser.add_argument("--cars", type=Path, metavar="JSON", help="make the record of the random cars from its output first")
 given = parser.parse_args()
 if given.suite is not None:
     print(suite_tables.write_record(given.suite))
+if given.cars is not None:
+    print(suite_tables.write_cars(given.cars))
 for path, text in pages.pages().items():
     if path.read_text(encoding="utf-8") != text:
         write_atomically(path, text.encode())

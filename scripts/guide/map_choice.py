@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from benchmarks.steady_passive import PEAK_SLIP, PassiveTurns
 
 from benchmarks.judged_cars import PAPER, five_cars
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.extend import extend
+from codegen.judgement.passive import PassiveTurns, usable_slip
 from codegen.judgement.steady import steady_figures
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.nonlinear_arrays import Turns
@@ -96,7 +96,7 @@ def _car(name: str) -> Car:
     grid = {"speed_breakpoints_km_h": list(SPEEDS_KM_H)}
     config = five_cars()[key].replace({"grid": grid}, "scripts/guide/map_choice.py")
     tyres = AxleTyres.from_config(config)
-    steady = SteadyCar.from_config(config, (PEAK_SLIP * tyres.front.peak_slip, PEAK_SLIP * tyres.rear.peak_slip))
+    steady = SteadyCar.from_config(config, (usable_slip(tyres.front), usable_slip(tyres.rear)))
     return Car(title, config, steady, PassiveTurns.of(config, KM_H * np.array(SPEEDS_KM_H)))
 
 
@@ -204,17 +204,16 @@ def comparison(name: str) -> str:
     """Return the table of the maps of a car beside the passive car."""
     car = _car(name)
     angles = _of_map(name, RECOMMENDED).reference_map.front_angle
-    largest = np.nanmax(car.passive.lateral_acceleration * np.isfinite(car.passive.front_angle))
     passive = (
         *_at_points(car, lambda speed_km_h: _passive_row(car, speed_km_h, angles)),
-        f"{largest / car.config.road.gravity_m_s2:.2f} g",
+        f"{car.passive.largest.max() / car.config.road.gravity_m_s2:.2f} g",
         *("100 %", "", "", "0 %"),
     )
     rows = [("straight rear wheels", *passive)]
     for which, (title, _) in MAPS.items():
         solved = _of_map(name, which)
         judged = steady_figures(solved.reference_map, solved.config)
-        shares = (f"{100.0 * share:.0f} %" for share in (judged.high, judged.falling))
+        shares = (f"{100.0 * judged.high.ratio:.0f} %", f"{judged.dead.falling_percent:.0f} %")
         rows.append((title, *_at_points(car, solved.row), *_at_limits(solved), *shares))
     return table((car.title, *POINTS_HEAD, *LIMITS_HEAD, *JUDGED_HEAD), rows)
 

@@ -18,6 +18,7 @@ from scripts.guide import commands, config_tables, evidence_tables, interface_ta
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 REGIONS: Mapping[str, Callable[..., str]] = {
     "ars-toml": config_tables.markdown,
+    "cars-results": suite_tables.cars,
     "c-functions": interface_tables.c_functions,
     "can-matrix": interface_tables.can_matrix,
     "commands": commands.markdown,

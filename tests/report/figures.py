@@ -11,7 +11,7 @@ from matplotlib.text import Text
 
 from codegen.report import style
 
-UNITS = ("km/h", "deg", "deg/s", "kN", "m/s²", "s", "Hz", "dB", "%", "m")
+UNITS = ("km/h", "deg", "deg/s", "kN", "m/s²", "g", "s", "Hz", "dB", "%", "m")
 
 RATIOS = ("Status", "Peak sensitivity", "Spins, of 24 cells", "Sine at 120 km/h: gain over the map's")
 """Labels of axes without a unit."""
