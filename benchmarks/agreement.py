@@ -26,8 +26,8 @@ SAME = 1e-4
 
 @dataclass
 class Agreement:
-    """Result of one or several cars: cells, cells feasible in both, the largest difference in rad/s, and the cells that
-    differ as text."""
+    """Result of one or several cars: cells, cells feasible in both and compared, the largest difference in rad/s, and the
+    cells that differ as text."""
 
     cells: int = 0
     feasible: int = 0
@@ -66,7 +66,7 @@ def of_car(number: int, cells: int) -> Agreement:
                 f"{where}: feasible by {'brute force' if best.feasible else 'the solver'} only, "
                 f"violation {best.violation:.1e} of a bound there, margin {found.margin[index]:.1e} here"
             )
-        elif best.feasible:
+        elif best.feasible and not np.isnan(best.yaw_rate):
             difference = abs(best.yaw_rate - float(found.yaw_rate[index]))
             result.feasible += 1
             result.largest = max(result.largest, difference)

@@ -328,7 +328,8 @@ def _notes() -> tuple[str, ...]:
         "sensor errors. The passive car is driven on the same plant. Commands act a sample late. C1 and the displacement are "
         f"the worst of the tuned controller and of {FEEDFORWARD} alone.",
         "Passive car of the map's rows: steady turns of the nonlinear car with straight rear wheels, up to 90 % of the slip of "
-        "peak force. Yaw rates are those of the table of the ECU with its cap; the cap of these rows is the configured limit.",
+        "peak force. Yaw rates are those of the table of the ECU with its cap; the cap of these rows is 95 % of the smaller "
+        "of the passive car's largest lateral acceleration and the configured limit.",
         f"Sweep of sines with dwell: {SWEEP_RUNS} runs at 80 km/h, 5 to 7 times the angle for 0.3 g, friction 0.7 to 0.9, no "
         "estimate, mass 90 to 120 %, two-track. Too short: passive reaches the displacement of FMVSS 126, control does not.",
         f"Lane change: ISO 3888-2:2011 at constant speed, {len(DRIVERS)} drivers (MacAdam 1981; preview, reaction, gain), "

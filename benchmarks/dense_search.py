@@ -50,7 +50,7 @@ class Best:
     """Result of the search at one operating point.
 
     Attributes:
-        yaw_rate: rad/s, of the best feasible turn; NaN where there is none. rear_angle: rad.
+        yaw_rate: rad/s, of the best feasible turn; NaN where there is none, or where its floor is not known. rear_angle: rad.
         objective: of that turn.
         violation: smallest relative violation of the most violated bound; zero or negative if feasible; inf without a steady
             turn.
@@ -108,12 +108,19 @@ class DenseSearch:
         limits = self.config.limits
         if not best.feasible or self.wanted is not None or not (limits.grip_use_max or limits.yaw_gain_floor):
             return best
-        return replace(self, wanted=self._asked(speed, front_angle, best.yaw_rate)).best(speed, front_angle)
+        asked = self._asked(speed, front_angle, best.yaw_rate)
+        if math.isnan(asked):
+            return replace(best, yaw_rate=math.nan)
+        return replace(self, wanted=asked).best(speed, front_angle)
 
     def _asked(self, speed: float, front_angle: float, optimum: float) -> float:
-        """Return the yaw rate asked for, in rad/s, for that of the optimum."""
+        """Return the yaw rate asked for, in rad/s, for that of the optimum.
+
+        NaN where a floor refers to a passive turn beyond the slip bounds. How a map goes on there is its own choice."""
         limits, wheelbase = self.config.limits, self.config.vehicle.wheelbase
-        passive = self._turns(speed, front_angle, np.zeros(1), REAR_ANGLE)[:, _R]
+        passive = self._turns(speed, front_angle, np.zeros(1), REAR_ANGLE, beyond=1.0 + JUST)[:, _R]
+        if limits.yaw_gain_floor > 0.0 and not passive.size:
+            return math.nan
         state, steering = (np.array(part) for part in self.linear.jacobian([0.0, 0.0], [speed, 0.0, 0.0, 1.0]))
         straight = max(-np.linalg.solve(state, steering[:, 1])[1] * front_angle, passive.max(initial=0.0))
         characteristic = limits.reference_characteristic_speed_km_h / 3.6
@@ -138,8 +145,10 @@ class DenseSearch:
             step *= 2.0 * CLOSER / (self.yaw_rates - 1)
         return best
 
-    def _turns(self, speed: float, front_angle: float, fixed: FloatArray, which: int) -> FloatArray:
-        """Return steady turns (k, 4) at yaw rates or rear angles: yaw rate, rear angle, objective, violation."""
+    def _turns(self, speed: float, front_angle: float, fixed: FloatArray, which: int, beyond: float = BEYOND) -> FloatArray:
+        """Return steady turns (k, 4) at yaw rates or rear angles: yaw rate, rear angle, objective, violation.
+
+        `beyond`: largest slip angle as a multiple of its bound."""
         shares = np.linspace(-BEYOND, BEYOND, self.slips)
         grid = np.meshgrid(shares * self.slip_max[0], shares * self.slip_max[1], fixed, indexing="ij")
         a, b, c = (values.ravel() for values in grid)
@@ -158,9 +167,9 @@ class DenseSearch:
                 moves = np.array([b * rates[1] - d * rates[0], c * rates[0] - a * rates[1]]) / (a * d - b * c)
             # One that runs away is none.
             state[free] = np.clip(np.where(np.isfinite(moves), state[free] + moves, 0.0), -100.0, 100.0)
-        return self._judged(speed, front_angle, state)
+        return self._judged(speed, front_angle, state, beyond)
 
-    def _judged(self, speed: float, front_angle: float, state: FloatArray) -> FloatArray:
+    def _judged(self, speed: float, front_angle: float, state: FloatArray, beyond: float) -> FloatArray:
         rates, jacobian = self._rates(speed, front_angle, state), self._jacobian(speed, front_angle, state)
         output = np.array(self._call(self.model.output, speed, front_angle, state))
         beta, yaw_rate, rear = output[0], state[YAW_RATE], state[REAR_ANGLE]
@@ -183,7 +192,7 @@ class DenseSearch:
         objective = -(yaw_rate**2) + self.case.sideslip_weight_per_s2 * beta**2
         if self.wanted is not None:
             objective = (yaw_rate - self.wanted) ** 2
-        solved = (np.abs(rates).max(axis=0) < RESIDUAL_MAX) & (np.max(slips, axis=0) < BEYOND - 1.0)
+        solved = (np.abs(rates).max(axis=0) < RESIDUAL_MAX) & (np.max(slips, axis=0) < beyond - 1.0)
         turns: FloatArray = np.array([yaw_rate, rear, objective, violation]).T[solved]
         return turns
 

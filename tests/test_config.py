@@ -40,13 +40,16 @@ def differences(left: Config, right: Config) -> set[tuple[str, Any, Any]]:
     return {(key, *pair) for key, pair in pairs.items() if repr(pair[0]) != repr(pair[1])}
 
 
-def test_the_default_is_the_recommended_preset_and_the_papers_differs_in_controller_and_tyre_model(tmp_path: Path) -> None:
+def test_the_default_is_the_recommended_preset_but_for_its_limits_and_the_papers_differs(tmp_path: Path) -> None:
     """The paper has no rate limit and no limiter. The default cycle time is the sampling time."""
     recommended, path = preset("recommended"), tmp_path / "ars.toml"
     roles = recommended.can.messages()
-    assert differences(car(), recommended) == {(f"can.{role}.cycle_time_ms", None, 10.0) for role in roles}
+    limits = {("limits.grip_use_max", None, 0.98), ("limits.yaw_gain_floor", None, 1.0)}
+    assert differences(car(), recommended) == {(f"can.{role}.cycle_time_ms", None, 10.0) for role in roles} | limits
     tyre_models = {(f"cases.{case}.tyre_model", "magic-formula", None) for case in ("fws", "4ws-1", "4ws-2")}
     assert differences(recommended, preset()) == tyre_models | {
+        ("limits.grip_use_max", 0.98, None),
+        ("limits.yaw_gain_floor", 1.0, None),
         ("controller.kind", "tracking", "pi"),
         ("controller.rear_rate_max_deg_s", 25.0, "off"),
         ("limiter.rear_rate_max_deg_s", 30.0, "off"),

@@ -10,6 +10,8 @@ the tyre's peak there is no turn without grip bounds. So the optimum is solved o
   sideslip or the rear angle set, and beyond the last front angle, with the passive car's gain, as in `extend`. Up to that last
   angle it need not exceed the limit by more than ABOVE.
 
+A map that bends towards its cap (`optimum.demand`) meets no limit of grip. Its limit is constant, its demand is the map itself.
+
 The smaller of both is the optimum. Each is smooth where they meet, so that a table of each preserves the kink between them. The
 rear angle of the demand is chosen so that the lookup, which adds the linear car's rear angle for the difference
 (`lookup.capped_rear_angle`), returns that of the optimum.
@@ -93,6 +95,8 @@ def grip_surfaces(
     # Where another bound limits the optimum, the grip limit of neighbouring points must not limit it.
     known = _between_rows(speeds, left * speeds[:, np.newaxis])
     acceleration = np.fmax(np.where(np.isnan(known), cap, known), least * speeds[:, np.newaxis])
+    if turns.problem.is_bent:
+        acceleration = np.full(acceleration.shape, acceleration.max())
     asked, line, rear_angle = (_between_rows(speeds, table) for table in (asked, line, rear_angle))
     left = acceleration / speeds[:, np.newaxis]
     # Beyond the map's last angle both go on straight.

@@ -4,8 +4,9 @@ For a map that the exact solution made, this is the optimum itself: with linear 
 bounds, the optimum is the smaller of the optimum *without the grip bounds* and ay_cap / speed: the grip bounds are on |r|
 alone, and the objective falls with |r|. The lookup applies ay_cap / speed by itself, so that a table of the optimum without the
 grip bounds, continued, meets the kink between both exactly, wherever its cells lie. With the nonlinear tyre, the limit of grip
-is a surface too (`placement_grip`), with a table of its own. Where sideslip or the rear angle end it, and beyond the last
-angle of the map, it goes on with the passive car's gain, as in `extend`; below the first speed and angle it is linear to zero.
+is a surface too (`placement_grip`), with a table of its own; a map that bends towards its cap needs none. Where sideslip or the
+rear angle end it, and beyond the last angle of the map, it goes on with the passive car's gain, as in `extend`; below the first
+speed and angle it is linear to zero.
 
 For any other map only its own table is known. The reference is then its bilinear interpolation, extended.
 """
@@ -29,6 +30,7 @@ from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import PLAUSIBLE
 from codegen.optimum import exact
+from codegen.optimum.demand import PASSIVE_TO, REFERENCE_FROM
 from codegen.optimum.nonlinear import NonlinearTurns
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import stack_of
@@ -156,7 +158,7 @@ def reference_surface_of(reference_map: ReferenceMap, config: Config) -> Referen
     known = tuple(layer for layer in layers if layer is not None)
     origin: Origin = "table"
     if len(known) == len(layers):
-        origin = "optimum" if all(layer.share is None for layer in known) else "surfaces"
+        origin = "optimum" if reference_map.tyre_model == "linear" else "surfaces"
     else:
         known = tuple(SurfaceLayer(_bilinear(layer), layer.lateral_acceleration_cap, layer) for layer in total.stack)
     speed, front_angle = _ends(reference_map.speed), _ends(reference_map.front_angle)
@@ -166,9 +168,15 @@ def reference_surface_of(reference_map: ReferenceMap, config: Config) -> Referen
         own_speed=speed,
         own_front_angle=front_angle,
         front_angle_top=float(total.front_angle[-1]),
-        speed_kinks=total.speed if origin == "table" else np.array(speed[:1]),
+        speed_kinks=total.speed if origin == "table" else _speed_kinks(config, speed),
         front_angle_kinks=total.front_angle if origin == "table" else np.array(front_angle),
     )
+
+
+def _speed_kinks(config: Config, speed: tuple[float, float]) -> FloatArray:
+    """Return the speeds in m/s at which the optimum of a map has a kink: its first one, and those of the floor inside."""
+    of_floor = [at for at in (PASSIVE_TO, REFERENCE_FROM) if speed[0] < at < speed[1]]
+    return np.array([speed[0], *(of_floor if config.limits.yaw_gain_floor > 0.0 else [])])
 
 
 def optimum_of(reference_map: ReferenceMap, config: Config, total: TotalMap) -> SurfaceLayer | None:
@@ -194,12 +202,13 @@ def optimum_of(reference_map: ReferenceMap, config: Config, total: TotalMap) -> 
 
 
 def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMap, *, passive_safe: bool) -> SurfaceLayer:
-    """Return the layer with a cap that follows slip: its largest value on the continuous optimum, and shares of that."""
+    """Return the layer with its cap, the largest value on the continuous optimum, and shares of that where it follows slip."""
     speed, front_angle = (_ends(axis) for axis in (reference_map.speed, reference_map.front_angle))
     found = grip_surfaces(
         turns, speed, front_angle, float(total.front_angle[-1]), total.lateral_acceleration_cap, passive_safe=passive_safe
     )
     axes, cap = (found.speed, found.front_angle), float(found.lateral_acceleration.max())
+    share = None if turns.problem.is_bent else interpolated(*axes, found.lateral_acceleration / cap)
     # Near its peak the tyre slips more for the same lateral acceleration than the linear car's.
     slip = max(found.rear_slip, total.steering.rear_slip_per_lateral_acceleration)
     steering = replace(total.steering, rear_slip_per_lateral_acceleration=slip)
@@ -208,7 +217,7 @@ def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMa
         surface=_surface(*axes, _plausible(found.yaw_rate), found.rear_angle),
         cap=cap,
         total=replace(total, lateral_acceleration_cap=cap, steering=steering),
-        share=interpolated(*axes, found.lateral_acceleration / cap),
+        share=share,
     )
     return replace(layer, gap=_gap(layer, turns, speed, front_angle, passive_safe=passive_safe))
 

@@ -10,7 +10,10 @@ import math
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from itertools import chain
+from typing import Any, Literal, get_args
+
+from pydantic.fields import FieldInfo
 
 from codegen.configuration import Config
 from codegen.configuration.section import Range
@@ -99,6 +102,15 @@ _MAP: Rows = {
         ("Tyre slip limit", "%", "Largest departure of the tyre's force from its tangent"),
         (1.0, 30.0, 0.5),
     ),
+    "limits.grip_use_max": (("Use of grip", "", "Largest share of an axle's lateral force"), (0.5, 0.995, 0.005)),
+    "limits.yaw_gain_floor": (
+        ("Floor of the yaw rate", "", "Least share of the passive car's yaw rate"),
+        (0.0, 1.5, 0.01),
+    ),
+    "limits.reference_characteristic_speed_km_h": (
+        ("Characteristic speed of the floor", "km/h", "From 80 km/h, a car of this characteristic speed is enough"),
+        (40.0, 200.0, 1.0),
+    ),
     FRICTION: (("Friction of the road", "", "Friction that the map assumes; the tyres stay the same"), (0.2, 1.2, 0.01)),
 }
 _PI: Rows = {
@@ -149,9 +161,13 @@ _STEP_CONTROLS = (
 
 def controls_of(config: Config, case: str) -> tuple[Control, ...]:
     """Return the controls for a configuration and one of its cases, with bounds and start values."""
+    # Of both limits of the tyre, only one acts.
+    by_grip = config.case(case).tyre_model != "linear" and config.limits.grip_use_max is not None
+    idle = "limits.slip_departure_percent" if by_grip else "limits.grip_use_max"
     return tuple(
         _started(control, config, case)
         for control in (*_MAP_CONTROLS, *_OF_KIND.get(config.controller.kind, ()), *_STEP_CONTROLS)
+        if control.key != idle
     )
 
 
@@ -168,12 +184,18 @@ def _started(control: Control, config: Config, case: str) -> Control:
     section: Any = config
     for part in path[:-1]:
         section = section[part] if isinstance(section, dict) else getattr(section, part)
-    accepted = next(each for each in type(section).model_fields[path[-1]].metadata if isinstance(each, Range))
+    accepted = _range_of(type(section).model_fields[path[-1]])
     value = float(getattr(section, path[-1]))
     # The slider reaches to its start value. A logarithmic one has an extra stop for zero.
     low = control.low if control.logarithmic and value == 0.0 else min(control.low, value)
     bounds = (accepted.low, accepted.high)
     return replace(control, bounds=bounds, value=value, low=low, high=max(control.high, value))
+
+
+def _range_of(key: FieldInfo) -> Range:
+    """Return the accepted range of a key, also of one that may be left out."""
+    inner = (getattr(part, "__metadata__", ()) for part in get_args(key.annotation))
+    return next(each for each in (*key.metadata, *chain.from_iterable(inner)) if isinstance(each, Range))
 
 
 def checked(controls: tuple[Control, ...], given: object) -> dict[str, float]:

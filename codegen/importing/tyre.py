@@ -45,7 +45,8 @@ class AxleImport:
         peak: D there, N, and
         friction: D over the load.
         slip_at_peak: rad; None where the force rises up to 45 deg.
-        slip_bound: rad, where the configuration's tyre departs from its tangent by limits.slip_departure_percent.
+        slip_bound: rad, where the configuration's tyre uses limits.grip_use_max of its largest force; without that key, where
+            it departs from its tangent by limits.slip_departure_percent.
         horizontal_shift, vertical_shift, asymmetry: SHy in rad, SVy in N and PEY3 of the file, removed.
         worst: largest difference of the two curves up to the slip bound, and
         worst_to_peak: up to the peak (20 deg without one), over the file's peak.
@@ -113,7 +114,7 @@ def import_tyres(paths: Sequence[Path], config_path: Path, peak: Peak = "file") 
         text = replace_values(text, f"tyre.{axle}", numbers, {FACTOR_KEY: STIFFNESS_KEY}, remark)
     made = _checked(text, sources)
     tyres = AxleTyres.from_config(made)
-    of_axles = (("front", tyres.front, tyres.front_slip_bound), ("rear", tyres.rear, tyres.rear_slip_bound))
+    of_axles = zip(AXLES, (tyres.front, tyres.rear), tyres.slip_limits, strict=True)
     axles = tuple(
         _axle(*of_axle, source, formula, curve, numbers)
         for of_axle, source, formula, curve, numbers in zip(of_axles, sources, formulas, curves, values, strict=True)

@@ -28,6 +28,7 @@ from codegen.judgement.steady import (
     HIGH_KM_H,
     HIGH_LATERAL_ACCELERATION_G,
     LOW_KM_H,
+    LOW_UP_TO,
     Least,
     SteadyFigures,
 )
@@ -156,7 +157,14 @@ def steady_rows(figures: SteadyFigures) -> Iterator[Row]:
             remedy=remedy,
         )
     measures = (
-        ("yaw_rate_low", LOW_KM_H, figures.low, LOW_MIN, "passive", "passive up to the configured limit"),
+        (
+            "yaw_rate_low",
+            LOW_KM_H,
+            figures.low,
+            LOW_MIN,
+            "passive",
+            f"passive up to {100.0 * LOW_UP_TO:g} % of what the car can use",
+        ),
         (
             "yaw_rate_high",
             HIGH_KM_H,

@@ -18,6 +18,9 @@ from codegen.units import KM_H
 
 LOW_KM_H, HIGH_KM_H = (20.0, 60.0), (80.0, 120.0)
 """Ranges of the two comparisons of yaw rate."""
+LOW_UP_TO = 0.95
+"""The first goes up to this share of the lateral acceleration that the car can use at a speed, the smaller of the passive car's
+largest and the limit. Beyond, the yaw rate bends towards its cap, which leaves a reserve of grip."""
 HIGH_LATERAL_ACCELERATION_G = 0.4
 CHARACTERISTIC_SPEED = 100.0 * KM_H
 """m/s, of the understeering car that is the measure at high speed where the passive car turns more."""
@@ -64,7 +67,7 @@ class SteadyFigures:
         binding_percent: share of the feasible cells by what binds in them; empty for a map without that.
         dead, dead_on_ecu: dead steering of the map, and of the table of the ECU from the first speed of the map up to the
             steering stop.
-        low: smallest yaw rate over the passive car's, LOW_KM_H, up to the configured limit or the cap of the map.
+        low: smallest yaw rate over the passive car's, LOW_KM_H, up to LOW_UP_TO of what the car can use.
         high: the same over the smaller of the passive car's and that of a car with CHARACTERISTIC_SPEED, HIGH_KM_H, up to a
             lateral acceleration of 0.4 g of the passive car.
         gains: speed in km/h -> smallest yaw rate over the passive car's up to 0.4 g; speeds of the map only.
@@ -160,7 +163,7 @@ def steady_figures(reference_map: ReferenceMap, config: Config) -> SteadyFigures
         binding_percent=_binding(reference_map),
         dead=dead_steering(speed, angle, own, usable),
         dead_on_ecu=dead_steering(speed, total.front_angle, table, usable),
-        low=least(passive, between(*LOW_KM_H) & (passive_g <= min(limit, total.lateral_acceleration_cap / gravity))),
+        low=least(passive, between(*LOW_KM_H) & (column * passive <= LOW_UP_TO * usable[:, np.newaxis])),
         high=least(np.fmin(passive, understeering), between(*HIGH_KM_H) & (passive_g <= HIGH_LATERAL_ACCELERATION_G)),
         gains={kmh: gain(kmh) for kmh in speeds},
     )

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.arrays import FloatArray
-from codegen.configuration import Config
+from codegen.configuration import Config, Limits
 from codegen.report.style import BLACK, SKY, new_figure, style
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
@@ -23,14 +23,14 @@ TYRE_SLIP_MAX = math.radians(8.0)
 
 
 def tyre_figure(config: Config) -> Figure:
-    """Draw the lateral force of a front and a rear tyre over slip, for several wheel loads, with the linear range.
+    """Draw the lateral force of a front and a rear tyre over slip, for several wheel loads, with the slip limit of maps.
 
     Raises:
         ConfigError: the linear range of the tyre has no end.
     """
     tyres = AxleTyres.from_config(config)
-    axles = (("Front tyre", tyres.front, tyres.front_slip_bound), ("Rear tyre", tyres.rear, tyres.rear_slip_bound))
-    slip_max = max(TYRE_SLIP_MAX, 3.0 * tyres.front_slip_bound, 3.0 * tyres.rear_slip_bound)
+    axles = tuple(zip(("Front tyre", "Rear tyre"), (tyres.front, tyres.rear), tyres.slip_limits, strict=True))
+    slip_max = slip_shown(tyres)
     with style():
         figure = new_figure(9.6, 4.6)
         panels = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -40,9 +40,21 @@ def tyre_figure(config: Config) -> Figure:
             axes.set_xlabel(r"Slip angle $\alpha$ (deg)")
         panels[0].set_ylabel("Lateral force of one tyre (kN)")
         handles = panels[0].get_legend_handles_labels()[0]
-        handles[-1].set_label(f"linear range: within {config.limits.slip_departure_percent:g} % of the tangent")
+        handles[-1].set_label(slip_limit_text(config.limits))
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
+
+
+def slip_shown(tyres: AxleTyres) -> float:
+    """Return the last slip angle of a tyre figure in rad: some times the limits, at most 45 degrees."""
+    return max(TYRE_SLIP_MAX, min(3.0 * max(tyres.slip_limits), math.radians(45.0)))
+
+
+def slip_limit_text(limits: Limits) -> str:
+    """Return what bounds the slip angles of a map."""
+    if limits.grip_use_max is not None:
+        return f"{100.0 * limits.grip_use_max:g} % of the largest force (nonlinear tyre)"
+    return f"linear range: within {limits.slip_departure_percent:g} % of the tangent"
 
 
 def _draw_tyre(axes: Axes, tyre: MagicFormulaTyre, slip_bound: float, slip_max: float) -> None:
@@ -68,7 +80,7 @@ def _draw_tyre(axes: Axes, tyre: MagicFormulaTyre, slip_bound: float, slip_max: 
     look: dict[str, Any] = {"color": BLACK, "linestyle": "--", "linewidth": 1.1, "label": "tangent at zero, static load"}
     axes.plot(np.degrees(ends), tangent(ends) / 1e3, **look)
     bound = math.degrees(slip_bound)
-    axes.axvspan(0.0, bound, color=SKY, alpha=0.25, linewidth=0.0, label="linear range")
+    axes.axvspan(0.0, bound, color=SKY, alpha=0.25, linewidth=0.0, label="slip limit")
     axes.plot([bound], [float(tyre.force(slip_bound)) / 1e3], "o", color=BLACK, markersize=4.5, zorder=5)
     axes.annotate(rf"$\overline{{\alpha}}$ = {bound:.3f} deg", (bound, 0.0), (5, 7), textcoords="offset points")
     axes.set(xlim=(0.0, math.degrees(slip_max)), ylim=(min(0.0, float(tyre.force(0.0)) / 1e3), 1.05 * top / 1e3))

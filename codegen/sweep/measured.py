@@ -135,14 +135,16 @@ def solve_map(car: MeasuredCar, progress: Progress | None = None) -> ReferenceMa
 def _tuned(reference_map: ReferenceMap, config: Config, progress: Progress | None, where: str) -> Config:
     """Return the configuration with the controller tuned for the measured family, or that of `[tuning]` if it is too wide.
 
-    The second one has no `[identified]`.
+    The second one has no uncertainty in `[identified]`; the grip that the drives reached stays.
     """
     try:
         return tune(reference_map, config, progress, where).config
     except ConfigError:
         if not measured_keys(config):
             raise
-    return tune(reference_map, config.model_copy(update={"identified": Identified()}), progress, where).config
+    known = config.identified
+    exact = Identified(front_grip_reached=known.front_grip_reached, rear_grip_reached=known.rear_grip_reached)
+    return tune(reference_map, config.model_copy(update={"identified": exact}), progress, where).config
 
 
 def code_of(reference_map: ReferenceMap) -> tuple[dict[str, bytes], dict[str, Any]]:

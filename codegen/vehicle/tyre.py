@@ -328,7 +328,7 @@ class AxleTyres:
 
     @property
     def slip_limits(self) -> tuple[float, float]:
-        """Largest slip angles in rad of front and rear axle in a map of the nonlinear tyre."""
+        """Slip angles in rad of front and rear axle that bound a map: use of grip (nonlinear tyre), else the linear range."""
         return self.grip_slips or (self.front_slip_bound, self.rear_slip_bound)
 
 

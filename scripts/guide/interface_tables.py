@@ -120,7 +120,7 @@ def judgement() -> str:
         ("largest lateral acceleration of the map", f"at least {100.0 * rows.GRIP_MIN:g} % of what the car can use"),
         ("dead steering in the map and in the table of the ECU", f"no falling step, at most {rows.FLAT_MAX_PERCENT:g} % flat"),
         (
-            f"yaw rate at {low:g} to {low_to:g} km/h, up to the configured lateral acceleration",
+            f"yaw rate at {low:g} to {low_to:g} km/h, up to 95 % of what the car can use",
             f"at least {100.0 * rows.LOW_MIN:g} % of passive",
         ),
         (

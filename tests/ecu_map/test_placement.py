@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from codegen import configuration
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.placement import Maker, Target
@@ -19,7 +20,14 @@ from codegen.ecu_map.reference_surface import Gap, ReferenceSurface, reference_s
 from codegen.ecu_map.total import Rule
 from codegen.map_file.map import ReferenceMap, from_arrays
 from codegen.optimum.solve import solve_case
-from tests.ecu_map.placements import ROUNDING, largest_error, truth_of
+from tests.ecu_map.placements import (
+    ROUNDING,
+    errors_against_optimum,
+    largest_error,
+    placed,
+    truth_of,
+    with_coarse_grid,
+)
 from tests.optimum.cars import PAPER, changed, paper_map, paper_total
 
 BARE_BOUND = math.radians(4.0)
@@ -85,3 +93,21 @@ def test_an_edited_map_counts_as_a_table() -> None:
     speed, angle = np.linspace(0.0, 33.0, 40), np.linspace(0.0, 0.6, 50)
     found, expected = of_safe.layers[-1].truth(speed, angle)[0], truth_of(safe, "safe")(speed, angle)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)  # the edge is moved inside by 1e-12 of its value
+
+
+def test_a_map_that_bends_towards_its_cap_has_no_table_of_grip() -> None:
+    """The error is that against the optimum, solved anew; the yaw rate never falls up to the stop, and stays below the cap."""
+    config = with_coarse_grid(configuration.preset("recommended"))
+    solved, bound = solve_case(config, "4ws-2"), math.radians(0.5)
+    found = placed(solved, config, bound)
+    assert (found.origin, found.total.grip) == ("surfaces", None)
+    assert 0.0 < found.gap < found.bounded_error <= bound
+    assert errors_against_optimum(config, "4ws-2", found.total)[0] <= bound
+    for total in (found.total, extend(solved, config, config.steering.front_angle_stop)):
+        rules, within = set(np.unique(total.rule)), total.front_angle <= solved.front_angle[-1]
+        assert Rule.HOLD.value not in rules and not within.all()
+        lookup, cap = Lookup.from_map(total, np.float64), total.lateral_acceleration_cap
+        speed, front_angle = np.linspace(5.0, 33.0, 60), np.linspace(0.0, total.front_angle[-1], 700)
+        yaw_rate = lookup(speed[:, np.newaxis], front_angle)
+        assert np.diff(yaw_rate, axis=1).min() >= -1e-12
+        assert (yaw_rate * speed[:, np.newaxis]).max() <= cap * (1.0 + 1e-12)

@@ -24,7 +24,7 @@ from tests import builds
 from tests.optimum.cars import PAPER, changed
 from tests.report.figures import unpacked
 
-TIGHT = {"limits.sideslip_max_deg": 0.5, "limits.lateral_acceleration_max_g": 0.3}
+TIGHT = {"limits.sideslip_max_deg": 0.5}
 
 
 def test_the_map_equals_that_of_codegen_solve(pi: Explorer) -> None:
@@ -46,10 +46,10 @@ def test_binding_constraints_keep_name_and_colour(tracking: Explorer) -> None:
         solved = solve_case(tracking.configured(moved), tracking.case)
         cells, names = unpacked(shown["binding"]).T, shown["binding_names"]
         np.testing.assert_array_equal(cells == 255, ~solved.feasible)
-        alone = solved.feasible & (solved.active == Binding.LATERAL_ACCELERATION)
+        alone = solved.feasible & (solved.active == Binding.SIDESLIP)
         assert alone.any() == bool(moved)
         if moved:
-            np.testing.assert_array_equal(cells == names.index("lateral acceleration"), alone)
+            np.testing.assert_array_equal(cells == names.index("sideslip"), alone)
 
 
 PARTS = ("map", "cut", "step", "margins")
@@ -132,14 +132,16 @@ def test_the_margins_of_the_family_are_those_of_codegen_tune(tracking: Explorer)
 
 
 FRICTION = {"road.friction": 0.5, "limits.sideslip_max_deg": 1.5}
-LIMITS = {"limits.rear_angle_max_deg": 2.0, "limits.lateral_acceleration_max_g": 0.5, "limits.slip_departure_percent": 8.0}
+LIMITS = {"limits.rear_angle_max_deg": 2.0, "limits.lateral_acceleration_max_g": 0.5, "limits.yaw_gain_floor": 0.9}
+TYRE = {"pi": {"limits.slip_departure_percent": 8.0}, "tracking": {"limits.grip_use_max": 0.9}}
+"""Of both limits, only one acts, and only that one has a control."""
 GAINS = {"pi": {"controller.integral_gain": 0.3}, "tracking": {"integral_percent": 40.0, "lead_percent": 150.0}}
 
 
 @pytest.mark.parametrize("kind", ["pi", "tracking"])
 def test_settings_run_like_a_fresh_build_bit_for_bit(kind: str, request: pytest.FixtureRequest) -> None:
     explorer: Explorer = request.getfixturevalue(kind)
-    config = explorer.configured({"lambda": 200.0, **LIMITS, **FRICTION, **GAINS[kind]})
+    config = explorer.configured({"lambda": 200.0, **LIMITS, **TYRE[kind], **FRICTION, **GAINS[kind]})
     calibration = explorer.calibration(config)
     folder = build(solve_case(config, explorer.case), config, BuildOptions("fresh"), BuildInputs("map.npz", "0" * 64, "map"))
     fresh = ClosedLoop(compile_build(folder.files, folder.manifest))
@@ -160,6 +162,16 @@ def test_threads_do_not_share_settings(pi: Explorer) -> None:
     with ThreadPoolExecutor(2) as pool:
         runs = list(pool.map(lambda k: pi.run(calibrations[k % 2], inputs), range(40)))
     assert all(np.array_equal(run, expected[k % 2]) for k, run in enumerate(runs))
+
+
+def test_the_limit_of_the_tyre_that_does_not_act_has_no_control(pi: Explorer, tracking: Explorer) -> None:
+    keys = {"limits.slip_departure_percent", "limits.grip_use_max"}
+    for explorer, acting in ((pi, "limits.slip_departure_percent"), (tracking, "limits.grip_use_max")):
+        assert keys & {control.key for control in explorer.controls} == {acting}
+    (use,) = [control for control in tracking.controls if control.key == "limits.grip_use_max"]
+    assert (use.value, use.bounds) == (0.98, (0.3, 0.995))
+    floored = tracking.configured({"limits.yaw_gain_floor": 0.8, "limits.reference_characteristic_speed_km_h": 90.0})
+    assert floored.limits.yaw_gain_floor == 0.8 and floored.limits.reference_characteristic_speed_km_h == 90.0
 
 
 def test_each_setting_changes_only_its_key(pi: Explorer, tracking: Explorer) -> None:

@@ -627,5 +627,5 @@ def test_unsuitable_builds_are_rejected(refused: Refused, tmp_path: Path) -> Non
     manifest.write_text(kept.replace(f'"version": "{__version__}"', '"version": "0.0.1"'))
     assert "made by codegen 0.0.1" in refused("arxml", "--build", place, "-o", tmp_path / "new")
     manifest.write_text(kept)
-    calibration.write_text(calibration.read_text().replace(".trim_share = 0.02f", ".trim_share = 0.03f"))
+    calibration.write_text(re.sub(r"(\.trim_share = 0\.0)\d", r"\g<1>9", calibration.read_text()))
     assert "ars_calibration.c was changed after the build" in refused("arxml", "--build", place, "-o", tmp_path / "new")

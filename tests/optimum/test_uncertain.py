@@ -101,7 +101,7 @@ def test_a_map_that_uses_grip_is_tightened_by_its_grip_slips() -> None:
     made = found.tightening
     limits = [made.front_slip_max * grip[0], made.rear_slip_max * grip[1]]
     assert [problem.front_slip_max, problem.rear_slip_max] == pytest.approx(limits, rel=1e-12)
-    assert 0.6 < made.front_slip_max < 0.98 and made.lost <= lost_allowed(0.5, made.cars) < 0.5 * made.cars
+    assert 0.6 < made.front_slip_max < 0.99 and made.lost <= lost_allowed(0.5, made.cars) < 0.5 * made.cars
     assert found.lost_by_nominal > 0.5
     assert 0.9 < np.nanmin(found.map.yaw_rate / found.nominal.yaw_rate) < 1.0
     for each in (found.map, found.nominal):

@@ -21,6 +21,7 @@ from codegen.map_file.map import ReferenceMap
 from codegen.optimum.nonlinear import slip_use
 from codegen.optimum.solve import solve_case
 from codegen.report import map_difference, map_plots, paper, run_plots, scenario_plots, style, tyre_plots
+from codegen.report.html.curves import tyre_charts
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.scenarios import find
@@ -225,6 +226,22 @@ def test_tyre_curves_tangent_and_linear_range() -> None:
         assert dot.get_xdata()[0] == pytest.approx(math.degrees(bound), rel=1e-12)
         assert 1e3 * dot.get_ydata()[0] == pytest.approx(0.9 * slope * bound, rel=1e-9)
         assert any(f"{math.degrees(bound):.3f} deg" in text.get_text() for text in axes.texts)
+
+
+def test_a_tyre_figure_shows_the_use_of_grip_where_that_bounds() -> None:
+    """Also of a tyre whose linear range has no end."""
+    changes = {"limits.grip_use_max": 0.95, "limits.slip_departure_percent": 50.0, "tyre.front.shape_factor_c": 1.0}
+    config = CONFIG.replace({**changes, "tyre.front.curvature_factor_e": 0.5})
+    tyres = AxleTyres.from_config(config)
+    figure = tyre_plots.tyre_figure(config)
+    for axes, tyre in zip(figure.axes, (tyres.front, tyres.rear), strict=True):
+        slip, force = (values[0] for values in axes.get_lines()[-1].get_data())
+        largest = tyre.force(np.linspace(0.0, math.radians(45.0), 100_001)).max()
+        assert 1e3 * force == pytest.approx(0.95 * largest, rel=1e-6) and slip < axes.get_xlim()[1] <= 45.0
+    words = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert "95 % of the largest force (nonlinear tyre)" in words
+    captions = [chart.caption for chart in tyre_charts(config).charts]
+    assert all("95 % of the largest force" in caption for caption in captions)
 
 
 def dashed(axes: Axes) -> list[Any]:

@@ -16,7 +16,7 @@ from codegen.report.html.maps import SPEED
 from codegen.report.paper_tables import PAPER_TABLE, TABLE_SPEED_KM_H
 from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, WHITE
 from codegen.report.summary import tyre_note
-from codegen.report.tyre_plots import LOAD_SHARES, TYRE_SLIP_MAX
+from codegen.report.tyre_plots import LOAD_SHARES, slip_limit_text, slip_shown
 from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
@@ -26,14 +26,14 @@ OTHER_LOOKS = tuple((colour, "dashdot") for colour in (GREEN, PURPLE, ORANGE, SK
 
 
 def tyre_charts(config: Config) -> Gallery:
-    """Plot the lateral force of a front and a rear tyre over slip angle, for several wheel loads, with the linear range.
+    """Plot the lateral force of a front and a rear tyre over slip angle, for several wheel loads, with the slip limit of maps.
 
     Raises:
         ConfigError: the linear range of the tyre has no end.
     """
     tyres = AxleTyres.from_config(config)
-    axles = (("front", tyres.front, tyres.front_slip_bound), ("rear", tyres.rear, tyres.rear_slip_bound))
-    slip_max = max(TYRE_SLIP_MAX, 3.0 * tyres.front_slip_bound, 3.0 * tyres.rear_slip_bound)
+    axles = tuple(zip(("front", "rear"), (tyres.front, tyres.rear), tyres.slip_limits, strict=True))
+    slip_max = slip_shown(tyres)
     slip = np.linspace(0.0, slip_max, POINTS)
     top = max(float(np.max(tyre.force(slip, LOAD_SHARES[-1] * tyre.static_load))) for _, tyre, _ in axles)
     charts = []
@@ -46,11 +46,10 @@ def tyre_charts(config: Config) -> Gallery:
             shapes=[{"type": "rect", "x0": 0, "x1": edge, "y0": 0, "y1": 1, **shade}],
         )
         caption = (
-            f"A {name} tyre on a road with friction {config.road.friction:g}. Shaded: the linear range up to {edge:.3f} deg, "
-            f"where the force at the static load is within {config.limits.slip_departure_percent:g} % of its tangent; "
-            "its end is the slip limit of the optimisation."
+            f"A {name} tyre on a road with friction {config.road.friction:g}. Shaded: up to {edge:.3f} deg, the slip limit of "
+            f"the optimisation: {slip_limit_text(config.limits)}."
         )
-        spoken = f"Force of a {name} tyre over slip angle; linear up to {edge:.3f} deg."
+        spoken = f"Force of a {name} tyre over slip angle; slip limit of {edge:.3f} deg."
         figure = {"data": list(_tyre_lines(tyre, slip)), "layout": look}
         charts.append(Chart(f"tyre-{name}", figure, caption, spoken, 440))
     return Gallery(charts)

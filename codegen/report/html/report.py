@@ -68,6 +68,7 @@ from codegen.report.map_plots import is_paper
 from codegen.report.paper_tables import PAPER_TABLE, RUNS, TABLE_FRONT_ANGLE_DEG, optimum_rows, optimum_table, run_table
 from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, YAW_RATE
 from codegen.report.summary import TYRE, map_summary, tyre_note
+from codegen.report.tyre_plots import slip_limit_text
 from codegen.sweep.region import Region
 from codegen.units import KM_H
 from hil_sim.metrics import step_metrics
@@ -303,7 +304,10 @@ def _car(config: Config) -> Iterator[tuple[str, str]]:
     yield "limit of the rear angle", f"{limits.rear_angle_max_deg:g} deg"
     yield "limit of the sideslip", f"{limits.sideslip_max_deg:g} deg"
     yield "limit of the lateral acceleration", f"{limits.lateral_acceleration_max_g:g} g"
-    yield "limit of the slip angles", f"end of the linear range, {limits.slip_departure_percent:g} % from the tangent"
+    yield "limit of the slip angles", slip_limit_text(limits)
+    if limits.yaw_gain_floor > 0.0:
+        speed = limits.reference_characteristic_speed_km_h
+        yield "floor of the yaw rate", f"{100.0 * limits.yaw_gain_floor:g} % of passive; from 80 km/h at most of {speed:g} km/h"
 
 
 def _map(material: Material) -> Iterator[Block]:

@@ -180,8 +180,8 @@ def _limits(config: Config) -> dict[str, float]:
     tyres = AxleTyres.from_config(config)
     return {
         **signal_limits(config),
-        "slip_front_rad": math.degrees(tyres.front_slip_bound),
-        "slip_rear_rad": math.degrees(tyres.rear_slip_bound),
+        "slip_front_rad": math.degrees(tyres.slip_limits[0]),
+        "slip_rear_rad": math.degrees(tyres.slip_limits[1]),
     }
 
 
