@@ -40,20 +40,18 @@ if TYPE_CHECKING:
     from hil_sim.scenarios import Scenario
 
 ROOT = Path(__file__).resolve().parents[2]
-MAP = ROOT / "generated/4ws2-paper.npz"
 BUILD, RECOMMENDED = ROOT / "generated/4ws2-paper", ROOT / "generated/4ws2"
 WIDTH = 7.4
 """inches of a figure over the whole width of a page."""
 
 
 @functools.cache
-def _map() -> npz.ReferenceMap:
-    return npz.load(MAP)
+def _recommended_map() -> npz.ReferenceMap:
+    return npz.load(RECOMMENDED.with_suffix(".npz"))
 
 
-@functools.cache
 def _recommended() -> configuration.Config:
-    config = npz.load(RECOMMENDED.with_suffix(".npz")).config
+    config = _recommended_map().config
     assert config is not None
     return config
 
@@ -65,7 +63,7 @@ def tyre() -> Figure:
 
 def reference_map() -> Figure:
     """The map of the committed build: yaw rate, sideslip, rear angle, and what binds."""
-    return map_figure(npz.load(RECOMMENDED.with_suffix(".npz")), "The recommended 4WS-2 map")
+    return map_figure(_recommended_map(), "The recommended 4WS-2 map")
 
 
 def cut() -> Figure:
@@ -99,7 +97,7 @@ def overview() -> Figure:
     """The map of the committed build, and the paper's step."""
     scenario, runs = _steps()
     return overview_figure(
-        npz.load(RECOMMENDED.with_suffix(".npz")),
+        _recommended_map(),
         after_step(runs, scenario),
         f"Optimal yaw-rate map, road friction {_recommended().road.friction:g}",
     )
@@ -162,11 +160,11 @@ def choice(speed_km_h: float = 43.35, front_angle_deg: float = 4.0) -> Figure:
 
 
 def rules() -> Figure:
-    """Draw the rule that each cell of the total map comes from."""
+    """Draw the rule that each cell of the total map comes from, for the paper's map, which has all of them."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
-    total = extend(_map(), configuration.preset())
+    total = extend(npz.load(BUILD.with_suffix(".npz")), configuration.preset())
     colours = {Rule.ZERO: "#BDBDBD", Rule.SOLVED: "#9ECAE1", Rule.HOLD: look.ORANGE, Rule.PASSIVE_SLOPE: look.GREEN}
     words = {**RULE_TEXT, Rule.ZERO: "linear, from zero at zero speed and at zero front angle"}
     kinds = list(colours)
@@ -189,10 +187,8 @@ def rules() -> Figure:
 
 
 def nonlinear() -> Figure:
-    """The committed map beside that of the same case with the nonlinear tyre."""
-    data = configuration.preset().model_dump(mode="json")
-    data["cases"]["4ws-2"]["tyre_model"] = "magic-formula"
-    maps = _map(), solve_case(configuration.parse(data, "scripts/guide/figures.py"), "4ws-2")
+    """The map of the committed build beside that of the same case with the linear tyre."""
+    maps = solve_case(_recommended().with_tyre_model("linear"), "4ws-2"), _recommended_map()
     return map_difference_figure(maps, (slip_use(maps[0]), slip_use(maps[1])), ("linear tyre", "nonlinear tyre"))
 
 
