@@ -15,10 +15,8 @@ FIRST_SCREEN = (
     ("yaw_rate_high",),
     ("overshoot_yaw_rate", "overshoot_lateral_acceleration"),
     ("rise_yaw_rate", "rise_lateral_acceleration"),
-    ("delay_yaw_rate", "delay_lateral_acceleration"),
     ("dwell_displacement",),
-    ("lane_change_speed",),
-    ("lane_change_sideslip",),
+    ("lane_change_speed", "lane_change_sideslip"),
 )
 """Figures of the first screen. Of several in one place, the worst is shown."""
 SEVERITY: tuple[Verdict, ...] = ("worse", "missed", "equal", "stated", "better")
@@ -29,7 +27,7 @@ def headline(stored: Stored) -> Text:
     """Return the sentence about the whole car, or a notice that there is none."""
     if stored.judgement is None:
         return Text(f"{stored.note[0].upper()}{stored.note[1:]}.", "notice")
-    return Text(stored.judgement.sentence, "lead")
+    return Text(stored.judgement.sentence)
 
 
 def tiles(judgement: Judgement) -> Iterator[Tile]:

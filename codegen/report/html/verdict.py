@@ -22,7 +22,7 @@ from codegen.units import KM_H
 if TYPE_CHECKING:
     from codegen.report.html.report import Material
 
-PICTURE_HEIGHT = 280
+PICTURE_HEIGHT = 225
 """Height in px."""
 
 
@@ -30,7 +30,7 @@ def verdict_blocks(material: Material) -> Iterator[Block]:
     """Yield a sentence, tiles with figures, two pictures, and the warnings."""
     if material.configured:
         yield judgement.headline(material.judgement)
-    yield Text(_headline(material), "" if material.configured else "lead")
+    yield Text(_headline(material), "lead")
     if tiles := tuple(_tiles(material)):
         yield Tiles(tiles)
     yield Gallery(list(_pictures(material)))
