@@ -198,7 +198,7 @@ def test_a_build_takes_a_valid_judgement_along_and_its_c_does_not_change(weak_ma
 
 
 def test_the_report_leads_with_it(weak: Judgement) -> None:
-    assert headline(Stored("current", weak)) == Text(weak.sentence, "lead")
+    assert headline(Stored("current", weak)) == Text(weak.sentence)
     first = headline(MISSING)
     assert first.kind == "notice" and "`codegen check --drive`" in first.text
     table, *texts = judgement_blocks(Stored("current", weak))
