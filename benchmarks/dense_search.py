@@ -24,7 +24,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.optimum.ipopt import without_shifts
 from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
-from codegen.vehicle.dynamics import Model, single_track, two_track
+from codegen.vehicle.dynamics import Model, two_track
 from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres, MagicFormulaTyre
 
 BEYOND = 1.25
@@ -72,7 +72,6 @@ class DenseSearch:
     """The search for one car and case; SI units. `slip_max`: front and rear, rad. `cap`: speed -> lateral acceleration."""
 
     model: Model
-    linear: Model
     config: Config
     case: Case
     slip_max: tuple[float, float]
@@ -92,7 +91,7 @@ class DenseSearch:
             rear = min(bounds.rear_slip_bound, PEAK_SHARE * _peak(tyres.rear))
         else:
             front, rear = _slip_at(tyres.front, use), _slip_at(tyres.rear, use)
-        return cls(two_track(plain), single_track(plain, "linear"), plain, case, (front, rear), cap, yaw_rates, slips)
+        return cls(two_track(plain), plain, case, (front, rear), cap, yaw_rates, slips)
 
     def best(self, speed: float, front_angle: float) -> Best:
         """Return the turn of the map at one operating point (m/s, rad)."""
@@ -121,11 +120,11 @@ class DenseSearch:
         passive = self._turns(speed, front_angle, np.zeros(1), REAR_ANGLE, beyond=1.0 + JUST)[:, _R]
         if limits.yaw_gain_floor > 0.0 and not passive.size:
             return math.nan
-        state, steering = (np.array(part) for part in self.linear.jacobian([0.0, 0.0], [speed, 0.0, 0.0, 1.0]))
-        straight = max(-np.linalg.solve(state, steering[:, 1])[1] * front_angle, passive.max(initial=0.0))
+        straight = passive.max(initial=0.0)
         characteristic = limits.reference_characteristic_speed_km_h / 3.6
         understeering = min(straight, speed * front_angle / wheelbase / (1.0 + (speed / characteristic) ** 2))
-        share = min(max(3.6 * speed / 20.0 - 3.0, 0.0), 1.0)  # zero at 60 km/h, one at 80 km/h
+        share = min(max(3.6 * speed / 20.0 - 3.0, 0.0), 1.0)
+        share *= share * (3.0 - 2.0 * share)  # zero at 60 km/h, one at 80 km/h, without a kink
         floor = limits.yaw_gain_floor * ((1.0 - share) * straight + share * understeering)
         cap = self.cap(speed) / speed
         asked = max(min(optimum, cap / 0.99), floor)

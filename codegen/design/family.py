@@ -92,7 +92,10 @@ def members(config: Config) -> tuple[Member, ...]:
     tuning = config.tuning
     for key in DEVIATIONS:
         if getattr(tuning, key) == []:
-            raise ConfigError("an empty list", where=f"tuning.{key}", remedy="list at least one value, 0 for no deviation")
+            unchanged = 1 if key.endswith("factor") else 0
+            raise ConfigError(
+                "an empty list", where=f"tuning.{key}", remedy=f"list at least one value, {unchanged} for no deviation"
+            )
     factors = [tuple(1.0 + value / 100.0 for value in values) for values in (tuning.mass_percent, tuning.stiffness_percent)]
     axes = {
         "actuator_lag": config.actuator_lags_s,

@@ -75,7 +75,8 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
     turns = turns_behind(reference_map)
     edges = _edges(reference_map, inside, turns)
     follows_law = turns is not None and turns.problem.law is not None
-    filled = _beyond_the_edges(inside, edges, speed, angles, gain, steering if follows_law else None)
+    limit = np.full(speed.shape, np.inf) if turns is None else turns.cap(speed) / np.where(speed > 0.0, speed, 1.0)
+    filled = _beyond_the_edges(inside, edges, speed, angles, gain, limit, steering if follows_law else None)
     zeros = _Zeros(speed, angles)
     return TotalMap(
         speed=zeros.speed,
@@ -120,9 +121,13 @@ def _beyond_the_edges(
     speed: FloatArray,
     angles: FloatArray,
     gain: FloatArray,
+    limit: FloatArray,
     steering: CapSteering | None,
 ) -> _Filled:
-    """Return the map on `angles` (k,), which begin with its own. With `steering`, the rear wheels turn in phase beyond grip."""
+    """Return the map on `angles` (k,), which begin with its own. With `steering`, the rear wheels turn in phase beyond grip.
+
+    `limit` (n,): rad/s beyond which the slope line does not lead; infinite without a cap of the speed.
+    """
     points = inside.yaw_rate.shape[1]
     yaw_rate, rear_angle = (np.full((speed.size, angles.size), np.nan) for _ in range(2))
     yaw_rate[:, :points], rear_angle[:, :points] = inside.yaw_rate, inside.rear_angle
@@ -130,6 +135,7 @@ def _beyond_the_edges(
     rule[:, :points] = inside.rule
     at_edge = edges.yaw_rate[:, np.newaxis]
     slope_line = at_edge + gain[:, np.newaxis] * (angles - edges.front_angle[:, np.newaxis])
+    slope_line = np.minimum(slope_line, np.maximum(at_edge, limit[:, np.newaxis]))
     beyond = np.isnan(yaw_rate) & np.isfinite(edges.front_angle)[:, np.newaxis]
     grip = edges.grip_limited[:, np.newaxis]
     yaw_rate = np.where(beyond, np.where(grip, at_edge, slope_line), yaw_rate)

@@ -101,6 +101,8 @@ def grip_surfaces(
     left = acceleration / speeds[:, np.newaxis]
     # Beyond the map's last angle both go on straight.
     asked = np.where(angles <= front_angle[1], np.minimum(asked, left + ABOVE), line)
+    if turns.problem.is_bent:  # it never falls; rounding at an edge must not either
+        asked = np.maximum.accumulate(asked, axis=1)
     excess = np.maximum(asked - left, 0.0) - np.maximum(line - left, 0.0)
     rear_angle = rear_angle - np.maximum(excess, 0.0) / gain
     return GripSurfaces(

@@ -14,6 +14,7 @@ from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.judgement.bench import Bench
 from codegen.judgement.passive import PassiveTurns
+from codegen.map_file.map import ReferenceMap
 from codegen.metrics import Runs, SineWithDwell, StepResponse
 from codegen.metrics.runs import COLUMNS, largest, spin_times
 from codegen.metrics.sine import SineResponse
@@ -25,6 +26,9 @@ SPEEDS_KM_H = (60.0, 80.0)
 """Speeds of steps and sines; the last speed of the map follows."""
 STEP_SHARES = (0.25, 0.5, 0.8, 0.95)
 """Amplitudes of the steps as fractions of the lateral acceleration that the car can use: the front angle of the passive car."""
+OWN_SHARES = (0.5, 0.8, 0.95)
+"""Further amplitudes, as fractions of the yaw rate that the map reaches: where the passive car turns more, the steps above end
+far from the limit of the controlled car."""
 STEER_TIME, STEP_DURATION = 0.2, 6.0
 """Times in s: a step begins, ends. Its last second is the steady state."""
 
@@ -128,16 +132,19 @@ Kind = TypeVar("Kind", bound=np.generic)
 QUANTITIES = ("yaw rate", "lateral acceleration")
 
 
-def speeds_of(speed: FloatArray) -> list[float]:
-    """Return the speeds in km/h of steps and sines within the speeds of a map (n,) in m/s."""
-    first, last = speed[0] / KM_H, float(speed[-1] / KM_H)
+def speeds_of(config: Config, speed: FloatArray) -> list[float]:
+    """Return the speeds in km/h of steps and sines within the speeds of a map (n,) in m/s, up to the top speed of the car."""
+    first, last = speed[0] / KM_H, min(float(speed[-1] / KM_H), config.top_speed_km_h)
     return [*(kmh for kmh in SPEEDS_KM_H if first <= kmh < last * (1.0 - 1e-9)), round(last, 6)]
 
 
-def drive_steps(bench: Bench, map_speed: FloatArray) -> StepFigures | None:
-    """Drive the steps within the speeds (n,) in m/s of a map, first that of the default scenario; None if there are none."""
+def drive_steps(bench: Bench, map_speed: FloatArray, reference_map: ReferenceMap | None) -> StepFigures | None:
+    """Drive the steps within the speeds (n,) in m/s of a map, first that of the default scenario; None if there are none.
+
+    Without the map, the steps up to what the controlled car can use are left out.
+    """
     config = bench.config
-    speed, front_angle = _step_cells(config, map_speed)
+    speed, front_angle = _step_cells(config, map_speed, reference_map)
     if not speed.size:
         return None
     time = bench.time(STEP_DURATION)
@@ -161,15 +168,17 @@ def drive_steps(bench: Bench, map_speed: FloatArray) -> StepFigures | None:
     )
 
 
-def _step_cells(config: Config, map_speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _step_cells(config: Config, map_speed: FloatArray, reference_map: ReferenceMap | None) -> tuple[FloatArray, FloatArray]:
     """Return speeds in m/s and front angles in rad of the steps."""
-    speed: FloatArray = np.array(speeds_of(map_speed)) * KM_H
+    speed: FloatArray = np.array(speeds_of(config, map_speed)) * KM_H
     turns = PassiveTurns.of(config, speed)
     usable = np.minimum(turns.largest, config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2)
     angle = turns.front_angle_at(np.outer(usable, STEP_SHARES))
+    if reference_map is not None:
+        angle = np.hstack([angle, [_angles_of(reference_map, each) for each in speed]])
     angle = np.minimum(angle, config.steering.front_angle_stop)
     is_known: BoolArray = np.isfinite(angle) & (angle > 0.0)
-    speeds, angles = np.repeat(speed, len(STEP_SHARES))[is_known.ravel()], angle[is_known]
+    speeds, angles = np.repeat(speed, angle.shape[1])[is_known.ravel()], angle[is_known]
     base = SCENARIOS[DEFAULT].settings
     assert base.steering_wheel_angle_deg is not None  # the default scenario has one
     if not map_speed[0] <= base.speed <= map_speed[-1]:
@@ -178,10 +187,22 @@ def _step_cells(config: Config, map_speed: FloatArray) -> tuple[FloatArray, Floa
     return np.append(base.speed, speeds), np.append(own, angles)
 
 
+def _angles_of(reference_map: ReferenceMap, speed: float) -> FloatArray:
+    """Return the front angles (k,) in rad with which a map asks for OWN_SHARES of its yaw rate at a speed; NaN for none."""
+    row = int(np.argmin(np.abs(reference_map.speed - speed)))
+    known = reference_map.feasible[row]
+    if not known.any():
+        return np.full(len(OWN_SHARES), np.nan)
+    yaw_rate = np.maximum.accumulate(np.append(0.0, reference_map.yaw_rate[row, known]))
+    angles = np.append(0.0, reference_map.front_angle[known])
+    found: FloatArray = np.interp(np.array(OWN_SHARES) * yaw_rate[-1], yaw_rate, angles)
+    return found
+
+
 def drive_sines(bench: Bench, map_speed: FloatArray) -> SineFigures | None:
     """Drive a sine at speeds within those (n,) in m/s of a map; None without a steady turn of the passive car."""
     config = bench.config
-    speed: FloatArray = np.array(speeds_of(map_speed)) * KM_H
+    speed: FloatArray = np.array(speeds_of(config, map_speed)) * KM_H
     angle = PassiveTurns.of(config, speed).front_angle_at(np.full((speed.size, 1), SINE_LATERAL_ACCELERATION))[:, 0]
     is_known: BoolArray = np.isfinite(angle)
     if not is_known.any():

@@ -61,7 +61,7 @@ def judge(
     if not is_untuned(config):
         if software is None:
             software = compile_controller(reference_map, config)
-        driven, notes = drive(Bench(software, config, parameters), reference_map.speed, progress)
+        driven, notes = drive(Bench(software, config, parameters), reference_map.speed, progress, reference_map)
         rows += driven
     return Judgement(
         inputs_sha256=judged.inputs_sha256(reference_map, config),
@@ -100,14 +100,19 @@ FAULTS_NAMED, GAINS_NAMED = 4, 3
 
 
 def drive(
-    bench: Bench, map_speed: FloatArray, progress: Callable[[int, int], None] | None = None
+    bench: Bench,
+    map_speed: FloatArray,
+    progress: Callable[[int, int], None] | None = None,
+    reference_map: ReferenceMap | None = None,
 ) -> tuple[list[Row], list[str]]:
-    """Return the rows of all drives within the speeds (n,) in m/s of a map, and what could not be driven."""
+    """Return the rows of all drives within the speeds (n,) in m/s of a map, and what could not be driven.
+
+    With the map, steps go to its limit too."""
     rows: list[Row] = []
     notes: list[str] = []
     tell = _nothing if progress is None else progress
     speed = map_speed[map_speed > 0.0]
-    step = drive_steps(bench, speed)
+    step = drive_steps(bench, speed, reference_map)
     tell(1, PARTS)
     if step is not None:
         base = SCENARIOS[DEFAULT].settings.speed_km_h
@@ -146,14 +151,15 @@ def sentence(rows: Sequence[Row]) -> str:
         _list([row for row in rows if row.verdict == verdict], named)
         for verdict, named in (("worse", FAULTS_NAMED), ("missed", FAULTS_NAMED), ("better", GAINS_NAMED))
     )
-    faults = "; ".join(
-        text for found, text in ((worse, f"it is worse in {worse}"), (missed, f"it misses a criterion in {missed}")) if found
+    faults = " and ".join(
+        text for found, text in ((worse, f"is worse in {worse}"), (missed, f"misses a criterion in {missed}")) if found
     )
+    if faults and better:
+        return f"With the controller, this car {faults}; it is better in {better}."
     if faults:
-        gains = f"; it is better in {better}" if better else ""
-        return f"This car is not better with the controller than without: {faults}{gains}."
+        return f"This car is not better with the controller than without: it {faults}."
     if better:
-        return f"This car is better with the controller than without: in {better}. It is nowhere worse."
+        return f"This car is better with the controller than without: in {better}. It is nowhere worse beyond the tolerances."
     return "This car is as good with the controller as without, and not better."
 
 

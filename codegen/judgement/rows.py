@@ -182,7 +182,7 @@ def steady_rows(figures: SteadyFigures) -> Iterator[Row]:
             key,
             f"yaw rate at {first:g} to {last:g} km/h",
             (100.0 * least.ratio, 100.0),
-            "% of passive" if measure == "passive" else "% of its measure",
+            "% of passive" if measure == "passive" else "% of measure",
             1,
             100.0 * smallest,
             f"at least {100.0 * smallest:g} % of {of}",
@@ -250,10 +250,10 @@ def step_rows(figures: StepFigures, base_km_h: float) -> Iterator[Row]:
 
 
 def _worst(both: FloatArray, tolerance: float) -> int:
-    """Return the index of the run whose figure (2, k) exceeds the passive car's by most; of equals the largest figure."""
+    """Return the index of the run whose figure (2, k) exceeds the passive car's by most; without an excess, the largest."""
     own, passive = np.where(np.isinf(both), 1e9, both)
     excess = own - passive - tolerance
-    return int(np.lexsort((own, excess))[-1])
+    return int(np.lexsort((own, np.maximum(excess, 0.0)))[-1])
 
 
 def _key(quantity: str) -> str:

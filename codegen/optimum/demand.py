@@ -4,10 +4,9 @@ The yaw rate is the only free quantity of a steady turn: rear angle, sideslip an
 act on it after the optimisation, and the turn is then taken at the yaw rate asked for. Where that is not feasible, it is taken
 at the nearest feasible yaw rate: the bounds win.
 
-The floor is a share of the yaw rate of the passive car, whose rear wheels are straight: that of its tyres or, where larger,
-that of its gain at small front angles, with which the yaw rate rises up to the cap. Up to PASSIVE_TO that car is the measure.
-From REFERENCE_FROM it is the smaller of its yaw rate and that of an understeering car with a given characteristic speed,
-because an oversteering car turns more than a driver wants. In between, both are blended.
+The floor is a share of the yaw rate of the passive car, whose rear wheels are straight. Up to PASSIVE_TO that car is the
+measure. From REFERENCE_FROM it is the smaller of its yaw rate and that of an understeering car with a given characteristic
+speed, because an oversteering car turns more than a driver wants. In between, both are blended.
 
 The cap is a lateral acceleration. The yaw rate r bends towards its limit R = ay_cap/vx like r/(1 + (r/R)^n)^(1/n), without a
 corner: it rises with the front angle as long as the optimum or the floor does, and never reaches R.
@@ -57,7 +56,8 @@ class Floor:
     def yaw_rate(self, speed: FloatArray, front_angle: FloatArray, passive: FloatArray) -> FloatArray:
         """Return the floor in rad/s for speeds in m/s, front angles in rad and passive yaw rates in rad/s, which broadcast."""
         understeering = speed * front_angle / (self.wheelbase * (1.0 + (speed / self.characteristic_speed) ** 2))
-        blend = np.clip((speed - PASSIVE_TO) / (REFERENCE_FROM - PASSIVE_TO), 0.0, 1.0)
+        share = np.clip((speed - PASSIVE_TO) / (REFERENCE_FROM - PASSIVE_TO), 0.0, 1.0)
+        blend = share * share * (3.0 - 2.0 * share)  # without a kink at either end
         result: FloatArray = self.share * (passive + blend * (np.minimum(passive, understeering) - passive))
         return result
 

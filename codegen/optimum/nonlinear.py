@@ -111,7 +111,7 @@ class NonlinearTurns:
         """The same car with its rear wheels straight."""
         return replace(self, problem=self.problem.without_rear_steering())
 
-    def cap(self, speed: FloatArray) -> FloatArray:
+    def cap(self, speed: FloatArray, /) -> FloatArray:
         """See `SteadyTurns`.
 
         At the same grip an axle carries less across the car, the larger its steering angle and the load transfer are. So the
@@ -305,17 +305,15 @@ class NonlinearTurns:
     def _demand(self, found: Curves, cells: IndexArray) -> Demand | None:
         """Return the demand at some operating points (k,).
 
-        For the floor, the passive car counts with its tyres, at most up to the end of the curves, and at least with its gain at
-        small front angles.
+        For the floor, the yaw rate of the passive car is at most that at the end of the curves.
         """
         floor, points = self.problem.floor, found.points[cells]
         if self.problem.given is not None or (floor is None and not self.problem.is_bent):
             return None
         least = np.zeros(points.size)
         if floor is not None:
-            of_tyres = np.minimum(self._meeting(found, cells, REAR_BOUND, np.zeros(cells.shape)), found.end[cells])
-            linear = self.problem.car.yaw_gain(points.speed) * points.front_angle
-            least = floor.yaw_rate(points.speed, points.front_angle, np.maximum(of_tyres, linear))
+            passive = np.minimum(self._meeting(found, cells, REAR_BOUND, np.zeros(cells.shape)), found.end[cells])
+            least = floor.yaw_rate(points.speed, points.front_angle, passive)
         return Demand(least, self.cap(points.speed) / points.speed)
 
     def _given(self, law: RearLaw, found: Curves, cells: IndexArray) -> Turns:
@@ -330,7 +328,8 @@ class NonlinearTurns:
     def _meeting(self, found: Curves, cells: IndexArray, row: int, wanted: FloatArray) -> FloatArray:
         """Return the yaw rates (k,) at which a row of CURVE_BOUNDS takes values (k,); 0 or inf beyond an end of the curve."""
         above = bounded(found.points, found.turns)[row][:, cells] > wanted
-        count = above.sum(axis=0)
+        # The first meeting: beyond the stability limit of an oversteering car the values rise again.
+        count = np.logical_and.accumulate(above, axis=0).sum(axis=0)
         inside = np.flatnonzero((count > 0) & (count < SAMPLES))
         yaw_rate = np.where(count > 0, np.inf, 0.0)
         rows = np.full(inside.shape, row)

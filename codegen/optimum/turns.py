@@ -57,6 +57,10 @@ class SteadyTurns(Protocol):
         """Return the largest feasible front angles for speeds (n,); inf beyond the largest angle searched (rad)."""
         ...
 
+    def cap(self, speed: FloatArray, /) -> FloatArray:
+        """Return the lateral accelerations (n,) in m/s^2 towards which the yaw rate bends; infinite where it does not."""
+        ...
+
     def demand(self, speed: FloatArray, front_angle: FloatArray) -> Demand | None:
         """Return floor and cap at speeds (n,) and front angles (n,) that belong together; None without both."""
         ...
@@ -92,6 +96,10 @@ class LinearTurns:
     def edge(self, speed: FloatArray, _front_angle_max: float = math.inf) -> Edge:
         """See `SteadyTurns`."""
         return exact.edge(self.problem, speed)
+
+    def cap(self, speed: FloatArray, /) -> FloatArray:
+        """See `SteadyTurns`."""
+        return np.full(speed.shape, math.inf)
 
     def demand(self, speed: FloatArray, front_angle: FloatArray) -> Demand | None:
         """See `SteadyTurns`."""

@@ -162,7 +162,7 @@ def _controller(config: Config) -> Iterator[str]:
     if critical <= top:
         yield (
             f"the car is unstable from {critical:.0f} km/h without rear steering, and so is the controller's reference model: "
-            f"margins do not count there; set vehicle.top_speed_km_h to what the car reaches, if that is below (it is {top:g})"
+            f"margins do not count there; set vehicle.top_speed_km_h to what the car reaches, if below ({top:g} is assumed)"
         )
     family = config.actuator_lags_s
     if family and not min(family) / TUNED_LAG_FACTOR <= lag <= max(family) * TUNED_LAG_FACTOR:

