@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xE9BD4679u
+#define ARS_DYNAMICS_BUILD 0xBCF3FCF3u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

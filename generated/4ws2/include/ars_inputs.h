@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xE9BD4679u
+#define ARS_INPUTS_BUILD 0xBCF3FCF3u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xE9BD4679u
+#define ARS_LIMITER_BUILD 0xBCF3FCF3u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

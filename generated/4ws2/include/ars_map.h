@@ -2,7 +2,7 @@
  * Yaw-rate reference map: the largest safe yaw rate over speed and front steering angle.
  *
  * The lookup returns a finite value for every pair of numbers. The table covers speeds from standstill to 33.33 m/s (120 km/h) and front
- * angles from zero to 0.6109 rad (35 deg). Beyond it, the value at the edge applies; no result demands more than 7.848 m/s^2 of lateral
+ * angles from zero to 0.6109 rad (35 deg). Beyond it, the value at the edge applies; no result demands more than 7.847 m/s^2 of lateral
  * acceleration. The functions have no state and call no library.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: front angle and yaw rate are positive to the left.
@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xE9BD4679u
+#define ARS_MAP_BUILD 0xBCF3FCF3u
 
 /* Numbers of breakpoints. */
 enum {
@@ -40,7 +40,7 @@ typedef struct {
  *
  * speed:       m/s, any number; NaN and negative speeds count as 0. Beyond the last breakpoint the last row applies, capped.
  * front_angle: rad at the road wheel, any number; NaN counts as 0. Beyond the last breakpoint the last column applies.
- * Returns rad/s with the sign of front_angle, finite, with a magnitude of at most 7.848 m/s^2 / speed.
+ * Returns rad/s with the sign of front_angle, finite, with a magnitude of at most 7.847 m/s^2 / speed.
  */
 float ars_map_yaw_rate(float speed, float front_angle);
 

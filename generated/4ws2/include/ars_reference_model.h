@@ -21,7 +21,7 @@
 extern "C" {
 #endif
 
-#define ARS_REFERENCE_MODEL_BUILD 0xE9BD4679u
+#define ARS_REFERENCE_MODEL_BUILD 0xBCF3FCF3u
 
 /* State of the model. Always finite: at most 0.349 rad of sideslip and 2.62 rad/s. */
 typedef struct {

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xE9BD4679u
+#if ARS_CONTROLLER_BUILD != 0xBCF3FCF3u
 #error "ars_controller.h and this source come from different builds"
 #endif
 

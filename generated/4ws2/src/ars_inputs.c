@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xE9BD4679u
+#if ARS_INPUTS_BUILD != 0xBCF3FCF3u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0xE9BD4679u
+#if ARS_MAP_BUILD != 0xBCF3FCF3u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xE9BD4679u
+#if ARS_TASK_BUILD != 0xBCF3FCF3u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -218,7 +218,7 @@ static inline bool ars_reference_model_holds(const ars_reference_model_t *value)
 static inline bool ars_grip_holds(const ars_grip_t *value)
 {
     bool holds = lies_between(value->reached, 0.0f, 4000.0f)
-        && lies_between(value->available, 0.087199956f, 7.848f);
+        && lies_between(value->available, 0.087190285f, 7.8471293f);
     return holds;
 }
 
@@ -376,8 +376,8 @@ static inline void lemma_cap(float value, float speed, float limit)
 #endif
 static inline void lemma_constants(void)
 {
-    CONTRACT_LEMMA_CONSTANTS(ars_constants.lateral_acceleration_cap == 7.847996f, "lateral_acceleration_cap is that of the build");
-    CONTRACT_LEMMA_CONSTANTS(ars_constants.lateral_acceleration_cap_per_friction == 8.7199955f, "lateral_acceleration_cap_per_friction is that of the build");
+    CONTRACT_LEMMA_CONSTANTS(ars_constants.lateral_acceleration_cap == 7.8471255f, "lateral_acceleration_cap is that of the build");
+    CONTRACT_LEMMA_CONSTANTS(ars_constants.lateral_acceleration_cap_per_friction == 8.719028f, "lateral_acceleration_cap_per_friction is that of the build");
     CONTRACT_LEMMA_CONSTANTS(ars_constants.map_friction == 0.9f, "map_friction is that of the build");
     CONTRACT_LEMMA_CONSTANTS(ars_constants.wheelbase == 3.14f, "wheelbase is that of the build");
     CONTRACT_LEMMA_CONSTANTS(ars_constants.understeer_coefficient == -1.3035295e-05f, "understeer_coefficient is that of the build");
@@ -385,8 +385,8 @@ static inline void lemma_constants(void)
     CONTRACT_LEMMA_CONSTANTS(ars_constants.rear_slip_per_lateral_acceleration == 0.0048840423f, "rear_slip_per_lateral_acceleration is that of the build");
     CONTRACT_LEMMA_CONSTANTS(ars_constants.sideslip_max == 0.05235988f, "sideslip_max is that of the build");
     CONTRACT_LEMMA_CONSTANTS(ars_constants.rear_angle_max == 0.061086524f, "rear_angle_max is that of the build");
-    CONTRACT_LEMMA_CONSTANTS(ars_constants.grip_max == 7.848f, "grip_max is that of the build");
-    CONTRACT_LEMMA_CONSTANTS(ars_constants.friction_per_grip == 0.11467896f, "friction_per_grip is that of the build");
+    CONTRACT_LEMMA_CONSTANTS(ars_constants.grip_max == 7.8471293f, "grip_max is that of the build");
+    CONTRACT_LEMMA_CONSTANTS(ars_constants.friction_per_grip == 0.114691675f, "friction_per_grip is that of the build");
     CONTRACT_LEMMA_CONSTANTS(ars_constants.model_rear_slip_per_lateral_acceleration == 0.0048840423f, "model_rear_slip_per_lateral_acceleration is that of the build");
 }
 
