@@ -8,8 +8,8 @@ The floor is a share of the yaw rate of the passive car, whose rear wheels are s
 measure. From REFERENCE_FROM it is the smaller of its yaw rate and that of an understeering car with a given characteristic
 speed, because an oversteering car turns more than a driver wants. In between, both are blended.
 
-The cap is a lateral acceleration. The yaw rate r bends towards its limit R = ay_cap/vx like r/(1 + (r/R)^n)^(1/n), without a
-corner: it rises with the front angle as long as the optimum or the floor does, and never reaches R.
+The cap is a lateral acceleration. The yaw rate r bends towards its limit R = ay_cap/vx like r/(1 + (r/R)^n)^(1/n): it rises
+with the front angle as long as the floor does, or the optimum up to BELOW_GRIP, and never reaches R.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ SHARPNESS = 50.0
 
 CAPPED = 2.0 ** (-1.0 / SHARPNESS)
 """Share of the limit to which a demand as large as the limit is bent. The cap counts as binding from here."""
-
 
 BELOW_GRIP = 0.99
 """Cap over the smallest lateral acceleration at which grip ends the turns of a speed. That one falls with the front angle, and

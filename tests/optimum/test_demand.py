@@ -22,7 +22,7 @@ from codegen.optimum import exact, ipopt
 from codegen.optimum.demand import bent
 from codegen.optimum.nonlinear import NonlinearTurns
 from codegen.optimum.problem import PEAK_SHARE, SteadyTurnProblem, breakpoints
-from codegen.optimum.solve import solve_case
+from codegen.optimum.solve import solve_acceleration_stack, solve_case
 from codegen.optimum.turns import LinearTurns, Solution
 from codegen.units import KM_H
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, Model, two_track
@@ -297,6 +297,21 @@ def test_the_flag_of_the_cap_by_its_definition(name: str) -> None:
 
 
 # --- the solvers ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_yaw_rate_never_falls_while_braking() -> None:
+    """The rear axle of a braking car is weak: beyond its stability limit, turns with straight rear wheels exist once more."""
+    grid = {
+        "speed_min_km_h": 50.0,
+        "speed_max_km_h": 80.0,
+        "speed_points": 16,
+        "front_angle_max_deg": 2.0,
+        "front_angle_points": 20,
+    }
+    config = changed(preset("recommended"), grid=grid)
+    for layer in solve_acceleration_stack(config, MAP, (-6.0, -4.0, 0.0)).layers:
+        assert np.nanmin(np.diff(layer.map.yaw_rate, axis=1)) >= -ROUNDING
+
 
 FLOORS = {"yaw_gain_floor": 1.1, "reference_characteristic_speed_km_h": 70.0}
 
