@@ -109,7 +109,7 @@ def step() -> Figure:
     shown = {name: runs[name] for name in ("recommended", "C1", "passive")}
     return run_figure(
         after_step(shown, scenario),
-        f"{scenario.title}: the paper's PI and the recommended controller",
+        scenario.title,
         time_label=look.AFTER_STEP,
     )
 
