@@ -13,7 +13,6 @@ from benchmarks.judged_car import (
     BUILD,
     CONTROLLED,
     FEEDFORWARD,
-    FEW_DRIVERS,
     PLANTS,
     TWO_TRACK,
     CarFigures,
@@ -188,7 +187,7 @@ CRITERIA = (
 def run(
     quick: bool, say: Callable[[str], None], *, cars: int | None = None, seed: int = SEED, plant: str = ",".join(PLANTS)
 ) -> CountReport:
-    """Judge five cars on the plants, and random ones on the two-track plant with fewer drivers.
+    """Judge five cars on the plants, and random ones on the two-track plant.
 
     Args:
         quick: whether to draw fewer random cars by default.
@@ -210,8 +209,7 @@ def run(
         jobs = [background.call(judge_car, name, config, plants, DRIVERS, True) for name, config in five.items()]
         drawn = enumerate(random_cars(seed, count), start=1)
         jobs += [
-            background.call(judge_car, f"random car {number}", config, (TWO_TRACK,), FEW_DRIVERS, False)
-            for number, config in drawn
+            background.call(judge_car, f"random car {number}", config, (TWO_TRACK,), DRIVERS, False) for number, config in drawn
         ]
         steps, judged = steps_job.get(), []
         for number, job in enumerate(jobs, start=1):
@@ -332,7 +330,7 @@ def _notes() -> tuple[str, ...]:
         "of the passive car's largest lateral acceleration and the configured limit.",
         f"Sweep of sines with dwell: {SWEEP_RUNS} runs at 80 km/h, 5 to 7 times the angle for 0.3 g, friction 0.7 to 0.9, no "
         "estimate, mass 90 to 120 %, two-track. Too short: passive reaches the displacement of FMVSS 126, control does not.",
-        f"Lane change: ISO 3888-2:2011 at constant speed, {len(DRIVERS)} drivers (MacAdam 1981; preview, reaction, gain), "
-        f"random cars {len(FEW_DRIVERS)}; the largest speed, in steps of {STEP_KM_H:g} km/h, at which one driver passes. "
+        f"Lane change: ISO 3888-2:2011 at constant speed, {len(DRIVERS)} drivers (MacAdam 1981; preview, reaction, gain); "
+        f"the largest speed, in steps of {STEP_KM_H:g} km/h, at which one driver passes. "
         "Peak sideslip: at the smaller entry speed of both cars, of the driver who passes with the least.",
     )

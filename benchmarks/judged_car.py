@@ -17,7 +17,6 @@ from codegen.judgement.check import check_path
 from codegen.judgement.drives import SweepFigures, drive_sweep
 from codegen.judgement.judge import judge
 from codegen.judgement.lane_change import (
-    DRIVERS,
     LaneChange,
     lane_change_figures,
     largest_entry_speed,
@@ -54,9 +53,6 @@ FRONT_STEERED_CASE = "fws"
 TWO_TRACK, ROLL = "two-track", "roll"
 PLANTS = (TWO_TRACK, ROLL)
 """The plant of the configuration; the third plant, with roll, other tyres, relaxation and sensor errors."""
-
-FEW_DRIVERS = DRIVERS[1::3]
-"""Drivers of random cars: each pair of times with the gains 0.8 and 1.1."""
 
 CONTROLLED, FEEDFORWARD, PASSIVE = "tracking", "feedforward", "passive"
 
