@@ -6,7 +6,7 @@ Rules, with G(vx) the steady yaw gain of the passive car and ay_cap the largest 
 - beyond an edge that grip sets (slip angles, lateral acceleration): hold the edge's yaw rate, ay_cap / vx with linear tyres;
 - beyond an edge that sideslip and the rear angle set, and beyond the last front angle: r_edge + G (delta_f - delta_edge);
 - a map that bends towards its cap (`optimum.demand`: nonlinear tyre with `limits.grip_use_max`) ends at no edge that grip sets:
-  beyond every edge the yaw rate goes on with the passive gain, so that it never falls;
+  beyond every edge the yaw rate goes on with the passive gain up to the cap of its speed; it never falls;
 - everything at most ay_cap / vx, which the lookup itself applies: the table holds the straight line of the second rule
   uncapped, so that the lookup meets the minimum of both exactly and not along a chord;
 - a speed without a feasible cell takes its neighbours'.

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -223,30 +223,29 @@ def step_rows(figures: StepFigures, base_km_h: float) -> Iterator[Row]:
         limit = passive + STEP_SIDESLIP_TOLERANCE_DEG
         required = f"at most {STEP_SIDESLIP_TOLERANCE_DEG:g} deg more than passive"
         yield _row("step_sideslip", "steady sideslip after a step", (own, passive), "deg", 2, limit, required, at=at)
+    at_steps = [_step(figures, k) for k in range(figures.speed_km_h.size)]
     for quantity, both in figures.overshoot_percent.items():
-        k = _worst(both, OVERSHOOT_TOLERANCE_PERCENT)
-        yield _row(
-            f"overshoot_{_key(quantity)}",
-            f"overshoot of the {quantity}",
-            (float(both[0, k]), float(both[1, k])),
-            "%",
-            1,
-            float(both[1, k]) + OVERSHOOT_TOLERANCE_PERCENT,
-            f"at most {OVERSHOOT_TOLERANCE_PERCENT:g} points more than passive",
-            at=_step(figures, k),
-        )
+        key, title = f"overshoot_{_key(quantity)}", f"overshoot of the {quantity}"
+        yield _worst_row(key, title, both, "%", 1, OVERSHOOT_TOLERANCE_PERCENT, at_steps, of_tolerance="points")
     for quantity, both in figures.rise_s.items():
-        k = _worst(both, RISE_TOLERANCE_S)
-        yield _row(
-            f"rise_{_key(quantity)}",
-            f"rise to 90 % of the {quantity}",
-            (float(both[0, k]), float(both[1, k])),
-            "s",
-            2,
-            float(both[1, k]) + RISE_TOLERANCE_S,
-            f"at most {RISE_TOLERANCE_S:g} s more than passive",
-            at=_step(figures, k),
-        )
+        yield _worst_row(f"rise_{_key(quantity)}", f"rise to 90 % of the {quantity}", both, "s", 2, RISE_TOLERANCE_S, at_steps)
+
+
+def _worst_row(
+    key: str,
+    title: str,
+    both: FloatArray,
+    unit: str,
+    digits: int,
+    tolerance: float,
+    places: Sequence[str],
+    of_tolerance: str = "",
+) -> Row:
+    """Return the row of the worst of k drives, figures (2, k), which may exceed the passive car's by a tolerance."""
+    k = _worst(both, tolerance)
+    own, passive = map(float, both[:, k])
+    required = f"at most {tolerance:g} {of_tolerance or unit} more than passive"
+    return _row(key, title, (own, passive), unit, digits, passive + tolerance, required, at=places[k])
 
 
 def _worst(both: FloatArray, tolerance: float) -> int:
@@ -266,19 +265,10 @@ def _step(figures: StepFigures, k: int) -> str:
 
 def sine_rows(figures: SineFigures) -> Iterator[Row]:
     """Yield the rows of the delays, each at its worst speed."""
+    places = [f"{speed:.4g} km/h" for speed in figures.speed_km_h]
     for quantity, both in figures.delay_s.items():
-        k = _worst(both, DELAY_TOLERANCE_S)
-        own, passive = 1e3 * both[:, k]
-        yield _row(
-            f"delay_{_key(quantity)}",
-            f"delay of the {quantity}, {SINE_HZ:g} Hz",
-            (float(own), float(passive)),
-            "ms",
-            0,
-            float(passive) + 1e3 * DELAY_TOLERANCE_S,
-            f"at most {1e3 * DELAY_TOLERANCE_S:g} ms more than passive",
-            at=f"{figures.speed_km_h[k]:.4g} km/h",
-        )
+        key, title = f"delay_{_key(quantity)}", f"delay of the {quantity}, {SINE_HZ:g} Hz"
+        yield _worst_row(key, title, 1e3 * both, "ms", 0, 1e3 * DELAY_TOLERANCE_S, places)
 
 
 def dwell_rows(figures: DwellFigures) -> Iterator[Row]:
@@ -386,17 +376,7 @@ def peak_rows(
     sideslip, front, rear = (np.array([drive[place] for drive in drives]) for place in (1, 2, 3))
     # How far a car that spins slides depends on where the drive ends.
     front, rear, degrees = (np.where(sideslip > SPIN_SIDESLIP, np.inf, each) for each in (front, rear, np.degrees(sideslip)))
-    k = _worst(degrees.T, PEAK_SIDESLIP_TOLERANCE_DEG)
-    yield _row(
-        "sideslip",
-        "peak sideslip of all drives",
-        (float(degrees[k, 0]), float(degrees[k, 1])),
-        "deg",
-        1,
-        float(degrees[k, 1]) + PEAK_SIDESLIP_TOLERANCE_DEG,
-        f"at most {PEAK_SIDESLIP_TOLERANCE_DEG:g} deg more than passive",
-        at=names[k],
-    )
+    yield _worst_row("sideslip", "peak sideslip of all drives", degrees.T, "deg", 1, PEAK_SIDESLIP_TOLERANCE_DEG, names)
     for axle, slips, (limit, of) in zip(("front", "rear"), (front, rear), _slip_limits(config), strict=True):
         if not math.isfinite(limit):
             continue
