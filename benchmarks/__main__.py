@@ -29,6 +29,7 @@ NAMES = {
     "identify": "identify",
     "plan": "drive_plan",
     "better": "better",
+    "law": "law",
 }
 """Name of a benchmark on the command line -> its module."""
 
@@ -44,11 +45,15 @@ ON_REQUEST = (
     "identify",
     "plan",
     "better",
+    "law",
 )
 """Only where named: they need what not every machine has, or measure no time."""
 
-OF_BETTER = ("cars", "seed", "plant")
-"""Options of the benchmark `better`; without them it has defaults of its own."""
+OPTIONS = {
+    "better": ("cars", "seed", "plant"),
+    "law": ("cars", "seed", "plant", "only", "shown", "maps", "changes"),
+}
+"""Options of a benchmark; without them it has defaults of its own."""
 
 READING = "Times: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side."
 
@@ -60,10 +65,15 @@ def main() -> int:
         "names", nargs="*", metavar="NAME", help=f"{', '.join(NAMES)}; by default all but {', '.join(ON_REQUEST)}"
     )
     parser.add_argument("--quick", action="store_true", help="fewer repeats, and IPOPT on a part of the grid")
-    of_better = parser.add_argument_group("better")
-    of_better.add_argument("--cars", type=int, metavar="N", help="number of random cars")
-    of_better.add_argument("--seed", type=int, metavar="N", help="of the random cars")
-    of_better.add_argument("--plant", metavar="NAMES", help="two-track, roll, or both with a comma")
+    both = parser.add_argument_group("better and law")
+    both.add_argument("--cars", type=int, metavar="N", help="number of random cars")
+    both.add_argument("--seed", type=int, metavar="N", help="of the random cars")
+    both.add_argument("--plant", metavar="NAMES", help="better: two-track, roll; law: ideal, real; several with commas")
+    law = parser.add_argument_group("law")
+    law.add_argument("--only", metavar="ROWS", help="numbers of rows, with commas")
+    law.add_argument("--shown", metavar="CARS", help="letters of the cars that are driven, such as PS")
+    law.add_argument("--maps", type=Path, metavar="FOLDER", help="keep tuned maps there, and read those of an earlier call")
+    law.add_argument("--set", dest="changes", action="append", metavar="KEY=VALUE", help="change a key of ars.toml in all cars")
     parser.add_argument("--write", type=Path, metavar="FILE", help="put what is measured into this page, too")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in NAMES]
@@ -77,7 +87,7 @@ def main() -> int:
     print(described)
     missed = 0
     for name in options.names or [name for name in NAMES if name not in ON_REQUEST]:
-        given = {key: value for key in OF_BETTER if (value := getattr(options, key)) is not None} if name == "better" else {}
+        given = {key: value for key in OPTIONS.get(name, ()) if (value := getattr(options, key)) is not None}
         module: Any = importlib.import_module(f"benchmarks.{NAMES[name]}")
         try:
             report = module.run(options.quick, lambda text: print(f"... {text}", file=sys.stderr, flush=True), **given)

@@ -129,7 +129,8 @@ DIFFERENCE_MAX_FLIPPED = 1e-6
 
 This happens about once in ten million samples: 6e-8 rad of front angle are 5e-7 rad/s of reference at 8 (rad/s)/rad."""
 
-NOISES = 3
+NOISES = ("speed", "front_angle", "yaw_rate", "rear_angle", "lateral_acceleration")
+"""Measured signals that noise may be added to, in order: m/s, rad, rad/s, rad, m/s^2."""
 _SPEED, _FRICTION = INPUT_COLUMNS.index("speed"), INPUT_COLUMNS.index("friction")
 _RELAXATION = PLANT_PARAMETERS.index("relaxation_length")
 
@@ -179,7 +180,7 @@ class Lanes:
         delay_samples: control samples between the computation of a command and its effect, 0 to 100.
         command_factor: multiplies the rear angle command, and so the loop gain, when the command acts; 1 changes nothing.
         controlled: False keeps the rear command at zero: the passive car.
-        noise: (samples, 3, n), added to measured speed (m/s), front angle (rad) and yaw rate (rad/s). None adds nothing.
+        noise: (samples, k, n), added to the first k of the measured signals in NOISES. None adds nothing.
         drivers: drivers of the runs, who add to the scenario's steering-wheel command; None for none.
     """
 
@@ -271,6 +272,7 @@ class BatchSoftware:
         scenario.inputs = ffi.cast("batch_input_t *", ffi.from_buffer(profile))
         runs = ffi.new("batch_runs_t *")
         runs.count = count
+        runs.noises = own["noise"].shape[1] if "noise" in own else 0
         for name, array in own.items():
             setattr(runs, name, ffi.cast(_C_TYPES.get(name, "double *"), ffi.from_buffer(array)))
         held = None if lanes.drivers is None else self._drivers(lanes.drivers, count)
@@ -319,8 +321,8 @@ class BatchSoftware:
         own["delay_samples"] = own["delay_samples"].astype(np.uint32)
         if lanes.noise is not None:
             noise = np.ascontiguousarray(lanes.noise, dtype=np.float64)
-            if noise.shape != (samples, NOISES, cars.shape[0]):
-                raise ValueError(f"noise of shape {noise.shape}; needed: ({samples}, {NOISES}, {cars.shape[0]})")
+            if noise.shape != (samples, *noise.shape[1:2], cars.shape[0]) or not 1 <= noise.shape[1] <= len(NOISES):
+                raise ValueError(f"noise of shape {noise.shape}; needed: ({samples}, 1 to {len(NOISES)}, {cars.shape[0]})")
             own["noise"] = noise
         return profile, own
 

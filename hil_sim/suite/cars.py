@@ -20,11 +20,11 @@ from codegen.errors import CodegenError
 from codegen.optimum.solve import solve_case
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.background import Background
-from hil_sim.suite.cells import NOMINAL, cells, last_cell_km_h, up_to
+from hil_sim.suite.cells import NOMINAL, Cell, cells, last_cell_km_h, up_to
 from hil_sim.suite.controller_properties import FamilyMargins, margins_of
 from hil_sim.suite.requirements import Limits, Requirement, all_passed, car_requirements
 from hil_sim.suite.runs import Summary, run_table, summarise
-from hil_sim.suite.subjects import RECOMMENDED_CASE, Steps, of_config, tuned
+from hil_sim.suite.subjects import RECOMMENDED_CASE, Steps, Subject, of_config, tuned
 
 DEVELOPMENT_SEED, TEST_SEED = 1, 4
 """Seeds for design and for testing. No design may use the cars of the test seed. Earlier designs used seeds 2 and 3."""
@@ -202,16 +202,22 @@ def examine(number: int, config: Config, limits: Limits) -> CarResult:
     gradient = math.degrees(car.understeer_coefficient) * config.road.gravity_m_s2
     actuator = config.rear_actuator
     facts = (number, config.vehicle.mass_kg, car.wheelbase, gradient, actuator.angle_max_deg, actuator.lag_s)
-    config = config.with_tyre_model(TYRE_MODEL)
     try:
-        reference_map = solve_case(config, RECOMMENDED_CASE)
-        config = tuned(reference_map, config)
-        points = cells(config, config.case(RECOMMENDED_CASE), up_to(last_cell_km_h(config), SPEEDS_KM_H), SHARES)
-        results = run_table(of_config("tracking", reference_map, config), [NOMINAL], points)[NOMINAL.name]
-        margins = margins_of(config)
+        tested, points = prepared(config)
+        results = run_table(tested, [NOMINAL], points)[NOMINAL.name]
+        margins = margins_of(tested.config)
     except CodegenError as error:
         return CarResult(*facts, {}, None, None, (), str(error))
-    summary = summarise("tracking", "random car", results)
-    chosen = config.controller.tracking.model_dump(mode="json", exclude={"schedule"})
+    summary = summarise(tested.name, "random car", results)
+    chosen = tested.config.controller.tracking.model_dump(mode="json", exclude={"schedule"})
     rows = car_requirements(f"car {number}", summary, margins, limits)
     return CarResult(*facts, chosen, summary, margins, rows)
+
+
+def prepared(config: Config) -> tuple[Subject, tuple[Cell, ...]]:
+    """Solve and tune one car; return its controller and its cells. Raises CodegenError."""
+    config = config.with_tyre_model(TYRE_MODEL)
+    reference_map = solve_case(config, RECOMMENDED_CASE)
+    config = tuned(reference_map, config)
+    points = cells(config, config.case(RECOMMENDED_CASE), up_to(last_cell_km_h(config), SPEEDS_KM_H), SHARES)
+    return of_config("tracking", reference_map, config), points

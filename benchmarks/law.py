@@ -1,0 +1,135 @@
+"""The control law on plants that are not its own: every requirement of it with what is asked and what is measured.
+
+Measures no time. Four cars, solved, tuned and built in memory, are driven in batches; random ones keep the limits of the suite.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks import law_grip
+from benchmarks.law_car import CARS, DWELLS, FLICKS, PLANTS, REAL_PLANT, LawCar, prepare
+from benchmarks.law_figures import Figure, header, lines
+from benchmarks.law_others import examine, random_figures
+from benchmarks.tables import CountReport
+from codegen.errors import CodegenError
+from hil_sim.suite.background import Background
+from hil_sim.suite.cars import DEVELOPMENT_SEED, random_cars
+from hil_sim.suite.subjects import DELAY_SAMPLES
+
+SEED = 6
+"""Seed of the random cars by default. The law was designed with cars of the seed DEVELOPMENT_SEED, and with those of CARS."""
+COUNT, QUICK_COUNT = 40, 4
+"""Random cars by default."""
+
+CarRows = Callable[[LawCar, str], Any]
+OF_CARS: Mapping[int, CarRows] = {**law_grip.ROWS}
+"""Number of a row -> function of a car and a plant that yields its figures."""
+RANDOM = 1
+"""Number of the row of the random cars."""
+KNOWN = sorted([RANDOM, *OF_CARS])
+
+
+def run(
+    quick: bool,
+    say: Callable[[str], None],
+    *,
+    cars: int | None = None,
+    seed: int = SEED,
+    plant: str = ",".join(PLANTS),
+    only: str = "",
+    shown: str = "".join(CARS),
+    maps: Path | None = None,
+    changes: Sequence[str] = (),
+) -> CountReport:
+    """Measure the chosen rows.
+
+    Args:
+        quick: whether to draw fewer random cars by default.
+        say: called with the progress.
+        cars, seed: random cars, and the seed of their draw.
+        plant: names of PLANTS, separated by commas.
+        only: numbers of rows, separated by commas; "" for all.
+        shown: letters of CARS.
+        maps: folder that keeps the tuned maps from one call to the next.
+        changes: KEY=VALUE for keys of `ars.toml`, JSON values.
+
+    Raises:
+        CodegenError: an unknown plant, row, car or key, or no C compiler.
+    """
+    plants = _chosen("--plant", plant.split(","), PLANTS)
+    letters = _chosen("--shown", list(shown), CARS)
+    rows = [int(each) for each in _chosen("--only", only.split(","), map(str, KNOWN))] if only else KNOWN
+    values, count = dict(map(_change, changes)), (QUICK_COUNT if quick else COUNT) if cars is None else cars
+    figures: list[Figure] = []
+    with Background() as background:
+        jobs = [background.call(measure, letter, values, maps, rows, plants) for letter in letters]
+        drawn = random_cars(seed, count) if RANDOM in rows else ()
+        examined = [background.call(examine, number, config, plants) for number, config in enumerate(drawn, start=1)]
+        for letter, job in zip(letters, jobs, strict=True):
+            figures += job.get()
+            say(f"{letter}: {CARS[letter]}")
+        found = []
+        for waiting in examined:
+            found.append(waiting.get())
+            say(f"{found[-1].title} of {count}")
+    figures += random_figures(found, plants, seed) if found else ()
+    return report(figures, letters)
+
+
+def _chosen(option: str, given: Sequence[str], known: Any) -> list[str]:
+    """Return the given names. Raises CodegenError for one that is not known."""
+    names = list(known)
+    if unknown := [each for each in given if each not in names]:
+        raise CodegenError(f"unknown: {unknown[0]!r}", where=option, remedy=f"known: {', '.join(names)}")
+    return list(given)
+
+
+def _change(text: str) -> tuple[str, Any]:
+    key, _, value = text.partition("=")
+    try:
+        return key, json.loads(value)
+    except ValueError:
+        raise CodegenError(f"{text!r} is no KEY=VALUE", where="--set", remedy="such as tuning.delay_samples=2") from None
+
+
+def measure(
+    letter: str, changes: Mapping[str, Any], maps: Path | None, rows: Sequence[int], plants: Sequence[str]
+) -> list[Figure]:
+    """Return the figures of one car. Raises CodegenError."""
+    return figures_of(prepare(letter, changes, maps), rows, plants)
+
+
+def figures_of(car: LawCar, rows: Sequence[int], plants: Sequence[str]) -> list[Figure]:
+    """Return the figures of a car with any build. Raises BuildError."""
+    return [each for row in rows if row in OF_CARS for plant in plants for each in OF_CARS[row](car, plant)]
+
+
+def report(figures: Sequence[Figure], letters: Sequence[str]) -> CountReport:
+    """Return the table of the requirements, and the details."""
+    judged, details = ([each for each in figures if bool(each.goal) == has_goal] for has_goal in (True, False))
+    tables = [("The control law on plants that are not its own", header(letters), lines(judged, letters))]
+    if details:
+        tables.append(("Details", header(letters), lines(details, letters)))
+    return CountReport(tuple(tables), _notes())
+
+
+def _notes() -> tuple[str, ...]:
+    cars = ", ".join(f"{letter}: {name}" for letter, name in CARS.items())
+    return (
+        f"Cars: {cars} (`benchmarks/judged_cars.py`); recommended preset, nonlinear tyre. They and the random cars of seed "
+        f"{DEVELOPMENT_SEED} are the development set, the random cars of seed {SEED} the test set.",
+        f"Plants: ideal is the two-track car as the map has it; real has {REAL_PLANT}. "
+        f"Commands act {DELAY_SAMPLES} sample late.",
+        "Rows 5 to 9: the 24 steps of the suite, 25 to 120 km/h with 25 to 100 % of the largest front angle of the map. A "
+        "car spins at more than 10 deg of sideslip with more than 5 deg of rear slip; other figures are of the other runs.",
+        "Possible (row 6): largest steady yaw rate with any rear angle of the actuator, each axle within 90 % of the slip "
+        "of its peak force, at most the map's. A cell is met at 99 % of it.",
+        f"Row 7: steps, {FLICKS.speed.size} flicks and {DWELLS.speed.size} sines with dwell (60 to 100 km/h, 2 to 6 deg at the "
+        "front wheels), each with a bias of the measured lateral acceleration of 0, +0.3 and -0.3 m/s^2 from the start, a "
+        "second before a step. Details: spins with each bias; largest sideslip in deg with each.",
+        "Row 9: a road carries a cell if the car can reach 99 % of the map's yaw rate on it.",
+    )

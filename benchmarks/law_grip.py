@@ -1,0 +1,205 @@
+"""Rows of the benchmark `law` at the limits of grip: healthy sensors, other tyres and slippery roads."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.law_car import DWELLS, FLICKS, LawCar, Setting, per_setting, road, spun
+from benchmarks.law_figures import Figure
+from codegen.arrays import BoolArray, FloatArray
+from codegen.configuration import Config
+from codegen.configuration.signals import Status
+from codegen.judgement.passive import usable_slip
+from codegen.metrics import StepResponse
+from codegen.metrics.runs import Extremes
+from codegen.optimum.nonlinear_car import SteadyCar
+from codegen.vehicle.tyre import AxleTyres
+from hil_sim.suite.cells import Change, Condition, stiffness, together
+
+KINDS = (False, True)
+"""Whether a slippery road keeps the stiffness of the tyres."""
+FRICTIONS = (0.6, 0.4)
+SIDESLIP_MAX_DEG = {0.6: 4.0, 0.4: 5.0}
+"""Largest sideslip angle of the runs by friction."""
+ESTIMATE_ERROR = 0.2
+BIASES_M_S2 = (0.0, 0.3, -0.3)
+ICE, ICE_SPINS_MAX = 0.25, 10
+HALF = 0.5
+DRY_CHANGE_PERCENT = 1.0
+"""Largest change of the dry car's yaw rate by a bias, of the map's, that counts as none."""
+
+NEAR_SHARE = 0.75
+BELOW_NEAR_PERCENT, BELOW_FAR_PERCENT = 5.0, 15.0
+"""Largest error below the map with other tyres, up to NEAR_SHARE of the edge, and beyond."""
+POSSIBLE_SHARE = 0.99
+"""Share of what the car can do that counts as all of it."""
+GRID = 400
+"""Yaw rates of the search for what the car can do, from zero to the map's."""
+
+TYRES: dict[str, tuple[str, float, bool]] = {
+    "front tyres -25 %, stiffness": ("front", -25.0, False),
+    "front tyres -25 %, stiffness and peak": ("front", -25.0, True),
+    "rear tyres +25 %, stiffness": ("rear", 25.0, False),
+    "rear tyres +25 %, stiffness and peak": ("rear", 25.0, True),
+}
+"""Title -> axle, change in percent, whether the peak changes as well."""
+
+
+def rejected(car: LawCar, plant: str) -> Iterator[Figure]:
+    """Yield row 5: cells in which a healthy sensor is rejected."""
+    roads = [Setting(), *(Setting(road(*each)) for each in itertools.product(FRICTIONS, KINDS))]
+    for is_noisy, sensors in ((False, "ideal sensors"), (True, "noisy sensors")):
+        runs = car.drive(car.steps, plant, [replace(each, is_noisy=is_noisy) for each in roads])
+        status = runs.signals["status"][runs.after]
+        is_rejected = np.isin(status, (Status.DEGRADED, Status.FAIL_SAFE)).any(axis=0).reshape(len(roads), -1)
+        for each, cells in zip(roads, is_rejected, strict=True):
+            count = int(cells.sum())
+            title = f"{sensors}, {each.condition.title}: cells with a rejected sample"
+            yield Figure(5, title, plant, "0", car.letter, f"{count}", count == 0)
+
+
+def other_tyres(car: LawCar, plant: str) -> Iterator[Figure]:
+    """Yield row 6: steady yaw rate below the map with other tyres."""
+    settings = [Setting(Condition("tyres", title, "tyre", plant=_tyres(*key))) for title, key in TYRES.items()]
+    runs = car.drive(car.steps, plant, settings)
+    # A car that spins does not follow the map at all.
+    error = np.where(spun(runs, settings), -np.inf, per_setting(StepResponse(runs).map_error_percent, settings))
+    is_near = car.shares <= NEAR_SHARE
+    for setting, found in zip(settings, error, strict=True):
+        possible = 100.0 * (_possible(car, setting.condition.plant(car.config)) - 1.0)
+        for title, cells, most in (
+            (f"up to {100.0 * NEAR_SHARE:g} %", is_near, BELOW_NEAR_PERCENT),
+            ("beyond", ~is_near, BELOW_FAR_PERCENT),
+        ):
+            limit = np.minimum(-most, 100.0 * POSSIBLE_SHARE * (1.0 + possible / 100.0) - 100.0)
+            worst = int(np.argmin(np.where(cells, found - limit, np.inf)))
+            text = "spins" if np.isinf(found[worst]) else f"{found[worst]:.1f} ({possible[worst]:.1f})"
+            name = f"{setting.condition.title}, {title}: error to the map (possible) in %, worst cell"
+            yield Figure(6, name, plant, f"-{most:g}, or possible", car.letter, text, bool(found[worst] >= limit[worst]))
+
+
+def _tyres(axle: str, percent: float, with_peak: bool) -> Change:
+    changed = stiffness(percent, 0.0) if axle == "front" else stiffness(0.0, percent)
+
+    def with_peaks(config: Config) -> Config:
+        peak = (1.0 + percent / 100.0) * getattr(config.tyre, axle).peak_factor_p1
+        return config.replace({f"tyre.{axle}.peak_factor_p1": peak}, "varied plant")
+
+    return together(changed, with_peaks) if with_peak else changed
+
+
+def _possible(car: LawCar, changed: Config) -> FloatArray:
+    """Return the largest steady yaw rates (cells,) of a changed car over those of the map, at most one.
+
+    The rear wheels take any angle of the actuator; each axle may use up to 90 % of the slip of its peak force. All lower yaw
+    rates must be possible, too.
+    """
+    tyres = AxleTyres.from_config(changed)
+    steady = SteadyCar.from_config(changed, (usable_slip(tyres.front), usable_slip(tyres.rear)))
+    speed, angle = car.steps.speed, car.steps.front_angle
+    share = np.linspace(0.0, 1.0, GRID + 1)[1:]
+    speeds, angles, shares = (values.ravel() for values in np.broadcast_arrays(speed[:, None], angle[:, None], share))
+    rates = shares * np.repeat(car.map_yaw_rate(speed, angle), GRID)
+    with np.errstate(all="ignore"):  # turns beyond the grip
+        turns = steady.turns(speeds, angles, rates)
+    is_there = turns.converged & (np.abs(turns.rear_angle) <= changed.rear_actuator.angle_max)
+    is_there &= (np.abs(turns.slip_front) <= steady.front.slip_max) & (np.abs(turns.slip_rear) <= steady.rear.slip_max)
+    # From the largest possible one down: at small yaw rates the rear wheels would have to turn by more than they can.
+    last = GRID - 1 - is_there.reshape(-1, GRID)[:, ::-1].argmax(axis=1)
+    result: FloatArray = np.where(is_there.reshape(-1, GRID).any(axis=1), share[last], 0.0)
+    return result
+
+
+def slippery(car: LawCar, plant: str) -> Iterator[Figure]:
+    """Yield row 7: spins and sideslip at the limit on slippery roads, and what the bias does on the dry road."""
+    for friction, keeps in itertools.product(FRICTIONS, KINDS):
+        surface, most = road(friction, keeps), SIDESLIP_MAX_DEG[friction]
+        for estimate in (None, round(friction + ESTIMATE_ERROR, 9)):
+            known = "no estimate" if estimate is None else f"estimate {estimate:g}"
+            settings = [Setting(replace(surface, estimate=estimate), bias) for bias in BIASES_M_S2]
+            spins, largest, title = 0, 0.0, f"{surface.title}, {known}"
+            for drives in (car.steps, FLICKS, DWELLS):
+                runs = car.drive(drives, plant, settings)
+                is_spun, sideslip = spun(runs, settings), per_setting(Extremes(runs).sideslip_abs_max_deg, settings)
+                by_bias = [
+                    "spins" if lost.all() else f"{angles[~lost].max():.1f}"
+                    for lost, angles in zip(is_spun, sideslip, strict=True)
+                ]
+                lost = "+".join(str(each.sum()) for each in is_spun)
+                text = f"{lost}; {'/'.join(by_bias)}"
+                yield Figure(7, f"{title}, {drives.title}", plant, "", car.letter, text)
+                spins += int(is_spun.sum())
+                largest = max(largest, float(np.where(is_spun, 0.0, sideslip).max()))
+            is_met = not spins and largest <= most
+            goal = f"0 spins, {most:g} deg"
+            yield Figure(7, f"{title}: spins, largest sideslip", plant, goal, car.letter, f"{spins}, {largest:.1f}", is_met)
+    changed = _dry_change(car, plant)
+    title = f"dry, bias of the acceleration {BIASES_M_S2[1]:+g} and {BIASES_M_S2[2]:+g} m/s^2: change of the yaw rate"
+    goal, is_met = f"{DRY_CHANGE_PERCENT:g} % of the map", changed <= DRY_CHANGE_PERCENT
+    yield Figure(7, title, plant, goal, car.letter, f"{changed:.1f} %", is_met)
+
+
+def _dry_change(car: LawCar, plant: str) -> float:
+    """Return the largest change of the yaw rate at any time by a bias on the dry road, in percent of the map's."""
+    settings = [Setting(acceleration_bias=bias) for bias in BIASES_M_S2]
+    runs = car.drive(car.steps, plant, settings)
+    rate = runs.signals["yaw_rate_rad_s"].reshape(runs.time.size, len(settings), -1)
+    known = np.asarray(runs.map_yaw_rate).reshape(len(settings), -1)[0]
+    return float(100.0 * (np.abs(rate[:, 1:] - rate[:, :1]).max(axis=(0, 1)) / known).max())
+
+
+def ice(car: LawCar, plant: str) -> Iterator[Figure]:
+    """Yield row 8: spins at friction 0.25."""
+    settings = [Setting(replace(road(ICE, keeps), estimate=estimate)) for estimate in (ICE, None) for keeps in KINDS]
+    is_spun = spun(car.drive(car.steps, plant, settings), settings).reshape(2, -1)
+    for known, lost, most in zip(("exact estimate", "no estimate"), is_spun, (0, ICE_SPINS_MAX), strict=True):
+        count = int(lost.sum())
+        title, goal = f"friction {ICE:g}, both roads, {known}: spins in {lost.size} cells a car", f"{most} of all cars"
+        yield Figure(8, title, plant, goal, car.letter, f"{count}", value=count, sum_max=most)
+
+
+def half_grip(car: LawCar, plant: str) -> Iterator[Figure]:
+    """Yield row 9: yaw rate at friction 0.5 against the map of the dry road, with an exact estimate and without."""
+    for keeps in KINDS:
+        surface = road(HALF, keeps)
+        settings = [Setting(replace(surface, estimate=estimate)) for estimate in (HALF, None)]
+        runs = car.drive(car.steps, plant, settings)
+        error, is_spun = per_setting(StepResponse(runs).map_error_percent, settings), spun(runs, settings)
+        possible = _possible(car, _on_road(car.config, keeps))
+        is_carried: BoolArray = possible > POSSIBLE_SHARE
+        parts = []
+        for title, cells in (("all cells", np.full(is_carried.shape, True)), ("cells that the road carries", is_carried)):
+            with_estimate, without = (
+                math.nan if not (cells & ~lost).any() else float(values[cells & ~lost].mean())
+                for values, lost in zip(error, is_spun, strict=True)
+            )
+            parts.append((title, with_estimate, without))
+        for title, with_estimate, without in parts:
+            text = f"{with_estimate:.1f} against {without:.1f} %"
+            is_met = with_estimate >= without - 0.5
+            title = f"{surface.title}, {title}: mean error to the dry map, exact estimate against none"
+            yield Figure(9, title, plant, "estimate no worse", car.letter, text, is_met)
+
+
+def _on_road(config: Config, keeps_stiffness: bool) -> Config:
+    """Return the car as configured for a road of half the grip, for its steady turns."""
+    surface = road(HALF, keeps_stiffness)
+    car = surface.plant(config)
+    return car if surface.friction is None else _with_friction(car, surface.friction)
+
+
+def _with_friction(config: Config, friction: float) -> Config:
+    """Return the car on another road: the factor B of its tyres stays."""
+    tyres = AxleTyres.from_config(config)
+    kept = {f"tyre.{axle}.stiffness_factor_b_per_rad": getattr(tyres, axle).stiffness_factor for axle in ("front", "rear")}
+    none = {f"tyre.{axle}.cornering_stiffness_n_per_rad": None for axle in ("front", "rear")}
+    return config.unchecked({**kept, **none, "road.friction": friction})
+
+
+ROWS = {5: rejected, 6: other_tyres, 7: slippery, 8: ice, 9: half_grip}
+"""Number of a row -> its figures of a car on a plant."""
