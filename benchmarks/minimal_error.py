@@ -181,7 +181,7 @@ class StepSteer:
 
         The state is lateral speed, yaw rate and rear angle.
         """
-        model = two_track(self.config)
+        model = two_track(self.config.with_ideal_plant())
         state, rate, front = ca.SX.sym("state", 3), ca.SX.sym("rate"), ca.SX.sym("front", 2 * SUBSTEPS + 1)
         inputs = ca.vertcat(self._speed, 0.0, 0.0, self._friction, 0.0)
 
