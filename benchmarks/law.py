@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import law_grip
+from benchmarks import law_grip, law_response
 from benchmarks.law_car import CARS, DWELLS, FLICKS, PLANTS, REAL_PLANT, LawCar, prepare
 from benchmarks.law_figures import Figure, header, lines
 from benchmarks.law_others import examine, random_figures
@@ -26,7 +26,7 @@ COUNT, QUICK_COUNT = 40, 4
 """Random cars by default."""
 
 CarRows = Callable[[LawCar, str], Any]
-OF_CARS: Mapping[int, CarRows] = {**law_grip.ROWS}
+OF_CARS: Mapping[int, CarRows] = {**law_response.ROWS, **law_grip.ROWS}
 """Number of a row -> function of a car and a plant that yields its figures."""
 RANDOM = 1
 """Number of the row of the random cars."""

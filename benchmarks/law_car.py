@@ -80,6 +80,7 @@ class Drives:
         duration, steer_time: s.
         speed, front_angle: (n,) m/s and rad.
         moment: function of time that returns a yaw moment from outside in N m.
+        moment_arm: m ahead of the centre of gravity, where a side force causes that moment; infinite for none.
     """
 
     title: str
@@ -89,6 +90,7 @@ class Drives:
     speed: FloatArray
     front_angle: FloatArray
     moment: Callable[[FloatArray], FloatArray] | None = None
+    moment_arm: float = math.inf
 
     @classmethod
     def straight(cls, duration: float, speeds_km_h: Sequence[float], **more: Any) -> Drives:
@@ -205,6 +207,7 @@ class LawCar:
             speed_factor=speed,
             wheel_factor=angle,
             friction=np.where(np.isnan(friction), config.road.friction, friction),
+            moment_arm=drives.moment_arm,
             friction_estimate=each_run(lambda each: each.condition.estimate_or_nan),
             delay_samples=DELAY_SAMPLES,
             controlled=np.repeat(np.array([each.controlled for each in settings]), count),

@@ -108,7 +108,7 @@ def roll_car(config: Config, differences: Differences = DEFAULT) -> Model:
     chassis, height = car.chassis, config.vehicle.cg_height_m
     x, u = ca.SX.sym("x", len(STATES)), ca.SX.sym("u", len(PLANT_INPUTS))
     lateral_speed, yaw_rate, wheel_angle, rear, _, _, heading, roll, roll_rate, motor, motor_rate = (x[i] for i in range(11))
-    speed, wheel_command, rear_command, friction, yaw_moment = (u[i] for i in range(len(PLANT_INPUTS)))
+    speed, wheel_command, rear_command, friction, yaw_moment, lateral_force = (u[i] for i in range(len(PLANT_INPUTS)))
     front = wheel_angle / chassis.steering_ratio
 
     # The sprung mass times its height above the roll axis, which with the roll centres gives the whole car's moment.
@@ -127,7 +127,7 @@ def roll_car(config: Config, differences: Differences = DEFAULT) -> Model:
         ((1.0 - share) * springs + centres * chassis.cg_to_front_axle) / chassis.track,
     )
 
-    force_y, moment = 0.0, yaw_moment
+    force_y, moment = lateral_force, yaw_moment
     slips: list[Any] = []
     slip_rates: list[Any] = []
     axles = ((car.front, chassis.cg_to_front_axle, front), (car.rear, -chassis.cg_to_rear_axle, rear))

@@ -135,6 +135,7 @@ PLANT_INPUTS = (
     "rear_angle_command",  # rad
     "friction",  # peak friction of the road
     "yaw_moment",  # N m, from outside: split friction, a gust
+    "lateral_force",  # N, from outside at the centre of gravity, to the left
 )
 PLANT_OUTPUTS = (
     "sideslip_angle",  # rad
@@ -212,7 +213,7 @@ def _two_track(car: PlantCar) -> tuple[Any, Any, Any, Any]:
     x = ca.SX.sym("x", len(PLANT_STATES) + (len(RELAXATION_STATES) if relaxed else 0))
     u = ca.SX.sym("u", len(PLANT_INPUTS))
     lateral_speed, yaw_rate, wheel_angle, rear, _, _, heading = (x[i] for i in range(len(PLANT_STATES)))
-    speed, wheel_command, rear_command, friction, yaw_moment = (u[i] for i in range(len(PLANT_INPUTS)))
+    speed, wheel_command, rear_command, friction, yaw_moment, lateral_force = (u[i] for i in range(len(PLANT_INPUTS)))
     front = wheel_angle / chassis.steering_ratio
 
     load_front, load_rear = car.front.static_load, car.rear.static_load
@@ -225,7 +226,7 @@ def _two_track(car: PlantCar) -> tuple[Any, Any, Any, Any]:
         (car.front, chassis.cg_to_front_axle, front, load_front, moved_front),
         (car.rear, -chassis.cg_to_rear_axle, rear, load_rear, moved_rear),
     )
-    force_y: Any = 0.0
+    force_y: Any = lateral_force
     moment: Any = yaw_moment
     slips: list[Any] = []
     slip_rates: list[Any] = []

@@ -105,23 +105,27 @@ class Car:
         return np.arctan2(across, np.maximum(along, ROLLING_SPEED_MIN)) - steer
 
     def body_rates(
-        self, speed: float, yaw_rate: float, slip: np.ndarray, steer: np.ndarray, friction: float, yaw_moment: float = 0.0
+        self, speed: float, yaw_rate: float, slip: np.ndarray, steer: np.ndarray, friction: float, outside: tuple[float, float]
     ) -> tuple[float, float]:
-        """Return lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2) from four slip angles."""
+        """Return lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2) from four slip angles.
+
+        From outside, a yaw moment (N m) and a lateral force (N) at the centre of gravity act.
+        """
         places, loads = self.wheels, self.loads(speed * yaw_rate)
         pull = np.array([-self.tyre_force(k, slip[k], loads[k], friction) for k in range(4)])
         forces = pull[:, None] * np.column_stack([-np.sin(steer), np.cos(steer)])  # unit vectors across the wheels
         torque = places[:, 0] * forces[:, 1] - places[:, 1] * forces[:, 0]
-        return float(forces[:, 1].sum()) / self.mass, (float(torque.sum()) + yaw_moment) / self.inertia
+        moment, force = outside
+        return (float(forces[:, 1].sum()) + force) / self.mass, (float(torque.sum()) + moment) / self.inertia
 
     def derivative(self, state: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Return the rates of [lateral speed, yaw rate, steering wheel, rear angle, x, y, heading].
 
         With a relaxation length, the rates of the four slip angles follow. Inputs are [speed, steering wheel command, rear
-        command, friction, yaw moment].
+        command, friction, yaw moment, lateral force].
         """
         lateral, yaw_rate, wheel, rear, _, _, heading = state[:7]
-        speed, wheel_command, rear_command, friction, yaw_moment = inputs
+        speed, wheel_command, rear_command, friction, *outside = inputs
         steer = np.array([wheel / self.steering_ratio] * 2 + [rear] * 2)
         slip = self.slip_angles(self.wheels, speed, lateral, yaw_rate, steer)
         held, slip_rates = slip, np.empty(0)
@@ -129,7 +133,7 @@ class Car:
             held = state[7:]
             rolling = np.maximum(speed - yaw_rate * self.wheels[:, 1], ROLLING_SPEED_MIN)
             slip_rates = (slip - held) * rolling / self.relaxation_length
-        acceleration, yaw_acceleration = self.body_rates(speed, yaw_rate, held, steer, friction, yaw_moment)
+        acceleration, yaw_acceleration = self.body_rates(speed, yaw_rate, held, steer, friction, (outside[0], outside[1]))
         drift = complex(speed, lateral) * complex(math.cos(heading), math.sin(heading))
         followed = min(max(rear_command, -self.rear_angle_max), self.rear_angle_max)
         actuators = self.steering.rate(wheel_command - wheel), self.rear_actuator.rate(followed - rear)
@@ -146,7 +150,7 @@ class Car:
         sideslip, slip_front, slip_rear = self.slip_angles(middles, speed, lateral, yaw_rate, np.array([0.0, front, rear]))
         steer = np.array([front, front, rear, rear])
         held = state[7:] if self.relaxation_length else self.slip_angles(self.wheels, speed, lateral, yaw_rate, steer)
-        acceleration, _ = self.body_rates(speed, yaw_rate, held, steer, friction)
+        acceleration, _ = self.body_rates(speed, yaw_rate, held, steer, friction, (0.0, inputs[5]))
         return np.array([sideslip, acceleration, front, slip_front, slip_rear])
 
 
