@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.judged_car import CONTROLLED
 from benchmarks.judged_cars import PAPER, five_cars
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
@@ -141,11 +142,13 @@ class LawCar:
         letter: see CARS.
         tested: controller around the configured car.
         reference_map: its map.
+        straight_s: s of driving straight ahead before the drives with a bias of the lateral acceleration.
     """
 
     letter: str
     tested: Subject
     reference_map: ReferenceMap
+    straight_s: float = 0.0
 
     @property
     def config(self) -> Config:
@@ -273,7 +276,7 @@ def configured(letter: str, changes: Mapping[str, Any]) -> Config:
     return five_cars()[CARS[letter]].replace(changes, f"car {letter}")
 
 
-def prepare(letter: str, changes: Mapping[str, Any], folder: Path | None = None) -> LawCar:
+def prepare(letter: str, changes: Mapping[str, Any], folder: Path | None = None, straight_s: float = 0.0) -> LawCar:
     """Solve, tune and build a car of CARS in memory.
 
     Args:
@@ -281,6 +284,7 @@ def prepare(letter: str, changes: Mapping[str, Any], folder: Path | None = None)
         changes: other values at keys of `ars.toml`.
         folder: with the tuned maps of an earlier run, which gives maps and gains; a missing map is written there. The changes
             are made to its configuration, too.
+        straight_s: see `LawCar`.
 
     Raises:
         CodegenError: it cannot be solved, tuned or read.
@@ -298,4 +302,4 @@ def prepare(letter: str, changes: Mapping[str, Any], folder: Path | None = None)
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
             npz.save(reference_map, path)
-    return LawCar(letter, of_config(CARS[letter], reference_map, config), reference_map)
+    return LawCar(letter, of_config(CONTROLLED, reference_map, config), reference_map, straight_s)
