@@ -75,14 +75,14 @@ def other_tyres(car: LawCar, plant: str) -> Iterator[Figure]:
     error = np.where(spun(runs, settings), -np.inf, per_setting(StepResponse(runs).map_error_percent, settings))
     is_near = car.shares <= NEAR_SHARE
     for setting, found in zip(settings, error, strict=True):
-        possible = 100.0 * _possible(car, setting.condition.plant(car.config)) - 100.0
+        best = 100.0 * possible(car, setting.condition.plant(car.config)) - 100.0
         for title, cells, most in (
             (f"up to {100.0 * NEAR_SHARE:g} %", is_near, BELOW_NEAR_PERCENT),
             ("beyond", ~is_near, BELOW_FAR_PERCENT),
         ):
-            limit = np.minimum(-most, 100.0 * POSSIBLE_SHARE * (1.0 + possible / 100.0) - 100.0)
+            limit = np.minimum(-most, 100.0 * POSSIBLE_SHARE * (1.0 + best / 100.0) - 100.0)
             worst = int(np.argmin(np.where(cells, found - limit, np.inf)))
-            text = "spins" if np.isinf(found[worst]) else f"{found[worst]:.1f} ({possible[worst]:.1f})"
+            text = "spins" if np.isinf(found[worst]) else f"{found[worst]:.1f} ({best[worst]:.1f})"
             name = f"{setting.condition.title}, {title}: error to the map (possible) in %, worst cell"
             yield Figure(6, name, plant, f"-{most:g}, or possible", car.letter, text, bool(found[worst] >= limit[worst]))
 
@@ -97,7 +97,7 @@ def _tyres(axle: str, percent: float, with_peak: bool) -> Change:
     return together(changed, with_peaks) if with_peak else changed
 
 
-def _possible(car: LawCar, changed: Config) -> FloatArray:
+def possible(car: LawCar, changed: Config) -> FloatArray:
     """Return the largest steady yaw rates (cells,) of a changed car over those of the map, at most one.
 
     The rear wheels take any angle of the actuator; each axle may use up to 90 % of the slip of its peak force. A front angle
@@ -182,8 +182,8 @@ def half_grip(car: LawCar, plant: str) -> Iterator[Figure]:
         settings = [Setting(replace(surface, estimate=estimate)) for estimate in (HALF, None)]
         runs = car.drive(car.steps, plant, settings)
         error, is_spun = per_setting(StepResponse(runs).map_error_percent, settings), spun(runs, settings)
-        possible = _possible(car, _on_road(car.config, keeps))
-        is_carried: BoolArray = possible > POSSIBLE_SHARE
+        best = possible(car, _on_road(car.config, keeps))
+        is_carried: BoolArray = best > POSSIBLE_SHARE
         parts = []
         for title, cells in (("all cells", np.full(is_carried.shape, True)), ("cells that the road carries", is_carried)):
             with_estimate, without = (

@@ -77,11 +77,9 @@ def random_figures(drawn: Sequence[RandomCar], plants: Sequence[str], seed: int)
     count = sum(car.keeps(plants) for car in drawn)
     yield Figure(1, title, "all of them", f"{needed} of {len(drawn)}", "", f"{count}", count >= needed)
     for car in drawn:
-        for plant, missed in car.missed.items():
-            if missed:
-                yield Figure(1, f"{car.title}, misses", plant, "", "", missed)
-        if car.error:
-            yield Figure(1, f"{car.title}, not built", "-", "", "", car.error)
+        texts = [f"{plant}: {missed}" for plant, missed in car.missed.items() if missed]
+        if texts or car.error:
+            yield Figure(1, f"{car.title}, misses", "-", "", "", car.error or "; ".join(texts))
 
 
 def third_party(changes: Mapping[str, Any]) -> list[Figure]:
