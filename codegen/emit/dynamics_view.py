@@ -124,6 +124,9 @@ ERROR_ALLOWANCE = 1.02
 the allowance covers rounding in the target's precision."""
 
 SIDESLIP_MAX = math.radians(20.0)
+LATERAL_ACCELERATION_MAX = 20.0
+"""Bounds of the model's state, in rad and m/s^2; no tyre reaches the second."""
+MODEL_STATE = ("sideslip_angle", "yaw_rate", "rear_angle", "lateral_acceleration")
 
 
 @dataclass(frozen=True)
@@ -158,10 +161,18 @@ class ReferenceModelView:
     sideslip_text: str
     yaw_rate_max: str
     yaw_rate_text: str
+    lateral_acceleration_max: str
+    lateral_acceleration_text: str
     actuator_share: str
     actuator_step_max: str
     rear_arm: str
     per_axle: bool
+
+    @property
+    def state(self) -> dict[str, str]:
+        """Fields of the state, with their bounds."""
+        bounds = (self.sideslip_max, self.yaw_rate_max, self.rear_angle_max, self.lateral_acceleration_max)
+        return dict(zip(MODEL_STATE, bounds, strict=True))
 
 
 @dataclass(frozen=True)
@@ -238,6 +249,8 @@ def reference_model_view(config: Config, precision: Precision, *, per_axle: bool
         sideslip_text=f"{SIDESLIP_MAX:.3g} rad",
         yaw_rate_max=text(math.radians(inputs.yaw_rate_max_deg_s)),
         yaw_rate_text=f"{math.radians(inputs.yaw_rate_max_deg_s):.3g} rad/s",
+        lateral_acceleration_max=text(LATERAL_ACCELERATION_MAX),
+        lateral_acceleration_text=f"{LATERAL_ACCELERATION_MAX:g} m/s^2",
         actuator_share=text(1.0 - math.exp(-period / (actuator.lag_s + period))),
         actuator_step_max=text(math.radians(actuator.rate_max_deg_s) * period),
         rear_arm=text(car.rear_arm),

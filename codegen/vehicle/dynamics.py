@@ -277,7 +277,8 @@ class SingleTrackStep:
 
     Attributes:
         arguments: (x, u) -> X (2,): B (alpha - S_H) of the front and of the rear tyre.
-        change: (x, u, curve (2,), slope (2,)) -> change of x over the step.
+        change: (x, u, curve (2,), slope (2,)) -> change of x over the step, and the lateral acceleration in m/s^2 with which
+            it begins.
 
     x is [beta (rad), r (rad/s)], u is [1/vx (s/m), delta_f (rad), delta_r (rad), friction].
     """
@@ -384,7 +385,9 @@ def single_track_step(config: Config, step: float, *, per_axle: bool = False) ->
     m11 = 1.0 + slowness * (front_arm * front_yaw + rear_arm * rear_yaw)
     # No plausible car comes near the bound, which keeps the division defined for all inputs.
     determinant = ca.fmax(m00 * m11 - m01 * m10, 0.5)
-    change = ca.vertcat(-(m11 * drift + m01 * yaw) / determinant, (m00 * yaw + m10 * drift) / determinant)
+    change = ca.vertcat(
+        -(m11 * drift + m01 * yaw) / determinant, (m00 * yaw + m10 * drift) / determinant, (-1.0 / step) * sum_of_forces
+    )
     return SingleTrackStep(
         arguments=ca.Function("single_track_arguments", [x, u], [ca.vertcat(*arguments)], ["x", "u"], ["argument"]),
         change=ca.Function("single_track_step", [x, u, value, slope], [change], ["x", "u", "curve", "slope"], ["change"]),

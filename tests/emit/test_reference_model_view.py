@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from codegen.arrays import FloatArray
-from codegen.emit.dynamics_view import SIDESLIP_MAX, tabulate
+from codegen.emit.dynamics_view import LATERAL_ACCELERATION_MAX, SIDESLIP_MAX, tabulate
 from codegen.errors import BuildError
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
@@ -78,13 +78,13 @@ def test_the_step_is_stable_and_accurate_from_the_enabling_speed_for_any_plausib
         rates, (0.0, times[-1]), np.zeros(2 * speeds.size), t_eval=times, rtol=1e-8, atol=1e-10, max_step=period
     )
     exact = solution.y.reshape(2, speeds.size, -1)[1]
-    state, error = (0.0 * ones,) * 3, 0.0 * ones
+    state, error = (0.0 * ones,) * 4, 0.0 * ones
     for k in range(50):
         state = model.step(state, inputs((k + 0.5) * period))
         error = np.maximum(error, np.abs(state[1] - exact[:, k]))
     assert (error <= 0.003 * np.abs(exact).max(axis=1)).all()
-    largest = np.array([SIDESLIP_MAX, model.yaw_rate_max, model.rear_angle_max])[:, np.newaxis]
-    state = tuple(np.random.default_rng(seed).uniform(-0.3, 0.3, (3, 20)) * largest)
+    largest = np.array([SIDESLIP_MAX, model.yaw_rate_max, model.rear_angle_max, LATERAL_ACCELERATION_MAX])[:, np.newaxis]
+    state = tuple(np.random.default_rng(seed).uniform(-0.3, 0.3, (4, 20)) * largest)
     for _ in range(200):
         state = model.step(state, np.tile(inputs(1.0)[:, :1], 20))
     assert np.ptp(state, axis=1).max() < 1e-6

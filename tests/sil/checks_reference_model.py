@@ -9,7 +9,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.tyre import AxleTyres
-from codegen.verify.law.tracking import SIDESLIP_MAX, SecondReferenceModel, TableCurve
+from codegen.verify.law.tracking import LATERAL_ACCELERATION_MAX, SIDESLIP_MAX, SecondReferenceModel, TableCurve
 from tests.sil.checks_lookup import RealArray, any_numbers, special_values
 from tests.sil.units import Units
 
@@ -17,21 +17,22 @@ KM_H = 1.0 / 3.6
 
 
 def limits(units: Units) -> tuple[RealArray, RealArray]:
-    """Return the limits of the state (3,) and of the inputs (4,)."""
+    """Return the limits of the state (4,) and of the inputs (4,)."""
     inputs = units.config.controller.inputs
     rear = math.radians(units.config.rear_actuator.angle_max_deg)
     yaw_rate, front = math.radians(inputs.yaw_rate_max_deg_s), math.radians(inputs.front_angle_max_deg)
-    states = np.array([SIDESLIP_MAX, yaw_rate, rear], dtype=units.real)
+    states = np.array([SIDESLIP_MAX, yaw_rate, rear, LATERAL_ACCELERATION_MAX], dtype=units.real)
     return states, np.array([inputs.speed_max_km_h * KM_H, front, rear, units.config.road.friction], dtype=units.real)
 
 
 def random_states(units: Units, count: int, seed: int) -> RealArray:
-    """Return states (count, 3) that the C can leave: plain ones, some at their bounds, some next to zero."""
-    rng, real = np.random.default_rng(seed), units.real
-    states = rng.uniform(-1.0, 1.0, (count, 3)) * rng.choice([1.0, 0.2, 0.01], (count, 1))
-    states = np.where(rng.random((count, 3)) < 0.05, rng.choice([-1.0, 1.0, 0.0, -0.0], (count, 3)), states)
-    tiny = rng.choice([float(np.finfo(real).smallest_subnormal), float(np.finfo(real).tiny), -1e-30], (count, 3))
-    states = np.where(rng.random((count, 3)) < 0.02, tiny, states).astype(real) * limits(units)[0]
+    """Return states (count, 4) that the C can leave: plain ones, some at their bounds, some next to zero."""
+    rng, real, bounds = np.random.default_rng(seed), units.real, limits(units)[0]
+    shape = (count, bounds.size)
+    states = rng.uniform(-1.0, 1.0, shape) * rng.choice([1.0, 0.2, 0.01], (count, 1))
+    states = np.where(rng.random(shape) < 0.05, rng.choice([-1.0, 1.0, 0.0, -0.0], shape), states)
+    tiny = rng.choice([float(np.finfo(real).smallest_subnormal), float(np.finfo(real).tiny), -1e-30], shape)
+    states = np.where(rng.random(shape) < 0.02, tiny, states).astype(real) * bounds
     return states.astype(real)
 
 
@@ -53,7 +54,7 @@ def wild_inputs(units: Units, count: int, seed: int) -> RealArray:
 
 
 def exact_step(config: Config, state: FloatArray, inputs: FloatArray, curves: Sequence[TableCurve], step: float) -> FloatArray:
-    """Return sideslip and yaw rate (2, n) one linearly implicit midpoint step later.
+    """Return sideslip and yaw rate one linearly implicit midpoint step later, and the acceleration at its beginning: (3, n).
 
     `state` is (2, n) and `inputs` (4, n) with the rear angle in the middle of the step. The matrices map the state to slips,
     and side forces to the state's derivative. A steered axle whose wheel carries dFz more than the other is retarded by w/2
@@ -82,7 +83,7 @@ def exact_step(config: Config, state: FloatArray, inputs: FloatArray, curves: Se
         rate[1] -= share * roll / static * angle * force / vehicle.yaw_inertia_kg_m2
     jacobian = np.einsum("ikn,kn,kjn->nij", motion_of, np.array(stiffness), slips_of) - np.array([[0.0, 1.0], [0.0, 0.0]])
     change: FloatArray = np.linalg.solve(np.eye(2) - 0.5 * step * jacobian, step * rate.T[..., np.newaxis])[..., 0]
-    return state + change.T
+    return np.stack([*(state + change.T), (forces[0] + forces[1]) / vehicle.mass_kg])
 
 
 def check_model_physics(units: Units) -> None:
@@ -104,9 +105,10 @@ def check_model_physics(units: Units) -> None:
     losses = load_transfer_losses(config)
     curves = [TableCurve.of(tyre, np.float64, loss) for tyre, loss in zip((tyres.front, tyres.rear), losses, strict=True)]
     exact = exact_step(config, states[:, :2].T, u, curves, config.controller.sampling_time_s)
-    bounds = limits(units)[0][:2, np.newaxis].astype(np.float64)
+    bounds = limits(units)[0][[0, 1, 3], np.newaxis].astype(np.float64)
     exact = np.clip(exact, -bounds, bounds)
-    largest = 9.81 * np.maximum(u[3], 0.9) * np.stack([3.0 / u[0], np.full(count, 3.0)])
+    largest = 9.81 * np.maximum(u[3], 0.9) * np.stack([3.0 / u[0], np.full(count, 3.0), np.full(count, 1.0)])
+    duration = np.array([config.controller.sampling_time_s] * 2 + [1.0])[:, np.newaxis]
     slip = np.abs(states[:, 0]) + 2.0 * np.abs(states[:, 1]) / u[0] + np.abs(u[1]) + 0.1
-    tolerance = units.eps * (np.abs(exact) + config.controller.sampling_time_s * largest * (30.0 + 60.0 * slip))
-    assert (np.abs(after[:, :2].T - exact) <= tolerance).all()
+    tolerance = units.eps * (np.abs(exact) + duration * largest * (30.0 + 60.0 * slip))
+    assert (np.abs(after[:, [0, 1, 3]].T - exact) <= tolerance).all()

@@ -44,9 +44,10 @@ def check_tracking_state_after_init(built: Built) -> None:
     held = float(built.real(0.02))
     for name in ("trim", "integral", "front_angle", "front_rate", "missed_samples", "yaw_rate", "previous_model_yaw_rate"):
         assert getattr(state.law, name) == 0.0, name
-    assert (state.law.model.yaw_rate, state.law.model.rear_angle) == (0.0, held)
+    model = state.law.model
+    assert (model.yaw_rate, model.rear_angle, model.lateral_acceleration) == (0.0, held, 0.0)
     assert state.grip.reached == 0.0
-    assert abs(state.law.model.sideslip_angle - held) <= built.eps * held, "the direction of the rear wheels"
+    assert abs(model.sideslip_angle - held) <= built.eps * held, "the direction of the rear wheels"
     assert abs(state.grip.available - built.total.lateral_acceleration_cap) <= 2.0 * built.eps * state.grip.available
 
 

@@ -43,10 +43,10 @@ void probe_model_from(const REAL *from, const REAL *inputs, REAL *states, uint32
     for (uint32_t k = 0u; k < count; k++) {
         ars_reference_model_t self;
         ars_reference_model_input_t input;
-        memcpy(&self, &from[3u * k], sizeof(self));
+        memcpy(&self, &from[k * (sizeof(self) / sizeof(REAL))], sizeof(self));
         memcpy(&input, &inputs[4u * k], sizeof(input));
         ars_reference_model_step(&self, &input);
-        memcpy(&states[3u * k], &self, sizeof(self));
+        memcpy(&states[k * (sizeof(self) / sizeof(REAL))], &self, sizeof(self));
     }
 }
 void probe_model_start(const REAL *inputs, REAL *states, uint32_t count)
@@ -54,7 +54,7 @@ void probe_model_start(const REAL *inputs, REAL *states, uint32_t count)
     for (uint32_t k = 0u; k < count; k++) {
         ars_reference_model_t self;
         ars_reference_model_start(&self, inputs[3u * k], inputs[3u * k + 1u], inputs[3u * k + 2u]);
-        memcpy(&states[3u * k], &self, sizeof(self));
+        memcpy(&states[k * (sizeof(self) / sizeof(REAL))], &self, sizeof(self));
     }
 }
 """,

@@ -150,7 +150,7 @@ static void cars(void)
     for (uint32_t k = 0u; k < 4u; k++) { /* a damaged state */
         const ars_reference_model_input_t input = { 20, 0, 0, 1 };
         const float bad[] = { NAN, INFINITY, 1e30f, -1e30f };
-        *model = (ars_reference_model_t){ bad[k], 0, 0 };
+        *model = (ars_reference_model_t){ .sideslip_angle = bad[k] };
         ars_reference_model_step(model, &input);
         sink = model->sideslip_angle;
     }

@@ -39,9 +39,8 @@ class Invariants(Conditions):
         )
         yield self._inputs()
         if model := self.model:
-            bounds = {"sideslip_angle": model.sideslip_max, "yaw_rate": model.yaw_rate_max, "rear_angle": model.rear_angle_max}
             yield Invariant(
-                own("reference_model_t"), tuple(self.within(f"value->{name}", each) for name, each in bounds.items())
+                own("reference_model_t"), tuple(self.within(f"value->{name}", each) for name, each in model.state.items())
             )
             yield Invariant(own("grip_t"), self._grip())
         yield Invariant(own("law_t"), tuple(self._law()))

@@ -22,6 +22,7 @@ from codegen.verify.law.controller import Road, SecondController, clip
 from codegen.verify.law.inputs import Quality
 
 SIDESLIP_MAX = math.radians(20.0)
+LATERAL_ACCELERATION_MAX = 20.0
 SPEED_MIN = 1.0
 """Smallest speed of the model, in m/s."""
 
@@ -104,7 +105,9 @@ class TableCurve:
 
 
 class SecondReferenceModel:
-    """States (sideslip, yaw rate, rear angle) and inputs (speed, front angle, rear angle, friction) as arrays of one shape.
+    """States (sideslip, yaw rate, rear angle, lateral acceleration) and inputs (speed, front angle, rear angle, friction).
+
+    Both are arrays of one shape.
 
     With `per_axle` there is a friction for each axle.
     """
@@ -124,21 +127,23 @@ class SecondReferenceModel:
         self.speed_min = real(SPEED_MIN)
         self.rear_angle_max = real(math.radians(actuator.angle_max_deg))
         self.yaw_rate_max = real(math.radians(config.controller.inputs.yaw_rate_max_deg_s))
+        self.acceleration_max = real(LATERAL_ACCELERATION_MAX)
         self.share = real(1.0 - math.exp(-period / (actuator.lag_s + period)))
         self.travel = real(math.radians(actuator.rate_max_deg_s) * period)
         self.rear_arm = real(vehicle.cg_to_rear_axle_m)
         self.rear_slip = real(vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase * stiffness))
 
-    def start(self, speed: Any, yaw_rate: Any, rear_angle: Any) -> tuple[Any, Any, Any]:
+    def start(self, speed: Any, yaw_rate: Any, rear_angle: Any) -> tuple[Any, Any, Any, Any]:
         """Return the steady state of the linear car."""
         forward = at_least(speed, self.speed_min)
         yaw_rate, rear_angle = within(yaw_rate, self.yaw_rate_max), within(rear_angle, self.rear_angle_max)
         sideslip = rear_angle + yaw_rate * (self.rear_arm / forward - self.rear_slip * forward)
-        return within(sideslip, self.real(SIDESLIP_MAX)), yaw_rate, rear_angle
+        acceleration = within(forward * yaw_rate, self.acceleration_max)
+        return within(sideslip, self.real(SIDESLIP_MAX)), yaw_rate, rear_angle, acceleration
 
-    def step(self, state: Iterable[Any], inputs: Iterable[Any]) -> tuple[Any, Any, Any]:
+    def step(self, state: Iterable[Any], inputs: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
         """Advance by one sampling time with the rear wheels at the mean of their angles."""
-        sideslip, yaw_rate, rear_angle = state
+        sideslip, yaw_rate, rear_angle, _ = state
         speed, front, commanded, *friction = inputs
         half, one = self.real(0.5), self.real(1.0)
         moved = within(self.share * (commanded - rear_angle), self.travel)
@@ -151,6 +156,7 @@ class SecondReferenceModel:
             within(sideslip + change[0], self.real(SIDESLIP_MAX)),
             within(yaw_rate + change[1], self.yaw_rate_max),
             within(rear_angle + moved, self.rear_angle_max),
+            within(change[2], self.acceleration_max),
         )
 
 
