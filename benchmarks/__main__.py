@@ -51,7 +51,7 @@ ON_REQUEST = (
 
 OPTIONS = {
     "better": ("cars", "seed", "plant"),
-    "law": ("cars", "seed", "plant", "only", "shown", "maps", "changes"),
+    "law": ("cars", "seed", "plant", "only", "shown", "maps", "changes", "straight"),
 }
 """Options of a benchmark; without them it has defaults of its own."""
 
@@ -73,6 +73,7 @@ def main() -> int:
     law.add_argument("--only", metavar="ROWS", help="numbers of rows, with commas")
     law.add_argument("--shown", metavar="CARS", help="letters of the cars that are driven, such as PS")
     law.add_argument("--maps", type=Path, metavar="FOLDER", help="keep tuned maps there, and read those of an earlier call")
+    law.add_argument("--straight", type=float, metavar="S", help="drive straight ahead for so long before the drives of row 7")
     law.add_argument("--set", dest="changes", action="append", metavar="KEY=VALUE", help="change a key of ars.toml in all cars")
     parser.add_argument("--write", type=Path, metavar="FILE", help="put what is measured into this page, too")
     options = parser.parse_args()

@@ -10,14 +10,16 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import law_grip
+from benchmarks import law_grip, law_others, law_response
 from benchmarks.law_car import CARS, DWELLS, FLICKS, PLANTS, REAL_PLANT, LawCar, prepare
 from benchmarks.law_figures import Figure, header, lines
-from benchmarks.law_others import examine, random_figures
+from benchmarks.law_others import examine, random_figures, third_party
+from benchmarks.law_response import BEFORE_S, GUST_N, GUST_S, STRAIGHT_SPEEDS_KM_H
 from benchmarks.tables import CountReport
 from codegen.errors import CodegenError
 from hil_sim.suite.background import Background
 from hil_sim.suite.cars import DEVELOPMENT_SEED, random_cars
+from hil_sim.suite.cells import STEER_TIME
 from hil_sim.suite.subjects import DELAY_SAMPLES
 
 SEED = 6
@@ -26,10 +28,10 @@ COUNT, QUICK_COUNT = 40, 4
 """Random cars by default."""
 
 CarRows = Callable[[LawCar, str], Any]
-OF_CARS: Mapping[int, CarRows] = {**law_grip.ROWS}
+OF_CARS: Mapping[int, CarRows] = {**law_response.ROWS, **law_grip.ROWS, **law_others.ROWS}
 """Number of a row -> function of a car and a plant that yields its figures."""
-RANDOM = 1
-"""Number of the row of the random cars."""
+RANDOM, THIRD_PARTY = 1, 3
+"""Numbers of the rows of the random cars and of the third party's car."""
 KNOWN = sorted([RANDOM, *OF_CARS])
 
 
@@ -44,6 +46,7 @@ def run(
     shown: str = "".join(CARS),
     maps: Path | None = None,
     changes: Sequence[str] = (),
+    straight: float = 0.0,
 ) -> CountReport:
     """Measure the chosen rows.
 
@@ -56,6 +59,7 @@ def run(
         shown: letters of CARS.
         maps: folder that keeps the tuned maps from one call to the next.
         changes: KEY=VALUE for keys of `ars.toml`, JSON values.
+        straight: s of driving straight ahead before the drives of row 7.
 
     Raises:
         CodegenError: an unknown plant, row, car or key, or no C compiler.
@@ -66,18 +70,20 @@ def run(
     values, count = dict(map(_change, changes)), (QUICK_COUNT if quick else COUNT) if cars is None else cars
     figures: list[Figure] = []
     with Background() as background:
-        jobs = [background.call(measure, letter, values, maps, rows, plants) for letter in letters]
+        jobs = [background.call(measure, letter, values, maps, straight, rows, plants) for letter in letters]
         drawn = random_cars(seed, count) if RANDOM in rows else ()
         examined = [background.call(examine, number, config, plants) for number, config in enumerate(drawn, start=1)]
-        for letter, job in zip(letters, jobs, strict=True):
+        if THIRD_PARTY in rows:
+            jobs.append(background.call(third_party, values))
+        for name, job in zip((*letters, "third party"), jobs, strict=False):
             figures += job.get()
-            say(f"{letter}: {CARS[letter]}")
+            say(name)
         found = []
         for waiting in examined:
             found.append(waiting.get())
             say(f"{found[-1].title} of {count}")
     figures += random_figures(found, plants, seed) if found else ()
-    return report(figures, letters)
+    return report(figures, letters, straight)
 
 
 def _chosen(option: str, given: Sequence[str], known: Any) -> list[str]:
@@ -97,10 +103,15 @@ def _change(text: str) -> tuple[str, Any]:
 
 
 def measure(
-    letter: str, changes: Mapping[str, Any], maps: Path | None, rows: Sequence[int], plants: Sequence[str]
+    letter: str,
+    changes: Mapping[str, Any],
+    maps: Path | None,
+    straight: float,
+    rows: Sequence[int],
+    plants: Sequence[str],
 ) -> list[Figure]:
     """Return the figures of one car. Raises CodegenError."""
-    return figures_of(prepare(letter, changes, maps), rows, plants)
+    return figures_of(prepare(letter, changes, maps, straight), rows, plants)
 
 
 def figures_of(car: LawCar, rows: Sequence[int], plants: Sequence[str]) -> list[Figure]:
@@ -108,16 +119,16 @@ def figures_of(car: LawCar, rows: Sequence[int], plants: Sequence[str]) -> list[
     return [each for row in rows if row in OF_CARS for plant in plants for each in OF_CARS[row](car, plant)]
 
 
-def report(figures: Sequence[Figure], letters: Sequence[str]) -> CountReport:
+def report(figures: Sequence[Figure], letters: Sequence[str], straight: float = 0.0) -> CountReport:
     """Return the table of the requirements, and the details."""
     judged, details = ([each for each in figures if bool(each.goal) == has_goal] for has_goal in (True, False))
     tables = [("The control law on plants that are not its own", header(letters), lines(judged, letters))]
     if details:
         tables.append(("Details", header(letters), lines(details, letters)))
-    return CountReport(tuple(tables), _notes())
+    return CountReport(tuple(tables), _notes(straight))
 
 
-def _notes() -> tuple[str, ...]:
+def _notes(straight: float) -> tuple[str, ...]:
     cars = ", ".join(f"{letter}: {name}" for letter, name in CARS.items())
     return (
         f"Cars: {cars} (`benchmarks/judged_cars.py`); recommended preset, nonlinear tyre. They and the random cars of seed "
@@ -129,7 +140,12 @@ def _notes() -> tuple[str, ...]:
         "Possible (row 6): largest steady yaw rate with any rear angle of the actuator, each axle within 90 % of the slip "
         "of its peak force, at most the map's. A cell is met at 99 % of it.",
         f"Row 7: steps, {FLICKS.speed.size} flicks and {DWELLS.speed.size} sines with dwell (60 to 100 km/h, 2 to 6 deg at the "
-        "front wheels), each with a bias of the measured lateral acceleration of 0, +0.3 and -0.3 m/s^2 from the start, a "
-        "second before a step. Details: spins with each bias; largest sideslip in deg with each.",
+        "front wheels), each with a bias of the measured lateral acceleration of 0, +0.3 and -0.3 m/s^2 from the start, "
+        f"{straight + STEER_TIME:g} s before a step. Details: spins with each bias; largest sideslip in deg with each.",
         "Row 9: a road carries a cell if the car can reach 99 % of the map's yaw rate on it.",
+        f"Row 10: {GUST_N:g} N to the left at the front axle for {GUST_S:g} s, worst of 80 to 130 km/h; nobody steers. Linear: "
+        "sampled single-track car with the gains over speed, without the rest of the law.",
+        f"Row 11: nobody steers; worst of {STRAIGHT_SPEEDS_KM_H[0]:g} to {STRAIGHT_SPEEDS_KM_H[-1]:g} km/h and of both signs "
+        f"of the bias of the acceleration. The biases are present for {BEFORE_S:g} s before.",
+        "Row 12: requirements of `better`, the passive car on the same plant. Row 13: as `cortex-m`, for the first car.",
     )

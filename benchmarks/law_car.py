@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.judged_car import CONTROLLED
 from benchmarks.judged_cars import PAPER, five_cars
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
@@ -80,6 +81,7 @@ class Drives:
         duration, steer_time: s.
         speed, front_angle: (n,) m/s and rad.
         moment: function of time that returns a yaw moment from outside in N m.
+        moment_arm: m ahead of the centre of gravity, where a side force causes that moment; infinite for none.
     """
 
     title: str
@@ -89,6 +91,7 @@ class Drives:
     speed: FloatArray
     front_angle: FloatArray
     moment: Callable[[FloatArray], FloatArray] | None = None
+    moment_arm: float = math.inf
 
     @classmethod
     def straight(cls, duration: float, speeds_km_h: Sequence[float], **more: Any) -> Drives:
@@ -139,11 +142,13 @@ class LawCar:
         letter: see CARS.
         tested: controller around the configured car.
         reference_map: its map.
+        straight_s: s of driving straight ahead before the drives with a bias of the lateral acceleration.
     """
 
     letter: str
     tested: Subject
     reference_map: ReferenceMap
+    straight_s: float = 0.0
 
     @property
     def config(self) -> Config:
@@ -205,6 +210,7 @@ class LawCar:
             speed_factor=speed,
             wheel_factor=angle,
             friction=np.where(np.isnan(friction), config.road.friction, friction),
+            moment_arm=drives.moment_arm,
             friction_estimate=each_run(lambda each: each.condition.estimate_or_nan),
             delay_samples=DELAY_SAMPLES,
             controlled=np.repeat(np.array([each.controlled for each in settings]), count),
@@ -270,7 +276,7 @@ def configured(letter: str, changes: Mapping[str, Any]) -> Config:
     return five_cars()[CARS[letter]].replace(changes, f"car {letter}")
 
 
-def prepare(letter: str, changes: Mapping[str, Any], folder: Path | None = None) -> LawCar:
+def prepare(letter: str, changes: Mapping[str, Any], folder: Path | None = None, straight_s: float = 0.0) -> LawCar:
     """Solve, tune and build a car of CARS in memory.
 
     Args:
@@ -278,6 +284,7 @@ def prepare(letter: str, changes: Mapping[str, Any], folder: Path | None = None)
         changes: other values at keys of `ars.toml`.
         folder: with the tuned maps of an earlier run, which gives maps and gains; a missing map is written there. The changes
             are made to its configuration, too.
+        straight_s: see `LawCar`.
 
     Raises:
         CodegenError: it cannot be solved, tuned or read.
@@ -295,4 +302,4 @@ def prepare(letter: str, changes: Mapping[str, Any], folder: Path | None = None)
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
             npz.save(reference_map, path)
-    return LawCar(letter, of_config(CARS[letter], reference_map, config), reference_map)
+    return LawCar(letter, of_config(CONTROLLED, reference_map, config), reference_map, straight_s)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.law_car import DWELLS, FLICKS, LawCar, Setting, per_setting, road, spun
+from benchmarks.law_car import DWELLS, FLICKS, Drives, LawCar, Setting, per_setting, road, spun
 from benchmarks.law_figures import Figure
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
@@ -38,8 +38,12 @@ BELOW_NEAR_PERCENT, BELOW_FAR_PERCENT = 5.0, 15.0
 """Largest error below the map with other tyres, up to NEAR_SHARE of the edge, and beyond."""
 POSSIBLE_SHARE = 0.99
 """Share of what the car can do that counts as all of it."""
-GRID = 400
-"""Yaw rates of the search for what the car can do, from zero to the map's."""
+GRID = tuple(np.linspace(0.5, 1.0, 101).tolist())
+"""Yaw rates of the search for what the car can do, of the map's."""
+ANGLE_PARTS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+"""Parts of the front angle in this search."""
+ROUNDING = 1e-3
+"""Tolerance for the rear angle: the map itself uses all of it."""
 
 TYRES: dict[str, tuple[str, float, bool]] = {
     "front tyres -25 %, stiffness": ("front", -25.0, False),
@@ -71,14 +75,14 @@ def other_tyres(car: LawCar, plant: str) -> Iterator[Figure]:
     error = np.where(spun(runs, settings), -np.inf, per_setting(StepResponse(runs).map_error_percent, settings))
     is_near = car.shares <= NEAR_SHARE
     for setting, found in zip(settings, error, strict=True):
-        possible = 100.0 * (_possible(car, setting.condition.plant(car.config)) - 1.0)
+        best = 100.0 * possible(car, setting.condition.plant(car.config)) - 100.0
         for title, cells, most in (
             (f"up to {100.0 * NEAR_SHARE:g} %", is_near, BELOW_NEAR_PERCENT),
             ("beyond", ~is_near, BELOW_FAR_PERCENT),
         ):
-            limit = np.minimum(-most, 100.0 * POSSIBLE_SHARE * (1.0 + possible / 100.0) - 100.0)
+            limit = np.minimum(-most, 100.0 * POSSIBLE_SHARE * (1.0 + best / 100.0) - 100.0)
             worst = int(np.argmin(np.where(cells, found - limit, np.inf)))
-            text = "spins" if np.isinf(found[worst]) else f"{found[worst]:.1f} ({possible[worst]:.1f})"
+            text = "spins" if np.isinf(found[worst]) else f"{found[worst]:.1f} ({best[worst]:.1f})"
             name = f"{setting.condition.title}, {title}: error to the map (possible) in %, worst cell"
             yield Figure(6, name, plant, f"-{most:g}, or possible", car.letter, text, bool(found[worst] >= limit[worst]))
 
@@ -93,25 +97,25 @@ def _tyres(axle: str, percent: float, with_peak: bool) -> Change:
     return together(changed, with_peaks) if with_peak else changed
 
 
-def _possible(car: LawCar, changed: Config) -> FloatArray:
+def possible(car: LawCar, changed: Config) -> FloatArray:
     """Return the largest steady yaw rates (cells,) of a changed car over those of the map, at most one.
 
-    The rear wheels take any angle of the actuator; each axle may use up to 90 % of the slip of its peak force. All lower yaw
-    rates must be possible, too.
+    The rear wheels take any angle of the actuator; each axle may use up to 90 % of the slip of its peak force. A front angle
+    beyond that slip loses little, so that smaller front angles count, too.
     """
     tyres = AxleTyres.from_config(changed)
     steady = SteadyCar.from_config(changed, (usable_slip(tyres.front), usable_slip(tyres.rear)))
     speed, angle = car.steps.speed, car.steps.front_angle
-    share = np.linspace(0.0, 1.0, GRID + 1)[1:]
-    speeds, angles, shares = (values.ravel() for values in np.broadcast_arrays(speed[:, None], angle[:, None], share))
-    rates = shares * np.repeat(car.map_yaw_rate(speed, angle), GRID)
+    yaw_rate, part, share = car.map_yaw_rate(speed, angle), np.array(ANGLE_PARTS), np.array(GRID)
+    places = np.broadcast_arrays(
+        speed[:, None, None], angle[:, None, None] * part[:, None], yaw_rate[:, None, None] * share, share
+    )
+    speeds, angles, rates, shares = (values.ravel() for values in places)
     with np.errstate(all="ignore"):  # turns beyond the grip
         turns = steady.turns(speeds, angles, rates)
-    is_there = turns.converged & (np.abs(turns.rear_angle) <= changed.rear_actuator.angle_max)
+    is_there = turns.converged & (np.abs(turns.rear_angle) <= (1.0 + ROUNDING) * changed.rear_actuator.angle_max)
     is_there &= (np.abs(turns.slip_front) <= steady.front.slip_max) & (np.abs(turns.slip_rear) <= steady.rear.slip_max)
-    # From the largest possible one down: at small yaw rates the rear wheels would have to turn by more than they can.
-    last = GRID - 1 - is_there.reshape(-1, GRID)[:, ::-1].argmax(axis=1)
-    result: FloatArray = np.where(is_there.reshape(-1, GRID).any(axis=1), share[last], 0.0)
+    result: FloatArray = np.where(is_there, shares, 0.0).reshape(speed.size, -1).max(axis=1)
     return result
 
 
@@ -123,31 +127,39 @@ def slippery(car: LawCar, plant: str) -> Iterator[Figure]:
             known = "no estimate" if estimate is None else f"estimate {estimate:g}"
             settings = [Setting(replace(surface, estimate=estimate), bias) for bias in BIASES_M_S2]
             spins, largest, title = 0, 0.0, f"{surface.title}, {known}"
-            for drives in (car.steps, FLICKS, DWELLS):
-                runs = car.drive(drives, plant, settings)
-                is_spun, sideslip = spun(runs, settings), per_setting(Extremes(runs).sideslip_abs_max_deg, settings)
-                by_bias = [
-                    "spins" if lost.all() else f"{angles[~lost].max():.1f}"
-                    for lost, angles in zip(is_spun, sideslip, strict=True)
-                ]
-                lost = "+".join(str(each.sum()) for each in is_spun)
-                text = f"{lost}; {'/'.join(by_bias)}"
+            for drives in _manoeuvres(car):
+                is_spun, sideslip, text = _limits(car, drives, plant, settings)
                 yield Figure(7, f"{title}, {drives.title}", plant, "", car.letter, text)
                 spins += int(is_spun.sum())
                 largest = max(largest, float(np.where(is_spun, 0.0, sideslip).max()))
             is_met = not spins and largest <= most
             goal = f"0 spins, {most:g} deg"
             yield Figure(7, f"{title}: spins, largest sideslip", plant, goal, car.letter, f"{spins}, {largest:.1f}", is_met)
+        for drives in _manoeuvres(car):
+            *_, text = _limits(car, drives, plant, [Setting(surface, controlled=False)])
+            yield Figure(7, f"{surface.title}, passive, {drives.title}", plant, "", car.letter, text)
     changed = _dry_change(car, plant)
     title = f"dry, bias of the acceleration {BIASES_M_S2[1]:+g} and {BIASES_M_S2[2]:+g} m/s^2: change of the yaw rate"
     goal, is_met = f"{DRY_CHANGE_PERCENT:g} % of the map", changed <= DRY_CHANGE_PERCENT
     yield Figure(7, title, plant, goal, car.letter, f"{changed:.1f} %", is_met)
 
 
+def _manoeuvres(car: LawCar) -> tuple[Drives, ...]:
+    return tuple(each.after(car.straight_s) for each in (car.steps, FLICKS, DWELLS))
+
+
+def _limits(car: LawCar, drives: Drives, plant: str, settings: Sequence[Setting]) -> tuple[BoolArray, FloatArray, str]:
+    """Return whether each run spins and its largest sideslip angle in deg, (settings, drives), and both as text by setting."""
+    runs = car.drive(drives, plant, settings)
+    is_spun, sideslip = spun(runs, settings), per_setting(Extremes(runs).sideslip_abs_max_deg, settings)
+    angles = ("-" if lost.all() else f"{each[~lost].max():.1f}" for lost, each in zip(is_spun, sideslip, strict=True))
+    return is_spun, sideslip, f"{'+'.join(str(each.sum()) for each in is_spun)}; {'/'.join(angles)}"
+
+
 def _dry_change(car: LawCar, plant: str) -> float:
     """Return the largest change of the yaw rate at any time by a bias on the dry road, in percent of the map's."""
     settings = [Setting(acceleration_bias=bias) for bias in BIASES_M_S2]
-    runs = car.drive(car.steps, plant, settings)
+    runs = car.drive(car.steps.after(car.straight_s), plant, settings)
     rate = runs.signals["yaw_rate_rad_s"].reshape(runs.time.size, len(settings), -1)
     known = np.asarray(runs.map_yaw_rate).reshape(len(settings), -1)[0]
     return float(100.0 * (np.abs(rate[:, 1:] - rate[:, :1]).max(axis=(0, 1)) / known).max())
@@ -170,8 +182,8 @@ def half_grip(car: LawCar, plant: str) -> Iterator[Figure]:
         settings = [Setting(replace(surface, estimate=estimate)) for estimate in (HALF, None)]
         runs = car.drive(car.steps, plant, settings)
         error, is_spun = per_setting(StepResponse(runs).map_error_percent, settings), spun(runs, settings)
-        possible = _possible(car, _on_road(car.config, keeps))
-        is_carried: BoolArray = possible > POSSIBLE_SHARE
+        best = possible(car, _on_road(car.config, keeps))
+        is_carried: BoolArray = best > POSSIBLE_SHARE
         parts = []
         for title, cells in (("all cells", np.full(is_carried.shape, True)), ("cells that the road carries", is_carried)):
             with_estimate, without = (

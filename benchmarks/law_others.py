@@ -1,22 +1,38 @@
-"""Rows of the benchmark `law` that need more than batches of the four cars: random cars."""
+"""Rows of the benchmark `law` that other benchmarks and suites measure, and those of other cars than the four."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
-from benchmarks.law_car import PLANTS
+from benchmarks.better import CRITERIA
+from benchmarks.judged_car import CarFigures, Dwell, LaneChanges
+from benchmarks.law_car import CARS, PLANTS, LawCar
 from benchmarks.law_figures import Figure
+from codegen import configuration
 from codegen.configuration import Config
 from codegen.errors import CodegenError
+from codegen.judgement.bench import Bench
+from codegen.judgement.drives import drive_dwells, drive_sweep
+from codegen.judgement.lane_change import DRIVERS, lane_change_figures
+from codegen.verify.budgets.measure import CYCLE, measure
+from codegen.verify.check import Effort, Subject
 from hil_sim.suite import cars
 from hil_sim.suite.cells import Condition
 from hil_sim.suite.controller_properties import margins_of
+from hil_sim.suite.full_suite import Job
 from hil_sim.suite.requirements import Limits, all_passed, car_requirements
 from hil_sim.suite.runs import run_table, summarise
+from hil_sim.suite.subjects import RECOMMENDED_CASE
 
 PASSING_SHARE = 0.9
 """Share of the random cars that must keep all limits on all plants."""
+THIRD_PARTY_OVERSHOOT_PERCENT = 5.0
+DRIVEN = CRITERIA[-4:]
+"""Criteria of the benchmark `better` for the sine with dwell and the lane change."""
+STEP_MAX, TASK_MAX = 1_324, 2_183
+"""Instructions of the longest step with the limiter, and of the longest control period."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +77,47 @@ def random_figures(drawn: Sequence[RandomCar], plants: Sequence[str], seed: int)
     count = sum(car.keeps(plants) for car in drawn)
     yield Figure(1, title, "all of them", f"{needed} of {len(drawn)}", "", f"{count}", count >= needed)
     for car in drawn:
-        for plant, missed in car.missed.items():
-            if missed:
-                yield Figure(1, f"{car.title}, misses", plant, "", "", missed)
-        if car.error:
-            yield Figure(1, f"{car.title}, not built", "-", "", "", car.error)
+        texts = [f"{plant}: {missed}" for plant, missed in car.missed.items() if missed]
+        if texts or car.error:
+            yield Figure(1, f"{car.title}, misses", "-", "", "", car.error or "; ".join(texts))
+
+
+def third_party(changes: Mapping[str, Any]) -> list[Figure]:
+    """Return the figure of the third party's car (row 3), a car of its own. Raises CodegenError."""
+    config = configuration.preset("recommended").replace(changes, "third party's car")
+    results = Job(config, RECOMMENDED_CASE)()
+    spins = sum(result.spun for result in results)
+    worst = max((result.overshoot_percent or 0.0 for result in results), default=0.0)
+    title, goal = "overshoot on the third party's car, %", f"{THIRD_PARTY_OVERSHOOT_PERCENT:g}"
+    text = f"{spins} spins, {worst:.1f}" if spins else f"{worst:.1f}"
+    return [Figure(3, title, "multi-body", goal, "", text, not spins and worst <= THIRD_PARTY_OVERSHOOT_PERCENT)]
+
+
+def better(car: LawCar, plant: str) -> Iterator[Figure]:
+    """Yield row 12: sine with dwell and lane change against the passive car."""
+    config = PLANTS[plant](car.config)
+    software = car.tested.around.batch(config)
+    bench = Bench(software, config, software.parameters(**car.tested.parameters))
+    own, passive = drive_dwells(bench).displacement_m[:, 0]
+    lane = lane_change_figures(bench, DRIVERS)
+    entry = LaneChanges(plant, lane.speed_km_h, lane.passive_speed_km_h, lane.sideslip_deg, lane.passive_sideslip_deg)
+    dwells = (Dwell(plant, car.tested.name, float(own), float(passive)),)
+    found = CarFigures(car.letter, dwells=dwells, sweep=drive_sweep(bench), lane_changes=(entry,))
+    for criterion in DRIVEN:
+        yield Figure(12, criterion.title, plant, criterion.goal, car.letter, criterion.shown(found), criterion.is_met(found))
+
+
+def instructions(car: LawCar, plant: str) -> Iterator[Figure]:
+    """Yield row 13: instructions of the first car on a Cortex-M4F. Raises MissingTool."""
+    if car.letter != next(iter(CARS)) or plant != next(iter(PLANTS)):
+        return
+    generated = car.tested.around.generated
+    counts = measure(Subject(car.letter, generated.files, generated.manifest), Effort(quick=False)).counts
+    step, task = counts["controller_step"].instructions_with_limiter, counts[CYCLE].instructions
+    assert step is not None  # every step has a limiter
+    for title, found, most in (("tracking step with limiter", step.max, STEP_MAX), ("control period", task.max, TASK_MAX)):
+        yield Figure(13, f"{title}, instructions", "Cortex-M4F", f"{most:,}", car.letter, f"{found:,}", found <= most)
+
+
+ROWS = {12: better, 13: instructions}
+"""Number of a row -> its figures of a car on a plant."""

@@ -20,7 +20,7 @@ from codegen.errors import CheckFailed
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Software
 from codegen.units import KM_H
-from codegen.vehicle.dynamics import PLANT_OUTPUTS, PLANT_STATES, two_track
+from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, two_track
 from codegen.vehicle.tyre import slip_bounds
 from hil_sim.metrics.run import column
 from hil_sim.suite.cells import STEER_TIME, Cell, cells
@@ -183,7 +183,8 @@ class StepSteer:
         """
         model = two_track(self.config.with_ideal_plant())
         state, rate, front = ca.SX.sym("state", 3), ca.SX.sym("rate"), ca.SX.sym("front", 2 * SUBSTEPS + 1)
-        inputs = ca.vertcat(self._speed, 0.0, 0.0, self._friction, 0.0)
+        given = {"speed": self._speed, "friction": self._friction}
+        inputs = ca.vertcat(*(given.get(name, 0.0) for name in PLANT_INPUTS))
 
         def car(at: ca.SX, front_angle: ca.SX) -> ca.SX:
             whole = {"lateral_speed": at[0], "yaw_rate": at[1], "rear_angle": at[2]}
@@ -230,13 +231,38 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     return CountReport((("Yaw-rate error against the control with the smallest one", header, tuple(rows)),), notes)
 
 
-def _row(software: Software, subject: Subject, cell: Cell) -> Row:
+@dataclass(frozen=True)
+class Comparison:
+    """A controller and the optimum in one step steer.
+
+    Attributes:
+        step: what the driver does, and the map's yaw rate.
+        yaw_rate: (samples,) rad/s, with the controller.
+        optimum: without a bound of the rear slip.
+    """
+
+    step: StepSteer
+    yaw_rate: FloatArray
+    optimum: Optimum
+
+    @property
+    def ratio(self) -> float:
+        """Error of the controller over the minimal one."""
+        return self.step.rms(self.yaw_rate) / self.optimum.rms
+
+
+def compare(software: Software, subject: Subject, cell: Cell) -> Comparison:
+    """Drive a cell with a controller around its own car, and find the optimum. Raises CheckFailed as `StepSteer.optimum`."""
     step = StepSteer(software, cell)
     record = subject.loop(software, DELAY_SAMPLES).run(cell.scenario(software.config).inputs(software.config))
     begin = round(STEER_TIME / software.config.controller.sampling_time_s)
-    ours = column(record, "yaw_rate_rad_s")[begin : begin + step.samples]
-    free, own = step.optimum(), step.rms(ours)
-    ratio = own / free.rms
+    return Comparison(step, column(record, "yaw_rate_rad_s")[begin : begin + step.samples], step.optimum())
+
+
+def _row(software: Software, subject: Subject, cell: Cell) -> Row:
+    compared = compare(software, subject, cell)
+    step, ours, free, ratio = compared.step, compared.yaw_rate, compared.optimum, compared.ratio
+    own = step.rms(ours)
     bounds = slip_bounds(software.config)
     assert bounds is not None  # the recommended car has tyres that bend
     try:

@@ -1,20 +1,28 @@
 """The benchmarks' own checks: the hand-written plant equals the one made from CasADi. No time is asserted."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks import better, judged_car, minimal_error, response
+from benchmarks import better, judged_car, law, law_grip, minimal_error, response
 from benchmarks.closed_loop import Loops, slalom, step_steer
+from benchmarks.judged_cars import PAPER, five_cars
+from benchmarks.law_car import FLICKS, IDEAL, Drives, LawCar, Setting, per_setting, road, spun, step_to
+from benchmarks.law_figures import Figure, lines
+from codegen.errors import CodegenError
 from codegen.judgement.drives import SweepFigures
 from codegen.judgement.steady import Dead, Least, SteadyFigures
 from codegen.map_file import map as npz
+from codegen.metrics import StepResponse
+from codegen.sil.batch import NOISES
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.vehicle.dynamics import PLANT_STATES
-from hil_sim.suite.cells import Cell
+from hil_sim.suite.cells import SLIPPERY, Cell, Condition, peak, stiffness
+from hil_sim.suite.runs import run_table
 from tests import builds
 
 DURATION = 0.5
@@ -102,3 +110,85 @@ def test_the_table_names_the_worst_car_and_what_it_misses() -> None:
     assert rows["random cars that meet every row above, seed 1"].cells[1].startswith("1 of 3")
     named = better.report([step], [good, car("bad", 0.6, frozenset({"yaw_rate_low"}))], [], 1)
     assert {row.cells[0] for row in named.comparisons if not row.met} == {low}
+
+
+@pytest.fixture(scope="module")
+def law_car() -> LawCar:
+    """Return the car of the committed build."""
+    reference_map, tested = judged_car.prepared(PAPER, five_cars()[PAPER])
+    return LawCar("P", tested, reference_map)
+
+
+def test_a_line_of_the_law_is_met_by_all_cars_or_by_their_sum() -> None:
+    def line(*figures: Figure) -> tuple[tuple[str, ...], bool]:
+        (row,) = lines(figures, "PS")
+        return row.cells, row.met
+
+    good, bad = (Figure(5, "cells", "ideal", "0", car, text, text == "0") for car, text in (("P", "0"), ("S", "2")))
+    assert line(good, bad) == (("5", "cells", "ideal", "0", "0", "2", "-", "MISSED"), False)
+    assert line(good) == (("5", "cells", "ideal", "0", "0", "-", "-", "met"), True)
+    terms = [Figure(8, "spins", "ideal", "3 of all", car, "2", value=2.0, sum_max=3.0) for car in "PS"]
+    assert line(*terms) == (("8", "spins", "ideal", "3 of all", "2", "2", "4", "MISSED"), False)
+    assert line(replace(bad, goal="")) == (("5", "cells", "ideal", "-", "-", "2", "-", "-"), True)
+
+
+def test_steps_of_the_law_are_those_of_the_suite(law_car: LawCar) -> None:
+    """One batch has cars and roads of several settings; each must have the figures of the suite."""
+    conditions = [SLIPPERY[-1], Condition("tyres", "soft front tyres", "tyre", plant=stiffness(-25.0, 0.0))]
+    settings = [Setting(condition) for condition in conditions]
+    runs = law_car.drive(law_car.steps, IDEAL, settings)
+    errors = per_setting(StepResponse(runs).map_error_percent, settings)
+    is_spun = spun(runs, settings)
+    expected = run_table(law_car.tested, conditions, law_car.cells)
+    assert is_spun.any() and not is_spun.all()
+    dry = law_car.map_yaw_rate(law_car.steps.speed, law_car.steps.front_angle)
+    for condition, found, lost in zip(conditions, errors, is_spun, strict=True):
+        for result, error, rate, is_lost in zip(expected[condition.name], found, dry, lost, strict=True):
+            assert result.spun == is_lost
+            if result.yaw_rate_steady_deg_s is not None:
+                assert error == pytest.approx(100.0 * (math.radians(result.yaw_rate_steady_deg_s) / rate - 1.0), abs=1e-6)
+
+
+def test_each_setting_of_the_law_has_its_own_sensors(law_car: LawCar) -> None:
+    settings = [Setting(), Setting(acceleration_bias=0.3), Setting(yaw_rate_bias=0.01), Setting(is_noisy=True)]
+    noise = [each.noise(law_car.config, 400, 2) for each in settings]
+    means = [each.mean(axis=(0, 2)) for each in noise]
+    assert not noise[0].any() and means[1].tolist() == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.3])
+    assert means[2].tolist() == pytest.approx([0.0, 0.0, 0.01, 0.0, 0.0])
+    assert noise[3].std(axis=(0, 2)) == pytest.approx([getattr(law_car.config.sensors, name).noise for name in NOISES], rel=0.1)
+    runs = law_car.drive(Drives.straight(3.0, [100.0]), IDEAL, settings)
+    rate = runs.signals["yaw_rate_rad_s"]
+    assert not rate[:, 0].any() and abs(rate[-1, 2]) > 1e-4 and rate[:, 3].std() > 0.0
+
+
+def test_a_slippery_road_keeps_the_stiffness_or_the_factor_b(law_car: LawCar) -> None:
+    """A small slip angle gives the same force as on the dry road, or one that falls with the friction."""
+    small = Drives("step", lambda time: np.ones(time.size), 2.0, 0.0, np.array([20.0]), np.array([1e-3]))
+    settings = [Setting(controlled=False), *(Setting(road(0.45, keeps), controlled=False) for keeps in (True, False))]
+    dry, kept, lost = law_car.drive(small, IDEAL, settings).signals["slip_front_rad"][-1]
+    assert kept == pytest.approx(dry, rel=1e-3)
+    assert lost == pytest.approx(2.0 * dry, rel=0.05)
+    large = replace(small, front_angle=np.array([0.2]))
+    forces = np.abs(law_car.drive(large, IDEAL, settings).signals["lateral_acceleration_m_s2"]).max(axis=0)
+    assert forces[1:] == pytest.approx([0.5 * forces[0]] * 2, rel=0.15)
+
+
+def test_the_possible_yaw_rate_is_that_of_the_map_with_its_own_tyres(law_car: LawCar) -> None:
+    own, weak = (law_grip.possible(law_car, peak(percent)(law_car.config)) for percent in (0.0, -30.0))
+    assert (own >= 0.995).all()
+    assert weak.min() == pytest.approx(0.75, abs=0.05) and weak.max() == 1.0
+
+
+def test_steps_of_a_flick_follow_each_other() -> None:
+    course = step_to((-1.0, 1.0), 0.8, 0.5)
+    assert course(np.array([0.0, 0.499, 0.5, 1.299, 1.3, 5.0])).tolist() == [0.0, 0.0, -1.0, -1.0, 1.0, 1.0]
+    assert FLICKS.after(2.0).course(np.array([2.499, 2.5])).tolist() == [0.0, -1.0]
+
+
+@pytest.mark.parametrize(
+    ("options", "where"),
+    [({"only": "5,99"}, "--only"), ({"shown": "X"}, "--shown"), ({"plant": "wet"}, "--plant"), ({"changes": ["a"]}, "--set")],
+)
+def test_an_unknown_choice_is_refused(options: dict[str, Any], where: str) -> None:
+    with pytest.raises(CodegenError, match=where):
+        law.run(False, lambda _: None, **options)

@@ -1,4 +1,4 @@
-"""Delay of the response to a steady sine at the steering wheel (ISO 7401:2011, clause 13, continuous sinusoidal input)."""
+"""Response to a steady sine at the steering wheel (ISO 7401:2011, clause 13, continuous sinusoidal input)."""
 
 from __future__ import annotations
 
@@ -15,11 +15,14 @@ PERIODS = 3
 
 
 class SineResponse(FigureTable):
-    """Delays of the fundamentals behind that of the front angle: phase over angular frequency, in s, within half a period."""
+    """Fundamentals against that of the front angle: gain, and delay, the phase over angular frequency within half a period."""
 
     yaw_rate_delay_s = Figure("delay of the yaw rate", "s", 3, lambda of: of.delay("yaw_rate_rad_s"))
     lateral_acceleration_delay_s = Figure(
         "delay of the lateral acceleration", "s", 3, lambda of: of.delay("lateral_acceleration_m_s2")
+    )
+    yaw_rate_gain_per_s = Figure(
+        "gain from the front angle to the yaw rate", "1/s", 3, lambda of: np.abs(of.ratio("yaw_rate_rad_s"))
     )
 
     def __init__(self, runs: Runs, frequency: float) -> None:
@@ -32,8 +35,12 @@ class SineResponse(FigureTable):
 
     def delay(self, name: str) -> FloatArray:
         """Return the delays (n,) of a column in s."""
-        ratio = self._fundamental(name) / self._fundamental("front_angle_rad")
-        result: FloatArray = -np.angle(ratio) / (2.0 * math.pi * self.frequency)
+        result: FloatArray = -np.angle(self.ratio(name)) / (2.0 * math.pi * self.frequency)
+        return result
+
+    def ratio(self, name: str) -> npt.NDArray[np.complex128]:
+        """Return the fundamentals (n,) of a column over those of the front angle."""
+        result: npt.NDArray[np.complex128] = self._fundamental(name) / self._fundamental("front_angle_rad")
         return result
 
     def _fundamental(self, name: str) -> npt.NDArray[np.complex128]:

@@ -176,6 +176,8 @@ class Lanes:
         wheel_factor: multiplies the scenario's steering-wheel command.
         friction: replaces the road friction of the scenario. A friction that changes over time is instead multiplied by the
             ratio of this value to the friction of the configuration. None keeps the scenario's friction.
+        moment_arm: distance in m ahead of the centre of gravity at which a side force causes the scenario's yaw moment;
+            infinite for a moment without a force.
         friction_estimate: replaces the scenario's estimate for the controller; NaN: no estimate.
         delay_samples: control samples between the computation of a command and its effect, 0 to 100; None: the
             configuration's.
@@ -189,6 +191,7 @@ class Lanes:
     speed_factor: FloatArray | float = 1.0
     wheel_factor: FloatArray | float = 1.0
     friction: FloatArray | float | None = None
+    moment_arm: FloatArray | float = math.inf
     friction_estimate: FloatArray | float = math.nan
     delay_samples: IntArray | int | None = None
     command_factor: FloatArray | float = 1.0
@@ -313,6 +316,7 @@ class BatchSoftware:
             "speed_factor": (lanes.speed_factor, np.float64),
             "wheel_factor": (lanes.wheel_factor, np.float64),
             "friction_factor": (friction, np.float64),
+            "force_factor": (1.0 / np.asarray(lanes.moment_arm), np.float64),
             "friction_estimate": (lanes.friction_estimate, np.float64),
             "delay_samples": (delay, np.int64),
             "command_factor": (lanes.command_factor, np.float64),

@@ -164,6 +164,7 @@ PLANT_INPUTS = (
     "rear_angle_command",  # rad
     "friction",  # peak friction of the road
     "yaw_moment",  # N m, from outside: split friction, a gust
+    "lateral_force",  # N, from outside at the centre of gravity, to the left
 )
 PLANT_OUTPUTS = (
     "sideslip_angle",  # rad
@@ -251,7 +252,7 @@ def _two_track(car: PlantCar, states: tuple[str, ...]) -> tuple[Any, Any, Any, A
     x, u = ca.SX.sym("x", len(states)), ca.SX.sym("u", len(PLANT_INPUTS))
     state = dict(zip(states, ca.vertsplit(x), strict=True))
     lateral_speed, yaw_rate, wheel_angle, rear, _, _, heading = (state[name] for name in PLANT_STATES)
-    speed, wheel_command, rear_command, friction, yaw_moment = (u[i] for i in range(len(PLANT_INPUTS)))
+    speed, wheel_command, rear_command, friction, yaw_moment, lateral_force = (u[i] for i in range(len(PLANT_INPUTS)))
     front = wheel_angle / chassis.steering_ratio
 
     load_front, load_rear = car.front.static_load, car.rear.static_load
@@ -270,7 +271,7 @@ def _two_track(car: PlantCar, states: tuple[str, ...]) -> tuple[Any, Any, Any, A
         (car.front, chassis.cg_to_front_axle, front, load_front, moved_front, relaxation),
         (car.rear, -chassis.cg_to_rear_axle, rear, load_rear, moved_rear, relaxation * chassis.rear_relaxation_factor),
     )
-    force_y: Any = 0.0
+    force_y: Any = lateral_force
     moment: Any = yaw_moment
     slips: list[Any] = []
     slip_rates: list[Any] = []

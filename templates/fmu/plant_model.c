@@ -15,6 +15,7 @@ static plant_input_t plant_input_of(const model_t *self)
     input.rear_angle_command = self->rear_angle_command;
     input.friction = self->friction;
     input.yaw_moment = self->yaw_moment;
+    input.lateral_force = 0.0;
     return input;
 }
 

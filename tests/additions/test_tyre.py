@@ -68,7 +68,7 @@ for tyre_model in ("linear", "magic-formula"):
 assert on_road(config, 0.5).tyre.front.curve == "tanh"
 
 # The plant: its side force is that of four wheels with this curve, and the car of parameters is the same.
-states, inputs = np.zeros(7), np.array([20.0, 0.0, 0.0, config.road.friction, 0.0])
+states, inputs = np.zeros(7), np.array([20.0, 0.0, 0.0, config.road.friction, 0.0, 0.0])
 states[0] = 0.5
 slip = math.atan(0.5 / 20.0)
 tyres = AxleTyres.from_config(config)

@@ -82,7 +82,7 @@ def _motion(config: Config, start: tuple[float, float] = (0.0, 0.0)) -> FloatArr
     """
     model = two_track(config)
     at = {name: k for k, name in enumerate(model.states)}
-    inputs = [SPEED, 0.0, 0.0, config.road.friction, 0.0]
+    inputs = [SPEED, 0.0, 0.0, config.road.friction, 0.0, 0.0]
 
     def steered(time: float, state: FloatArray) -> FloatArray:
         state = state.copy()

@@ -223,6 +223,16 @@ def check_noise(software: BatchSoftware) -> None:
         assert np.abs(record[:, :, run] - wanted).max() <= batch.DIFFERENCE_MAX
 
 
+def test_a_side_force_pushes_at_once_and_turns_by_its_arm(best: BatchSoftware) -> None:
+    driven = profile(yaw_moment=np.where(TIME >= 0.5, 3000.0, 0.0))
+    lanes = Lanes(np.repeat(rows(builds.CONFIG), 2, axis=0), moment_arm=np.array([1.5, math.inf]), controlled=False)
+    names = ("lateral_acceleration_m_s2", "yaw_rate_rad_s")
+    pushed, turned = best.run(driven, lanes, columns=names)
+    onset, mass, inertia = 50, builds.CONFIG.vehicle.mass_kg, builds.CONFIG.vehicle.yaw_inertia_kg_m2
+    assert pushed[onset] == pytest.approx([3000.0 / 1.5 / mass, 0.0])
+    assert turned[onset + 1] == pytest.approx(0.01 * 3000.0 / inertia, rel=0.1)
+
+
 def test_a_flipped_rounding_stays_within_its_bound(best: BatchSoftware) -> None:
     """One single-precision unit in the last place is added to front angle and yaw rate of one sample in mid-turn."""
     noise = np.zeros((SAMPLES, 5, 3))
@@ -250,6 +260,7 @@ def mixed_lanes(count: int) -> tuple[Lanes, npt.NDArray[np.intp]]:
         controlled=generator.random(count) < 0.8,
         noise=generator.normal(0.0, 1e-3, (SAMPLES, 5, count)),
         command_factor=generator.uniform(0.5, 2.0, count),
+        moment_arm=generator.uniform(0.5, 3.0, count),
     )
     return lanes, np.arange(count)
 

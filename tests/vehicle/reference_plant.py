@@ -153,24 +153,28 @@ class Car:
         slip: np.ndarray,
         steer: np.ndarray,
         friction: float,
-        yaw_moment: float,
+        outside: tuple[float, float],
         roll: tuple[float, float],
     ) -> tuple[float, float]:
-        """Return lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2) from four slip angles."""
+        """Return lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2) from four slip angles.
+
+        From outside, a yaw moment (N m) and a lateral force (N) at the centre of gravity act.
+        """
         places, loads = self.wheels, self.loads(speed * yaw_rate, *roll)
         pull = np.array([-self.tyre_force(k, slip[k], loads[k], friction) for k in range(4)])
         forces = pull[:, None] * np.column_stack([-np.sin(steer), np.cos(steer)])  # unit vectors across the wheels
         torque = places[:, 0] * forces[:, 1] - places[:, 1] * forces[:, 0]
-        return float(forces[:, 1].sum()) / self.mass, (float(torque.sum()) + yaw_moment) / self.inertia
+        moment, force = outside
+        return (float(forces[:, 1].sum()) + force) / self.mass, (float(torque.sum()) + moment) / self.inertia
 
     def derivative(self, state: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Return the rates of [lateral speed, yaw rate, steering wheel, rear angle, x, y, heading, *further_states].
 
-        Inputs are [speed, steering wheel command, rear command, friction, yaw moment].
+        Inputs are [speed, steering wheel command, rear command, friction, yaw moment, lateral force].
         """
         lateral, yaw_rate, wheel, rear, _, _, heading = state[:7]
         further = dict(zip(self.further_states, state[7:], strict=True))
-        speed, wheel_command, rear_command, friction, yaw_moment = inputs
+        speed, wheel_command, rear_command, friction, *outside = inputs
         steer = np.array([wheel / self.steering_ratio] * 2 + [rear] * 2)
         slip = self.slip_angles(self.wheels, speed, lateral, yaw_rate, steer)
         held, rates_of = slip, dict[str, float]()
@@ -180,7 +184,7 @@ class Car:
             lengths = self.relaxation_length * np.array([1.0, 1.0, *[self.rear_relaxation_factor] * 2])
             rates_of = dict(zip(self.further_states, (slip - held) * rolling / lengths, strict=False))
         roll = further.get("roll", 0.0), further.get("roll_rate", 0.0)
-        acceleration, yaw_acceleration = self.body_rates(speed, yaw_rate, held, steer, friction, yaw_moment, roll)
+        acceleration, yaw_acceleration = self.body_rates(speed, yaw_rate, held, steer, friction, outside, roll)
         if self.roll_gradient:  # the centre of gravity swings about the roll axis, to the right of it
             lever, inertia, springs, dampers = self.body
             tilting = lever * self.gravity * math.sin(roll[0]) - springs * roll[0] - dampers * roll[1]
@@ -215,7 +219,7 @@ class Car:
         steer = np.array([front, front, rear, rear])
         held = state[7:11] if self.relaxation_length else self.slip_angles(self.wheels, speed, lateral, yaw_rate, steer)
         roll = further.get("roll", 0.0)
-        acceleration, _ = self.body_rates(speed, yaw_rate, held, steer, friction, 0.0, (roll, further.get("roll_rate", 0.0)))
+        acceleration, _ = self.body_rates(speed, yaw_rate, held, steer, friction, (0.0, inputs[5]), (roll, further.get("roll_rate", 0.0)))
         measured = further.get("motor_angle", rear), acceleration + self.gravity * math.sin(roll)
         return np.array([sideslip, acceleration, front, slip_front, slip_rear, *measured])
 

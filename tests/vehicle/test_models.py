@@ -12,7 +12,7 @@ from tests.vehicle.reference_plant import COMPLETE, OTHER, tables
 
 CONFIG = parse(tables(OTHER), "test")
 SIZES = ([0.02, 0.3], [5.0, 0.02, 0.02, 0.5])
-PLANT_SIZES = ([0.3, 0.3, 0.2, 0.02, 10.0, 10.0, 1.0, *[0.02] * 5, 0.1, 0.02, 0.1], [5.0, 0.2, 0.02, 0.5, 1e3])
+PLANT_SIZES = ([0.3, 0.3, 0.2, 0.02, 10.0, 10.0, 1.0, *[0.02] * 5, 0.1, 0.02, 0.1], [5.0, 0.2, 0.02, 0.5, 1e3, 1e3])
 """Scales of each state and input over which the derivative changes; for angles, where the tyre becomes nonlinear."""
 
 

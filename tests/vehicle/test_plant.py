@@ -75,7 +75,8 @@ def test_derivative_and_output_in_c(name: str) -> None:
     speeds = np.where(rng.random(count) < 0.2, rng.uniform(-2.0, 2.0, count), rng.uniform(2.0, 60.0, count))
     speeds[0] = 0.0
     commands = x[:, 2:4] + rng.normal(size=(count, 2)) * 0.05
-    u = np.column_stack([speeds, commands, rng.uniform(0.05, 1.2, count), rng.normal(size=count) * 5_000.0])
+    outside = rng.normal(size=(count, 2)) * [5_000.0, 3_000.0]
+    u = np.column_stack([speeds, commands, rng.uniform(0.05, 1.2, count), outside])
     assert np.mean(np.abs(x[:, 1] * speeds) > 16.0) > 0.1  # m/s^2: the inner wheels of both axles are lifted
     functions: dict[str, tuple[Any, Any, Any]] = {
         "derivative": (c.model.derivative, c.open_model.derivative, c.car.derivative),
@@ -98,7 +99,7 @@ def test_derivative_and_output_in_c(name: str) -> None:
 def hold(
     seconds: float, wheel_deg: float, rear_deg: float = 0.0, speed: float = 42.5 / 3.6, friction: float = 0.9, gust: float = 0.0
 ) -> tuple[float, np.ndarray]:
-    return seconds, np.array([speed, math.radians(wheel_deg), math.radians(rear_deg), friction, gust])
+    return seconds, np.array([speed, math.radians(wheel_deg), math.radians(rear_deg), friction, gust, -0.5 * gust])
 
 
 REAR_STEPS = [hold(0.3, 90.0, rear) for rear in (0.0, -3.011, -3.5, 2.77, -9.0, 0.0)]

@@ -196,7 +196,8 @@ def _inputs_at_once(config: Config) -> dict[str, tuple[str, ...]]:
     rows, columns = model.output.jac_sparsity(0, 1).get_triplet()
     found: dict[str, tuple[str, ...]] = {f"output.{name}": () for name in model.outputs}
     for row, column in zip(rows, columns, strict=True):
-        found[f"output.{model.outputs[row]}"] += (inputs[model.inputs[column]],)
+        if (name := inputs.get(model.inputs[column])) is not None:  # no FMU has a lateral force
+            found[f"output.{model.outputs[row]}"] += (name,)
     return found
 
 
