@@ -28,6 +28,7 @@ from codegen.verify.law.inputs import Quality
 
 SIDESLIP_MAX = math.radians(20.0)
 LATERAL_ACCELERATION_MAX = 20.0
+ARGUMENT_MAX = 1000.0
 SPEED_MIN = 1.0
 """Smallest speed of the model, in m/s."""
 
@@ -99,20 +100,20 @@ class TableCurve:
     def __call__(self, x: Any) -> tuple[Any, Any]:
         """Return value and slope; a negative slope counts as zero."""
         real = self.values.dtype.type
-        cells, one = self.values.size - 1, real(1.0)
-        inverse = one / (np.abs(x) + self.compression)
-        position = np.abs(x) * inverse * real(cells)
+        cells = self.values.size - 1
+        cells_per_x = real(cells) / (np.abs(x) + self.compression)
+        position = np.abs(x) * cells_per_x
         cell = np.where(position < cells, position, cells - 1).astype(np.int64)
         rise = self.values[cell + 1] - self.values[cell]
         value = self.values[cell] + (position - cell.astype(real)) * rise
-        steep = rise * (self.compression * real(cells) * (inverse * inverse))
+        steep = rise * (self.compression / real(cells) * (cells_per_x * cells_per_x))
         return np.where(x < 0.0, -value, value), np.where(rise > 0.0, steep, real(0.0))
 
 
 class SecondReferenceModel:
     """States (sideslip, yaw rate, rear angle, lateral acceleration) and inputs (speed, front angle, rear angle, friction).
 
-    Both are arrays of one shape.
+    Both are arrays of one shape. With a relaxation length, the states end with the arguments of both tyre curves.
 
     With `per_axle` there is a friction for each axle.
     """
@@ -132,29 +133,42 @@ class SecondReferenceModel:
         self.speed_min = real(SPEED_MIN)
         self.rear_angle_max = real(math.radians(actuator.angle_max_deg))
         self.yaw_rate_max = real(math.radians(config.controller.inputs.yaw_rate_max_deg_s))
+        self.is_relaxed = functions.is_relaxed
+        slips = (
+            vehicle.cg_to_rear_axle_m / tyres.front.cornering_stiffness,
+            vehicle.cg_to_front_axle_m / tyres.rear.cornering_stiffness,
+        )
+        self.arguments_per_acceleration = [
+            real(-tyre.stiffness_factor * vehicle.mass_kg * slip / (2.0 * vehicle.wheelbase))
+            for tyre, slip in zip((tyres.front, tyres.rear), slips, strict=True)
+        ]
         self.acceleration_max = real(LATERAL_ACCELERATION_MAX)
         self.share = real(1.0 - math.exp(-period / (actuator.lag_s + period)))
         self.travel = real(math.radians(actuator.rate_max_deg_s) * period)
         self.rear_arm = real(vehicle.cg_to_rear_axle_m)
         self.rear_slip = real(vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase * stiffness))
 
-    def start(self, speed: Any, yaw_rate: Any, rear_angle: Any) -> tuple[Any, Any, Any, Any]:
+    def start(self, speed: Any, yaw_rate: Any, rear_angle: Any) -> tuple[Any, ...]:
         """Return the steady state of the linear car."""
         forward = at_least(speed, self.speed_min)
         yaw_rate, rear_angle = within(yaw_rate, self.yaw_rate_max), within(rear_angle, self.rear_angle_max)
         sideslip = rear_angle + yaw_rate * (self.rear_arm / forward - self.rear_slip * forward)
         acceleration = within(forward * yaw_rate, self.acceleration_max)
-        return within(sideslip, self.real(SIDESLIP_MAX)), yaw_rate, rear_angle, acceleration
+        arguments = [each * acceleration for each in self.arguments_per_acceleration] if self.is_relaxed else []
+        return within(sideslip, self.real(SIDESLIP_MAX)), yaw_rate, rear_angle, acceleration, *arguments
 
-    def step(self, state: Iterable[Any], inputs: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
-        """Advance by one sampling time with the rear wheels at the mean of their angles."""
-        sideslip, yaw_rate, rear_angle, _ = state
+    def step(self, state: Iterable[Any], inputs: Iterable[Any]) -> tuple[Any, ...]:
+        """Advance by one sampling time, without a relaxation length with the rear wheels at the mean of their angles."""
+        sideslip, yaw_rate, rear_angle, _, *lagging = state
         speed, front, commanded, *friction = inputs
         half, one = self.real(0.5), self.real(1.0)
         moved = within(self.share * (commanded - rear_angle), self.travel)
-        u = [one / at_least(speed, self.speed_min), front, rear_angle + half * moved, *friction]
-        x = [sideslip, yaw_rate]
+        rear = rear_angle if self.is_relaxed else rear_angle + half * moved
+        u = [one / at_least(speed, self.speed_min), front, rear, *friction]
+        x = [sideslip, yaw_rate, *lagging]
         arguments = walk(self.arguments, [x, u])
+        if self.is_relaxed:
+            arguments = lagging = [within(argument, self.real(ARGUMENT_MAX)) for argument in arguments]
         values, slopes = zip(*(curve(argument) for curve, argument in zip(self.curves, arguments, strict=True)), strict=True)
         change = walk(self.change, [x, u, values, slopes])
         return (
@@ -162,6 +176,7 @@ class SecondReferenceModel:
             within(yaw_rate + change[1], self.yaw_rate_max),
             within(rear_angle + moved, self.rear_angle_max),
             within(change[2], self.acceleration_max),
+            *lagging,
         )
 
 
