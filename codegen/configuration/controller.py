@@ -13,7 +13,7 @@ from codegen.configuration.section import Breakpoints, Meaning, Range, Section
 SCHEDULE_POINTS_MAX = 32
 SPEED_MAX_LEAST_KM_H = 50.0
 """Smallest value of `inputs.speed_max_km_h`."""
-DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 1.0, 10_000
+DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 1.0, 4_000
 """Beyond these limits the fail-safe would almost never act, or never end."""
 PROPORTIONAL_GAIN_MAX_S, INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX = 2.0, 0.01, 20.0
 """Without an integral part the car does not reach the map; above the upper limits no loop with a rear actuator is stable."""

@@ -219,7 +219,9 @@ class Car:
         steer = np.array([front, front, rear, rear])
         held = state[7:11] if self.relaxation_length else self.slip_angles(self.wheels, speed, lateral, yaw_rate, steer)
         roll = further.get("roll", 0.0)
-        acceleration, _ = self.body_rates(speed, yaw_rate, held, steer, friction, (0.0, inputs[5]), (roll, further.get("roll_rate", 0.0)))
+        acceleration, _ = self.body_rates(
+            speed, yaw_rate, held, steer, friction, (0.0, inputs[5]), (roll, further.get("roll_rate", 0.0))
+        )
         measured = further.get("motor_angle", rear), acceleration + self.gravity * math.sin(roll)
         return np.array([sideslip, acceleration, front, slip_front, slip_rear, *measured])
 

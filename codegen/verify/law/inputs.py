@@ -168,7 +168,9 @@ class SecondInputs:
         if signal.is_measured:
             goes_straight = yaw_rate * self.expected * self.speed.value < abs(self.expected)  # below 1 m/s^2 to that side
             is_frozen = self.yaw_rate.is_measured and apart - self.least_of_front > p("yaw_rate_frozen")
-            contradicts = available and witness is not None and goes_straight and abs(witness - yaw_rate) <= p("yaw_rate_agreement")
+            contradicts = (
+                available and witness is not None and goes_straight and abs(witness - yaw_rate) <= p("yaw_rate_agreement")
+            )
             signal.against = signal.against + 1 if is_frozen and contradicts else 0
             if signal.against >= 3 * self.p.recovery_samples:
                 step = self.real(-1.0)
