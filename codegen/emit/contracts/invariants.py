@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 
-from codegen.configuration.signals import STATUSES
 from codegen.configuration.controller import RECOVERY_SAMPLES_MAX
+from codegen.configuration.signals import STATUSES
 from codegen.emit.contracts.conditions import (
     LATERAL_ACCELERATION_MAX_M_S2,
     LONGITUDINAL_ACCELERATION_MAX_M_S2,
