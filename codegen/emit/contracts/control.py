@@ -85,8 +85,8 @@ class ControlUnits(Conditions):
         )
         lookup = own("map_reference" if self.map.with_rear_angle else "map_yaw_rate_on_road")
         callees = (lookup, *start, *step)
-        output = own("law_output_t")
-        yield Unit(own("law_step"), unit, arguments, output, True, requires, ensures, callees=callees)
+        output, linked = own("law_output_t"), (own("calibration"),) if self.model else ()
+        yield Unit(own("law_step"), unit, arguments, output, True, requires, ensures, callees=callees, linked=linked)
         if self.model:
             law, _, sample, _, friction, last, _ = arguments
             yield Unit(own("law_rest"), unit, (law, sample, friction, last), callees=step)
