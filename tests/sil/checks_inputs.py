@@ -554,3 +554,10 @@ def check_speed_against_the_lateral_acceleration(built: Built) -> None:
         speeds = {"unproven": (12.0, 12.0), "agrees between": (15.5, 12.0)}.get(case, (math.nan,) * (most + 1))
         unit.run([replace(wrong, speed=speed) for speed in speeds])
         assert (inputs.speed.source, inputs.speed.good) == {"lost": (1, 0), "unproven": (0, 0)}.get(case, (0, 1)), case
+    unit = Unit(built, **exact | {"recovery_samples": 4_000})
+    unit.step(wrong)
+    unit.state.lateral_is_proven = True
+    unit.state.speed.good = 59_998
+    for source in (0, WRONG):
+        unit.step(wrong)
+        assert unit.state.speed.source == source, "the largest count fits its type"
