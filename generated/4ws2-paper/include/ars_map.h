@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x77120255u
+#define ARS_MAP_BUILD 0x4DC13566u
 
 /* Numbers of breakpoints. */
 enum {

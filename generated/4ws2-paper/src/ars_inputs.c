@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x77120255u
+#if ARS_INPUTS_BUILD != 0x4DC13566u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -187,14 +187,14 @@ ARS_SECTION_CODE bool ars_inputs_parameters_valid(const ars_inputs_parameters_t 
         && is_between(parameters->friction_recovery, 1.0e-05f, 1.0f)
         && (parameters->missing_samples_max <= 100u)
         && (parameters->recovery_samples >= 1u)
-        && (parameters->recovery_samples <= 10000u);
+        && (parameters->recovery_samples <= 4000u);
 }
 
 ARS_SECTION_CODE static void signal_init(ars_signal_t *self, bool is_trusted)
 {
     self->value = 0.0f;
     self->missing = 0u;
-    self->good = is_trusted ? 10000u : 0u;
+    self->good = is_trusted ? 4000u : 0u;
     self->source = ARS_SIGNAL_LOST;
 }
 
@@ -529,7 +529,9 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     checked->yaw_rate = self->yaw_rate.value;
     if (self->yaw_rate.source == ARS_SIGNAL_MEASURED) {
         self->beyond_linear = 0.0f;
-        learn_offsets(self, parameters, gain * self->front_angle.value, expected_yaw_rate, &lateral);
+        if (!has_missing) {
+            learn_offsets(self, parameters, gain * self->front_angle.value, expected_yaw_rate, &lateral);
+        }
         checked->yaw_rate = bounded(self->yaw_rate.value - self->yaw_rate_offset, parameters->yaw_rate_max);
     }
     checked->rear_angle = checked_rear_angle;

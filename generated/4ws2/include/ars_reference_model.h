@@ -21,7 +21,7 @@
 extern "C" {
 #endif
 
-#define ARS_REFERENCE_MODEL_BUILD 0xC60F8B14u
+#define ARS_REFERENCE_MODEL_BUILD 0xFA98E833u
 
 /* State of the model. Always finite: at most 0.349 rad of sideslip, 2.62 rad/s and 20 m/s^2. */
 typedef struct {

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xC60F8B14u
+#if ARS_CONTROLLER_BUILD != 0xFA98E833u
 #error "ars_controller.h and this source come from different builds"
 #endif
 

@@ -13,13 +13,13 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xC60F8B14u
+#if ARS_CHECKSUM_BUILD != 0xFA98E833u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_CONSTANTS_BUILD != 0xC60F8B14u
+#if ARS_CONSTANTS_BUILD != 0xFA98E833u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xC60F8B14u
+#if ARS_REFERENCE_MODEL_BUILD != 0xFA98E833u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -102,8 +102,8 @@ typedef struct {
 ARS_SECTION_CODE static curve_t curve_at(const float curve[], uint32_t cells, float compression, float x)
 {
     const float x_magnitude = magnitude(x);
-    const float inverse = 1.0f / (x_magnitude + compression);
-    const float position = (x_magnitude * inverse) * (float)cells;
+    const float cells_per_x = (float)cells / (x_magnitude + compression);
+    const float position = x_magnitude * cells_per_x;
     uint32_t index = cells - 1u; /* for NaN too */
     const float *cell_values;
     float cell_rise;
@@ -118,7 +118,7 @@ ARS_SECTION_CODE static curve_t curve_at(const float curve[], uint32_t cells, fl
     if (x < 0.0f) {
         result.value = -result.value;
     }
-    result.slope = (cell_rise > 0.0f) ? (cell_rise * ((compression * (float)cells) * (inverse * inverse))) : 0.0f;
+    result.slope = (cell_rise > 0.0f) ? (cell_rise * ((compression / (float)cells) * (cells_per_x * cells_per_x))) : 0.0f;
     return result;
 }
 
