@@ -44,6 +44,8 @@ INPUT_NUMBERS = (
     "least_of_front",
     "yaw_rate_offset",
     "lateral_acceleration_offset",
+    "lateral_acceleration",
+    "least_of_lateral",
     "beyond_linear",
     "friction",
     "longitudinal_acceleration",
