@@ -181,7 +181,7 @@ class StepSteer:
 
         The state is lateral speed, yaw rate and rear angle.
         """
-        model = two_track(self.config)
+        model = two_track(self.config.with_ideal_plant())
         state, rate, front = ca.SX.sym("state", 3), ca.SX.sym("rate"), ca.SX.sym("front", 2 * SUBSTEPS + 1)
         given = {"speed": self._speed, "friction": self._friction}
         inputs = ca.vertcat(*(given.get(name, 0.0) for name in PLANT_INPUTS))

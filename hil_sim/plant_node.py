@@ -46,13 +46,13 @@ class SensorModel:
 
 class _Model:
     def __init__(self, sensor: Sensor, stream: np.random.Generator) -> None:
-        self._noise, self._step = sensor.noise, sensor.resolution
+        self._noise, self._step, self._bias = sensor.noise, sensor.resolution, sensor.bias
         self._stream = stream
         self._waiting: deque[float] = deque(maxlen=sensor.delay_samples + 1)
 
     def measure(self, value: float) -> float:
         self._waiting.append(value)
-        result = self._waiting[0]  # until the queue is full: the first one
+        result = self._waiting[0] + self._bias  # until the queue is full: the first one
         if self._noise > 0.0:
             result += self._noise * float(self._stream.standard_normal())
         return self._step * round(result / self._step) if self._step > 0.0 else result
@@ -168,8 +168,8 @@ class PlantNode:
                 "speed": speed,
                 "front_angle": sample.front_angle,
                 "yaw_rate": sample.yaw_rate,
-                "rear_angle": sample.rear_angle,
-                "lateral_acceleration": sample.lateral_acceleration,
+                "rear_angle": sample.measured_rear_angle,
+                "lateral_acceleration": sample.measured_lateral_acceleration,
             }.items()
         }
         measured |= {"friction": estimate, "longitudinal_acceleration": acceleration, **sample.recorded}

@@ -96,6 +96,20 @@ MAX_LINE = 2**14
 RELAXATION_STEP_MAX = 2.5
 """Largest distance that a wheel rolls in a step of the plant, over its relaxation length: Runge-Kutta is stable up to 2.79."""
 
+IDEAL_PLANT: Mapping[str, Any] = {
+    f"plant.{name}": Plant.model_fields[name].default
+    for name in (
+        "relaxation_length_m",
+        "rear_relaxation_factor",
+        "slippery_stiffness_share",
+        "roll_deg_per_g",
+        "actuator_motor_share",
+        "backlash_deg",
+        "command_delay_samples",
+    )
+}
+"""Keys of the ideal car, with their values: no relaxation, no roll, an actuator of first order without play, and no delay."""
+
 STEPS_MIN = 50
 """Least number of steps of a CAN signal over its required range; fewer mean a wrong factor."""
 
@@ -200,13 +214,17 @@ class Config(Section):
         samples = self.controller.sampling_time_s / self.plant.sampling_time_s
         if abs(samples - round(samples)) > 1e-9 * samples or round(samples) < 1:
             raise ValueError("controller.sampling_time_s must be a whole multiple of plant.sampling_time_s")
-        relaxation = self.plant.relaxation_length_m
+        relaxation = self.plant.relaxation_length_m * min(1.0, self.plant.rear_relaxation_factor)
         if (
             relaxation
             and self.plant.sampling_time_s * self.controller.inputs.speed_max_km_h * KM_H > RELAXATION_STEP_MAX * relaxation
         ):
             raise ValueError(
                 "plant.sampling_time_s is too long for plant.relaxation_length_m; shorten it, or lengthen the relaxation"
+            )
+        if self.plant.roll_deg_per_g and self.plant.load_transfer != "moment-balance":
+            raise ValueError(
+                'plant.load_transfer must be "moment-balance" with plant.roll_deg_per_g, because the springs move the load'
             )
         last_angle = self.grid.front_angle_max_deg
         if self.grid.front_angle_breakpoints_deg is not None:
@@ -222,6 +240,12 @@ class Config(Section):
             raise ValueError("controller.friction_min must not be above road.friction")
         if min(self.steering.lag_s, self.rear_actuator.lag_s) < 2.0 * self.plant.sampling_time_s * (1.0 - 1e-9):
             raise ValueError("steering.lag_s and rear_actuator.lag_s must be at least twice plant.sampling_time_s")
+        motor_lag = self.plant.actuator_motor_share * self.rear_actuator.lag_s
+        if motor_lag and motor_lag < self.plant.sampling_time_s * (1.0 - 1e-9):
+            raise ValueError(
+                "plant.sampling_time_s is too long for plant.actuator_motor_share; "
+                "it must not exceed that share of rear_actuator.lag_s"
+            )
         top = self.vehicle.top_speed_km_h
         if top is not None and not self.controller.enable_speed_km_h < top <= inputs.speed_max_km_h:
             raise ValueError(
@@ -333,6 +357,10 @@ class Config(Section):
             return self
         cases = {name: case.model_copy(update={"tyre_model": tyre_model}) for name, case in self.cases.items()}
         return self.model_copy(update={"cases": cases})
+
+    def with_ideal_plant(self) -> Config:
+        """Return the configuration with the ideal car: see IDEAL_PLANT."""
+        return self.unchecked(IDEAL_PLANT)
 
     def replace(self, changes: Mapping[str, Any], where: object = "") -> Config:
         """Return the configuration with other values, validated as a whole.

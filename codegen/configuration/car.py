@@ -318,6 +318,10 @@ class RearActuator(Section):
         return math.radians(self.angle_max_deg)
 
 
+def _is_zero(value: float) -> bool:
+    return value == 0.0
+
+
 class Plant(Section):
     """The simulated car."""
 
@@ -332,6 +336,26 @@ class Plant(Section):
     relaxation_length_m: Annotated[
         float, RangeOrZero(0.05, 2.0, "m"), Meaning("of all tyres; 0: the force follows the slip without delay")
     ] = 0.0
+    # The keys that follow are omitted where they are not used, so that maps and builds of the ideal car do not change.
+    rear_relaxation_factor: Annotated[
+        float, Range(0.2, 5.0), Meaning("relaxation length of the rear tyres over relaxation_length_m")
+    ] = Field(default=1.0, exclude_if=lambda factor: factor == 1.0)
+    slippery_stiffness_share: Annotated[
+        float,
+        Range(0.0, 1.0),
+        Meaning("on a slippery road: 0: B is kept, and the stiffness falls with the friction; 1: only the peak falls"),
+    ] = Field(default=0.0, exclude_if=_is_zero)
+    roll_deg_per_g: Annotated[
+        float, RangeOrZero(0.1, 15.0, "deg/g"), Meaning("steady roll angle for each g of lateral acceleration; 0: no roll")
+    ] = Field(default=0.0, exclude_if=_is_zero)
+    actuator_motor_share: Annotated[
+        float,
+        RangeOrZero(0.05, 1.0),
+        Meaning("time constant of the rate of the rear actuator's motor over lag_s; 0: actuator of first order"),
+    ] = Field(default=0.0, exclude_if=_is_zero)
+    backlash_deg: Annotated[
+        float, Range(0.0, 2.0, "deg"), Meaning("play between the motor of the rear actuator, which is measured, and the wheels")
+    ] = Field(default=0.0, exclude_if=_is_zero)
     command_delay_samples: Annotated[
         int,
         Meaning("control samples between the computation of a command and its effect"),
@@ -339,7 +363,7 @@ class Plant(Section):
 
 
 class Sensor(Section):
-    """Keys of every sensor; subclasses add noise and resolution in their unit."""
+    """Keys of every sensor; subclasses add noise, resolution and bias in their unit."""
 
     delay_samples: Annotated[int, Field(ge=0, le=100)] = 0
 
@@ -353,12 +377,18 @@ class Sensor(Section):
     def resolution(self) -> float:
         """Step between two values, SI unit; 0 if the sensor has none."""
 
+    @property
+    @abstractmethod
+    def bias(self) -> float:
+        """Constant error, SI unit."""
+
 
 class SpeedSensor(Sensor):
     """Speed of the car."""
 
     noise_km_h: Annotated[float, Range(0.0, 20.0, "km/h")] = 0.1
     resolution_km_h: Annotated[float, Range(0.0, 20.0, "km/h")] = 0.05
+    bias_km_h: Annotated[float, Range(-20.0, 20.0, "km/h")] = Field(default=0.0, exclude_if=_is_zero)
 
     @property
     def noise(self) -> float:
@@ -370,12 +400,18 @@ class SpeedSensor(Sensor):
         """Step between two values in m/s."""
         return self.resolution_km_h * KM_H
 
+    @property
+    def bias(self) -> float:
+        """Constant error in m/s."""
+        return self.bias_km_h * KM_H
+
 
 class AngleSensor(Sensor):
     """An angle at the road wheels."""
 
     noise_deg: Annotated[float, Range(0.0, 5.0, "deg")] = 0.01
     resolution_deg: Annotated[float, Range(0.0, 5.0, "deg")] = 0.01
+    bias_deg: Annotated[float, Range(-5.0, 5.0, "deg")] = Field(default=0.0, exclude_if=_is_zero)
 
     @property
     def noise(self) -> float:
@@ -387,6 +423,11 @@ class AngleSensor(Sensor):
         """Step between two values in rad."""
         return math.radians(self.resolution_deg)
 
+    @property
+    def bias(self) -> float:
+        """Constant error in rad."""
+        return math.radians(self.bias_deg)
+
 
 class YawRateSensor(Sensor):
     """The gyroscope."""
@@ -394,6 +435,7 @@ class YawRateSensor(Sensor):
     delay_samples: Annotated[int, Field(ge=0, le=100)] = 1
     noise_deg_s: Annotated[float, Range(0.0, 20.0, "deg/s")] = 0.1
     resolution_deg_s: Annotated[float, Range(0.0, 20.0, "deg/s")] = 0.05
+    bias_deg_s: Annotated[float, Range(-20.0, 20.0, "deg/s")] = Field(default=0.0, exclude_if=_is_zero)
 
     @property
     def noise(self) -> float:
@@ -405,12 +447,18 @@ class YawRateSensor(Sensor):
         """Step between two values in rad/s."""
         return math.radians(self.resolution_deg_s)
 
+    @property
+    def bias(self) -> float:
+        """Constant error in rad/s."""
+        return math.radians(self.bias_deg_s)
+
 
 class AccelerationSensor(Sensor):
     """The accelerometer."""
 
     noise_m_s2: Annotated[float, Range(0.0, 5.0, "m/s^2")] = 0.05
     resolution_m_s2: Annotated[float, Range(0.0, 5.0, "m/s^2")] = 0.01
+    bias_m_s2: Annotated[float, Range(-5.0, 5.0, "m/s^2")] = Field(default=0.0, exclude_if=_is_zero)
 
     @property
     def noise(self) -> float:
@@ -422,13 +470,21 @@ class AccelerationSensor(Sensor):
         """Step between two values in m/s^2."""
         return self.resolution_m_s2
 
+    @property
+    def bias(self) -> float:
+        """Constant error in m/s^2."""
+        return self.bias_m_s2
+
 
 class Sensors(Section):
     """The sensors of the bench. The defaults are examples; use the data sheets of your sensors."""
 
     speed: Annotated[
         SpeedSensor,
-        Meaning("noise: standard deviation; resolution: step between values, 0 for none; delay: samples of the controller"),
+        Meaning(
+            "noise: standard deviation; resolution: step between values, 0 for none; delay: samples of the controller; "
+            "bias: constant error"
+        ),
     ] = SpeedSensor()
     front_angle: Annotated[AngleSensor, Meaning("the same, at the road wheels")] = AngleSensor()
     yaw_rate: Annotated[YawRateSensor, Meaning("the same, of the gyroscope")] = YawRateSensor()

@@ -89,6 +89,9 @@ class Inputs(Section):
     yaw_rate_offset_max_deg_s: Annotated[
         float, Range(0.0, 10.0, "deg/s"), Meaning("largest learned offset of the yaw rate")
     ] = 0.5
+    lateral_acceleration_offset_max_m_s2: Annotated[
+        float, Range(0.0, 10.0, "m/s^2"), Meaning("largest learned offset of the lateral acceleration")
+    ] = 0.5
     yaw_rate_correction_time_s: Annotated[
         float, Range(0.1, 1_000.0, "s"), Meaning("time constant of the learned offset, and of a substitute yaw rate")
     ] = 1.0
@@ -177,9 +180,10 @@ class Tracking(Section):
     """The kind "tracking": feedforward of the map, a reference model, and scheduled PI feedback of bounded authority.
 
     `lead_s` predicts the front angle that enters the map, unless the schedule has a lead for each speed. `response_ahead_s`
-    predicts the model's yaw rate for the response gain of the schedule. `yaw_increasing_max_deg` limits feedback that increases
-    the yaw rate; in the other direction feedback is free up to the actuator's limit. The trim moves the model's yaw rate
-    towards the map's. The grip_* keys limit the yaw rate by the lateral acceleration that the car reaches.
+    predicts the model's yaw rate for the response gain of the schedule. `yaw_increasing_max_deg` and
+    `yaw_increasing_wide_deg` limit feedback that increases the yaw rate; in the other direction feedback is free up to the
+    limits of the actuator and of the rear tyres. The trim moves the model's yaw rate towards the map's. The turn_margin_* and
+    grip_* keys limit the yaw rate by the lateral acceleration that the car reaches.
     """
 
     lead_s: Annotated[
@@ -196,7 +200,21 @@ class Tracking(Section):
     ] = 0.06
     yaw_increasing_max_deg: Annotated[
         float, Range(0.0, 20.0, "deg"), Meaning("limit of feedback that increases the yaw rate; the other direction is free")
+    ] = 1.0
+    yaw_increasing_wide_deg: Annotated[
+        float, Range(0.0, 20.0, "deg"), Meaning("the same limit without sideslip out of the turn, at least as large")
+    ] = 2.5
+    sideslip_max_deg: Annotated[
+        float,
+        Range(0.5, 20.0, "deg"),
+        Meaning("sideslip out of the turn at which only yaw_increasing_max_deg is left, and beyond which the reference falls"),
+    ] = 3.0
+    turn_margin_deg_s: Annotated[
+        float, Range(0.0, 20.0, "deg/s"), Meaning("by which the reference may exceed the turn of the lateral acceleration")
     ] = 0.5
+    turn_margin_m_s2: Annotated[
+        float, Range(0.0, 10.0, "m/s^2"), Meaning("smallest such margin, against noise and offset of the acceleration")
+    ] = 0.1
     trim_max_percent: Annotated[
         float,
         Range(0.0, TRIM_MAX_PERCENT, "%"),
@@ -205,10 +223,13 @@ class Tracking(Section):
     trim_time_s: Annotated[float, Range(0.05, 60.0, "s"), Meaning("time constant of this correction")] = 1.0
     grip_shortfall_m_s2: Annotated[
         float, Range(0.1, 20.0, "m/s^2"), Meaning("shortfall of lateral acceleration that does not count as a loss of grip")
-    ] = 0.5
+    ] = 0.4
+    grip_shortfall_share: Annotated[
+        float, Range(0.0, 1.0), Meaning("share of the model's acceleration that is added to it while little grip is used")
+    ] = 0.25
     grip_loss_time_s: Annotated[
         float, Range(0.02, 10.0, "s"), Meaning("time constant with which the assumed grip follows a larger shortfall")
-    ] = 0.1
+    ] = 0.05
     grip_memory_s: Annotated[
         float,
         Range(0.05, 60.0, "s"),

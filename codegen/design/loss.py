@@ -31,7 +31,7 @@ from codegen.map_file.map import ReferenceMap
 from codegen.metrics.runs import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.optimum.turns import passively_feasible, turns_behind
 from codegen.units import KM_H
-from codegen.vehicle.dynamics import Model, two_track
+from codegen.vehicle.dynamics import MOTOR_ANGLE, Model, two_track
 from codegen.vehicle.single_track import SingleTrack
 
 MODES = ("hold", "ramp", "zero")
@@ -143,6 +143,7 @@ class _Car:
             "yaw_rate": points.yaw_rate,
             "steering_wheel_angle": wheel,
             "rear_angle": points.rear_angle,
+            MOTOR_ANGLE: points.rear_angle,
             "command": points.rear_angle,
             "speed": points.speed,
             "wheel_command": wheel,

@@ -71,7 +71,7 @@ LINUX = ("ars_xcp.c", "ars_xcp.h")
 """C files of the Linux program that are the same in every build."""
 BLANK_ID = "\0" * 8
 """Stands for the id while the files are rendered that it is a hash of. No other text has this character."""
-NUMBERS = {"zero": 0.0, "quarter": 0.25, "half": 0.5, "one": 1.0, "two": 2.0, "five": 5.0, "minus_one": -1.0}
+NUMBERS = {"zero": 0.0, "quarter": 0.25, "half": 0.5, "one": 1.0, "two": 2.0, "three": 3.0, "five": 5.0, "minus_one": -1.0}
 """Literals that every template may print."""
 EXAMPLE_DURATION = 5.0
 EXAMPLE_SPEED = 42.5 * KM_H

@@ -43,6 +43,7 @@ INPUT_NUMBERS = (
     "least",
     "least_of_front",
     "yaw_rate_offset",
+    "lateral_acceleration_offset",
     "beyond_linear",
     "friction",
     "longitudinal_acceleration",
@@ -54,6 +55,10 @@ ACTUATOR_SAMPLES_MAX = 60_000
 
 REST_MIN = 0.01
 """Smallest denominator of the law "proportional", in m. That of a stable car exceeds the distance of its front axle."""
+
+SIDESLIP_RETURN, SIDESLIP_SHARE_OF_LEAD, SIDESLIP_GAIN = 0.4, 3.0, 2.0
+"""Of kind "tracking", in 1/s, - and 1/s. An offset of the acceleration of 0.1 m/s^2 at 100 km/h makes the observed sideslip
+0.5 deg wrong. Healthy cars lead their lateral acceleration with little sideslip out of the turn."""
 
 REFERENCE_OVERSHOOT = 1.15
 """Largest yaw rate of the reference model, as a multiple of the yaw rate that the assumed friction allows."""
@@ -86,6 +91,9 @@ class ControllerView:
     actuator_angle_max: str
     rest_min: str
     reference_overshoot: float
+    sideslip_return: str
+    sideslip_share_of_lead: str
+    sideslip_gain: str
     known: tuple[str, ...]
     selftest_tolerance: str
 
@@ -225,6 +233,9 @@ def controller_view(
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
         rest_min=literal(REST_MIN, precision),
         reference_overshoot=REFERENCE_OVERSHOOT,
+        sideslip_return=literal(SIDESLIP_RETURN, precision),
+        sideslip_share_of_lead=literal(SIDESLIP_SHARE_OF_LEAD, precision),
+        sideslip_gain=literal(SIDESLIP_GAIN, precision),
         known=_known_values(total, lookup, precision),
         selftest_tolerance=literal(SELFTEST_TOLERANCE, precision),
     )

@@ -15,6 +15,8 @@ from codegen.vehicle.single_track import SingleTrack
 
 UNDERSTEER_CHANGE_MAX = math.radians(2.0) / GRAVITY
 """Largest change of the understeer coefficient by calibration, in s^2/m: 2 deg/g cover variants of the car, not other cars."""
+AMBIGUOUS_SHARE = 0.0625
+"""Share of an offset that is learned where a turn would look the same: a gust of 1.5 s leaves little of itself."""
 FRICTION_UNKNOWN = 2.0
 """Value for an unknown friction, above the peak friction of any road: the map uses its own friction."""
 
@@ -27,6 +29,7 @@ class InputsView:
     ranged: tuple[ParameterView, ...]
     counts: tuple[ParameterView, ...]
     friction_unknown: str
+    ambiguous_share: str
     recovery_samples_max: str
 
 
@@ -107,6 +110,11 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             1.0,
         ),
         of_key("yaw_rate_offset_max", "yaw_rate_offset_max_deg_s", "rad/s, largest offset that is learned", DEGREE, 1.0),
+        of_key(
+            "lateral_acceleration_offset_max",
+            "lateral_acceleration_offset_max_m_s2",
+            "m/s^2, the same of the lateral acceleration",
+        ),
         Parameter(
             "yaw_rate_correction_share",
             period / inputs.yaw_rate_correction_time_s,
@@ -148,5 +156,6 @@ def inputs_view(config: Config, prefix: str, precision: Precision, real: str) ->
         ranged=tuple(view for view in parameters if not view.is_count),
         counts=tuple(view for view in parameters if view.is_count),
         friction_unknown=literal(FRICTION_UNKNOWN, precision),
+        ambiguous_share=literal(AMBIGUOUS_SHARE, precision),
         recovery_samples_max=f"{RECOVERY_SAMPLES_MAX}u",
     )

@@ -23,6 +23,7 @@ from codegen.configuration.controller import (
     TRIM_MAX_PERCENT,
 )
 from codegen.design.margins import Gains, gains_of
+from codegen.emit.dynamics_view import SIDESLIP_MAX
 from codegen.emit.parameters import Field, Parameter, configured, lag_of
 from codegen.errors import BuildError
 from codegen.units import DEGREE, KM_H
@@ -200,6 +201,41 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             to_key=math.degrees,
         ),
         Parameter(
+            "yaw_increasing_wide",
+            math.radians(tracking.yaw_increasing_wide_deg),
+            "rad, the same bound without sideslip out of the turn",
+            0.0,
+            1.0,
+            key="controller.tracking.yaw_increasing_wide_deg",
+            to_key=math.degrees,
+        ),
+        Parameter(
+            "sideslip_max",
+            math.radians(tracking.sideslip_max_deg),
+            "rad, sideslip out of the turn at which that bound ends, and beyond which the reference falls",
+            0.005,
+            1.0,
+            key="controller.tracking.sideslip_max_deg",
+            to_key=math.degrees,
+        ),
+        Parameter(
+            "turn_margin_rate",
+            math.radians(tracking.turn_margin_deg_s),
+            "rad/s, by which the reference may exceed the turn of the lateral acceleration",
+            0.0,
+            1.0,
+            key="controller.tracking.turn_margin_deg_s",
+            to_key=math.degrees,
+        ),
+        Parameter(
+            "turn_margin",
+            tracking.turn_margin_m_s2,
+            "m/s^2, smallest such margin",
+            0.0,
+            10.0,
+            key="controller.tracking.turn_margin_m_s2",
+        ),
+        Parameter(
             "trim_share",
             tracking.trim_max_percent / 100.0,
             "bound of the trim, as a share of the map's yaw rate",
@@ -224,6 +260,14 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             0.1,
             20.0,
             key="controller.tracking.grip_shortfall_m_s2",
+        ),
+        Parameter(
+            "grip_shortfall_share",
+            tracking.grip_shortfall_share,
+            "share of the model's acceleration that is added to it while little grip is used",
+            0.0,
+            1.0,
+            key="controller.tracking.grip_shortfall_share",
         ),
         Parameter(
             "grip_loss_rate",
@@ -282,6 +326,7 @@ LAWS = {
             parameters=_tracking_parameters,
             state=(
                 Field("real", "trim", "rad/s, correction towards the map's yaw rate", 16.0),
+                Field("real", "sideslip", "rad, observed", SIDESLIP_MAX),
                 Field("real", "integral", "rad, part of the rear angle"),
                 Field("real", "front_angle", "rad, of the last sample", SAMPLE_RANGES["front_angle"][1]),
                 Field("real", "front_rate", "rad/s, smoothed"),

@@ -130,7 +130,7 @@ def vehicle_model(config: Config, is_relaxed: bool) -> ShootingModel:
     key = (is_relaxed, *curves)
     if key not in _vehicle_models:
         length = RELAXATION_ANY_M if is_relaxed else 0.0
-        relaxed = config.unchecked({"plant.relaxation_length_m": length})
+        relaxed = config.with_ideal_plant().unchecked({"plant.relaxation_length_m": length})
         _vehicle_models[key] = _vehicle_model(two_track_of_parameters(relaxed), is_relaxed, curves)
     return _vehicle_models[key]
 

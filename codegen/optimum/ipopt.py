@@ -120,9 +120,9 @@ def _stability(model: Any, x: Any, u: Any) -> tuple[Any, Any]:
 
 
 def without_shifts(config: Config) -> Config:
-    """Return the configuration for which the map is solved: tyres without shifts and lag."""
+    """Return the configuration for which the map is solved: tyres without shifts, on the ideal car."""
     none = {"horizontal_shift_deg": 0.0, "vertical_shift_n": 0.0}
-    return config.replace({"tyre": {"front": none, "rear": none}, "plant.relaxation_length_m": 0.0})
+    return config.with_ideal_plant().replace({"tyre": {"front": none, "rear": none}})
 
 
 Progress = Callable[[int, int], None]

@@ -35,7 +35,7 @@ from codegen.sil.compile import Mode, compile_library
 from codegen.sil.software import RECORD_COLUMNS, Software, require_can_side
 from codegen.sil.vector import FLAGS, FUNCTIONS, ISAS, Isa, best_isa, compiler_offers, is_vectorised, machine_runs
 from codegen.vehicle.dynamics import ParametricModel, two_track_of_parameters
-from codegen.vehicle.plant_car import PLANT_PARAMETERS
+from codegen.vehicle.plant_car import OPTIONAL_PARTS, PLANT_PARAMETERS, optional_parts
 
 LANES = 8
 """Number of runs that are computed together: the doubles of one AVX-512 vector.
@@ -53,7 +53,7 @@ _SOURCES = {each.source for each in RECORDED}
 def batch_sources(config: Config, prefix: str, precision: Precision, can: Can) -> dict[str, bytes]:
     """Return the C files of the batch for a controller of this prefix and precision, with the signals of its `can`.
 
-    The configuration only decides whether the tyres have a relaxation length; the car of each run is data.
+    The configuration only decides which of `plant_car.OPTIONAL_PARTS` the plant has; the car of each run is data.
     """
     model = two_track_of_parameters(config)
     context = {
@@ -67,6 +67,7 @@ def batch_sources(config: Config, prefix: str, precision: Precision, can: Can) -
             "lanes": LANES,
             "columns": RECORD_COLUMNS,
             "parameters": model.parameters,
+            "noises": NOISES,
             "preview_points": PREVIEW_POINTS,
         },
         "plant": _plant_view(model),
@@ -130,9 +131,8 @@ DIFFERENCE_MAX_FLIPPED = 1e-6
 This happens about once in ten million samples: 6e-8 rad of front angle are 5e-7 rad/s of reference at 8 (rad/s)/rad."""
 
 NOISES = ("speed", "front_angle", "yaw_rate", "rear_angle", "lateral_acceleration")
-"""Measured signals that noise may be added to, in order: m/s, rad, rad/s, rad, m/s^2."""
+"""Rows of `Lanes.noise`: fields of the measurement, in SI units."""
 _SPEED, _FRICTION = INPUT_COLUMNS.index("speed"), INPUT_COLUMNS.index("friction")
-_RELAXATION = PLANT_PARAMETERS.index("relaxation_length")
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,10 +179,11 @@ class Lanes:
         moment_arm: distance in m ahead of the centre of gravity at which a side force causes the scenario's yaw moment;
             infinite for a moment without a force.
         friction_estimate: replaces the scenario's estimate for the controller; NaN: no estimate.
-        delay_samples: control samples between the computation of a command and its effect, 0 to 100.
+        delay_samples: control samples between the computation of a command and its effect, 0 to 100; None: the
+            configuration's.
         command_factor: multiplies the rear angle command, and so the loop gain, when the command acts; 1 changes nothing.
         controlled: False keeps the rear command at zero: the passive car.
-        noise: (samples, k, n), added to the first k of the measured signals in NOISES. None adds nothing.
+        noise: (samples, 5, n), added to the measured quantities NOISES. None adds nothing.
         drivers: drivers of the runs, who add to the scenario's steering-wheel command; None for none.
     """
 
@@ -192,7 +193,7 @@ class Lanes:
     friction: FloatArray | float | None = None
     moment_arm: FloatArray | float = math.inf
     friction_estimate: FloatArray | float = math.nan
-    delay_samples: IntArray | int = 0
+    delay_samples: IntArray | int | None = None
     command_factor: FloatArray | float = 1.0
     controlled: BoolArray | bool = True
     noise: FloatArray | None = None
@@ -275,7 +276,6 @@ class BatchSoftware:
         scenario.inputs = ffi.cast("batch_input_t *", ffi.from_buffer(profile))
         runs = ffi.new("batch_runs_t *")
         runs.count = count
-        runs.noises = own["noise"].shape[1] if "noise" in own else 0
         for name, array in own.items():
             setattr(runs, name, ffi.cast(_C_TYPES.get(name, "double *"), ffi.from_buffer(array)))
         held = None if lanes.drivers is None else self._drivers(lanes.drivers, count)
@@ -299,8 +299,10 @@ class BatchSoftware:
         cars = np.ascontiguousarray(lanes.cars, dtype=np.float64)
         if cars.ndim != 2 or cars.shape[1] != len(PLANT_PARAMETERS):
             raise ValueError(f"cars of shape {cars.shape}; needed: (n, {len(PLANT_PARAMETERS)}), columns PLANT_PARAMETERS")
-        if ((cars[:, _RELAXATION] > 0.0) != (self.config.plant.relaxation_length_m > 0.0)).any():
-            raise ValueError("either all cars, including the build's, must have a relaxation length, or none of them")
+        own_parts = optional_parts(self.config)
+        for part, text in OPTIONAL_PARTS.items():
+            if ((cars[:, PLANT_PARAMETERS.index(part)] > 0.0) != (part in own_parts)).any():
+                raise ValueError(f"either all cars, including the build's, must have {text}, or none of them")
         own: dict[str, npt.NDArray[Any]] = {"cars": cars}
         friction: Any = 1.0
         if lanes.friction is not None:
@@ -309,13 +311,14 @@ class BatchSoftware:
             changes = bool(of_profile.size) and bool((of_profile != of_profile[0]).any())
             profile[:, _FRICTION] = of_profile / self.config.road.friction if changes else 1.0
             friction = lanes.friction
+        delay = self.config.plant.command_delay_samples if lanes.delay_samples is None else lanes.delay_samples
         values = {
             "speed_factor": (lanes.speed_factor, np.float64),
             "wheel_factor": (lanes.wheel_factor, np.float64),
             "friction_factor": (friction, np.float64),
             "force_factor": (1.0 / np.asarray(lanes.moment_arm), np.float64),
             "friction_estimate": (lanes.friction_estimate, np.float64),
-            "delay_samples": (lanes.delay_samples, np.int64),
+            "delay_samples": (delay, np.int64),
             "command_factor": (lanes.command_factor, np.float64),
             "controlled": (lanes.controlled, np.bool_),
         }
@@ -325,8 +328,8 @@ class BatchSoftware:
         own["delay_samples"] = own["delay_samples"].astype(np.uint32)
         if lanes.noise is not None:
             noise = np.ascontiguousarray(lanes.noise, dtype=np.float64)
-            if noise.shape != (samples, *noise.shape[1:2], cars.shape[0]) or not 1 <= noise.shape[1] <= len(NOISES):
-                raise ValueError(f"noise of shape {noise.shape}; needed: ({samples}, 1 to {len(NOISES)}, {cars.shape[0]})")
+            if noise.shape != (samples, len(NOISES), cars.shape[0]):
+                raise ValueError(f"noise of shape {noise.shape}; needed: ({samples}, {len(NOISES)}, {cars.shape[0]})")
             own["noise"] = noise
         return profile, own
 
@@ -392,7 +395,7 @@ def compile_batch(
     Args:
         files: path -> content of the build.
         manifest: manifest of the build.
-        config: source of sampling times, nominal friction, and whether tyres have a relaxation length; None: the build's.
+        config: source of sampling times, nominal friction, delay, and the optional parts of the plant; None: the build's.
         isa: vector instructions; None uses the best level that compiler and machine support.
         mode: see `compile_library`.
         edited: files of the build that were changed after generation.

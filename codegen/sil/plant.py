@@ -31,8 +31,8 @@ class PlantInput:
 
 @dataclass(frozen=True)
 class PlantSample:
-    """Outputs of the car at one time, in rad, rad/s and m/s^2. `recorded` maps the role of each signal in `RECORDED` to its
-    value."""
+    """Outputs of the car at one time, in rad, rad/s and m/s^2: see PLANT_OUTPUTS. `recorded` maps the role of each signal in
+    `RECORDED` to its value."""
 
     front_angle: float
     yaw_rate: float
@@ -41,6 +41,8 @@ class PlantSample:
     lateral_acceleration: float
     slip_front: float
     slip_rear: float
+    measured_rear_angle: float
+    measured_lateral_acceleration: float
     recorded: Mapping[str, float] = field(default_factory=dict)
 
     def recorded_values(self) -> list[float]:
@@ -80,6 +82,8 @@ class Plant:
             output.lateral_acceleration,
             output.slip_front,
             output.slip_rear,
+            output.measured_rear_angle,
+            output.measured_lateral_acceleration,
             {each.role: getattr(state if each.origin == "state" else output, each.origin_name) for each in RECORDED},
         )
 

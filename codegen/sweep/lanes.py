@@ -18,7 +18,7 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import CodegenError, ConfigError
-from codegen.sil.batch import Lanes
+from codegen.sil.batch import NOISES, Lanes
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sweep.spec import FACTORS, NOISE, Spec, Values
 from codegen.units import KM_H
@@ -336,5 +336,7 @@ def _noise(spec: Spec, samples: range, scenario: int, steps: int, factors: Facto
     if not deviations.any():
         return None
     in_si = deviations * np.array([[1.0], [np.pi / 180.0], [np.pi / 180.0]])
-    scaled: FloatArray = noise(spec, samples, scenario, steps) * in_si
-    return scaled
+    found = np.zeros((steps, len(NOISES), len(samples)))
+    found[:, : len(NOISE)] = noise(spec, samples, scenario, steps)
+    found[:, : len(NOISE)] *= in_si
+    return found

@@ -35,7 +35,7 @@ RUNS_PER_CHUNK_MAX = 512
 """Approximate runs in a chunk: enough to hide the interpreter's overhead, few enough to repeat after an interruption."""
 CHUNK_BYTES_MAX = 128 * 2**20
 """Memory limit for recording, noise and intermediate arrays of a chunk. Long scenarios get fewer samples in a chunk."""
-NUMBERS_PER_SAMPLE = 24
+NUMBERS_PER_SAMPLE = 26
 """Numbers held for each control sample of a run: nine columns, the noise as drawn and as added, intermediate results."""
 
 LENGTH_MIN = {"step": 2.0, "sine-with-dwell": 3.8}

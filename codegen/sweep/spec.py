@@ -101,7 +101,7 @@ FACTORS: Mapping[str, Factor] = {
     "yaw_rate_noise_deg_s": Factor(0.0, 20.0, 0.0, "standard deviation of the measured yaw rate"),
 }
 NOISE = ("speed_noise_m_s", "front_angle_noise_deg", "yaw_rate_noise_deg_s")
-"""Noise factors, in the order of the noise array of `codegen.sil.batch`."""
+"""Noise factors, in the order of the first rows of `codegen.sil.batch.NOISES`."""
 
 
 def _check_whole(low: int, high: int) -> BeforeValidator:

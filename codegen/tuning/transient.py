@@ -29,6 +29,7 @@ from codegen.optimum.turns import turns_of
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.units import KM_H
+from codegen.vehicle.dynamics import PLAY_TIME_CONSTANT
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters, varied_cars
 from codegen.vehicle.population import Population
 from codegen.vehicle.single_track import SingleTrack
@@ -145,8 +146,13 @@ def _plant_step(config: Config) -> float:
     inertias = (car.mass / (car.front_stiffness + car.rear_stiffness), car.yaw_inertia / yaw_stiffness)
     lags = [config.steering.lag_s, config.rear_actuator.lag_s * min(LAG_FACTORS)]
     lags += [inertia * slowest * lighter / stiffer for inertia in inertias]
-    if config.plant.relaxation_length_m:
-        lags.append(config.plant.relaxation_length_m / (config.grid.last_speed_km_h * KM_H))
+    plant = config.plant
+    if plant.relaxation_length_m:
+        lags.append(plant.relaxation_length_m * min(1.0, plant.rear_relaxation_factor) / (config.grid.last_speed_km_h * KM_H))
+    if plant.actuator_motor_share:
+        lags.append(plant.actuator_motor_share * config.rear_actuator.lag_s * min(LAG_FACTORS))
+    if plant.backlash_deg:
+        lags.append(STEPS_PER_LAG * PLAY_TIME_CONSTANT)  # one step is enough, and stable
     period = config.controller.sampling_time_s
     steps = max(STEPS_PER_SAMPLE_MIN, math.ceil(period * STEPS_PER_LAG / min(lags)))
     return max(period / steps, config.plant.sampling_time_s)

@@ -29,7 +29,7 @@ from codegen.metrics.runs import is_spinning
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
 from codegen.plausibility.build import TRIM_WARNING_FACTOR
-from codegen.sil.batch import BatchSoftware, Lanes
+from codegen.sil.batch import NOISES, BatchSoftware, Lanes
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.tuning.transient import Response, compile_controller, family_of, tune_response, unit_step, with_response
 from codegen.units import KM_H
@@ -214,8 +214,8 @@ class _Drives:
         parameters, lanes = tuned_parameters(self.software, self.config), self.lanes
         if rate_deg_s is not None:
             parameters.fail_safe_rate = math.radians(rate_deg_s)
-            noise = np.zeros((samples, 3, self.runs))
-            noise[lost_from:] = math.nan
+            noise = np.zeros((samples, len(NOISES), self.runs))
+            noise[lost_from:, : NOISES.index("yaw_rate") + 1] = math.nan
             lanes = replace(lanes, noise=noise)
         sideslip, slip = self.software.run(self._profile(driver), lanes, parameters, ("sideslip_rad", "slip_rear_rad"))
         spins: BoolArray = np.any(is_spinning(sideslip, slip), axis=0)

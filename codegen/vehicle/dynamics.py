@@ -21,10 +21,13 @@ import casadi as ca
 
 from codegen.configuration import Config
 from codegen.vehicle.plant_car import (
+    OPTIONAL_PARTS,
     PLANT_PARAMETERS,
+    Chassis,
     PlantCar,
     load_shares_per_lateral_acceleration,
     load_transfer_losses,
+    optional_parts,
     plant_symbols,
 )
 from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres, MagicFormulaTyre
@@ -59,6 +62,15 @@ def is_zero(value: Any) -> bool:
 def curve_argument(tyre: MagicFormulaTyre, slip: Any) -> Any:
     """X: the slip angle as the formula's curve takes it."""
     return tyre.stiffness_factor * (slip - tyre.horizontal_shift)
+
+
+def keep_stiffness(chassis: Chassis, tyre: MagicFormulaTyre, friction: Any) -> MagicFormulaTyre:
+    """Return a tyre on a road that keeps a share of the cornering stiffness which the constant factor B loses."""
+    share = chassis.slippery_stiffness_share
+    if is_zero(share):
+        return tyre
+    kept = 1.0 + share * (chassis.nominal_friction / friction - 1.0)
+    return replace(tyre, stiffness_factor=tyre.stiffness_factor * kept)
 
 
 def curve(tyre: MagicFormulaTyre, x: Any) -> Any:
@@ -128,6 +140,23 @@ RELAXATION_STATES = (
     "slip_rear_right",
 )
 """Further states of the plant where its tyres have a relaxation length."""
+ROLL_STATES = (
+    "roll",  # rad, positive to the right
+    "roll_rate",  # rad/s
+)
+"""Further states of a plant that rolls."""
+MOTOR_ANGLE, MOTOR_RATE = "motor_angle", "motor_rate"  # rad and rad/s at the wheels
+"""Further states of the rear actuator: before its backlash, and of second order."""
+
+_PARTS_STATES = {
+    "relaxation_length": RELAXATION_STATES,
+    "sprung_moment": ROLL_STATES,
+    "backlash": (MOTOR_ANGLE,),
+    "motor_share": (MOTOR_RATE,),
+}
+PLAY_TIME_CONSTANT = 0.004
+"""Time constant in s with which the wheels follow the motor: stiff compared with the rest, and slow enough for a step of 1
+ms."""
 
 PLANT_INPUTS = (
     "speed",  # m/s, forward, above zero
@@ -135,7 +164,7 @@ PLANT_INPUTS = (
     "rear_angle_command",  # rad
     "friction",  # peak friction of the road
     "yaw_moment",  # N m, from outside: split friction, a gust
-    "lateral_force",  # N, from outside at the centre of gravity, to the left
+    "lateral_force",  # N, from outside at the centre of gravity, or at the roll axis below it, to the left
 )
 PLANT_OUTPUTS = (
     "sideslip_angle",  # rad
@@ -143,6 +172,8 @@ PLANT_OUTPUTS = (
     "front_angle",  # rad, road wheel
     "slip_front",  # rad, at the middle of the axle, from the motion: ahead of the tyres where they have a relaxation length
     "slip_rear",
+    "measured_rear_angle",  # rad, of the actuator's motor: no sensor sees the play behind it
+    "measured_lateral_acceleration",  # m/s^2, of an accelerometer that rolls with the body
 )
 
 
@@ -170,26 +201,34 @@ def two_track(config: Config) -> Model:
     Planar motion at a given forward speed (Rajamani, section 8.3, without longitudinal forces). The load transfer takes the
     quasi-steady lateral acceleration vx r, as the paper does, and saturates where the inner wheel lifts, so the four loads
     always sum to m g. Actuators: first-order lag with a rate limit; the rear command saturates at the actuator's angle.
-    Where `plant.relaxation_length_m` (sigma) is above zero, the force of each tyre follows its slip angle with a first-order
-    lag over the distance rolled, alpha' = v/sigma (alpha_steady - alpha) with v of that wheel (H. B. Pacejka, Tire and Vehicle
-    Dynamics, the single-point contact model). States, inputs and outputs: PLANT_STATES and, with a relaxation length,
-    RELAXATION_STATES after them; PLANT_INPUTS, PLANT_OUTPUTS.
+    States, inputs and outputs: `plant_states`, PLANT_INPUTS, PLANT_OUTPUTS.
+
+    Each of these parts is in the equations where its key of `[plant]` is above zero:
+
+    - relaxation length sigma: the force of each tyre follows its slip angle with a first-order lag over the distance rolled,
+      alpha' = v/sigma (alpha_steady - alpha) with v of that wheel (H. B. Pacejka, Tire and Vehicle Dynamics, the single-point
+      contact model);
+    - stiffness on a slippery road: see `keep_stiffness`;
+    - roll about an axis along the road (Rajamani; L. Segel, Theoretical prediction and experimental substantiation of the
+      response of the automobile to steering control, 1956): the springs and the roll centres move the load;
+    - motor of the rear actuator: its rate follows what lag and rate limit ask for;
+    - backlash: the rear wheels follow the motor beyond the play.
     """
     AxleTyres.from_config(config)  # refuses a tyre that has no slip bound
-    x, u, derivative, output = _two_track(PlantCar.from_config(config))
+    x, u, derivative, output = _two_track(PlantCar.from_config(config), plant_states(config))
     return make_model("two_track", (plant_states(config), PLANT_INPUTS, PLANT_OUTPUTS), x, u, derivative, output)
 
 
 def two_track_of_parameters(config: Config) -> ParametricModel:
-    """Return `two_track` for any car. The configuration only decides whether the tyres have a relaxation length.
+    """Return `two_track` for any car. The configuration only decides which of `plant_car.OPTIONAL_PARTS` it has.
 
     With p = `plant_parameters(config)` its functions are those of `two_track(config)`.
     """
     p = plant_symbols()
     car = PlantCar.from_symbols(p, config.tyre)
-    if config.plant.relaxation_length_m <= 0.0:
-        car = replace(car, chassis=replace(car.chassis, relaxation_length=0.0))
-    x, u, derivative, output = _two_track(car)
+    absent = dict.fromkeys(OPTIONAL_PARTS.keys() - optional_parts(config), 0.0)
+    car = replace(car, chassis=replace(car.chassis, **absent))
+    x, u, derivative, output = _two_track(car, plant_states(config))
     names = ["x", "u", "p"]
     return ParametricModel(
         states=plant_states(config),
@@ -202,36 +241,43 @@ def two_track_of_parameters(config: Config) -> ParametricModel:
 
 
 def plant_states(config: Config) -> tuple[str, ...]:
-    """Return the states of the plant, with those of the relaxation length where the tyres have one."""
-    return (*PLANT_STATES, *RELAXATION_STATES) if config.plant.relaxation_length_m > 0.0 else PLANT_STATES
+    """Return the states of the plant: PLANT_STATES, then those of the parts that it has."""
+    parts = optional_parts(config)
+    return (*PLANT_STATES, *(state for part, states in _PARTS_STATES.items() if part in parts for state in states))
 
 
-def _two_track(car: PlantCar) -> tuple[Any, Any, Any, Any]:
+def _two_track(car: PlantCar, states: tuple[str, ...]) -> tuple[Any, Any, Any, Any]:
     """x, u, x' and y of the plant."""
     chassis = car.chassis
-    relaxed = not is_zero(chassis.relaxation_length)
-    x = ca.SX.sym("x", len(PLANT_STATES) + (len(RELAXATION_STATES) if relaxed else 0))
-    u = ca.SX.sym("u", len(PLANT_INPUTS))
-    lateral_speed, yaw_rate, wheel_angle, rear, _, _, heading = (x[i] for i in range(len(PLANT_STATES)))
+    x, u = ca.SX.sym("x", len(states)), ca.SX.sym("u", len(PLANT_INPUTS))
+    state = dict(zip(states, ca.vertsplit(x), strict=True))
+    lateral_speed, yaw_rate, wheel_angle, rear, _, _, heading = (state[name] for name in PLANT_STATES)
     speed, wheel_command, rear_command, friction, yaw_moment, lateral_force = (u[i] for i in range(len(PLANT_INPUTS)))
     front = wheel_angle / chassis.steering_ratio
 
     load_front, load_rear = car.front.static_load, car.rear.static_load
     lateral_acceleration_steady = speed * yaw_rate
-    moved_front = clamp(chassis.load_transfer_front * lateral_acceleration_steady, load_front)
-    moved_rear = clamp(chassis.load_transfer_rear * lateral_acceleration_steady, load_rear)
+    moved_front = chassis.load_transfer_front * lateral_acceleration_steady
+    moved_rear = chassis.load_transfer_rear * lateral_acceleration_steady
+    springs: Any = None  # moment about the roll axis
+    if not is_zero(chassis.sprung_moment):
+        springs = chassis.roll_stiffness * state["roll"] + chassis.roll_damping * state["roll_rate"]
+        moved_front += chassis.front_roll_share / chassis.track * springs
+        moved_rear += (1.0 - chassis.front_roll_share) / chassis.track * springs
 
     half_track = 0.5 * chassis.track
+    relaxation = chassis.relaxation_length
     axles = (
-        (car.front, chassis.cg_to_front_axle, front, load_front, moved_front),
-        (car.rear, -chassis.cg_to_rear_axle, rear, load_rear, moved_rear),
+        (car.front, chassis.cg_to_front_axle, front, load_front, moved_front, relaxation),
+        (car.rear, -chassis.cg_to_rear_axle, rear, load_rear, moved_rear, relaxation * chassis.rear_relaxation_factor),
     )
     force_y: Any = lateral_force
     moment: Any = yaw_moment
     slips: list[Any] = []
     slip_rates: list[Any] = []
-    lagged = [x[i] for i in range(len(PLANT_STATES), x.numel())]
-    for tyre, arm, angle, load, moved in axles:
+    lagged = [state[name] for name in RELAXATION_STATES if name in state]
+    for axle_tyre, arm, angle, load, axle_moved, length in axles:
+        tyre, moved = keep_stiffness(chassis, axle_tyre, friction), clamp(axle_moved, load)
         axle_lateral_speed = lateral_speed + arm * yaw_rate
         slips.append(ca.atan(axle_lateral_speed / ca.fmax(speed, WHEEL_SPEED_MIN)) - angle)
         along, across = ca.cos(angle), ca.sin(angle)
@@ -240,26 +286,44 @@ def _two_track(car: PlantCar) -> tuple[Any, Any, Any, Any]:
             slip = ca.atan(axle_lateral_speed / wheel_speed) - angle
             if lagged:
                 held = lagged[len(slip_rates)]
-                slip_rates.append(wheel_speed / chassis.relaxation_length * (slip - held))
+                slip_rates.append(wheel_speed / length * (slip - held))
                 slip = held
             force = -magic_formula(tyre, slip, load - side * moved, friction)
             force_y += force * along
             moment += arm * force * along + side * half_track * force * across
 
-    acceleration = force_y / chassis.mass
-    rear_demand = clamp(rear_command, chassis.rear_angle_max)
-    derivative = ca.vertcat(
-        acceleration - speed * yaw_rate,
-        moment / chassis.yaw_inertia,
-        clamp((wheel_command - wheel_angle) / chassis.steering_lag, chassis.steering_rate_max),
-        clamp((rear_demand - rear) / chassis.rear_lag, chassis.rear_rate_max),
-        speed * ca.cos(heading) - lateral_speed * ca.sin(heading),
-        speed * ca.sin(heading) + lateral_speed * ca.cos(heading),
-        yaw_rate,
-        *slip_rates,
-    )
-    output = ca.vertcat(ca.atan(lateral_speed / ca.fmax(speed, WHEEL_SPEED_MIN)), acceleration, front, slips[0], slips[1])
-    return x, u, derivative, output
+    acceleration = measured_acceleration = force_y / chassis.mass
+    drift = acceleration  # of the roll axis
+    rates: dict[str, Any] = dict(zip(RELAXATION_STATES, slip_rates, strict=False))
+    if springs is not None:
+        # m a - s p = F and J p - s a = M for the acceleration a of the roll axis and the roll acceleration p.
+        gravity_side = chassis.gravity * ca.sin(state["roll"])
+        roll_moment = chassis.sprung_moment * gravity_side - springs
+        determinant = chassis.mass * chassis.roll_inertia - chassis.sprung_moment**2
+        drift = (chassis.roll_inertia * force_y + chassis.sprung_moment * roll_moment) / determinant
+        rates["roll"] = state["roll_rate"]
+        rates["roll_rate"] = (chassis.mass * roll_moment + chassis.sprung_moment * force_y) / determinant
+        measured_acceleration = acceleration + gravity_side
+    motor = state.get(MOTOR_ANGLE, rear)
+    motor_rate = clamp((clamp(rear_command, chassis.rear_angle_max) - motor) / chassis.rear_lag, chassis.rear_rate_max)
+    if not is_zero(chassis.motor_share):
+        rates[MOTOR_RATE] = (motor_rate - state[MOTOR_RATE]) / (chassis.motor_share * chassis.rear_lag)
+        motor_rate = state[MOTOR_RATE]
+    rates[MOTOR_ANGLE] = rates["rear_angle"] = motor_rate
+    if not is_zero(chassis.backlash):
+        play = motor - rear
+        rates["rear_angle"] = (play - clamp(play, chassis.backlash)) / PLAY_TIME_CONSTANT
+    rates |= {
+        "lateral_speed": drift - speed * yaw_rate,
+        "yaw_rate": moment / chassis.yaw_inertia,
+        "steering_wheel_angle": clamp((wheel_command - wheel_angle) / chassis.steering_lag, chassis.steering_rate_max),
+        "position_x": speed * ca.cos(heading) - lateral_speed * ca.sin(heading),
+        "position_y": speed * ca.sin(heading) + lateral_speed * ca.cos(heading),
+        "heading": yaw_rate,
+    }
+    sideslip = ca.atan(lateral_speed / ca.fmax(speed, WHEEL_SPEED_MIN))
+    output = ca.vertcat(sideslip, acceleration, front, slips[0], slips[1], motor, measured_acceleration)
+    return x, u, ca.vertcat(*(rates[name] for name in states)), output
 
 
 TyreModel = Literal["linear", "magic-formula", "load-transfer"]

@@ -29,7 +29,16 @@ class Chassis:
         steering_ratio: angle of the steering wheel over that of the front wheels.
         steering_lag: s. steering_rate_max: rad/s, of the steering wheel.
         rear_lag: s. rear_rate_max: rad/s. rear_angle_max: rad.
-        relaxation_length: m; zero for tyres without one.
+        relaxation_length: m, of the front tyres; zero for tyres without one. rear_relaxation_factor: that of the rear tyres
+            over it.
+        nominal_friction: friction for which the stiffness of the tyres holds. slippery_stiffness_share: share of the stiffness
+            lost on another road that the road keeps.
+        sprung_moment: kg m, sprung mass times its height above the roll axis; zero for a car that does not roll, otherwise
+            load_transfer_front and load_transfer_rear are those of the roll centres alone.
+        roll_inertia: kg m^2. roll_stiffness: N m/rad and roll_damping: N m s/rad, of springs and dampers.
+        front_roll_share: of their moment, on the front axle. gravity: m/s^2.
+        motor_share: time constant of the motor's rate over rear_lag; zero for an actuator of first order.
+        backlash: rad, half of the play between motor and rear wheels.
     """
 
     mass: Any
@@ -46,7 +55,35 @@ class Chassis:
     rear_rate_max: Any
     rear_angle_max: Any
     relaxation_length: Any
+    rear_relaxation_factor: Any
+    nominal_friction: Any
+    slippery_stiffness_share: Any
+    sprung_moment: Any
+    roll_inertia: Any
+    roll_stiffness: Any
+    roll_damping: Any
+    front_roll_share: Any
+    gravity: Any
+    motor_share: Any
+    backlash: Any
 
+
+OPTIONAL_PARTS = {
+    "relaxation_length": "a relaxation length",
+    "slippery_stiffness_share": "tyres that keep stiffness on a slippery road",
+    "sprung_moment": "roll",
+    "motor_share": "an actuator of second order",
+    "backlash": "backlash",
+}
+"""Parameters that add their part to the equations of the plant unless they are zero, with the name of the part."""
+
+SPRUNG_FRACTION = 0.88
+"""Fraction of the mass on the springs of a car that rolls."""
+ROLL_CENTRE_HEIGHT_M = 0.1
+"""Height of both roll centres, at most half of that of the centre of gravity."""
+ROLL_RADIUS_M = 0.55
+"""Radius of gyration of the sprung mass about its own axis."""
+ROLL_DAMPING_RATIO = 0.3
 
 _CHASSIS = tuple(field.name for field in fields(Chassis))
 
@@ -66,8 +103,7 @@ class PlantCar:
     @classmethod
     def from_config(cls, config: Config) -> PlantCar:
         """The car of a configuration, in numbers."""
-        vehicle, steering, actuator = config.vehicle, config.steering, config.rear_actuator
-        transfer_front, transfer_rear = load_transfer_per_lateral_acceleration(config)
+        vehicle, steering, actuator, plant = config.vehicle, config.steering, config.rear_actuator, config.plant
         load_front, load_rear = static_wheel_loads(config)
         friction = config.road.friction
         return cls(
@@ -77,15 +113,21 @@ class PlantCar:
                 cg_to_front_axle=vehicle.cg_to_front_axle_m,
                 cg_to_rear_axle=vehicle.cg_to_rear_axle_m,
                 track=vehicle.track_m,
-                load_transfer_front=transfer_front,
-                load_transfer_rear=transfer_rear,
+                **_load_transfer(config),
                 steering_ratio=steering.ratio,
                 steering_lag=steering.lag_s,
                 steering_rate_max=math.radians(steering.wheel_rate_max_deg_s),
                 rear_lag=actuator.lag_s,
                 rear_rate_max=math.radians(actuator.rate_max_deg_s),
                 rear_angle_max=actuator.angle_max,
-                relaxation_length=config.plant.relaxation_length_m,
+                relaxation_length=plant.relaxation_length_m,
+                rear_relaxation_factor=plant.rear_relaxation_factor,
+                nominal_friction=friction,
+                slippery_stiffness_share=plant.slippery_stiffness_share,
+                front_roll_share=vehicle.front_roll_share,
+                gravity=config.road.gravity_m_s2,
+                motor_share=plant.actuator_motor_share,
+                backlash=0.5 * math.radians(plant.backlash_deg),
             ),
             MagicFormulaTyre.from_config(config.tyre.front, load_front, friction),
             MagicFormulaTyre.from_config(config.tyre.rear, load_rear, friction),
@@ -102,6 +144,39 @@ class PlantCar:
             for axle, tyre in (("front", tyres.front), ("rear", tyres.rear))
         )
         return cls(Chassis(**{name: symbols[name] for name in _CHASSIS}), front, rear)
+
+
+def _load_transfer(config: Config) -> dict[str, Any]:
+    """Return the parameters of load transfer and roll.
+
+    The springs carry the sprung mass against its moment of inertia and gravity; what does not pass through them is transferred
+    at once, at the roll centres.
+    """
+    vehicle, roll = config.vehicle, math.radians(config.plant.roll_deg_per_g) / config.road.gravity_m_s2
+    if roll == 0.0:
+        front, rear = load_transfer_per_lateral_acceleration(config)
+        names = ("sprung_moment", "roll_inertia", "roll_stiffness", "roll_damping")
+        return {"load_transfer_front": front, "load_transfer_rear": rear, **dict.fromkeys(names, 0.0)}
+    mass = vehicle.mass_kg
+    centre_height = np.minimum(ROLL_CENTRE_HEIGHT_M, 0.5 * vehicle.cg_height_m)
+    centres = mass * centre_height / (vehicle.track_m * vehicle.wheelbase)
+    sprung, moment = SPRUNG_FRACTION * mass, mass * (vehicle.cg_height_m - centre_height)
+    inertia = sprung * ROLL_RADIUS_M**2 + moment**2 / sprung
+    restoring = moment / roll  # springs less gravity
+    return {
+        "load_transfer_front": centres * vehicle.cg_to_rear_axle_m,
+        "load_transfer_rear": centres * vehicle.cg_to_front_axle_m,
+        "sprung_moment": moment,
+        "roll_inertia": inertia,
+        "roll_stiffness": restoring + moment * config.road.gravity_m_s2,
+        "roll_damping": 2.0 * ROLL_DAMPING_RATIO * np.sqrt(restoring * inertia),
+    }
+
+
+def optional_parts(config: Config) -> frozenset[str]:
+    """Return those of OPTIONAL_PARTS that the plant of a configuration has."""
+    chassis = PlantCar.from_config(config).chassis
+    return frozenset(name for name in OPTIONAL_PARTS if np.any(getattr(chassis, name)))
 
 
 def plant_parameters(config: Config) -> FloatArray:

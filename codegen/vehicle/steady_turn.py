@@ -38,7 +38,7 @@ class PlantPoints:
 
     @classmethod
     def of(cls, config: Config, states: FloatArray, inputs: FloatArray, cars: FloatArray) -> PlantPoints:
-        """Return points of the plant with the tyre curves, and with or without the relaxation length, of a configuration."""
+        """Return points of the plant with the tyre curves and the optional parts of a configuration."""
         model = two_track_of_parameters(config)
         x, u = ca.SX.sym("x", len(model.states)), ca.SX.sym("u", len(PLANT_INPUTS))
         p = ca.SX.sym("p", len(PLANT_PARAMETERS))
@@ -55,10 +55,10 @@ class PlantPoints:
     def solve_turns(self) -> BoolArray:
         """Solve steady turns with the given yaw rates by Newton's method, and return (n,) which were found.
 
-        The given states are the start. Lateral speed, steering wheel and the slips of tyres that relax are solved.
+        The given states are the start. Lateral speed, steering wheel and the states of optional parts are solved.
         """
-        slips = range(len(PLANT_STATES), self.states.shape[0])
-        places, unknowns = [LATERAL, YAW, *slips], [LATERAL, WHEEL, *slips]
+        further = range(len(PLANT_STATES), self.states.shape[0])
+        places, unknowns = [LATERAL, YAW, *further], [LATERAL, WHEEL, *further]
         for _ in range(NEWTON_STEPS):
             self.inputs[WHEEL_COMMAND] = self.states[WHEEL]
             rate, jacobian, _ = self.linearised()

@@ -370,14 +370,17 @@ class MultiBodyPlant:
         pull = sum(mass * rates[place] for mass, place in masses) / sum(mass for mass, _ in masses)
         slip_front = math.atan2(side + car.a * yaw_rate, forward) - state[STEERING]
         slip_rear = math.atan2(side - car.b * yaw_rate, forward) - state[-1]
+        lateral_acceleration = -(pull + forward * yaw_rate)
         return PlantSample(
             front_angle=-state[STEERING],
             yaw_rate=-yaw_rate,
             rear_angle=-state[-1],
             sideslip_angle=self._sideslip,
-            lateral_acceleration=-(pull + forward * yaw_rate),
+            lateral_acceleration=lateral_acceleration,
             slip_front=-slip_front,
             slip_rear=-slip_rear,
+            measured_rear_angle=-state[-1],
+            measured_lateral_acceleration=lateral_acceleration,
         )
 
     def advance(self, acting: Iterable[PlantInput]) -> None:

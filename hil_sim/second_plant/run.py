@@ -109,12 +109,21 @@ def run(
     plant = MultiBodyPlant(config, float(scenario.inputs(config)[0, 0]), parameters)
 
     def measured(car: PlantSample) -> dict[str, float]:
-        names = ("front_angle", "yaw_rate", "rear_angle", "lateral_acceleration")
-        return {"speed": plant.speed, **{name: getattr(car, name) for name in names}}
+        return {"speed": plant.speed, **measured_of(car)}
 
     return drive(
         plant, software, config, scenario, measured, delay_samples=delay_samples, controller_parameters=controller_parameters
     )
+
+
+def measured_of(car: PlantSample) -> dict[str, float]:
+    """Return the fields of a measurement that sensors without errors take from a sample."""
+    return {
+        "front_angle": car.front_angle,
+        "yaw_rate": car.yaw_rate,
+        "rear_angle": car.measured_rear_angle,
+        "lateral_acceleration": car.measured_lateral_acceleration,
+    }
 
 
 class SteppedPlant(Protocol):

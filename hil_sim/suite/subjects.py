@@ -24,6 +24,7 @@ from codegen.sil.batch import BatchSoftware, compile_batch
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import Software, compile_build, require_can_side
 from codegen.tuning.tune import tune
+from codegen.vehicle.plant_car import optional_parts
 
 DELAY_SAMPLES = 1
 """Computing delay in all runs: an ECU sends its command one period after sampling."""
@@ -54,7 +55,7 @@ class Build:
 
     fetch: Callable[[], Generated]
     _compiled: dict[str, Software] = field(default_factory=dict)
-    _batches: dict[bool, BatchSoftware] = field(default_factory=dict)
+    _batches: dict[frozenset[str], BatchSoftware] = field(default_factory=dict)
 
     @functools.cached_property
     def generated(self) -> Generated:
@@ -70,8 +71,8 @@ class Build:
         return self._compiled[key]
 
     def batch(self, plant: Config) -> BatchSoftware:
-        """Compile for many cars at once, with a relaxation length or without, like a plant. Raises as the call does."""
-        key = plant.plant.relaxation_length_m > 0.0
+        """Compile for many cars at once, with the optional parts of a plant. Raises as the call does."""
+        key = optional_parts(plant)
         if key not in self._batches:
             found = self.generated
             self._batches[key] = compile_batch(found.files, found.manifest, plant, edited=found.edited)

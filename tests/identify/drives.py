@@ -206,7 +206,8 @@ def _true(config: Config, rows: FloatArray, plant: Any, delay: float) -> Iterato
     for index, (speed, front, _) in enumerate(rows.tolist()):
         acting = PlantInput(speed, front * ratio, float(rows[max(index - late, 0), 2]), friction)
         now = plant.sample(acting)
-        yield (speed, now.front_angle, now.yaw_rate, now.rear_angle, now.lateral_acceleration, now.sideslip_angle)
+        acceleration = now.measured_lateral_acceleration
+        yield (speed, now.front_angle, now.yaw_rate, now.measured_rear_angle, acceleration, now.sideslip_angle)
         plant.advance((acting,))
 
 

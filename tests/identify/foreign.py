@@ -12,11 +12,12 @@ import casadi as ca
 
 from codegen.configuration import Config, preset
 from codegen.identify.drive import Drive
-from codegen.sil.plant import PlantInput, PlantSample
+from codegen.sil.plant import Plant, PlantInput, PlantSample
 from codegen.units import KM_H
+from codegen.vehicle.dynamics import two_track
 from codegen.vehicle.tyre import CURVES, MAGIC_FORMULA, TyreCurve
 from hil_sim.second_plant.plant import GRAVITY, PUBLISHED, ROLL, MultiBodyPlant, car_of, published
-from hil_sim.third_plant import RollPlant
+from hil_sim.third_plant import rolling
 from tests.identify.drives import SENSOR, Course, Part, drive
 
 START = Part(0.1, 60.0 * KM_H)
@@ -26,19 +27,11 @@ ANGLE_MAX_DEG = 5.0
 model could not reach the yaw rate of the map."""
 
 
-class LeaningPlant(RollPlant):
-    """The car of `hil_sim.third_plant`, whose accelerometer rolls with the body."""
-
-    def __init__(self, config: Config, curve: TyreCurve | None = None) -> None:
-        # The third plant takes the curves of its tyres from the table, like our own.
-        with patch.dict(CURVES, {} if curve is None else {config.tyre.front.curve: curve}):
-            super().__init__(config)
-        self._gravity = config.road.gravity_m_s2
-
-    def sample(self, acting: PlantInput) -> PlantSample:
-        """Return the current outputs, the lateral acceleration as measured."""
-        found = super().sample(acting)
-        return replace(found, lateral_acceleration=found.lateral_acceleration + self._gravity * math.sin(self.roll))
+def leaning_plant(config: Config, curve: TyreCurve | None = None) -> Plant:
+    """Return the car of `hil_sim.third_plant`, with another curve of its tyres."""
+    config = rolling(config)
+    with patch.dict(CURVES, {} if curve is None else {config.tyre.front.curve: curve}):
+        return Plant(config, two_track(config))
 
 
 class LeaningMultiBodyPlant(MultiBodyPlant):
@@ -47,7 +40,8 @@ class LeaningMultiBodyPlant(MultiBodyPlant):
     def sample(self, acting: PlantInput) -> PlantSample:
         """Return the current outputs, the lateral acceleration as measured."""
         found = super().sample(acting)
-        return replace(found, lateral_acceleration=found.lateral_acceleration + GRAVITY * math.sin(self._state[ROLL]))
+        measured = found.lateral_acceleration + GRAVITY * math.sin(self._state[ROLL])
+        return replace(found, measured_lateral_acceleration=measured)
 
 
 def _plant_curve(value: Callable[[Any, Any, Any], Any], peak: float) -> TyreCurve:
@@ -102,7 +96,7 @@ def _base() -> Config:
 
 def _leaning(title: str, curve: TyreCurve | None = None) -> ForeignCar:
     config = _base()
-    return ForeignCar(title, config, lambda _: LeaningPlant(config, curve))
+    return ForeignCar(title, config, lambda _: leaning_plant(config, curve))
 
 
 def _multi_body(number: int) -> ForeignCar:

@@ -25,7 +25,7 @@ from codegen.optimum.nonlinear import ABOVE, NonlinearTurns, slip_use
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import excess_warning
-from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, single_track, two_track
+from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, single_track, two_track
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.suite.cars import DEVELOPMENT_SEED, random_cars
 from tests import shared
@@ -168,7 +168,8 @@ def plant_percent(found: ReferenceMap, i: int, j: int) -> np.ndarray:
     start = np.array([math.tan(found.sideslip[i, j]), found.rear_angle[i, j]])  # avoids the sliding steady turn
     steady = fsolve(rates, start, xtol=1e-12)
     assert np.abs(rates(steady if found.tyre_model == "linear" else start)).max() < 1e-7  # m/s^2, rad/s^2
-    slips = np.abs(np.asarray(model.output(state(steady), u)).ravel()[-2:])
+    outputs = dict(zip(PLANT_OUTPUTS, np.asarray(model.output(state(steady), u)).ravel(), strict=True))
+    slips = np.abs([outputs["slip_front"], outputs["slip_rear"]])
     return np.asarray(100.0 * slips / [tyres.front_slip_bound, tyres.rear_slip_bound])
 
 

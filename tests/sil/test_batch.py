@@ -5,7 +5,7 @@ import functools
 import json
 import math
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,11 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config, Kind, parse
 from codegen.errors import BuildError
 from codegen.sil import batch, vector
-from codegen.sil.batch import LANES, BatchSoftware, Isa, Lanes, compile_batch, load_batch
+from codegen.sil.batch import LANES, NOISES, BatchSoftware, Isa, Lanes, compile_batch, load_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, compile_build
-from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters
+from codegen.vehicle.plant_car import OPTIONAL_PARTS, PLANT_PARAMETERS, plant_parameters
 from tests import builds
 
 AVAILABLE_ISAS = [isa for isa in vector.ISAS if vector.machine_runs(isa) and vector.compiler_offers(isa)]
@@ -149,6 +149,37 @@ def test_each_run_is_the_single_run_of_its_car() -> None:
         check_cars(batch_of("tracking", AVAILABLE_ISAS[0]), "tracking", name)
 
 
+PARTS = {
+    "relaxation_length_m": (0.6, 0.25),
+    "rear_relaxation_factor": (1.4, 0.9),
+    "slippery_stiffness_share": (1.0, 0.3),
+    "roll_deg_per_g": (4.0, 2.0),
+    "actuator_motor_share": (0.5, 0.3),
+    "backlash_deg": (0.1, 0.3),
+    "command_delay_samples": (1, 1),
+}
+"""Parts of the plant for two cars."""
+
+
+def check_parts(kind: Kind, isa: Isa, keys: Sequence[str]) -> FloatArray:
+    """Check two cars with some of PARTS, and return the recording."""
+    generator = np.random.default_rng(3)
+    both = [random_car(generator, builds.CONFIGS[kind], **{key: PARTS[key][k] for key in keys}) for k in (0, 1)]
+    folder = builds.of_kind(kind).folder
+    software = compile_batch(folder.files, folder.manifest, both[0], isa=isa)
+    record = software.run(PROFILES["all that acts"], Lanes(rows(*both)))
+    for index, car in enumerate(both):
+        require_equal(record[:, :, index], single_run(kind, car, PROFILES["all that acts"]))
+    return record
+
+
+def test_each_run_is_the_single_run_of_a_car_with_all_parts() -> None:
+    """tests/evidence/kinds has each part alone. The controller measures the motor, and what the accelerometer does."""
+    record = check_parts("tracking", AVAILABLE_ISAS[0], list(PARTS))
+    without = check_parts("tracking", AVAILABLE_ISAS[0], ["relaxation_length_m"])
+    assert np.abs(record - without).max() > 0.01
+
+
 def test_factors_and_friction_are_those_of_another_scenario(best: BatchSoftware) -> None:
     """A constant friction is replaced; a varying one is scaled by the run's friction over the configuration's."""
     lanes = Lanes(rows(builds.CONFIG), speed_factor=1.25, wheel_factor=-0.7, friction=0.75, friction_estimate=0.8)
@@ -162,7 +193,7 @@ def test_factors_and_friction_are_those_of_another_scenario(best: BatchSoftware)
 
 
 def stepped(scenario: FloatArray, noise: FloatArray) -> FloatArray:
-    """Return yaw rate and command for measurement noise (samples, 3), with the loop in Python."""
+    """Return yaw rate and command for measurement noise (samples, 5), with the loop in Python."""
     software = builds.paper().software
     controller, lib = software.controller(), software.compiled.lib
     plant, acting, output = (software.ffi.new(f"plant_{name}_t *") for name in ("state", "input", "output"))
@@ -172,9 +203,8 @@ def stepped(scenario: FloatArray, noise: FloatArray) -> FloatArray:
         speed, wheel, friction, _, moment, *_ = steps[0]
         acting[0] = (speed, wheel, 0.0, friction, moment)
         lib.plant_output(plant, acting, output)
-        measured = np.array([speed, output.front_angle, plant.yaw_rate]) + added
-        lateral = output.lateral_acceleration
-        sample = Measurement(*measured.tolist(), plant.rear_angle, lateral_acceleration=lateral)
+        true = (speed, output.front_angle, plant.yaw_rate, output.measured_rear_angle, output.measured_lateral_acceleration)
+        sample = Measurement(**dict(zip(NOISES, (np.array(true) + added).tolist(), strict=True)))
         command = controller.step(sample).rear_angle
         found.append((plant.yaw_rate, command))
         for speed, wheel, friction, _, moment, *_ in steps:
@@ -185,7 +215,7 @@ def stepped(scenario: FloatArray, noise: FloatArray) -> FloatArray:
 
 def check_noise(software: BatchSoftware) -> None:
     """Check that every lane has its own noise."""
-    noise = np.random.default_rng(4).normal(0.0, [[[0.1], [1e-3], [5e-3]]], (SAMPLES, 3, LANES + 1))
+    noise = np.random.default_rng(4).normal(0.0, [[[0.1], [1e-3], [5e-3], [1e-3], [0.1]]], (SAMPLES, 5, LANES + 1))
     lanes = Lanes(np.repeat(rows(builds.CONFIG), LANES + 1, axis=0), noise=noise)
     record = software.run(PROFILES["step steer"], lanes, columns=["yaw_rate_rad_s", "rear_angle_command_rad"])
     for run in (0, 3, LANES):
@@ -205,7 +235,7 @@ def test_a_side_force_pushes_at_once_and_turns_by_its_arm(best: BatchSoftware) -
 
 def test_a_flipped_rounding_stays_within_its_bound(best: BatchSoftware) -> None:
     """One single-precision unit in the last place is added to front angle and yaw rate of one sample in mid-turn."""
-    noise = np.zeros((SAMPLES, 3, 3))
+    noise = np.zeros((SAMPLES, 5, 3))
     noise[80, 1, 1] = noise[80, 2, 2] = float(np.spacing(np.float32(0.5)))
     lanes = Lanes(np.repeat(rows(builds.CONFIG), 3, axis=0), wheel_factor=0.2, noise=noise)
     record = best.run(PROFILES["step steer"], lanes)
@@ -228,7 +258,7 @@ def mixed_lanes(count: int) -> tuple[Lanes, npt.NDArray[np.intp]]:
         friction_estimate=generator.choice([math.nan, 0.5], count),
         delay_samples=generator.integers(0, 101, count),
         controlled=generator.random(count) < 0.8,
-        noise=generator.normal(0.0, 1e-3, (SAMPLES, 3, count)),
+        noise=generator.normal(0.0, 1e-3, (SAMPLES, 5, count)),
         command_factor=generator.uniform(0.5, 2.0, count),
         moment_arm=generator.uniform(0.5, 3.0, count),
     )
@@ -282,7 +312,9 @@ def test_noise_independence_and_columns(best: BatchSoftware, check: Callable[[Ba
     check(best)
 
 
-RELAXATION_LANES = Lanes(np.where(np.array(PLANT_PARAMETERS) == "relaxation_length", 0.5, NOMINAL_LANES))
+def with_part(name: str) -> Lanes:
+    """Return a car with a part of the plant that the batch is not compiled for."""
+    return Lanes(np.where(np.array(PLANT_PARAMETERS) == name, 0.5, NOMINAL_LANES))
 
 
 @pytest.mark.parametrize(
@@ -294,8 +326,8 @@ RELAXATION_LANES = Lanes(np.where(np.array(PLANT_PARAMETERS) == "relaxation_leng
         (profile(), Lanes(NOMINAL_LANES, speed_factor=-1.0), "factors must be above zero"),
         (profile(), Lanes(NOMINAL_LANES, delay_samples=101), "0 to 100"),
         (profile(), Lanes(NOMINAL_LANES, wheel_factor=np.ones(3)), "broadcast"),
-        (profile(), Lanes(NOMINAL_LANES, noise=np.zeros((SAMPLES, 3, 2))), "noise of shape"),
-        (profile(), RELAXATION_LANES, "relaxation length"),
+        (profile(), Lanes(NOMINAL_LANES, noise=np.zeros((SAMPLES, 5, 2))), "noise of shape"),
+        *((profile(), with_part(name), text) for name, text in OPTIONAL_PARTS.items()),
     ],
 )
 def test_what_cannot_be_run_is_refused(best: BatchSoftware, scenario: FloatArray, lanes: Lanes, text: str) -> None:

@@ -8,11 +8,11 @@ import pytest
 
 from codegen.configuration import parse
 from codegen.vehicle.dynamics import Model, TyreModel, single_track, two_track
-from tests.vehicle.reference_plant import OTHER, tables
+from tests.vehicle.reference_plant import COMPLETE, OTHER, tables
 
 CONFIG = parse(tables(OTHER), "test")
 SIZES = ([0.02, 0.3], [5.0, 0.02, 0.02, 0.5])
-PLANT_SIZES = ([0.3, 0.3, 0.2, 0.02, 10.0, 10.0, 1.0, *[0.02] * 4], [5.0, 0.2, 0.02, 0.5, 1e3, 1e3])
+PLANT_SIZES = ([0.3, 0.3, 0.2, 0.02, 10.0, 10.0, 1.0, *[0.02] * 5, 0.1, 0.02, 0.1], [5.0, 0.2, 0.02, 0.5, 1e3, 1e3])
 """Scales of each state and input over which the derivative changes; for angles, where the tyre becomes nonlinear."""
 
 
@@ -28,6 +28,7 @@ def evaluate(function: Any, *arguments: Any) -> np.ndarray:
         single_track(CONFIG, "load-transfer"),
         two_track(CONFIG),
         two_track(parse(tables(replace(OTHER, relaxation_length=0.4)), "test")),
+        two_track(parse(tables(COMPLETE), "test")),
     ],
     ids=lambda model: f"{model.name}-{len(model.states)}",
 )
@@ -48,6 +49,8 @@ def test_jacobians_are_the_slopes_of_the_derivative(model: Model) -> None:
         if is_plant:  # commands near the angles and a slow turn avoid the kinks of actuators and lifting wheels
             x[1] *= 0.5
             u[1:3] = x[2:4] + 0.008 * rng.uniform(-1.0, 1.0, 2)
+        if "motor_angle" in model.states:  # the same for the motor, well beyond the play
+            x[model.states.index("motor_angle")], u[2] = x[3] + 0.03, x[3] + 0.03 + 0.008 * rng.uniform(-1.0, 1.0)
         dx, du = rng.normal(size=x.size) * size_x, rng.normal(size=u.size) * size_u
         values = [evaluate(model.derivative, x + m * step * dx, u + m * step * du) for m in (-2.0, -1.0, 1.0, 2.0)]
         slope = (values[0] - 8.0 * values[1] + 8.0 * values[2] - values[3]) / (12.0 * step)

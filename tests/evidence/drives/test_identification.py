@@ -1,5 +1,7 @@
 """Identification of simulated cars, where `make test` has no time for it: a rolling car, and the covariance of held values."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -7,9 +9,9 @@ from codegen.identify.parameters import configured
 from codegen.identify.reached import reached
 from codegen.identify.run import identify
 from codegen.identify.validation import validate
-from hil_sim.third_plant import DEFAULT
+from hil_sim.third_plant import rolling
 from tests.identify.drives import SENSOR, Course, configured_car, drive, true_car
-from tests.identify.foreign import LeaningPlant
+from tests.identify.foreign import leaning_plant
 from tests.identify.test_held import gentle
 from tests.identify.test_identification import SEED
 
@@ -20,7 +22,7 @@ def test_a_car_with_roll_that_the_model_does_not_contain_is_predicted_and_its_sl
     course = Course(config)
     fitted = (course.turns(40.0, duration=15.0), course.turns(80.0, duration=15.0), course.front_sweep(60.0))
     drives = [
-        drive(config, parts, k, plant=LeaningPlant(config), signals=(*SENSOR, "delta_r_command", "sideslip"))
+        drive(config, parts, k, plant=leaning_plant(config), signals=(*SENSOR, "delta_r_command", "sideslip"))
         for k, parts in enumerate((fitted, course.hold_out()))
     ]
     found = identify(config, drives[:1])
@@ -30,10 +32,10 @@ def test_a_car_with_roll_that_the_model_does_not_contain_is_predicted_and_its_sl
     assert reached(found.vehicle, config).lateral_acceleration == pytest.approx(4.0, abs=1.5)
     # The accelerometer rolls with the body: 4 deg/g. The slopes of the tyres are those of the third plant.
     assert found.values()["lateral_acceleration_factor"] == pytest.approx(
-        1.0 + DEFAULT.roll_per_lateral_acceleration * 9.81, rel=0.01
+        1.0 + math.radians(rolling(config).plant.roll_deg_per_g), rel=0.01
     )
-    for axle, percent in zip(("front", "rear"), DEFAULT.stiffness_percent, strict=True):
-        true = configured(config)[f"{axle}_stiffness"] * (1.0 + 0.01 * percent)
+    for axle in ("front", "rear"):
+        true = configured(rolling(config))[f"{axle}_stiffness"]
         assert found.values()[f"{axle}_stiffness"] == pytest.approx(true, rel=0.03), axle
 
 

@@ -1,21 +1,9 @@
 """Batches with every level of vector instructions of this machine."""
 
-import numpy as np
 import pytest
 
-from codegen.sil.batch import Isa, Lanes, compile_batch
-from tests import builds
-from tests.sil.test_batch import (
-    AVAILABLE_ISAS,
-    PROFILES,
-    batch_of,
-    check_cars,
-    check_independence,
-    random_car,
-    require_equal,
-    rows,
-    single_run,
-)
+from codegen.sil.batch import Isa
+from tests.sil.test_batch import AVAILABLE_ISAS, PARTS, PROFILES, batch_of, check_cars, check_independence, check_parts
 
 on_each_level = pytest.mark.parametrize("isa", AVAILABLE_ISAS)
 
@@ -29,11 +17,6 @@ def test_cars_and_independence(isa: Isa) -> None:
 
 
 @on_each_level
-def test_tyres_with_a_relaxation_length(isa: Isa) -> None:
-    generator = np.random.default_rng(3)
-    soft, stiff = (random_car(generator, builds.CONFIG, relaxation_length_m=length) for length in (0.6, 0.25))
-    folder = builds.paper().folder
-    software = compile_batch(folder.files, folder.manifest, soft, isa=isa)
-    record = software.run(PROFILES["step steer"], Lanes(rows(soft, stiff)))
-    for index, car in enumerate((soft, stiff)):
-        require_equal(record[:, :, index], single_run("pi", car, PROFILES["step steer"]))
+def test_parts_of_the_plant(isa: Isa) -> None:
+    for key in PARTS.keys() - {"rear_relaxation_factor", "command_delay_samples"}:
+        check_parts("pi", isa, [key])
