@@ -21,7 +21,7 @@ from codegen.map_file.map import ReferenceMap
 from codegen.metrics import Runs
 from codegen.metrics.runs import COLUMNS, spin_times
 from codegen.optimum.solve import solve_case
-from codegen.sil.batch import NOISES, Lanes
+from codegen.sil.batch import NOISES, Lanes, sensor_errors
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.units import KM_H
 from codegen.vehicle.plant_car import optional_parts, plant_parameters
@@ -34,6 +34,8 @@ from hil_sim.suite.cells import (
     Condition,
     cells,
     front_angle,
+    ideal,
+    kept_stiffness,
     together,
 )
 from hil_sim.suite.subjects import DELAY_SAMPLES, RECOMMENDED_CASE, Subject, of_config, tuned
@@ -54,8 +56,8 @@ def real(config: Config) -> Config:
     )
 
 
-PLANTS: Mapping[str, Change] = {IDEAL: Config.with_ideal_plant, REAL: real, ROLL: rolling}
-"""Changes of the configured car to the plants of all rows. The biases of the sensors are those of the changed configuration."""
+PLANTS: Mapping[str, Change] = {IDEAL: ideal, REAL: real, ROLL: rolling}
+"""Changes of the configured car to the plants of all rows."""
 
 SEED = 6
 """Seed of the noise."""
@@ -71,13 +73,8 @@ def road(friction: float, keeps_stiffness: bool) -> Condition:
         keeps_stiffness: whether tyres keep their cornering stiffness there, so that only their peak falls; otherwise they keep
             their factor B, and the stiffness falls with the friction.
     """
-    kept = 1.0 if keeps_stiffness else 0.0
-
-    def slippery(config: Config) -> Config:
-        return config.replace({"plant.slippery_stiffness_share": kept}, "slippery road")
-
-    title = f"friction {friction:g}, {'stiffness' if keeps_stiffness else 'B'} kept"
-    return Condition("road", title, "friction", plant=slippery, friction=friction)
+    title, share = ("stiffness kept", 1.0) if keeps_stiffness else ("B kept", 0.0)
+    return Condition("road", f"friction {friction:g}, {title}", "friction", kept_stiffness(share), friction)
 
 
 @dataclass(frozen=True)
@@ -122,7 +119,7 @@ class Setting:
         condition: car, road and estimate of its friction.
         acceleration_bias: m/s^2 of the measured lateral acceleration; NaN: it is not measured.
         yaw_rate_bias: rad/s of the measured yaw rate.
-        is_noisy: whether the sensors have the noise of the configuration.
+        is_noisy: whether the sensors have the noise, the resolution and the bias of the car.
         controlled: False for the passive car.
     """
 
@@ -134,11 +131,9 @@ class Setting:
 
     def noise(self, config: Config, samples: int, count: int) -> FloatArray:
         """Return the errors (samples, k, count) of the sensors in NOISES of a car."""
-        biases = np.array([getattr(config.sensors, name).bias for name in NOISES])
-        errors = np.tile(biases[:, np.newaxis], (samples, 1, count))
+        errors = np.zeros((samples, len(NOISES), count))
         if self.is_noisy:
-            deviations = np.array([getattr(config.sensors, name).noise for name in NOISES])
-            errors += deviations[:, np.newaxis] * np.random.default_rng(SEED).standard_normal(errors.shape)
+            errors += sensor_errors(config.sensors, samples, count, SEED)
         errors[:, NOISES.index("yaw_rate")] += self.yaw_rate_bias
         errors[:, NOISES.index("lateral_acceleration")] += self.acceleration_bias
         return errors
