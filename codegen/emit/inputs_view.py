@@ -111,7 +111,9 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
         ),
         of_key("yaw_rate_offset_max", "yaw_rate_offset_max_deg_s", "rad/s, largest offset that is learned", DEGREE, 1.0),
         of_key(
-            "lateral_acceleration_offset_max", "lateral_acceleration_offset_max_m_s2", "m/s^2, the same of the lateral acceleration"
+            "lateral_acceleration_offset_max",
+            "lateral_acceleration_offset_max_m_s2",
+            "m/s^2, the same of the lateral acceleration",
         ),
         Parameter(
             "yaw_rate_correction_share",
