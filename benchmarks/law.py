@@ -134,9 +134,9 @@ def _notes(straight: float) -> tuple[str, ...]:
     return (
         f"Cars: {cars} (`benchmarks/judged_cars.py`); recommended preset, nonlinear tyre. They and the random cars of seed "
         f"{DEVELOPMENT_SEED} are the development set, the random cars of seed {SEED} the test set.",
-        "Plants: ideal is the two-track car as the map has it; real adds relaxation of 0.4 m, roll of 4 deg/g, an actuator of "
-        "second order and 0.1 deg of backlash; roll is the third plant, with other tyres and biased sensors as well. Commands "
-        f"act {DELAY_SAMPLES} sample late.",
+        "Plants: ideal is the two-track car as the map has it; real is the configured one, with relaxation, roll, an actuator "
+        "of second order and backlash; roll is the third plant, whose tyres are others as well. Commands act "
+        f"{DELAY_SAMPLES} sample late. Noisy sensors have noise, resolution and bias of the configuration.",
         "Rows 5 to 9: the 24 steps of the suite, 25 to 120 km/h with 25 to 100 % of the largest front angle of the map. A "
         "car spins at more than 10 deg of sideslip with more than 5 deg of rear slip; other figures are of the other runs.",
         "Possible (row 6): largest steady yaw rate with any rear angle of the actuator, each axle within 90 % of the slip "
