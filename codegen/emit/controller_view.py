@@ -12,7 +12,7 @@ from codegen.configuration import Config
 from codegen.configuration.controller import REAR_RATE_MIN_DEG_S
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
-from codegen.emit.dynamics_view import MODEL_STATE
+from codegen.emit.dynamics_view import model_state
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S, law_of
 from codegen.emit.limiter_view import limiter_parameters
@@ -44,6 +44,8 @@ INPUT_NUMBERS = (
     "least_of_front",
     "yaw_rate_offset",
     "lateral_acceleration_offset",
+    "lateral_acceleration",
+    "least_of_lateral",
     "beyond_linear",
     "friction",
     "longitudinal_acceleration",
@@ -201,7 +203,7 @@ def controller_view(
     if law.uses_reference_model:
         law_state.insert(0, Field(f"{prefix}_reference_model_t", "model", "of the car"))
         state.insert(1, Field(f"{prefix}_grip_t", "grip", "of the road"))
-        numbers += [f"law.model.{name}" for name in MODEL_STATE]
+        numbers += [f"law.model.{name}" for name in model_state(config)]
         numbers += [f"grip.{field.name}" for field in _GRIP_STATE]
     signals = {signal.role for signal in config.can.measured if signal.is_extra}
     numbers += [f"inputs.{name}" for name in INPUT_NUMBERS if name != "longitudinal_acceleration" or name in signals]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -126,7 +127,8 @@ the allowance covers rounding in the target's precision."""
 SIDESLIP_MAX = math.radians(20.0)
 LATERAL_ACCELERATION_MAX = 20.0
 """Bounds of the model's state, in rad and m/s^2; no tyre reaches the second."""
-MODEL_STATE = ("sideslip_angle", "yaw_rate", "rear_angle", "lateral_acceleration")
+ARGUMENT_MAX = 1000.0
+"""Bound of the arguments of the tyre curves, where these are level."""
 
 
 @dataclass(frozen=True)
@@ -167,12 +169,18 @@ class ReferenceModelView:
     actuator_step_max: str
     rear_arm: str
     per_axle: bool
+    is_relaxed: bool
+    relaxation_text: str
+    argument_max: str
+    front_argument: str
+    rear_argument: str
+
+    state: Mapping[str, str]
 
     @property
-    def state(self) -> dict[str, str]:
-        """Fields of the state, with their bounds."""
-        bounds = (self.sideslip_max, self.yaw_rate_max, self.rear_angle_max, self.lateral_acceleration_max)
-        return dict(zip(MODEL_STATE, bounds, strict=True))
+    def size(self) -> int:
+        """Numbers of the state that the step depends on, without the actuator."""
+        return 4 if self.is_relaxed else 2
 
 
 @dataclass(frozen=True)
@@ -255,7 +263,24 @@ def reference_model_view(config: Config, precision: Precision, *, per_axle: bool
         actuator_step_max=text(math.radians(actuator.rate_max_deg_s) * period),
         rear_arm=text(car.rear_arm),
         per_axle=per_axle,
+        is_relaxed=model.is_relaxed,
+        relaxation_text=f"{config.plant.relaxation_length_m:g} m",
+        argument_max=text(ARGUMENT_MAX),
+        front_argument=text(-tyres.front.stiffness_factor * car.front_slip_per_lateral_acceleration),
+        rear_argument=text(-tyres.rear.stiffness_factor * car.rear_slip_per_lateral_acceleration),
+        state={name: text(bound) for name, bound in model_state(config).items()},
     )
+
+
+def model_state(config: Config) -> dict[str, float]:
+    """Return the fields of the state of a car's reference model, with their bounds."""
+    return {
+        "sideslip_angle": SIDESLIP_MAX,
+        "yaw_rate": math.radians(config.controller.inputs.yaw_rate_max_deg_s),
+        "rear_angle": config.rear_actuator.angle_max,
+        "lateral_acceleration": LATERAL_ACCELERATION_MAX,
+        **(dict.fromkeys(("front_argument", "rear_argument"), ARGUMENT_MAX) if config.plant.relaxation_length_m else {}),
+    }
 
 
 def _curve_view(tyre: MagicFormulaTyre, loss: float, name: str, precision: Precision) -> CurveView:

@@ -334,21 +334,25 @@ SINGLE_TRACK_INPUTS = ("speed", "front_angle", "rear_angle", "friction")
 
 @dataclass(frozen=True)
 class SingleTrackStep:
-    """One linearly implicit step of the single-track model with Magic Formula tyres, split around the tyre curves.
+    """One step of the single-track model with Magic Formula tyres, split around the tyre curves.
 
     The caller evaluates the axle's curve and its slope in its own way, at X = arguments(x, u): sin(C atan(X - E (X - atan X)))
     less the loss by load transfer (`plant_car.load_transfer_losses`).
 
     Attributes:
         arguments: (x, u) -> X (2,): B (alpha - S_H) of the front and of the rear tyre.
+        is_relaxed: whether the tyres have a relaxation length. X is then a part of the state too, and no slope is needed:
+            change is (x, u, curve (2,)).
         change: (x, u, curve (2,), slope (2,)) -> change of x over the step, and the lateral acceleration in m/s^2 with which
             it begins.
 
-    x is [beta (rad), r (rad/s)], u is [1/vx (s/m), delta_f (rad), delta_r (rad), friction].
+    x is [beta (rad), r (rad/s)], with a relaxation length [beta, r, X of the last step (2)] for the arguments. u is
+    [1/vx (s/m), delta_f (rad), delta_r (rad), friction].
     """
 
     arguments: Any
     change: Any
+    is_relaxed: bool
 
 
 def single_track(config: Config, tyre_model: TyreModel, axle_shares: Sequence[float] = (1.0, 1.0)) -> Model:
@@ -415,19 +419,30 @@ def single_track_step(config: Config, step: float, *, per_axle: bool = False) ->
     The change d of the state solves (I - step/2 J) d = step f(x): the linearly implicit midpoint rule, a Rosenbrock method of
     one stage (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section IV.7). It is of second order, needs one
     evaluation of each tyre curve, and damps whatever the car damps at any speed, as long as no slope is negative. J leaves out
-    what load transfer does, which is slow and small. With `per_axle`, u has a friction for each axle.
+    what load transfer does, which is slow and small.
+
+    Tyres with the relaxation length sigma of the configured plant follow: X' = vx/sigma (B (alpha - S_H) - X). The force then
+    depends on the motion only through X, so the leapfrog scheme is stable without J (E. Hairer, C. Lubich, G. Wanner,
+    Geometric Numerical Integration, section I.1.4): X is known half a step after x, and each moves over the other by the
+    midpoint rule. It is of second order too.
+
+    With `per_axle`, u has a friction for each axle.
     """
+    relaxation = config.plant.relaxation_length_m
     tyres, vehicle = AxleTyres.from_config(config), config.vehicle
     mass, inertia = vehicle.mass_kg, vehicle.yaw_inertia_kg_m2
     front_arm, rear_arm = vehicle.cg_to_front_axle_m, vehicle.cg_to_rear_axle_m
-    x, u, value, slope = (ca.SX.sym(name, size) for name, size in (("x", 2), ("u", 4 + per_axle), ("curve", 2), ("slope", 2)))
+    sizes = (("x", 4 if relaxation else 2), ("u", 4 + per_axle), ("curve", 2), ("slope", 2))
+    x, u, value, slope = (ca.SX.sym(name, size) for name, size in sizes)
     beta, yaw_rate = x[0], x[1]
     slowness, front, rear, frictions = u[0], u[1], u[2], (u[3], u[3 + per_axle])
     turning = yaw_rate * slowness
-    arguments = (
+    arguments = ca.vertcat(
         curve_argument(tyres.front, beta + front_arm * turning - front),
         curve_argument(tyres.rear, beta - rear_arm * turning - rear),
     )
+    if relaxation:
+        arguments = x[2:] + (arguments - x[2:]) / (0.5 + relaxation / step * slowness)
     # Side force of an axle against its slip, times step / mass, and half of its slope against the slip.
     force, stiffness = [], []
     for k, tyre in enumerate((tyres.front, tyres.rear)):
@@ -443,16 +458,25 @@ def single_track_step(config: Config, step: float, *, per_axle: bool = False) ->
     # (I - step/2 J) = [[m00, m01], [m10, m11]], and step f(x) = [-drift, yaw].
     drift = slowness * sum_of_forces + step * yaw_rate
     yaw = mass / inertia * (rear_moment - front_moment)
+    acceleration = (-1.0 / step) * sum_of_forces
+    if relaxation:
+        change = ca.vertcat(-drift - 0.5 * step * yaw, yaw, acceleration)
+        return _step(arguments, change, x, u, value)
     m00 = 1.0 + slowness * (stiffness[0] + stiffness[1])
     m10 = front_yaw - rear_yaw
     m01 = 0.5 * step + inertia / mass * (slowness * slowness) * m10
     m11 = 1.0 + slowness * (front_arm * front_yaw + rear_arm * rear_yaw)
     # No plausible car comes near the bound, which keeps the division defined for all inputs.
     determinant = ca.fmax(m00 * m11 - m01 * m10, 0.5)
-    change = ca.vertcat(
-        -(m11 * drift + m01 * yaw) / determinant, (m00 * yaw + m10 * drift) / determinant, (-1.0 / step) * sum_of_forces
-    )
+    change = ca.vertcat(-(m11 * drift + m01 * yaw) / determinant, (m00 * yaw + m10 * drift) / determinant, acceleration)
+    return _step(arguments, change, x, u, value, slope)
+
+
+def _step(arguments: Any, change: Any, x: Any, u: Any, *curves: Any) -> SingleTrackStep:
+    """Return the step of these expressions over the symbols x, u, and the values of the curves and, where needed, slopes."""
+    names = ["x", "u", "curve", "slope"][: 2 + len(curves)]
     return SingleTrackStep(
-        arguments=ca.Function("single_track_arguments", [x, u], [ca.vertcat(*arguments)], ["x", "u"], ["argument"]),
-        change=ca.Function("single_track_step", [x, u, value, slope], [change], ["x", "u", "curve", "slope"], ["change"]),
+        arguments=ca.Function("single_track_arguments", [x, u], [arguments], ["x", "u"], ["argument"]),
+        change=ca.Function("single_track_step", [x, u, *curves], [change], names, ["change"]),
+        is_relaxed=len(curves) == 1,
     )

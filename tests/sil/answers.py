@@ -228,7 +228,7 @@ def answers_of_model(units: Units, count: int = 30_000) -> list[ModelSamples]:
     """Return results from all states: with plausible inputs, with inputs of any bit pattern, and from damaged states."""
     model = SecondReferenceModel(units.config, units.real)
     usual, plausible = random_states(units, count, 1), random_inputs(units, count, 2)
-    wild, damaged, known = wild_inputs(units, count, 3), wild_inputs(units, count, 4), []
+    wild, damaged, known = wild_inputs(units, count, 3), wild_inputs(units, count, 4, usual.shape[1]), []
     for states, inputs in ((usual, plausible), (usual, wild), (damaged, plausible)):
         starts = inputs[:, :3].copy()
         with np.errstate(all="ignore"):

@@ -33,6 +33,7 @@ from tests.sil.units import Units
 FAST_FRACTION = 0.15
 """Fraction of the random samples that `make test` uses; the mutation campaign uses all."""
 GENERATED = Path(__file__).parents[2] / "generated"
+RELAXATIONS_M = {"relaxation": 0.4, "ideal tyres": 0.0}
 COMMITTED = {name: GENERATED / name for name in ("4ws2-paper", "4ws2")}
 
 
@@ -151,17 +152,20 @@ def made_case(name: str, made: Folder, total: TotalMap, config: Config, scratch:
 def named(name: str, scratch: Path, compiler: Compiler) -> Case:
     """Return the uncompiled case of a name: a committed build, else "KIND PRECISION" or "KIND MAP" of `tests.builds`.
 
-    A suffix changes how the map is stored: "KIND MAP with int16", "KIND MAP with grip".
+    A suffix changes how the map is stored, "KIND MAP with int16" or "KIND MAP with grip", or the car, whose tyres otherwise are
+    as configured: "KIND PRECISION with relaxation" or "KIND PRECISION with ideal tyres".
     """
     if name in COMMITTED:
         return committed(COMMITTED[name], scratch, compiler)
     plain, _, feature = name.partition(" with ")
     kind, _, which = plain.partition(" ")
     config = builds.CONFIGS[kind]  # type: ignore[index]
+    if feature in RELAXATIONS_M:
+        config = config.replace({"plant.relaxation_length_m": RELAXATIONS_M[feature]}, name)
     precision: Any = which if which in builds.PRECISIONS else "single"
     reference_map = builds.paper_map() if which in builds.PRECISIONS else builds.MAPS[which]()
     total = extend(reference_map, config)
-    if not feature:
+    if not feature or feature in RELAXATIONS_M:
         return made_case(name, builds.render(reference_map, config, precision), total, config, scratch, compiler)
     total = _with_int16(total) if feature == "int16" else _with_grip(total)
     speeds, angles = ((float(axis[0]), float(axis[-1])) for axis in (reference_map.speed, reference_map.front_angle))

@@ -8,7 +8,7 @@ from codegen.configuration import Kind
 from codegen.configuration.can import Can, E2e
 from tests import builds
 from tests.sil import answers_frames
-from tests.sil.case import case
+from tests.sil.case import RELAXATIONS_M, case
 from tests.sil.suite import SANITIZED, UNITS, Judge, whole
 
 KINDS: dict[str, Kind] = {
@@ -22,6 +22,9 @@ KINDS: dict[str, Kind] = {
 
 OF_THE_KIND = ("calibration", "controller", "task")
 """Units that depend on the control law. The others are the same C in every kind of one precision; two kinds cover them."""
+
+MODEL = ("reference_model",)
+"""Units that depend on the tyres' relaxation length."""
 
 MAPS: dict[str, Kind] = {
     "pi uneven": "pi",
@@ -45,6 +48,10 @@ def _judged() -> list[Any]:
             judge for judge in judges if not (judge.of_single and "with" in name)
         ]  # these judges cannot write such a calibration
         found += [(name, judge) for judge in judges if not (judge.of_one_layer and "stack" in name)]
+    for feature in RELAXATIONS_M:
+        found += [
+            (f"tracking {each} with {feature}", judge) for each in builds.PRECISIONS for judge in whole("tracking", MODEL)
+        ]
     found += [(name, SANITIZED) for name in ("4ws2-paper", "4ws2", "tracking rough stack")]
     return [pytest.param(name, judge, id=f"{name}: {judge.name}") for name, judge in found]
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from codegen.configuration import Config
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
-from codegen.emit.dynamics_view import MODEL_STATE
+from codegen.emit.dynamics_view import model_state
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision, c_type, numpy_type
 from codegen.sil.compile import Library
@@ -88,13 +88,13 @@ class Units:
         return angles
 
     def model_from(self, states: Any, inputs: Any) -> RealArray:
-        """Return states (n, 4) one step after states (n, 4) with inputs (n, 4)."""
+        """Return states one step after states (n, k) with inputs (n, 4)."""
         after, pointer = self._out(*np.shape(states))
         self.library.lib.probe_model_from(self._in(states), self._in(inputs), pointer, len(inputs))
         return after
 
     def model_start(self, inputs: Any) -> RealArray:
-        """Return the model's start states (n, 4) for inputs (n, 3): speed, yaw rate, rear angle."""
-        states, pointer = self._out(len(inputs), len(MODEL_STATE))
+        """Return the model's start states (n, k) for inputs (n, 3): speed, yaw rate, rear angle."""
+        states, pointer = self._out(len(inputs), len(model_state(self.config)))
         self.library.lib.probe_model_start(self._in(inputs), pointer, len(inputs))
         return states

@@ -112,6 +112,13 @@ class SecondController(ABC):
     def stand_by(self) -> None:  # noqa: B027 - nor one to keep
         """Compute a sample in standby."""
 
+    def rest(self, m: Measurement) -> None:  # noqa: B027 - most laws have no model
+        """Compute a sample without control, down to `angle`."""
+
+    def model(self) -> tuple[Any, ...] | None:
+        """Return the state of the reference model; None for laws without one."""
+        return None
+
     @abstractmethod
     def law(self, m: Measurement) -> tuple[Any, bool]:
         """Compute one sample of the law, down to `angle`. Return the reference yaw rate and whether a limit acted."""
@@ -121,7 +128,7 @@ class SecondController(ABC):
 
     def step(self, measurement: Measurement) -> Command:
         yaw_rate_reference = self.real(0.0)
-        self.quality, sample = self.inputs.step(measurement, self.angle)
+        self.quality, sample = self.inputs.step(measurement, self.angle, self.model())
         if self.quality is Quality.UNUSABLE:
             self.status, self.above_enabling_speed = Status.FAIL_SAFE, False
         elif self.quality is Quality.MISSING:
@@ -141,6 +148,8 @@ class SecondController(ABC):
             self.stand_by()
         elif self.status is Status.FAIL_SAFE:
             self._approach_zero(self.parameter("fail_safe_rate"))
+        if not self.above_enabling_speed:
+            self.rest(sample)
         limited = self.limiter.step(sample.speed, sample.front_angle, self.angle)
         if limited != self.angle and self.status is Status.TRACKING:
             self.status = Status.LIMITED

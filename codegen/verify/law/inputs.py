@@ -8,7 +8,7 @@ from enum import Enum, auto
 from typing import Any
 
 from codegen.configuration.signals import MEASURED
-from codegen.emit.inputs_view import FRICTION_UNKNOWN
+from codegen.emit.inputs_view import AMBIGUOUS_SHARE, FRICTION_UNKNOWN
 from codegen.sil.software import Measurement, Software
 
 NUMBERS = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
@@ -61,9 +61,11 @@ class SecondInputs:
         self.real = real
         zero = real(0.0)
         self.speed, self.front_angle, self.yaw_rate = (Signal(zero, good=None if is_trusted else 0) for _ in range(3))
-        self.expected = self.least = self.least_of_front = self.offset = self.beyond = zero
+        self.expected = self.least = self.least_of_front = self.offset = self.lateral_offset = self.beyond = zero
         self.lateral: Any = None  # yaw rate in rad/s from the lateral acceleration, or None
         self.lateral_is_known = self.lateral_is_proven = False
+        self.last_lateral = self.least_of_lateral = zero  # m/s^2, rad/s
+        self.lateral_against, self.lateral_is_wrong = 0, False
         self.against = 0  # samples with a yaw rate opposite to the other signals
         self.friction = real(FRICTION_UNKNOWN)
         self.strongest = self.acceleration = real(strongest)
@@ -71,8 +73,13 @@ class SecondInputs:
     def parameter(self, name: str) -> Any:
         return self.real(getattr(self.p, name))
 
-    def step(self, measurement: Measurement, command: Any) -> tuple[Quality, Measurement]:
-        """Return the quality of a sample and the accepted values. `command`: last command in rad."""
+    def step(self, measurement: Measurement, command: Any, model: tuple[Any, ...] | None = None) -> tuple[Quality, Measurement]:
+        """Return the quality of a sample and the accepted values.
+
+        Args:
+            command: last command in rad.
+            model: state of the reference model; None for kinds without one.
+        """
         numbers: dict[str, Any] = {name: self.real(getattr(measurement, name)) for name in NUMBERS}
         m = Measurement(**numbers, inhibit=measurement.inhibit)
         p, signals = self.parameter, (self.speed, self.front_angle, self.yaw_rate)
@@ -90,9 +97,13 @@ class SecondInputs:
         speed = self.speed.value
         gain = self._gain(speed)
         shows = speed >= 5.0 and abs(m.lateral_acceleration) <= p("lateral_acceleration_max")
-        self.lateral = m.lateral_acceleration / speed if shows else None
-        self.lateral_is_known |= self.lateral is not None
-        taken += [self._take_front_angle(m.front_angle, gain, rear), self._take_yaw_rate(m.yaw_rate, gain, rear)]
+        self.lateral = (m.lateral_acceleration - self.lateral_offset) / speed if shows else None
+        if self.lateral is not None:
+            self.lateral_is_known = True
+            self._judge_lateral(m.lateral_acceleration)
+        taken.append(self._take_front_angle(m.front_angle, gain, rear))
+        driven = self._expect(gain, rear, model)
+        taken.append(self._take_yaw_rate(m.yaw_rate, rear))
         if self.front_angle.source is self.yaw_rate.source is Source.WRONG:
             self.front_angle.source = self.yaw_rate.source = Source.LOST
         if not self.yaw_rate.is_measured:
@@ -111,7 +122,7 @@ class SecondInputs:
             quality = Quality.MISSING
         if not (self.front_angle.is_measured or self.yaw_rate.is_measured):
             quality = Quality.UNUSABLE
-        yaw_rate = self._without_offset(gain) if self.yaw_rate.is_measured else self.yaw_rate.value
+        yaw_rate = self._without_offset(gain, driven) if self.yaw_rate.is_measured else self.yaw_rate.value
         speed = self.speed.value
         lateral = speed * (yaw_rate if self.lateral is None else self.lateral)
         values = (speed, self.front_angle.value, yaw_rate, rear, self.friction, lateral, m.inhibit, self.acceleration)
@@ -134,7 +145,7 @@ class SecondInputs:
             signal.value = self._within(signal.value + p("yaw_rate_correction_share") * apart, p("speed_max"))
         elif abs(apart) > p("speed_agreement"):
             signal.against += 1
-            if signal.against >= 5 * self.p.recovery_samples:
+            if signal.against >= 15 * self.p.recovery_samples:
                 signal.source, signal.value, signal.against = Source.WRONG, self._within(shown, p("speed_max")), 0
         else:
             signal.against = 0
@@ -157,12 +168,32 @@ class SecondInputs:
         else:
             changed = measured != self.front_angle.value and not math.isnan(measured)
             self.least_of_front = apart if changed else min(self.least_of_front, apart)
-            witness = self._witness()
-            is_less = bool(yaw_rate * self.expected < self.real(0.5) * (self.expected * self.expected))
-            is_contradicted = witness is not None and is_less and bool(abs(witness - yaw_rate) <= p("yaw_rate_agreement"))
-            if is_contradicted and apart - self.least_of_front > p("yaw_rate_frozen"):
+        signal, witness, available = self.front_angle, self._witness(), abs(measured) <= p("front_angle_max")
+        if signal.is_measured:
+            goes_straight = yaw_rate * self.expected * self.speed.value < abs(self.expected)  # below 1 m/s^2 to that side
+            is_frozen = self.yaw_rate.is_measured and apart - self.least_of_front > p("yaw_rate_frozen")
+            contradicts = available and witness is not None and goes_straight and abs(witness - yaw_rate) <= p("yaw_rate_agreement")
+            signal.against = signal.against + 1 if is_frozen and contradicts else 0
+            if signal.against >= 3 * self.p.recovery_samples:
                 step = self.real(-1.0)
         return self._take("front_angle", measured, abs(measured) <= p("front_angle_max"), confirmed, step)
+
+    def _judge_lateral(self, measured: Any) -> None:
+        """Drop the lateral acceleration while it is not to be used."""
+        near, yaw_rate, largest = self.parameter("yaw_rate_agreement"), self.yaw_rate.value, 5 * self.p.recovery_samples
+        apart = abs(self.lateral - yaw_rate)
+        self.least_of_lateral = apart if measured != self.last_lateral else min(self.least_of_lateral, apart)
+        confirmed = abs(self.expected - yaw_rate) <= near
+        if abs(measured - self.last_lateral) > 2.0 or (confirmed and apart - self.least_of_lateral > near):
+            self.lateral_against = largest
+        elif confirmed and apart > near + self.real(0.5) * abs(yaw_rate):
+            self.lateral_against = min(self.lateral_against + 1, largest)
+        else:
+            self.lateral_against = max(self.lateral_against - 1, 0)
+        self.last_lateral = measured
+        self.lateral_is_wrong = self.lateral_against == largest or (self.lateral_is_wrong and self.lateral_against > 0)
+        if self.lateral_is_wrong:
+            self.lateral = None
 
     def _witness(self) -> Any:
         """Return the yaw rate from a lateral acceleration that agreed before, or None."""
@@ -181,22 +212,44 @@ class SecondInputs:
         elif abs(apart) > near + near and self.speed.is_measured:
             self.lateral_is_proven = False
 
-    def _without_offset(self, gain: Any) -> Any:
-        p, measured = self.parameter, self.yaw_rate.value
-        is_straight = abs(gain * self.front_angle.value) <= p("straight_yaw_rate") and self.speed.value >= 5.0
-        if is_straight and (self.lateral is not None or not self.lateral_is_known):
-            shown = measured - self.expected
+    def _expect(self, gain: Any, rear: Any, model: tuple[Any, ...] | None) -> Any:
+        """Set the expected yaw rate; return the one with the measured rear angle."""
+        p, largest = self.parameter, self.parameter("yaw_rate_max")
+        if model is None or self.speed.value < 5.0:
+            turn = gain * (self.front_angle.value - rear)
+            self.expected = self._within(self.expected + p("expected_share") * (turn - self.expected), largest)
+            return self.expected
+        _, yaw_rate, rear_angle, *_ = model
+        without = self._within(yaw_rate, largest)
+        driven = self._within(without - gain * (rear - rear_angle), largest)
+        self.expected = driven
+        if self.yaw_rate.is_measured:
+            self.expected = max(min(driven, without), min(max(driven, without), self.yaw_rate.value))
+        return driven
+
+    def _without_offset(self, gain: Any, driven: Any) -> Any:
+        p, speed = self.parameter, self.speed.value
+        measured, share, slow = self.yaw_rate.value, p("yaw_rate_correction_share"), self.real(AMBIGUOUS_SHARE)
+        slow, before, lateral_offset = slow * share, self.offset, self.lateral_offset
+        if speed >= 5.0 and abs(gain * self.front_angle.value) > p("straight_yaw_rate"):
             if self.lateral is not None:
-                shown = self._within(shown, abs(measured - self.lateral))
-            change = p("yaw_rate_correction_share") * (shown - self.offset)
-            self.offset = self._within(self.offset + change, p("yaw_rate_offset_max"))
+                lateral_offset += slow * speed * (self.lateral - (measured - before))
+        elif speed >= 5.0 and abs(measured - driven) <= p("yaw_rate_offset_max"):
+            missing = measured - driven - before
+            if self.lateral is not None:
+                lateral = self.lateral - driven
+                both = self._within(missing, abs(lateral)) if missing * lateral > 0.0 else self.real(0.0)
+                lateral_offset += speed * (self.real(3.0) * share * (lateral - both) + slow * both)
+                self.offset += share * (missing - both) + slow * both
+            elif not self.lateral_is_known:
+                self.offset += share * self.real(0.0) + slow * missing
+            self.offset = self._within(self.offset, p("yaw_rate_offset_max"))
+        self.lateral_offset = self._within(lateral_offset, p("lateral_acceleration_offset_max"))
         return self._within(measured - self.offset, p("yaw_rate_max"))
 
-    def _take_yaw_rate(self, measured: Any, gain: Any, rear: Any) -> bool:
+    def _take_yaw_rate(self, measured: Any, rear: Any) -> bool:
         p, speed = self.parameter, abs(self.speed.value)
         witness = self._witness()
-        turn = gain * (self.front_angle.value - rear)
-        self.expected = self._within(self.expected + p("expected_share") * (turn - self.expected), p("yaw_rate_max"))
         apart = abs(measured - self.expected)
         grip = p("lateral_acceleration_max") + speed * p("yaw_rate_tolerance")
         is_possible = bool(abs(measured) <= p("yaw_rate_max") and abs(speed * measured) <= grip)

@@ -12,17 +12,23 @@ import numpy as np
 
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
-from codegen.emit.controller_view import REFERENCE_OVERSHOOT
+from codegen.emit.controller_view import (
+    REFERENCE_OVERSHOOT,
+    SIDESLIP_GAIN,
+    SIDESLIP_RETURN,
+    SIDESLIP_SHARE_OF_LEAD,
+)
 from codegen.emit.dynamics_view import tabulate
 from codegen.sil.software import Measurement
 from codegen.vehicle.dynamics import single_track_step
 from codegen.vehicle.plant_car import load_transfer_losses
-from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
+from codegen.vehicle.tyre import SLIP_SEARCH_MAX, AxleTyres, MagicFormulaTyre
 from codegen.verify.law.controller import Road, SecondController, clip
 from codegen.verify.law.inputs import Quality
 
 SIDESLIP_MAX = math.radians(20.0)
 LATERAL_ACCELERATION_MAX = 20.0
+ARGUMENT_MAX = 1000.0
 SPEED_MIN = 1.0
 """Smallest speed of the model, in m/s."""
 
@@ -94,20 +100,20 @@ class TableCurve:
     def __call__(self, x: Any) -> tuple[Any, Any]:
         """Return value and slope; a negative slope counts as zero."""
         real = self.values.dtype.type
-        cells, one = self.values.size - 1, real(1.0)
-        inverse = one / (np.abs(x) + self.compression)
-        position = np.abs(x) * inverse * real(cells)
+        cells = self.values.size - 1
+        cells_per_x = real(cells) / (np.abs(x) + self.compression)
+        position = np.abs(x) * cells_per_x
         cell = np.where(position < cells, position, cells - 1).astype(np.int64)
         rise = self.values[cell + 1] - self.values[cell]
         value = self.values[cell] + (position - cell.astype(real)) * rise
-        steep = rise * (self.compression * real(cells) * (inverse * inverse))
+        steep = rise * (self.compression / real(cells) * (cells_per_x * cells_per_x))
         return np.where(x < 0.0, -value, value), np.where(rise > 0.0, steep, real(0.0))
 
 
 class SecondReferenceModel:
     """States (sideslip, yaw rate, rear angle, lateral acceleration) and inputs (speed, front angle, rear angle, friction).
 
-    Both are arrays of one shape.
+    Both are arrays of one shape. With a relaxation length, the states end with the arguments of both tyre curves.
 
     With `per_axle` there is a friction for each axle.
     """
@@ -127,29 +133,42 @@ class SecondReferenceModel:
         self.speed_min = real(SPEED_MIN)
         self.rear_angle_max = real(math.radians(actuator.angle_max_deg))
         self.yaw_rate_max = real(math.radians(config.controller.inputs.yaw_rate_max_deg_s))
+        self.is_relaxed = functions.is_relaxed
+        slips = (
+            vehicle.cg_to_rear_axle_m / tyres.front.cornering_stiffness,
+            vehicle.cg_to_front_axle_m / tyres.rear.cornering_stiffness,
+        )
+        self.arguments_per_acceleration = [
+            real(-tyre.stiffness_factor * vehicle.mass_kg * slip / (2.0 * vehicle.wheelbase))
+            for tyre, slip in zip((tyres.front, tyres.rear), slips, strict=True)
+        ]
         self.acceleration_max = real(LATERAL_ACCELERATION_MAX)
         self.share = real(1.0 - math.exp(-period / (actuator.lag_s + period)))
         self.travel = real(math.radians(actuator.rate_max_deg_s) * period)
         self.rear_arm = real(vehicle.cg_to_rear_axle_m)
         self.rear_slip = real(vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase * stiffness))
 
-    def start(self, speed: Any, yaw_rate: Any, rear_angle: Any) -> tuple[Any, Any, Any, Any]:
+    def start(self, speed: Any, yaw_rate: Any, rear_angle: Any) -> tuple[Any, ...]:
         """Return the steady state of the linear car."""
         forward = at_least(speed, self.speed_min)
         yaw_rate, rear_angle = within(yaw_rate, self.yaw_rate_max), within(rear_angle, self.rear_angle_max)
         sideslip = rear_angle + yaw_rate * (self.rear_arm / forward - self.rear_slip * forward)
         acceleration = within(forward * yaw_rate, self.acceleration_max)
-        return within(sideslip, self.real(SIDESLIP_MAX)), yaw_rate, rear_angle, acceleration
+        arguments = [each * acceleration for each in self.arguments_per_acceleration] if self.is_relaxed else []
+        return within(sideslip, self.real(SIDESLIP_MAX)), yaw_rate, rear_angle, acceleration, *arguments
 
-    def step(self, state: Iterable[Any], inputs: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
-        """Advance by one sampling time with the rear wheels at the mean of their angles."""
-        sideslip, yaw_rate, rear_angle, _ = state
+    def step(self, state: Iterable[Any], inputs: Iterable[Any]) -> tuple[Any, ...]:
+        """Advance by one sampling time, without a relaxation length with the rear wheels at the mean of their angles."""
+        sideslip, yaw_rate, rear_angle, _, *lagging = state
         speed, front, commanded, *friction = inputs
         half, one = self.real(0.5), self.real(1.0)
         moved = within(self.share * (commanded - rear_angle), self.travel)
-        u = [one / at_least(speed, self.speed_min), front, rear_angle + half * moved, *friction]
-        x = [sideslip, yaw_rate]
+        rear = rear_angle if self.is_relaxed else rear_angle + half * moved
+        u = [one / at_least(speed, self.speed_min), front, rear, *friction]
+        x = [sideslip, yaw_rate, *lagging]
         arguments = walk(self.arguments, [x, u])
+        if self.is_relaxed:
+            arguments = lagging = [within(argument, self.real(ARGUMENT_MAX)) for argument in arguments]
         values, slopes = zip(*(curve(argument) for curve, argument in zip(self.curves, arguments, strict=True)), strict=True)
         change = walk(self.change, [x, u, values, slopes])
         return (
@@ -157,6 +176,7 @@ class SecondReferenceModel:
             within(yaw_rate + change[1], self.yaw_rate_max),
             within(rear_angle + moved, self.rear_angle_max),
             within(change[2], self.acceleration_max),
+            *lagging,
         )
 
 
@@ -183,6 +203,8 @@ class SecondTracking(SecondController):
         self.grip = self.full_grip
         self.state = self.car_state(0.0, 0.0)
         self.previous_model_yaw_rate = self.state[1]
+        self.sideslip = real(0.0)
+        self.rear_peak_slip = real(min(AxleTyres.from_config(config).rear.peak_slip, SLIP_SEARCH_MAX))
         self.trim = self.integral = self.last_front = self.front_rate = self.last_yaw_rate = self.reached = real(0.0)
         self.starting = False
 
@@ -195,6 +217,7 @@ class SecondTracking(SecondController):
         self.last_front, self.front_rate, self.last_yaw_rate, self.trim = m.front_angle, zero, m.yaw_rate, zero
         self.state = self.car_state(m.speed, m.yaw_rate)
         self.previous_model_yaw_rate = self.state[1]
+        self.sideslip = self.state[0]
         self.starting = True
 
     def stand_by(self) -> None:
@@ -225,10 +248,11 @@ class SecondTracking(SecondController):
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
         sample = self.look(m)
-        reference = self.reachable_yaw_rate(sample, m.speed)
+        outward = self.observe(m)
+        reference = self.reachable_yaw_rate(sample, m, outward)
         error = self.error if self.quality is Quality.MISSING else reference - m.yaw_rate
         gain, integral_gain = (self.scheduled(name, m.speed) for name in ("proportional_gain", "integral_gain"))
-        low, high = self.feedback_range(m, sample.rear_angle)
+        low, high = self.feedback_range(m, sample.rear_angle, outward)
         if self.starting:
             self.integral, self.starting = self.angle - sample.rear_angle, False
         integral = self.integral if m.inhibit else self.integral - integral_gain * self.period * error
@@ -245,22 +269,42 @@ class SecondTracking(SecondController):
             if (demand > reachable and integral > self.integral) or (demand < reachable and integral < self.integral):
                 integral = self.integral
         self.integral, self.angle = integral, reachable
+        self.last_yaw_rate, self.previous_model_yaw_rate = m.yaw_rate, self.state[1]
+        self.move(m.speed, m.front_angle, sample.rear_angle, *sample.friction)
         if not m.inhibit and self.quality is Quality.GOOD:
-            self.update_grip(m, reference)
-        self.last_yaw_rate = m.yaw_rate
-        inputs = (m.speed, m.front_angle, sample.rear_angle, *sample.friction)
-        with np.errstate(all="ignore"):
-            after = self.car.step(self.state, [np.asarray(value, dtype=self.real) for value in inputs])
-        self.previous_model_yaw_rate = self.state[1]
-        self.state = tuple(self.real(value) for value in after)
+            self.update_grip(m, self.state[3])
         return reference, limited
 
-    def reachable_yaw_rate(self, sample: Sample, speed: Any) -> Any:
-        p, own = self.parameter, self.state[1]
+    def move(self, *inputs: Any) -> None:
+        """Advance the reference model by a sample with inputs as for `SecondReferenceModel`."""
+        with np.errstate(all="ignore"):
+            after = self.car.step(self.state, [np.asarray(value, dtype=self.real) for value in inputs])
+        self.state = tuple(self.real(value) for value in after)
+
+    def rest(self, m: Measurement) -> None:
+        friction = min(self.friction(m), self.grip * self.friction_per_grip)
+        self.move(m.speed, m.front_angle, self.angle, *[friction] * (2 if self.lookup.is_moving else 1))
+
+    def model(self) -> tuple[Any, ...] | None:
+        return self.state
+
+    def observe(self, m: Measurement) -> Any:
+        """Update the observed sideslip; return the part out of the model's turn, as a share of the largest."""
+        slowness = self.real(1.0) / m.speed
+        rate = m.lateral_acceleration * slowness - m.yaw_rate + self.real(SIDESLIP_RETURN) * (self.state[0] - self.sideslip)
+        self.sideslip = within(self.sideslip + self.period * rate, self.real(SIDESLIP_MAX))[()]
+        return (-self.sideslip if self.state[1] > 0.0 else self.sideslip) / self.parameter("sideslip_max")
+
+    def reachable_yaw_rate(self, sample: Sample, m: Measurement, outward: Any) -> Any:
+        p, own, real = self.parameter, self.state[1], self.real
         bound = p("trim_share") * abs(sample.yaw_rate)
         missing = clip(sample.yaw_rate - own, -bound, bound)
         self.trim = self.trim + p("trim_rate") * self.period * (missing - self.trim)
-        limit = self.real(REFERENCE_OVERSHOOT) * (sample.lateral_acceleration / speed)
+        ahead = abs(own * m.speed - self.state[3]) * clip(real(1.0) - real(SIDESLIP_SHARE_OF_LEAD) * outward, real(0.0), real(1.0))
+        turn = abs(m.lateral_acceleration) + ahead + max(p("turn_margin_rate") * m.speed, p("turn_margin"))
+        limit = real(1.0) / m.speed * min(real(REFERENCE_OVERSHOOT) * sample.lateral_acceleration, turn)
+        if outward > 1.0:
+            limit = max(limit - real(SIDESLIP_GAIN) * p("sideslip_max") * (outward - real(1.0)), real(0.0))
         return clip(own + self.trim, -limit, limit)
 
     def scheduled(self, name: str, speed: Any) -> Any:
@@ -274,26 +318,35 @@ class SecondTracking(SecondController):
         share = (speed - speeds[k]) / (speeds[k + 1] - speeds[k])
         return values[k] + share * (values[k + 1] - values[k])
 
-    def feedback_range(self, m: Measurement, feedforward: Any) -> tuple[Any, Any]:
-        """Return the range of the feedback: free against the turn, small in its direction."""
+    def feedback_range(self, m: Measurement, feedforward: Any, outward: Any) -> tuple[Any, Any]:
+        """Return the range of the feedback: small in the direction of the turn, against it free up to the rear tyres' peak."""
         low, high = self.actuator_range(m)
-        more = self.parameter("yaw_increasing_max")
+        least, widest = self.parameter("yaw_increasing_max"), self.parameter("yaw_increasing_wide")
+        more = least + clip(self.real(1.0) - outward, self.real(0.0), self.real(1.0)) * (widest - least)
         two = (m.yaw_rate, self.last_yaw_rate)
         if max(two) > 0.0 and low < feedforward - more:
             low = clip(feedforward - more, low, high)
         if min(two) < 0.0 and high > feedforward + more:
             high = clip(feedforward + more, low, high)
+        travel = self.sideslip - self.car.rear_arm * (m.yaw_rate * (self.real(1.0) / m.speed))
+        half, own = self.real(0.5), self.real(self.road.friction)
+        slip = self.rear_peak_slip * (half + half * min(self.friction(m), self.grip * self.friction_per_grip) / own)
+        high = clip(travel + slip, low, high)
+        low = clip(travel - slip, low, high)
         return low - feedforward, high - feedforward
 
-    def update_grip(self, m: Measurement, reference: Any) -> None:
-        p = self.parameter
-        side = self.real(1.0 if reference > 0.0 else -1.0)
-        asked, turning = side * reference * m.speed, side * m.yaw_rate * m.speed
-        idle = asked < self.real(0.5) * self.grip
+    def update_grip(self, m: Measurement, asked: Any) -> None:
+        """Learn the grip from the lateral acceleration. `asked`: that of the model, m/s^2."""
+        p, real = self.parameter, self.real
+        turning = m.lateral_acceleration if asked > 0.0 else -m.lateral_acceleration
+        asked = abs(asked)
+        idle = asked < real(0.5) * self.grip
+        unused = max(real(1.0) - asked / self.grip, real(0.0))
+        missing = asked - turning - (p("grip_shortfall") + p("grip_shortfall_share") * asked * unused)
         self.reached = max(abs(turning), self.reached - p("grip_forgetting") * self.period * self.reached)
         grip = self.grip + p("grip_recovery_idle" if idle else "grip_recovery") * self.period
-        if turning > 0.0 and asked - turning > p("grip_shortfall"):
-            grip = self.grip - p("grip_loss_rate") * self.period * (asked - turning - p("grip_shortfall"))
+        if turning > 0.0 and missing > 0.0:
+            grip = self.grip - p("grip_loss_rate") * self.period * missing
         grip = max(grip, self.reached)
         least = p("friction_min") / self.friction_per_grip
         self.grip = clip(grip, least, self.full_grip)

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x67E2976Fu
+#define ARS_CAN_BUILD 0x77120255u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

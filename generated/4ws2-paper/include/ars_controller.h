@@ -22,16 +22,16 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0x67E2976Fu
+#if ARS_INPUTS_BUILD != 0x77120255u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0x67E2976Fu
+#if ARS_LAW_BUILD != 0x77120255u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x67E2976Fu
+#if ARS_LIMITER_BUILD != 0x77120255u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x67E2976Fu
+#if ARS_PARAMETERS_BUILD != 0x77120255u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -39,7 +39,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x67E2976Fu
+#define ARS_CONTROLLER_BUILD 0x77120255u
 
 /* Status of the last step. The command is finite and within its limits in every status. */
 typedef enum {
@@ -96,7 +96,7 @@ ars_command_t ars_controller_step(
 
 /*
  * Return the CRC-32 over the map and ars_parameters_default in memory. The run
- * time is that of about 85276 table look-ups of four bits each.
+ * time is that of about 85284 table look-ups of four bits each.
  */
 uint32_t ars_calibration_checksum(void);
 

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x67E2976Fu
+#define ARS_DYNAMICS_BUILD 0x77120255u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

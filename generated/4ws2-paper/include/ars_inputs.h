@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x67E2976Fu
+#define ARS_INPUTS_BUILD 0x77120255u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -59,6 +59,7 @@ typedef struct {
     float yaw_rate_agreement;           /* rad/s, the same for a front angle or yaw rate, in a turn of at least twice as much */
     float straight_yaw_rate;            /* rad/s, largest yaw rate by the front wheels that counts as straight */
     float yaw_rate_offset_max;          /* rad/s, largest offset that is learned */
+    float lateral_acceleration_offset_max;/* m/s^2, the same of the lateral acceleration */
     float yaw_rate_correction_share;    /* share of a correction of the yaw rate that is removed in a sample */
     float speed_fall;                   /* m/s, decrease of a lost speed in a sample */
     float friction_recovery;            /* increase of a lost estimate in a sample */
@@ -98,6 +99,7 @@ typedef struct {
     float least;             /* rad/s, smallest difference between yaw rate and expected_yaw_rate since the yaw rate last changed */
     float least_of_front;    /* rad/s, the same since the front angle last changed */
     float yaw_rate_offset;   /* rad/s, learned on straights */
+    float lateral_acceleration_offset; /* m/s^2, learned */
     float beyond_linear;     /* rad/s, correction of expected_yaw_rate by the lateral acceleration while both replace the yaw rate */
     float friction;          /* last estimate; without a new one it moves to that of an unknown road */
     bool lateral_is_known;   /* a lateral acceleration was measured at least once */

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x67E2976Fu
+#define ARS_LIMITER_BUILD 0x77120255u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

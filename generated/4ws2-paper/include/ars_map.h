@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x67E2976Fu
+#define ARS_MAP_BUILD 0x77120255u
 
 /* Numbers of breakpoints. */
 enum {

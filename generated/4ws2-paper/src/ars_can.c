@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x67E2976Fu
+#if ARS_CAN_BUILD != 0x77120255u
 #error "ars_can.h and this source come from different builds"
 #endif
 

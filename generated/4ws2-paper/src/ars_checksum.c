@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x67E2976Fu
+#if ARS_CHECKSUM_BUILD != 0x77120255u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

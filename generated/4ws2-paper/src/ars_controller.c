@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x67E2976Fu
+#if ARS_CONTROLLER_BUILD != 0x77120255u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -182,6 +182,7 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->inputs.least * self->inputs.least;
     squares += self->inputs.least_of_front * self->inputs.least_of_front;
     squares += self->inputs.yaw_rate_offset * self->inputs.yaw_rate_offset;
+    squares += self->inputs.lateral_acceleration_offset * self->inputs.lateral_acceleration_offset;
     squares += self->inputs.beyond_linear * self->inputs.beyond_linear;
     squares += self->inputs.friction * self->inputs.friction;
     squares += self->limiter.rear_angle * self->limiter.rear_angle;
@@ -200,7 +201,8 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
         ars_controller_init(self, measurement->rear_angle);
         ars_inputs_init(&self->inputs, false);
     }
-    self->quality = ars_inputs_step(&self->inputs, &parameters->inputs, measurement, self->rear_angle, &self->sample);
+    self->quality = ars_inputs_step(
+        &self->inputs, &parameters->inputs, measurement, self->rear_angle, &self->sample);
     phase = self->enabled ? ARS_LAW_CONTINUES : ARS_LAW_STARTS;
     if (self->quality == ARS_QUALITY_UNUSABLE) {
         self->status = ARS_STATUS_FAIL_SAFE;

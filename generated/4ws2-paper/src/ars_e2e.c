@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x67E2976Fu
+#if ARS_E2E_BUILD != 0x77120255u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0x67E2976Fu
+#if ARS_LAW_BUILD != 0x77120255u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x67E2976Fu
+#if ARS_MAP_BUILD != 0x77120255u
 #error "ars_map.h and this source come from different builds"
 #endif
 

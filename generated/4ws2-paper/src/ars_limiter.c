@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x67E2976Fu
+#if ARS_LIMITER_BUILD != 0x77120255u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

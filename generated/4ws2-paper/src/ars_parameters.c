@@ -12,13 +12,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x67E2976Fu
+#if ARS_CHECKSUM_BUILD != 0x77120255u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x67E2976Fu
+#if ARS_MAP_BUILD != 0x77120255u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x67E2976Fu
+#if ARS_PARAMETERS_BUILD != 0x77120255u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -98,6 +98,7 @@ ARS_SECTION_CODE uint32_t ars_parameters_crc(uint32_t start)
     crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_agreement);
     crc = ars_checksum_real(crc, parameters->inputs.straight_yaw_rate);
     crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_offset_max);
+    crc = ars_checksum_real(crc, parameters->inputs.lateral_acceleration_offset_max);
     crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_correction_share);
     crc = ars_checksum_real(crc, parameters->inputs.speed_fall);
     crc = ars_checksum_real(crc, parameters->inputs.friction_recovery);

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x67E2976Fu
+#if ARS_MAP_BUILD != 0x77120255u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x67E2976Fu
+#if ARS_TASK_BUILD != 0x77120255u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -116,6 +116,7 @@ static inline bool ars_inputs_parameters_holds(const ars_inputs_parameters_t *va
         && lies_between(value->yaw_rate_agreement, 0.0017453292f, 0.17453292f)
         && lies_between(value->straight_yaw_rate, 0.0f, 1.0f)
         && lies_between(value->yaw_rate_offset_max, 0.0f, 1.0f)
+        && lies_between(value->lateral_acceleration_offset_max, 0.0f, 10.0f)
         && lies_between(value->yaw_rate_correction_share, 1.0e-06f, 1.0f)
         && lies_between(value->speed_fall, 0.0f, 1.0f)
         && lies_between(value->friction_recovery, 1.0e-05f, 1.0f)

@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x67E2976Fu
+#if ARS_TASK_BUILD != 0x77120255u
 #error "ars_task.h and this source come from different builds"
 #endif
 

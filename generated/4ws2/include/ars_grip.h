@@ -2,9 +2,9 @@
  * Estimate of the grip: the lateral acceleration that the car can reach on the present road.
  *
  * The control law demands no more than this grip allows. The estimate falls when the car reaches less lateral acceleration than the
- * reference demands, and recovers slowly. The fail-safe keeps it.
+ * reference model does, and recovers slowly. The fail-safe keeps it.
  *
- * Units are SI (m/s, rad/s, m/s^2). Signs follow ISO 8855: the yaw rate is positive to the left.
+ * Units are SI (m/s^2). Signs follow ISO 8855: the acceleration is positive to the left.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -14,7 +14,7 @@
 
 #include "ars_parameters.h"
 
-#if ARS_PARAMETERS_BUILD != 0xBCF3FCF3u
+#if ARS_PARAMETERS_BUILD != 0xC60F8B14u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_GRIP_BUILD 0xBCF3FCF3u
+#define ARS_GRIP_BUILD 0xC60F8B14u
 
 /* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {
@@ -42,13 +42,15 @@ void ars_grip_init(ars_grip_t *self);
 float ars_grip_friction(const ars_grip_t *self, const ars_parameters_t *parameters, float estimate);
 
 /*
- * Update the estimate with a sample under control. The grip falls while the lateral acceleration towards the reference is below the
- * demanded one by more than parameters->grip_shortfall, but not below the largest one reached lately. Otherwise it recovers.
+ * Update the estimate with a sample under control. The grip falls while the lateral acceleration towards that of the model is below it
+ * by more than a tolerance, but not below the largest one reached lately. Otherwise it recovers. The tolerance is
+ * parameters->grip_shortfall, and parameters->grip_shortfall_share of the model's acceleration while it uses little of the grip: soft
+ * tyres lack a share of it at small slip, a slippery road lacks most near the peak.
  *
- * speed: m/s; yaw_rate_reference, yaw_rate: rad/s. All must be finite and within the ranges of ars_inputs_step().
+ * model_acceleration, acceleration: m/s^2, of model and car; must be finite.
  */
 void ars_grip_update(
-    ars_grip_t *self, const ars_parameters_t *parameters, float speed, float yaw_rate_reference, float yaw_rate);
+    ars_grip_t *self, const ars_parameters_t *parameters, float model_acceleration, float acceleration);
 
 /* Let the estimate recover in a sample in standby, in which there is no turn to learn from. */
 void ars_grip_recover(ars_grip_t *self, const ars_parameters_t *parameters);

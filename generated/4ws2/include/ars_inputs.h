@@ -22,11 +22,17 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "ars_reference_model.h"
+
+#if ARS_REFERENCE_MODEL_BUILD != 0xC60F8B14u
+#error "ars_reference_model.h and this source come from different builds"
+#endif
+
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xBCF3FCF3u
+#define ARS_INPUTS_BUILD 0xC60F8B14u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -59,6 +65,7 @@ typedef struct {
     float yaw_rate_agreement;           /* rad/s, the same for a front angle or yaw rate, in a turn of at least twice as much */
     float straight_yaw_rate;            /* rad/s, largest yaw rate by the front wheels that counts as straight */
     float yaw_rate_offset_max;          /* rad/s, largest offset that is learned */
+    float lateral_acceleration_offset_max;/* m/s^2, the same of the lateral acceleration */
     float yaw_rate_correction_share;    /* share of a correction of the yaw rate that is removed in a sample */
     float speed_fall;                   /* m/s, decrease of a lost speed in a sample */
     float friction_recovery;            /* increase of a lost estimate in a sample */
@@ -94,10 +101,11 @@ typedef struct {
     ars_signal_t speed;
     ars_signal_t front_angle;
     ars_signal_t yaw_rate;
-    float expected_yaw_rate; /* rad/s, of the linear vehicle with these steering angles */
+    float expected_yaw_rate; /* rad/s, of the reference model with these steering angles */
     float least;             /* rad/s, smallest difference between yaw rate and expected_yaw_rate since the yaw rate last changed */
     float least_of_front;    /* rad/s, the same since the front angle last changed */
     float yaw_rate_offset;   /* rad/s, learned on straights */
+    float lateral_acceleration_offset; /* m/s^2, learned */
     float beyond_linear;     /* rad/s, correction of expected_yaw_rate by the lateral acceleration while both replace the yaw rate */
     float friction;          /* last estimate; without a new one it moves to that of an unknown road */
     bool lateral_is_known;   /* a lateral acceleration was measured at least once */
@@ -117,13 +125,14 @@ void ars_inputs_init(ars_inputs_t *self, bool is_trusted);
  *
  * measured:   may contain any number, NaN and infinity too.
  * rear_angle: rad, the last command, finite. It replaces a rear angle that is not measured.
+ * model:      the motion that it has reached until this sample.
  * checked:    receives the checked sample. Every field is finite; speed, angles and yaw rate are within their ranges, and an
  *             unknown friction is above that of every map.
  * Returns the quality of the sample.
  */
 ars_quality_t ars_inputs_step(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle,
-    ars_measurement_t *checked);
+    const ars_reference_model_t *model, ars_measurement_t *checked);
 
 #ifdef __cplusplus
 }

@@ -18,13 +18,13 @@
 #include "ars_parameters.h"
 #include "ars_reference_model.h"
 
-#if ARS_INPUTS_BUILD != 0xBCF3FCF3u
+#if ARS_INPUTS_BUILD != 0xC60F8B14u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xBCF3FCF3u
+#if ARS_PARAMETERS_BUILD != 0xC60F8B14u
 #error "ars_parameters.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xBCF3FCF3u
+#if ARS_REFERENCE_MODEL_BUILD != 0xC60F8B14u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -32,7 +32,7 @@
 extern "C" {
 #endif
 
-#define ARS_LAW_BUILD 0xBCF3FCF3u
+#define ARS_LAW_BUILD 0xC60F8B14u
 
 /* Phase of the law in a sample. */
 typedef enum {
@@ -45,6 +45,7 @@ typedef enum {
 typedef struct {
     ars_reference_model_t model;        /* of the car */
     float trim;                         /* rad/s, correction towards the map's yaw rate */
+    float sideslip;                     /* rad, observed */
     float integral;                     /* rad, part of the rear angle */
     float front_angle;                  /* rad, of the last sample */
     float front_rate;                   /* rad/s, smoothed */
@@ -76,6 +77,9 @@ void ars_law_init(ars_law_t *self, float rear_angle);
 ars_law_output_t ars_law_step(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, ars_law_phase_t phase,
     float friction, float rear_angle, float yaw_rate_error);
+
+/* Move the reference model on in a sample without control, with arguments as above but for the speed, which may be any number. */
+void ars_law_rest(ars_law_t *self, const ars_measurement_t *sample, float friction, float rear_angle);
 
 #ifdef __cplusplus
 }

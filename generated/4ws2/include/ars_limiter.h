@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xBCF3FCF3u
+#define ARS_LIMITER_BUILD 0xC60F8B14u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

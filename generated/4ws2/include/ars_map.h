@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xBCF3FCF3u
+#define ARS_MAP_BUILD 0xC60F8B14u
 
 /* Numbers of breakpoints. */
 enum {

@@ -15,10 +15,10 @@
 #include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_INPUTS_BUILD != 0xBCF3FCF3u
+#if ARS_INPUTS_BUILD != 0xC60F8B14u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xBCF3FCF3u
+#if ARS_LIMITER_BUILD != 0xC60F8B14u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_PARAMETERS_BUILD 0xBCF3FCF3u
+#define ARS_PARAMETERS_BUILD 0xC60F8B14u
 
 enum { ARS_SCHEDULE_POINTS = 8 };
 
@@ -41,9 +41,14 @@ typedef struct {
     float lead_angle_max;               /* rad, bound of the predicted change */
     float response_samples;             /* samples, prediction time of the model's yaw rate for the response gain */
     float yaw_increasing_max;           /* rad, bound of the feedback in the direction that increases the yaw rate */
+    float yaw_increasing_wide;          /* rad, the same bound without sideslip out of the turn */
+    float sideslip_max;                 /* rad, sideslip out of the turn at which that bound ends, and beyond which the reference falls */
+    float turn_margin_rate;             /* rad/s, by which the reference may exceed the turn of the lateral acceleration */
+    float turn_margin;                  /* m/s^2, smallest such margin */
     float trim_share;                   /* bound of the trim, as a share of the map's yaw rate */
     float trim_rate;                    /* 1/s, inverse time constant of the trim */
     float grip_shortfall;               /* m/s^2, shortfall of lateral acceleration that does not count as a loss of grip */
+    float grip_shortfall_share;         /* share of the model's acceleration that is added to it while little grip is used */
     float grip_loss_rate;               /* 1/s, inverse time constant of a loss of grip */
     float grip_forgetting;              /* 1/s, inverse time constant of the reached lateral acceleration */
     float grip_recovery;                /* m/s^3, recovery of the grip in a turn */

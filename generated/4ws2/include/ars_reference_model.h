@@ -21,13 +21,14 @@
 extern "C" {
 #endif
 
-#define ARS_REFERENCE_MODEL_BUILD 0xBCF3FCF3u
+#define ARS_REFERENCE_MODEL_BUILD 0xC60F8B14u
 
-/* State of the model. Always finite: at most 0.349 rad of sideslip and 2.62 rad/s. */
+/* State of the model. Always finite: at most 0.349 rad of sideslip, 2.62 rad/s and 20 m/s^2. */
 typedef struct {
-    float sideslip_angle; /* rad */
-    float yaw_rate;       /* rad/s */
-    float rear_angle;     /* rad, achieved by the model's actuator */
+    float sideslip_angle;       /* rad */
+    float yaw_rate;             /* rad/s */
+    float rear_angle;           /* rad, achieved by the model's actuator */
+    float lateral_acceleration; /* m/s^2, of the centre of gravity; force of the tyres at the beginning of the last step */
 } ars_reference_model_t;
 
 /* Inputs of one step, in the ranges of ars_law_step(). With other numbers and NaN, the state has no meaning but stays finite. */

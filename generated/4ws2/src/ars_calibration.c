@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xBCF3FCF3u
+#if ARS_CONSTANTS_BUILD != 0xC60F8B14u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xBCF3FCF3u
+#if ARS_CONTROLLER_BUILD != 0xC60F8B14u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xBCF3FCF3u
+#if ARS_MAP_BUILD != 0xC60F8B14u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -32,15 +32,20 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .schedule_speed = { 4.1666665f, 5.5555553f, 8.333333f, 11.805555f, 16.666666f, 22.222221f, 27.777779f, 33.333332f },
     .proportional_gain = { 0.001481f, 0.0197f, 0.04246f, 0.0866f, 0.1135f, 0.1332f, 0.14f, 0.145f },
     .integral_gain = { 1.774f, 1.718f, 1.552f, 1.197f, 0.9101f, 0.6707f, 0.4972f, 0.3976f },
-    .lead_time = { 0.005f, 0.005f, 0.005f, 0.0238f, 0.04f, -0.02f, -0.0075f, 0.04f },
-    .response_gain = { 0.17f, 0.17f, 0.17f, 0.31f, 0.24f, 0.31f, 0.16f, 0.14f },
+    .lead_time = { 0.04f, 0.04f, 0.04f, 0.0288f, 0.04f, -0.02f, -0.0075f, 0.04f },
+    .response_gain = { 0.18f, 0.18f, 0.18f, 0.31f, 0.24f, 0.31f, 0.16f, 0.14f },
     .lead_smoothing = 0.48658288f,
     .lead_angle_max = 0.015707964f,
     .response_samples = 6.0f,
     .yaw_increasing_max = 0.008726646f,
+    .yaw_increasing_wide = 0.04363323f,
+    .sideslip_max = 0.05235988f,
+    .turn_margin_rate = 0.008726646f,
+    .turn_margin = 0.1f,
     .trim_share = 0.01f,
     .trim_rate = 3.3333333f,
     .grip_shortfall = 0.5f,
+    .grip_shortfall_share = 0.25f,
     .grip_loss_rate = 10.0f,
     .grip_forgetting = 1.0f,
     .grip_recovery = 0.5f,
@@ -75,6 +80,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         .yaw_rate_agreement = 0.029670598f,
         .straight_yaw_rate = 0.0052359877f,
         .yaw_rate_offset_max = 0.008726646f,
+        .lateral_acceleration_offset_max = 0.5f,
         .yaw_rate_correction_share = 0.01f,
         .speed_fall = 0.005f,
         .friction_recovery = 0.001f,
@@ -92,9 +98,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "BCF3FCF3";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "C60F8B14";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xE0CE5B1Eu;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x1557CEBEu;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION
@@ -3699,5 +3705,6 @@ const ars_constants_t ars_constants = {
     .rear_angle_max = 0.061086524f,
     .grip_max = 7.8471293f,
     .friction_per_grip = 0.114691675f,
-    .model_rear_slip_per_lateral_acceleration = 0.0048840423f
+    .model_rear_slip_per_lateral_acceleration = 0.0048840423f,
+    .rear_peak_slip = 0.11970928f
 };

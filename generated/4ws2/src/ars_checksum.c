@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xBCF3FCF3u
+#if ARS_CHECKSUM_BUILD != 0xC60F8B14u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xBCF3FCF3u
+#if ARS_CONTROLLER_BUILD != 0xC60F8B14u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -104,7 +104,7 @@ ARS_SECTION_CODE static void control(
             self->status = self->law.is_limited ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
         }
         if (!sample->inhibit && (self->quality == ARS_QUALITY_GOOD)) {
-            ars_grip_update(&self->grip, parameters, sample->speed, output.yaw_rate_reference, sample->yaw_rate);
+            ars_grip_update(&self->grip, parameters, self->law.model.lateral_acceleration, sample->lateral_acceleration);
         }
     }
 }
@@ -123,6 +123,8 @@ ARS_SECTION_CODE static void rest(ars_controller_t *self, const ars_parameters_t
     } else {
         /* degraded before control was enabled: hold the angle */
     }
+    ars_law_rest(
+        &self->law, &self->sample, ars_grip_friction(&self->grip, parameters, self->sample.friction), self->rear_angle);
 }
 
 /* Apply the safety limiter. */
@@ -171,6 +173,7 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     float squares = 0.0f;
 
     squares += self->law.trim * self->law.trim;
+    squares += self->law.sideslip * self->law.sideslip;
     squares += self->law.integral * self->law.integral;
     squares += self->law.front_angle * self->law.front_angle;
     squares += self->law.front_rate * self->law.front_rate;
@@ -182,6 +185,7 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->law.model.sideslip_angle * self->law.model.sideslip_angle;
     squares += self->law.model.yaw_rate * self->law.model.yaw_rate;
     squares += self->law.model.rear_angle * self->law.model.rear_angle;
+    squares += self->law.model.lateral_acceleration * self->law.model.lateral_acceleration;
     squares += self->grip.reached * self->grip.reached;
     squares += self->grip.available * self->grip.available;
     squares += self->inputs.speed.value * self->inputs.speed.value;
@@ -191,6 +195,7 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->inputs.least * self->inputs.least;
     squares += self->inputs.least_of_front * self->inputs.least_of_front;
     squares += self->inputs.yaw_rate_offset * self->inputs.yaw_rate_offset;
+    squares += self->inputs.lateral_acceleration_offset * self->inputs.lateral_acceleration_offset;
     squares += self->inputs.beyond_linear * self->inputs.beyond_linear;
     squares += self->inputs.friction * self->inputs.friction;
     squares += self->limiter.rear_angle * self->limiter.rear_angle;
@@ -209,7 +214,8 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
         ars_controller_init(self, measurement->rear_angle);
         ars_inputs_init(&self->inputs, false);
     }
-    self->quality = ars_inputs_step(&self->inputs, &parameters->inputs, measurement, self->rear_angle, &self->sample);
+    self->quality = ars_inputs_step(
+        &self->inputs, &parameters->inputs, measurement, self->rear_angle, &self->law.model, &self->sample);
     phase = self->enabled ? ARS_LAW_CONTINUES : ARS_LAW_STARTS;
     if (self->quality == ARS_QUALITY_UNUSABLE) {
         self->status = ARS_STATUS_FAIL_SAFE;

@@ -9,10 +9,10 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xBCF3FCF3u
+#if ARS_CONSTANTS_BUILD != 0xC60F8B14u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_GRIP_BUILD != 0xBCF3FCF3u
+#if ARS_GRIP_BUILD != 0xC60F8B14u
 #error "ars_grip.h and this source come from different builds"
 #endif
 
@@ -66,18 +66,21 @@ ARS_SECTION_CODE float ars_grip_friction(
 }
 
 ARS_SECTION_CODE void ars_grip_update(
-    ars_grip_t *self, const ars_parameters_t *parameters, float speed, float yaw_rate_reference, float yaw_rate)
+    ars_grip_t *self, const ars_parameters_t *parameters, float model_acceleration, float acceleration)
 {
-    const float demanded_acceleration = magnitude(yaw_rate_reference) * speed;
-    const float achieved_acceleration = ((yaw_rate_reference > 0.0f) ? yaw_rate : -yaw_rate) * speed;
-    const float achieved_magnitude = magnitude(achieved_acceleration);
-    const float shortfall = demanded_acceleration - achieved_acceleration;
+    const float demanded_acceleration = magnitude(model_acceleration);
+    const float achieved_acceleration = (model_acceleration > 0.0f) ? acceleration : -acceleration;
+    const float achieved_magnitude = magnitude(acceleration);
     const float decayed_maximum = self->reached - ((parameters->grip_forgetting * sampling_time) * self->reached);
+    const float unused = 1.0f - (demanded_acceleration / self->available);
+    const float tolerance = parameters->grip_shortfall
+        + ((unused > 0.0f) ? ((parameters->grip_shortfall_share * demanded_acceleration) * unused) : 0.0f);
+    const float excess = (demanded_acceleration - achieved_acceleration) - tolerance;
     float available = self->available;
 
     self->reached = (achieved_magnitude > decayed_maximum) ? achieved_magnitude : decayed_maximum;
-    if ((achieved_acceleration > 0.0f) && (shortfall > parameters->grip_shortfall)) { /* not in a change of direction */
-        available -= (parameters->grip_loss_rate * sampling_time) * (shortfall - parameters->grip_shortfall);
+    if ((achieved_acceleration > 0.0f) && (excess > 0.0f)) { /* not in a change of direction */
+        available -= (parameters->grip_loss_rate * sampling_time) * excess;
     } else {
         /* A gentle turn gives no information on the road: recover from the last finding faster. */
         const float recovery

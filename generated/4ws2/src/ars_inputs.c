@@ -1,8 +1,8 @@
 /*
  * Plausibility checks of the inputs. See ars_inputs.h.
  *
- * Order of a step: check speed and front angle, compute the yaw rate expected from them, check the yaw rate, then replace implausible
- * signals.
+ * Order of a step: check speed and front angle, find the yaw rate expected from them, check the yaw rate, replace implausible signals,
+ * then learn the offsets.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xBCF3FCF3u
+#if ARS_INPUTS_BUILD != 0xC60F8B14u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -28,6 +28,12 @@ ARS_SECTION_CONST static const float speed_least = 1.0f;
 
 /* m/s. At lower speeds the noise of the lateral acceleration looks like a turn. */
 ARS_SECTION_CONST static const float lateral_speed_least = 5.0f;
+
+/* m/s^2. Every car with turned front wheels reaches more, also on ice. */
+ARS_SECTION_CONST static const float turn_acceleration_least = 1.0f;
+
+/* Share of an offset that is learned where a turn would look the same, relative to one that only one signal shows. */
+ARS_SECTION_CONST static const float ambiguous_share = 0.0625f;
 
 /* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
@@ -79,6 +85,21 @@ ARS_SECTION_CODE static float toward_zero(float value, float step)
         result = value + step;
     } else {
         /* closer to zero than one step */
+    }
+    return result;
+}
+
+/* Return the value within low and high; low for NaN. */
+ARS_SECTION_CODE static float clamp(float value, float low, float high)
+{
+    float result = low; /* NaN too */
+
+    if (value > high) {
+        result = high;
+    } else if (value >= low) {
+        result = value;
+    } else {
+        /* below, or NaN */
     }
     return result;
 }
@@ -175,6 +196,7 @@ ARS_SECTION_CODE bool ars_inputs_parameters_valid(const ars_inputs_parameters_t 
         && is_between(parameters->yaw_rate_agreement, 0.0017453292f, 0.17453292f)
         && is_between(parameters->straight_yaw_rate, 0.0f, 1.0f)
         && is_between(parameters->yaw_rate_offset_max, 0.0f, 1.0f)
+        && is_between(parameters->lateral_acceleration_offset_max, 0.0f, 10.0f)
         && is_between(parameters->yaw_rate_correction_share, 1.0e-06f, 1.0f)
         && is_between(parameters->speed_fall, 0.0f, 1.0f)
         && is_between(parameters->friction_recovery, 1.0e-05f, 1.0f)
@@ -200,6 +222,7 @@ ARS_SECTION_CODE void ars_inputs_init(ars_inputs_t *self, bool is_trusted)
     self->least = 0.0f;
     self->least_of_front = 0.0f;
     self->yaw_rate_offset = 0.0f;
+    self->lateral_acceleration_offset = 0.0f;
     self->beyond_linear = 0.0f;
     self->friction = friction_unknown;
     self->lateral_is_known = false;
@@ -250,7 +273,7 @@ ARS_SECTION_CODE static lateral_t turn_of_lateral(
     lateral_t lateral = { 0.0f, false, false };
 
     if ((self->speed.value >= lateral_speed_least) && is_within(measured, parameters->lateral_acceleration_max)) {
-        lateral.yaw_rate = measured / self->speed.value;
+        lateral.yaw_rate = (measured - self->lateral_acceleration_offset) / self->speed.value;
         lateral.is_there = true;
         lateral.is_evidence = self->lateral_is_proven;
     }
@@ -258,7 +281,7 @@ ARS_SECTION_CODE static lateral_t turn_of_lateral(
 }
 
 /* Check the speed against lateral acceleration over yaw rate. That speed counts only if the steering angles give the same yaw rate at
- * it, because a banked road changes the acceleration alone. A measured speed is wrong after deviating from it for five times
+ * it, because a banked road changes the acceleration alone. A measured speed is wrong after deviating from it for fifteen times
  * recovery_samples; a replaced speed moves slowly to it. net_steering_angle: rad, front minus rear angle. */
 ARS_SECTION_CODE static void check_speed(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float net_steering_angle, const lateral_t *lateral)
@@ -274,7 +297,7 @@ ARS_SECTION_CODE static void check_speed(
             signal->value = bounded(signal->value + (parameters->yaw_rate_correction_share * speed_deviation), parameters->speed_max);
         } else if (!is_within(speed_deviation, parameters->speed_agreement)) {
             signal->good++;
-            if (signal->good >= (5u * parameters->recovery_samples)) {
+            if (signal->good >= (15u * parameters->recovery_samples)) {
                 signal->source = ARS_SIGNAL_WRONG;
                 signal->value = bounded(implied_speed, parameters->speed_max);
                 signal->good = 0u;
@@ -339,9 +362,9 @@ ARS_SECTION_CODE static bool take_speed(
     return is_missing;
 }
 
-/* Check the front angle. front_yaw_rate: rad/s, of the linear vehicle with the measured front angle. A vehicle beyond its linear range
- * also deviates while the driver holds the wheel still. A frozen angle is therefore wrong only if yaw rate and lateral acceleration
- * agree on less than half of the expected yaw rate. */
+/* Check the front angle. front_yaw_rate: rad/s, of the linear vehicle with the measured front angle. While the driver holds the wheel
+ * still, soft tyres or a slippery road also make the vehicle deviate. A frozen angle is therefore wrong only if yaw rate and lateral
+ * acceleration agree for three times recovery_samples that there is no turn to its side, not even one on ice. */
 ARS_SECTION_CODE static bool take_front_angle(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float front_yaw_rate, const lateral_t *lateral)
 {
@@ -362,10 +385,16 @@ ARS_SECTION_CODE static bool take_front_angle(
     } else {
         is_missing = follow(signal, parameters, measured, is_available, parameters->front_angle_step);
         if (is_available && has_frozen && lateral->is_evidence
-            && ((yaw_rate * expected_yaw_rate) < (0.5f * (expected_yaw_rate * expected_yaw_rate)))
+            && (((yaw_rate * expected_yaw_rate) * self->speed.value) < (turn_acceleration_least * magnitude(expected_yaw_rate)))
             && is_within(lateral->yaw_rate - yaw_rate, parameters->yaw_rate_agreement)) {
+            signal->good++;
+        } else {
+            signal->good = 0u;
+        }
+        if (signal->good >= (3u * parameters->recovery_samples)) {
             signal->source = ARS_SIGNAL_WRONG;
         }
+        signal->good = (signal->source == ARS_SIGNAL_MEASURED) ? signal->good : 0u;
     }
     return is_missing;
 }
@@ -414,24 +443,40 @@ ARS_SECTION_CODE static bool take_yaw_rate(
     return is_missing;
 }
 
-/* Return the yaw rate without its offset. While the front wheels are straight, the difference to the expected yaw rate is learned as the
- * offset. The part of it that the lateral acceleration confirms is a real turn and is not learned. */
-ARS_SECTION_CODE static float without_offset(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_yaw_rate, const lateral_t *lateral)
+/* Learn the offsets of yaw rate and lateral acceleration. On a straight both are compared with the expected yaw rate; a difference
+ * above the largest offset is no offset but a disturbance. What both show alike is a turn, unless it lasts: it is learned slowly. So is
+ * the difference of both in a turn, for a banked road. */
+ARS_SECTION_CODE static void learn_offsets(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_yaw_rate, float expected_yaw_rate,
+    const lateral_t *lateral)
 {
-    if (is_within(front_yaw_rate, parameters->straight_yaw_rate) && (self->speed.value >= lateral_speed_least)
-        && (lateral->is_there || !self->lateral_is_known)) {
-        float offset_estimate = self->yaw_rate.value - self->expected_yaw_rate;
+    const float share = parameters->yaw_rate_correction_share;
+    const float slow_share = ambiguous_share * share;
+    const float difference = self->yaw_rate.value - expected_yaw_rate;
+    const float yaw_rate_error = difference - self->yaw_rate_offset;
+    float offset = self->lateral_acceleration_offset;
+
+    if (self->speed.value < lateral_speed_least) {
+        /* too slow */
+    } else if (!is_within(front_yaw_rate, parameters->straight_yaw_rate)) {
+        if (lateral->is_there) {
+            offset += (slow_share * self->speed.value) * (lateral->yaw_rate - (self->yaw_rate.value - self->yaw_rate_offset));
+        }
+    } else if (is_within(difference, parameters->yaw_rate_offset_max) && (lateral->is_there || !self->lateral_is_known)) {
+        float common = yaw_rate_error;
 
         if (lateral->is_there) {
-            const float offset_bound = magnitude(self->yaw_rate.value - lateral->yaw_rate);
+            const float lateral_error = lateral->yaw_rate - expected_yaw_rate;
 
-            offset_estimate = bounded(offset_estimate, offset_bound);
+            common = ((yaw_rate_error * lateral_error) > 0.0f) ? bounded(yaw_rate_error, magnitude(lateral_error)) : 0.0f;
+            offset += self->speed.value * (((3.0f * share) * (lateral_error - common)) + (slow_share * common));
         }
-        offset_estimate = self->yaw_rate_offset + (parameters->yaw_rate_correction_share * (offset_estimate - self->yaw_rate_offset));
-        self->yaw_rate_offset = bounded(offset_estimate, parameters->yaw_rate_offset_max);
+        self->yaw_rate_offset = bounded(
+            self->yaw_rate_offset + ((share * (yaw_rate_error - common)) + (slow_share * common)), parameters->yaw_rate_offset_max);
+    } else {
+        /* disturbed, or the lateral acceleration is missing */
     }
-    return bounded(self->yaw_rate.value - self->yaw_rate_offset, parameters->yaw_rate_max);
+    self->lateral_acceleration_offset = bounded(offset, parameters->lateral_acceleration_offset_max);
 }
 
 /* Replace the yaw rate by the expected one and a slow correction from the lateral acceleration. A fast correction would oscillate,
@@ -448,23 +493,61 @@ ARS_SECTION_CODE static void stand_in(ars_inputs_t *self, const ars_inputs_param
     self->yaw_rate.value = bounded(self->expected_yaw_rate + self->beyond_linear, parameters->yaw_rate_max);
 }
 
+/* Let the expected yaw rate follow that of the linear vehicle with the lag of a real one. */
+ARS_SECTION_CODE static float follow_linear_vehicle(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float steady_yaw_rate)
+{
+    const float expected_yaw_rate
+        = self->expected_yaw_rate + (parameters->expected_share * (steady_yaw_rate - self->expected_yaw_rate));
+
+    self->expected_yaw_rate = bounded(expected_yaw_rate, parameters->yaw_rate_max);
+    return self->expected_yaw_rate;
+}
+
+/* Find the expected yaw rate, and return the one with the measured rear angle. The model has the rear angle of the map, from which
+ * feedback turns the rear wheels away. The linear vehicle tells the difference on a straight; near the limit of grip it tells too
+ * much, so everything between is expected too. The model divides by the speed: slow vehicles are linear. */
+ARS_SECTION_CODE static float expect(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float gain, float net_steering_angle, float rear_angle,
+    const ars_reference_model_t *model)
+{
+    float with_feedback;
+
+    if (self->speed.value < lateral_speed_least) {
+        with_feedback = follow_linear_vehicle(self, parameters, gain * net_steering_angle);
+    } else {
+        const float without_feedback = bounded(model->yaw_rate, parameters->yaw_rate_max);
+        const float yaw_rate = self->yaw_rate.value;
+
+        with_feedback = bounded(without_feedback - (gain * (rear_angle - model->rear_angle)), parameters->yaw_rate_max);
+        self->expected_yaw_rate = with_feedback;
+        if (self->yaw_rate.source == ARS_SIGNAL_MEASURED) {
+            const bool is_less = with_feedback < without_feedback;
+
+            self->expected_yaw_rate = clamp(
+                yaw_rate, is_less ? with_feedback : without_feedback, is_less ? without_feedback : with_feedback);
+        }
+    }
+    return with_feedback;
+}
+
 ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle,
-    ars_measurement_t *checked)
+    const ars_reference_model_t *model, ars_measurement_t *checked)
 {
     const float checked_rear_angle
         = is_within(measured->rear_angle, parameters->rear_angle_max) ? measured->rear_angle : rear_angle;
     bool has_missing = take_speed(self, parameters, measured->speed);
     const float gain = yaw_gain(parameters, self->speed.value);
     const lateral_t lateral = turn_of_lateral(self, parameters, measured->lateral_acceleration);
-    float linear_yaw_rate = gain * (measured->front_angle - checked_rear_angle);
+    const float linear_yaw_rate = gain * (measured->front_angle - checked_rear_angle);
     float net_steering_angle;
+    float expected_yaw_rate;
 
     self->lateral_is_known = self->lateral_is_known || lateral.is_there;
     has_missing = take_front_angle(self, parameters, measured->front_angle, linear_yaw_rate, &lateral) || has_missing;
     net_steering_angle = self->front_angle.value - checked_rear_angle;
-    linear_yaw_rate = self->expected_yaw_rate + (parameters->expected_share * ((gain * net_steering_angle) - self->expected_yaw_rate));
-    self->expected_yaw_rate = bounded(linear_yaw_rate, parameters->yaw_rate_max);
+    expected_yaw_rate = expect(self, parameters, gain, net_steering_angle, checked_rear_angle, model);
     has_missing = take_yaw_rate(self, parameters, measured->yaw_rate, net_steering_angle, &lateral) || has_missing;
     if ((self->front_angle.source == ARS_SIGNAL_WRONG) && (self->yaw_rate.source == ARS_SIGNAL_WRONG)) {
         self->front_angle.source = ARS_SIGNAL_LOST; /* neither can confirm the other */
@@ -488,7 +571,8 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     checked->yaw_rate = self->yaw_rate.value;
     if (self->yaw_rate.source == ARS_SIGNAL_MEASURED) {
         self->beyond_linear = 0.0f;
-        checked->yaw_rate = without_offset(self, parameters, gain * self->front_angle.value, &lateral);
+        learn_offsets(self, parameters, gain * self->front_angle.value, expected_yaw_rate, &lateral);
+        checked->yaw_rate = bounded(self->yaw_rate.value - self->yaw_rate_offset, parameters->yaw_rate_max);
     }
     checked->rear_angle = checked_rear_angle;
     checked->friction = self->friction;

@@ -6,13 +6,14 @@
  */
 #include "ars_law.h"
 
+#include "ars_constants.h"
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0xBCF3FCF3u
+#if ARS_LAW_BUILD != 0xC60F8B14u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xBCF3FCF3u
+#if ARS_MAP_BUILD != 0xC60F8B14u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -79,6 +80,17 @@ ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
  * with lead on the front angle. The error is the difference to the yaw rate that the reference model reaches with it. The integral
  * is stored as a rear angle in rad, with its sign. */
 
+/* Rate in 1/s at which the observed sideslip returns to that of the model: it forgets what an offset of the acceleration integrates to. */
+ARS_SECTION_CONST static const float sideslip_return = 0.4f;
+
+/* Share of sideslip_max at which the reference no longer leads the acceleration. */
+ARS_SECTION_CONST static const float sideslip_share_of_lead = 3.0f;
+
+/* Yaw rate for each rad of sideslip beyond sideslip_max, in 1/s, by which the reference falls. */
+ARS_SECTION_CONST static const float sideslip_gain = 2.0f;
+
+ARS_SECTION_CONST static const float sideslip_bound = 0.34906584f; /* rad */
+
 /* Factor by which the reference may exceed the lateral acceleration that the road allows, for transients of the model. */
 ARS_SECTION_CONST static const float reference_overshoot = 1.15f;
 
@@ -130,6 +142,7 @@ ARS_SECTION_CODE void ars_law_init(ars_law_t *self, float rear_angle)
 {
     ars_reference_model_start(&self->model, 0.0f, 0.0f, rear_angle);
     self->trim = 0.0f;
+    self->sideslip = 0.0f;
     self->integral = 0.0f;
     self->front_angle = 0.0f;
     self->front_rate = 0.0f;
@@ -178,25 +191,56 @@ ARS_SECTION_CODE static void start_law(ars_law_t *self, const ars_measurement_t 
     self->trim = 0.0f;
     ars_reference_model_start(&self->model, sample->speed, sample->yaw_rate, rear_angle);
     self->previous_model_yaw_rate = self->model.yaw_rate;
+    self->sideslip = self->model.sideslip_angle;
 }
 
-/* Yaw rate that the car can reach now: that of the model plus a bounded trim, which moves slowly towards the map. */
+/* Observe the sideslip: the measured motion, and slowly the model's. */
+ARS_SECTION_CODE static void observe_sideslip(ars_law_t *self, const ars_measurement_t *sample, float slowness)
+{
+    const float rate = ((sample->lateral_acceleration * slowness) - sample->yaw_rate)
+        + (sideslip_return * (self->model.sideslip_angle - self->sideslip));
+
+    self->sideslip = bounded(self->sideslip + (sampling_time * rate), sideslip_bound);
+}
+
+/* Yaw rate that the car can reach now: that of the model plus a bounded trim, which moves slowly towards the map. It leads the turn that
+ * the measured lateral acceleration gives by no more than the model does, and a margin: where the tyres give no more force, a higher
+ * yaw rate is only sideslip. outward: sideslip out of the turn, as a share of sideslip_max. */
 ARS_SECTION_CODE static float reachable_yaw_rate(
-    ars_law_t *self, const ars_parameters_t *parameters, const ars_map_reference_t *map, float speed)
+    ars_law_t *self, const ars_parameters_t *parameters, const ars_map_reference_t *map,
+    const ars_measurement_t *sample, float slowness, float outward)
 {
     const float trim_max = parameters->trim_share * magnitude(map->yaw_rate);
     const float trim_demand = bounded(map->yaw_rate - self->model.yaw_rate, trim_max);
-    const float yaw_rate_max = reference_overshoot * (map->lateral_acceleration_max / speed);
+    const float lead = magnitude((self->model.yaw_rate * sample->speed) - self->model.lateral_acceleration);
+    const float lead_share = clamp(1.0f - (sideslip_share_of_lead * outward), 0.0f, 1.0f);
+    const float margin = parameters->turn_margin_rate * sample->speed;
+    const float turn_max = (magnitude(sample->lateral_acceleration) + (lead_share * lead))
+        + ((margin > parameters->turn_margin) ? margin : parameters->turn_margin);
+    const float road_max = reference_overshoot * map->lateral_acceleration_max;
+    float yaw_rate_max = slowness * ((road_max < turn_max) ? road_max : turn_max);
+
+    if (outward > 1.0f) {
+        const float reduced_yaw_rate = yaw_rate_max - ((sideslip_gain * parameters->sideslip_max) * (outward - 1.0f));
+
+        yaw_rate_max = (reduced_yaw_rate > 0.0f) ? reduced_yaw_rate : 0.0f;
+    }
 
     self->trim += (parameters->trim_rate * sampling_time) * (trim_demand - self->trim);
     return bounded(self->model.yaw_rate + self->trim, yaw_rate_max);
 }
 
-/* Range of the feedback. It may increase the turn by a small angle only; against the turn it is free. The direction of the turn is
- * taken from two samples, so that a single wrong sign releases neither side. */
+/* Range of the feedback. It may increase the turn by yaw_increasing_wide, and with sideslip out of the turn by less, down to
+ * yaw_increasing_max. Against the turn it is free until the rear tyres slip by as much as gives their peak force: beyond it they would
+ * lose force. The direction of the turn is taken from two samples, so that a single wrong sign releases neither side. */
 ARS_SECTION_CODE static range_t feedback_range(
-    const ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, float feedforward)
+    const ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, float feedforward,
+    float rear_slip_max, float slowness, float outward)
 {
+    const float straight_rear_slip = self->sideslip - (ars_constants.rear_arm * (sample->yaw_rate * slowness));
+    const float share = clamp(1.0f - outward, 0.0f, 1.0f);
+    const float increasing_max
+        = parameters->yaw_increasing_max + (share * (parameters->yaw_increasing_wide - parameters->yaw_increasing_max));
     /* Limit the distance between demand and measured angle: a stuck or slow actuator must not wind up the integral. */
     range_t range = {
         bounded(sample->rear_angle - parameters->rear_angle_error_max, parameters->rear_angle_max),
@@ -204,11 +248,13 @@ ARS_SECTION_CODE static range_t feedback_range(
     };
 
     if ((sample->yaw_rate > 0.0f) || (self->yaw_rate > 0.0f)) {
-        range.low = clamp(feedforward - parameters->yaw_increasing_max, range.low, range.high);
+        range.low = clamp(feedforward - increasing_max, range.low, range.high);
     }
     if ((sample->yaw_rate < 0.0f) || (self->yaw_rate < 0.0f)) {
-        range.high = clamp(feedforward + parameters->yaw_increasing_max, range.low, range.high);
+        range.high = clamp(feedforward + increasing_max, range.low, range.high);
     }
+    range.high = clamp(straight_rear_slip + rear_slip_max, range.low, range.high);
+    range.low = clamp(straight_rear_slip - rear_slip_max, range.low, range.high);
     range.low -= feedforward;
     range.high -= feedforward;
     return range;
@@ -219,21 +265,31 @@ ARS_SECTION_CODE static ars_law_output_t track(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, ars_law_phase_t phase,
     float friction, float rear_angle, float yaw_rate_error)
 {
+    const float slowness = 1.0f / sample->speed;
     const gains_t gains = gains_at(parameters, sample->speed);
     const ars_map_reference_t map = reference_ahead(self, parameters, sample, &gains, friction, phase);
     const ars_reference_model_input_t input = { sample->speed, sample->front_angle, map.rear_angle, friction };
-    const float reference = reachable_yaw_rate(self, parameters, &map, sample->speed);
-    /* Without a new sample the last error is kept: the car is assumed to move with the model. */
-    const float error = (phase == ARS_LAW_PREDICTS) ? yaw_rate_error : (reference - sample->yaw_rate);
-    const range_t range = feedback_range(self, parameters, sample, map.rear_angle);
-    const float proportional = gains.proportional * error;
+    /* On a slippery road the peak force comes at the same slip, or at less in proportion to the friction; between both. */
+    const float rear_slip_max = ars_constants.rear_peak_slip * (0.5f + ((0.5f * friction) / ars_constants.map_friction));
     const float command_step_max = command_step(parameters);
+    float outward;
+    float reference;
+    float error;
+    float proportional;
+    range_t range;
     float integral;
     float feedback;
     float rear_angle_demand;
     ars_law_output_t output;
     bool limited = false;
 
+    observe_sideslip(self, sample, slowness);
+    outward = ((self->model.yaw_rate > 0.0f) ? -self->sideslip : self->sideslip) / parameters->sideslip_max;
+    reference = reachable_yaw_rate(self, parameters, &map, sample, slowness, outward);
+    /* Without a new sample the last error is kept: the car is assumed to move with the model. */
+    error = (phase == ARS_LAW_PREDICTS) ? yaw_rate_error : (reference - sample->yaw_rate);
+    proportional = gains.proportional * error;
+    range = feedback_range(self, parameters, sample, map.rear_angle, rear_slip_max, slowness, outward);
     output.yaw_rate_reference = reference;
     if (phase == ARS_LAW_STARTS) {
         self->integral = rear_angle - map.rear_angle; /* bumpless: the first demand is the present command */
@@ -287,4 +343,14 @@ ARS_SECTION_CODE ars_law_output_t ars_law_step(
         start_law(self, sample, rear_angle);
     }
     return track(self, parameters, sample, phase, friction, rear_angle, yaw_rate_error);
+}
+
+/* The wheels follow the command of a sample without control. */
+ARS_SECTION_CODE void ars_law_rest(
+    ars_law_t *self, const ars_measurement_t *sample, float friction, float rear_angle)
+{
+    const ars_reference_model_input_t input
+        = { sample->speed, sample->front_angle, rear_angle, friction };
+
+    ars_reference_model_step(&self->model, &input);
 }

@@ -12,13 +12,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xBCF3FCF3u
+#if ARS_CHECKSUM_BUILD != 0xC60F8B14u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xBCF3FCF3u
+#if ARS_MAP_BUILD != 0xC60F8B14u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xBCF3FCF3u
+#if ARS_PARAMETERS_BUILD != 0xC60F8B14u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -55,9 +55,14 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && is_between(parameters->lead_angle_max, 0.0f, 0.5f)
         && is_between(parameters->response_samples, 0.0f, 100.0f)
         && is_between(parameters->yaw_increasing_max, 0.0f, 1.0f)
+        && is_between(parameters->yaw_increasing_wide, 0.0f, 1.0f)
+        && is_between(parameters->sideslip_max, 0.005f, 1.0f)
+        && is_between(parameters->turn_margin_rate, 0.0f, 1.0f)
+        && is_between(parameters->turn_margin, 0.0f, 10.0f)
         && is_between(parameters->trim_share, 0.0f, 0.2f)
         && is_between(parameters->trim_rate, 0.01f, 20.0f)
         && is_between(parameters->grip_shortfall, 0.1f, 20.0f)
+        && is_between(parameters->grip_shortfall_share, 0.0f, 1.0f)
         && is_between(parameters->grip_loss_rate, 0.1f, 50.0f)
         && is_between(parameters->grip_forgetting, 0.01f, 50.0f)
         && is_between(parameters->grip_recovery, 0.01f, 100.0f)
@@ -112,9 +117,14 @@ ARS_SECTION_CODE uint32_t ars_parameters_crc(uint32_t start)
     crc = ars_checksum_real(crc, parameters->lead_angle_max);
     crc = ars_checksum_real(crc, parameters->response_samples);
     crc = ars_checksum_real(crc, parameters->yaw_increasing_max);
+    crc = ars_checksum_real(crc, parameters->yaw_increasing_wide);
+    crc = ars_checksum_real(crc, parameters->sideslip_max);
+    crc = ars_checksum_real(crc, parameters->turn_margin_rate);
+    crc = ars_checksum_real(crc, parameters->turn_margin);
     crc = ars_checksum_real(crc, parameters->trim_share);
     crc = ars_checksum_real(crc, parameters->trim_rate);
     crc = ars_checksum_real(crc, parameters->grip_shortfall);
+    crc = ars_checksum_real(crc, parameters->grip_shortfall_share);
     crc = ars_checksum_real(crc, parameters->grip_loss_rate);
     crc = ars_checksum_real(crc, parameters->grip_forgetting);
     crc = ars_checksum_real(crc, parameters->grip_recovery);
@@ -148,6 +158,7 @@ ARS_SECTION_CODE uint32_t ars_parameters_crc(uint32_t start)
     crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_agreement);
     crc = ars_checksum_real(crc, parameters->inputs.straight_yaw_rate);
     crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_offset_max);
+    crc = ars_checksum_real(crc, parameters->inputs.lateral_acceleration_offset_max);
     crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_correction_share);
     crc = ars_checksum_real(crc, parameters->inputs.speed_fall);
     crc = ars_checksum_real(crc, parameters->inputs.friction_recovery);

@@ -13,13 +13,13 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xBCF3FCF3u
+#if ARS_CHECKSUM_BUILD != 0xC60F8B14u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_CONSTANTS_BUILD != 0xBCF3FCF3u
+#if ARS_CONSTANTS_BUILD != 0xC60F8B14u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xBCF3FCF3u
+#if ARS_REFERENCE_MODEL_BUILD != 0xC60F8B14u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -32,6 +32,7 @@ ARS_SECTION_CONST static const float model_speed_min = 1.0f; /* m/s, above zero 
 ARS_SECTION_CONST static const float model_rear_angle_max = 0.061086524f; /* rad */
 ARS_SECTION_CONST static const float model_sideslip_max = 0.34906584f; /* rad */
 ARS_SECTION_CONST static const float model_yaw_rate_max = 2.6179938f; /* rad/s */
+ARS_SECTION_CONST static const float model_lateral_acceleration_max = 20.0f; /* m/s^2 */
 
 /* Front tyre: the curve, and the compression of its argument. No calibration; the checksum covers them. */
 enum { FRONT_CELLS = 64 };
@@ -147,9 +148,10 @@ ARS_SECTION_CODE static void arguments_of(const float x[2], const float u[4], fl
     argument[1] = t8;
 }
 
-/* Change of the state over a step, from the values and slopes of both tyre curves. */
+/* Change of sideslip angle and yaw rate over a step, and lateral acceleration at its beginning, from the values and slopes of both tyre
+ * curves. */
 ARS_SECTION_CODE static void change_of(
-    const float x[2], const float u[4], const float curve[2], const float slope[2], float change[2])
+    const float x[2], const float u[4], const float curve[2], const float slope[2], float change[3])
 {
     const float t0 = 0.4375498f * u[3];
     const float t1 = t0 * slope[0];
@@ -201,8 +203,10 @@ ARS_SECTION_CODE static void change_of(
     const float t47 = t22 * t16;
     const float t48 = t46 + t47;
     const float t49 = t48 / t43;
+    const float t50 = (-100.0f) * t13;
     change[0] = t45;
     change[1] = t49;
+    change[2] = t50;
 }
 
 /* Speed, at least model_speed_min. NaN stays NaN: as a maximum of two numbers, a signalling NaN would give different results on some
@@ -224,6 +228,7 @@ ARS_SECTION_CODE void ars_reference_model_start(
     self->rear_angle = bounded(rear_angle, model_rear_angle_max);
     self->sideslip_angle = bounded(
         self->rear_angle + (self->yaw_rate * ((rear_arm / bounded_speed) - (rear_slip * bounded_speed))), model_sideslip_max);
+    self->lateral_acceleration = bounded(bounded_speed * self->yaw_rate, model_lateral_acceleration_max);
 }
 
 ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, const ars_reference_model_input_t *input)
@@ -241,7 +246,7 @@ ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, cons
         input->friction
     };
     float argument[2];
-    float change[2];
+    float change[3];
     curve_t front;
     curve_t rear;
 
@@ -257,6 +262,7 @@ ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, cons
     self->sideslip_angle = bounded(x[0] + change[0], model_sideslip_max);
     self->yaw_rate = bounded(x[1] + change[1], model_yaw_rate_max);
     self->rear_angle = bounded(self->rear_angle + rear_angle_change, model_rear_angle_max);
+    self->lateral_acceleration = bounded(change[2], model_lateral_acceleration_max);
 }
 
 ARS_SECTION_CODE uint32_t ars_reference_model_crc(uint32_t start)

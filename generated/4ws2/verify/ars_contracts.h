@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0xBCF3FCF3u
+#if ARS_MAP_BUILD != 0xC60F8B14u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xBCF3FCF3u
+#if ARS_TASK_BUILD != 0xC60F8B14u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -116,6 +116,7 @@ static inline bool ars_inputs_parameters_holds(const ars_inputs_parameters_t *va
         && lies_between(value->yaw_rate_agreement, 0.0017453292f, 0.17453292f)
         && lies_between(value->straight_yaw_rate, 0.0f, 1.0f)
         && lies_between(value->yaw_rate_offset_max, 0.0f, 1.0f)
+        && lies_between(value->lateral_acceleration_offset_max, 0.0f, 10.0f)
         && lies_between(value->yaw_rate_correction_share, 1.0e-06f, 1.0f)
         && lies_between(value->speed_fall, 0.0f, 1.0f)
         && lies_between(value->friction_recovery, 1.0e-05f, 1.0f)
@@ -131,9 +132,14 @@ static inline bool ars_parameters_holds(const ars_parameters_t *value)
         && lies_between(value->lead_angle_max, 0.0f, 0.5f)
         && lies_between(value->response_samples, 0.0f, 100.0f)
         && lies_between(value->yaw_increasing_max, 0.0f, 1.0f)
+        && lies_between(value->yaw_increasing_wide, 0.0f, 1.0f)
+        && lies_between(value->sideslip_max, 0.005f, 1.0f)
+        && lies_between(value->turn_margin_rate, 0.0f, 1.0f)
+        && lies_between(value->turn_margin, 0.0f, 10.0f)
         && lies_between(value->trim_share, 0.0f, 0.2f)
         && lies_between(value->trim_rate, 0.01f, 20.0f)
         && lies_between(value->grip_shortfall, 0.1f, 20.0f)
+        && lies_between(value->grip_shortfall_share, 0.0f, 1.0f)
         && lies_between(value->grip_loss_rate, 0.1f, 50.0f)
         && lies_between(value->grip_forgetting, 0.01f, 50.0f)
         && lies_between(value->grip_recovery, 0.01f, 100.0f)
@@ -211,7 +217,8 @@ static inline bool ars_reference_model_holds(const ars_reference_model_t *value)
 {
     bool holds = lies_within(value->sideslip_angle, 0.34906584f)
         && lies_within(value->yaw_rate, 2.6179938f)
-        && lies_within(value->rear_angle, 0.061086524f);
+        && lies_within(value->rear_angle, 0.061086524f)
+        && lies_within(value->lateral_acceleration, 20.0f);
     return holds;
 }
 
@@ -226,6 +233,7 @@ static inline bool ars_law_holds(const ars_law_t *value)
 {
     bool holds = ars_reference_model_holds(&value->model)
         && lies_within(value->trim, 16.0f)
+        && lies_within(value->sideslip, 0.34906584f)
         && lies_within(value->integral, 4096.0f)
         && lies_within(value->front_angle, 1.5f)
         && lies_within(value->front_rate, 4096.0f)
@@ -388,6 +396,7 @@ static inline void lemma_constants(void)
     CONTRACT_LEMMA_CONSTANTS(ars_constants.grip_max == 7.8471293f, "grip_max is that of the build");
     CONTRACT_LEMMA_CONSTANTS(ars_constants.friction_per_grip == 0.114691675f, "friction_per_grip is that of the build");
     CONTRACT_LEMMA_CONSTANTS(ars_constants.model_rear_slip_per_lateral_acceleration == 0.0048840423f, "model_rear_slip_per_lateral_acceleration is that of the build");
+    CONTRACT_LEMMA_CONSTANTS(ars_constants.rear_peak_slip == 0.11970928f, "rear_peak_slip is that of the build");
 }
 
 #ifndef CONTRACT_LEMMA_AXES

@@ -109,15 +109,21 @@ static inline double {{ axle }}_exact(uint32_t bits, float x)
 """
 CURVE_START = "{{ axle }}_block = 0xFFFFFFFFu;"
 CURVE = """
-    const curve_t got = {{ function }}(x);
+    const {{ "float" if is_relaxed else "curve_t" }} got = {{ function }}(x);
 
     if (size_of(bits) < bits_of(1e6f)) {
         const double value = {{ axle }}_exact(bits, x);
+{%- if is_relaxed %}
+
+        NEAR("the Magic Formula", got, value, {{ tolerance }});
+        SAME("odd, to the bit", got, (bits > 0x7FFFFFFFu) ? -{{ function }}(-x) : got);
+{%- else %}
         const double inverse = 1.0 / (fabs((double)x) + {{ compression }});
 
         NEAR("the Magic Formula", got.value, value, {{ tolerance }});
         NEAR("its slope, or zero where it falls", got.slope, fmax({{ axle }}_slope, 0.0), {{ slope }} * inverse * inverse);
         SAME("odd, to the bit", got.value, (bits > 0x7FFFFFFFu) ? -{{ function }}(-x).value : got.value);
+{%- endif %}
     }
 """
 ARRANGE = """
@@ -193,13 +199,15 @@ def _reference_model(source: Source) -> Iterator[Claim]:
     if stated is None:
         raise BuildError("the header no longer states the error of its curves", where="reference_model.h")
     tyres = AxleTyres.from_config(source.config)
-    yield _curve("front", tyres.front, float(stated[1]))
-    yield _curve("rear", tyres.rear, float(stated[2]))
+    is_relaxed = source.config.plant.relaxation_length_m > 0.0
+    yield _curve("front", tyres.front, float(stated[1]), is_relaxed)
+    yield _curve("rear", tyres.rear, float(stated[2]), is_relaxed)
 
 
-def _curve(axle: str, tyre: MagicFormulaTyre, error: float) -> Claim:
+def _curve(axle: str, tyre: MagicFormulaTyre, error: float, is_relaxed: bool) -> Claim:
     table = tabulate(tyre)
     values = {
+        "is_relaxed": is_relaxed,
         "axle": axle,
         "shape": repr(tyre.shape_factor),
         "curvature": repr(tyre.curvature_factor),
@@ -207,6 +215,6 @@ def _curve(axle: str, tyre: MagicFormulaTyre, error: float) -> Claim:
         "compression": repr(table.compression),
         "slope": repr(SLOPE_ALLOWANCE * 4.0 * error * (table.values.size - 1) * table.compression),
     }
-    text = "returns the tyre curve within the error stated in the header, and its slope; odd"
+    text = f"returns the tyre curve within the error stated in the header{'' if is_relaxed else ', and its slope'}; odd"
     setup = CURVE_SETUP, CURVE_START
     return Claim("reference_model", f"{axle}_curve", text, CURVE, edges("1e6f"), *setup, values=values)
