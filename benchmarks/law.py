@@ -71,14 +71,16 @@ def run(
     values, count = dict(map(_change, changes)), (QUICK_COUNT if quick else COUNT) if cars is None else cars
     figures: list[Figure] = []
     with Background() as background:
-        jobs = [background.call(measure, letter, values, maps, straight, rows, plants) for letter in letters]
+        jobs = {}
+        if any(row in OF_CARS for row in rows):
+            jobs = {each: background.call(measure, each, values, maps, straight, rows, plants) for each in letters}
+        if THIRD_PARTY in rows:
+            jobs["third party's"] = background.call(third_party, values)
         drawn = random_cars(seed, count) if RANDOM in rows else ()
         examined = [background.call(examine, number, config, Limits()) for number, config in enumerate(drawn, start=1)]
-        if THIRD_PARTY in rows:
-            jobs.append(background.call(third_party, values))
-        for name, job in zip((*letters, "third party"), jobs, strict=False):
+        for name, job in jobs.items():
             figures += job.get()
-            say(name)
+            say(f"car {name}")
         found = []
         for waiting in examined:
             found.append(waiting.get())
