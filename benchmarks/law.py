@@ -71,14 +71,16 @@ def run(
     values, count = dict(map(_change, changes)), (QUICK_COUNT if quick else COUNT) if cars is None else cars
     figures: list[Figure] = []
     with Background() as background:
-        jobs = [background.call(measure, letter, values, maps, straight, rows, plants) for letter in letters]
+        jobs = {}
+        if any(row in OF_CARS for row in rows):
+            jobs = {each: background.call(measure, each, values, maps, straight, rows, plants) for each in letters}
+        if THIRD_PARTY in rows:
+            jobs["third party's"] = background.call(third_party, values)
         drawn = random_cars(seed, count) if RANDOM in rows else ()
         examined = [background.call(examine, number, config, Limits()) for number, config in enumerate(drawn, start=1)]
-        if THIRD_PARTY in rows:
-            jobs.append(background.call(third_party, values))
-        for name, job in zip((*letters, "third party"), jobs, strict=False):
+        for name, job in jobs.items():
             figures += job.get()
-            say(name)
+            say(f"car {name}")
         found = []
         for waiting in examined:
             found.append(waiting.get())
@@ -134,9 +136,9 @@ def _notes(straight: float) -> tuple[str, ...]:
     return (
         f"Cars: {cars} (`benchmarks/judged_cars.py`); recommended preset, nonlinear tyre. They and the random cars of seed "
         f"{DEVELOPMENT_SEED} are the development set, the random cars of seed {SEED} the test set.",
-        "Plants: ideal is the two-track car as the map has it; real adds relaxation of 0.4 m, roll of 4 deg/g, an actuator of "
-        "second order and 0.1 deg of backlash; roll is the third plant, with other tyres and biased sensors as well. Commands "
-        f"act {DELAY_SAMPLES} sample late.",
+        "Plants: ideal is the two-track car as the map has it; real is the configured one, with relaxation, roll, an actuator "
+        "of second order and backlash; roll is the third plant, whose tyres are others as well. Commands act "
+        f"{DELAY_SAMPLES} sample late. Noisy sensors have noise, resolution and bias of the configuration.",
         "Rows 5 to 9: the 24 steps of the suite, 25 to 120 km/h with 25 to 100 % of the largest front angle of the map. A "
         "car spins at more than 10 deg of sideslip with more than 5 deg of rear slip; other figures are of the other runs.",
         "Possible (row 6): largest steady yaw rate with any rear angle of the actuator, each axle within 90 % of the slip "

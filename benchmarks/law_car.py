@@ -49,11 +49,11 @@ IDEAL, REAL, ROLL = "ideal", "real", "roll"
 
 
 def real(config: Config) -> Config:
-    """Return a car with what the ideal one lacks."""
-    return config.replace(
-        {"plant": {"relaxation_length_m": 0.4, "roll_deg_per_g": 4.0, "actuator_motor_share": 0.5, "backlash_deg": 0.1}},
-        "real plant",
-    )
+    """Return the configured car; an ideal one with what every car has."""
+    if config.plant != ideal(config).plant:
+        return config
+    parts = {"relaxation_length_m": 0.4, "roll_deg_per_g": 4.0, "actuator_motor_share": 0.5, "backlash_deg": 0.1}
+    return config.replace({"plant": parts}, "real plant")
 
 
 PLANTS: Mapping[str, Change] = {IDEAL: ideal, REAL: real, ROLL: rolling}

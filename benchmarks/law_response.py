@@ -133,6 +133,8 @@ def gusts(car: LawCar, plant: str) -> Iterator[Figure]:
     yield Figure(
         10, "gust: heading and path 3 s after its end, measured acceleration", plant, goal, car.letter, texts[0], is_met
     )
+    by_speed = "/".join(f"{angle:.2f}" for angle in angles[0])
+    yield Figure(10, "gust: heading by speed, measured acceleration", plant, "", car.letter, by_speed)
     yield Figure(10, "gust, no measured acceleration", plant, "", car.letter, texts[1])
     yield Figure(10, "gust, passive", plant, "", car.letter, texts[2])
     if plant == IDEAL:  # the margins are those of linear cars
