@@ -19,7 +19,7 @@ PROPORTIONAL_GAIN_MAX_S, INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX = 2.0, 0.01, 20.0
 """Without an integral part the car does not reach the map; above the upper limits no loop with a rear actuator is stable."""
 LEAD_MAX_S, RESPONSE_GAIN_MAX_S, RESPONSE_AHEAD_MAX_S = 0.2, 2.0, 1.0
 """Upper limits of lead, response gain and look-ahead. A negative lead delays the feedforward."""
-RESPONSE_AHEAD_FACTORS = (1.0, 1.75, 2.5)
+RESPONSE_AHEAD_FACTORS = (1.0, 1.35, 1.75, 2.5)
 """Multiples of the actuator's lag plus one sample that `codegen tune` tries for `response_ahead_s`. It uses the first with
 which the configured car keeps its limits; a slow actuator or a strongly understeering car needs more."""
 REAR_RATE_MIN_DEG_S = 1.0
