@@ -264,6 +264,16 @@ class Tuning(Section):
     gain_margin_db: Annotated[float, Range(1.0, 40.0, "dB"), Meaning("minimum for every member")] = 8.0
     phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("minimum for every member")] = 45.0
     sensitivity_max: Annotated[float, Range(1.05, 10.0), Meaning("largest peak of the sensitivity of any member")] = 1.8
+    # Left out of files that do not set them, so that existing maps and builds do not change.
+    slow_gain_margin_db: Annotated[
+        float, Range(1.0, 40.0, "dB"), Meaning("the same for a member with at least twice the lag *and* a relaxation length")
+    ] = Field(default=6.0, exclude_if=lambda value: value == 6.0)
+    slow_phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("the same for such a member")] = Field(
+        default=35.0, exclude_if=lambda value: value == 35.0
+    )
+    slow_sensitivity_max: Annotated[float, Range(1.05, 10.0), Meaning("the same for such a member")] = Field(
+        default=2.1, exclude_if=lambda value: value == 2.1
+    )
 
     @model_validator(mode="before")
     @classmethod
