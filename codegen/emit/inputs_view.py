@@ -110,15 +110,6 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             1.0,
         ),
         of_key("yaw_rate_offset_max", "yaw_rate_offset_max_deg_s", "rad/s, largest offset that is learned", DEGREE, 1.0),
-        Parameter(
-            "rear_angle_play",
-            math.radians(0.5 * config.plant.backlash_deg),
-            "rad, of the rear wheels to either side of the measured angle",
-            0.0,
-            0.1,
-            key="plant.backlash_deg",
-            to_key=lambda play: 2.0 * math.degrees(play),
-        ),
         of_key(
             "lateral_acceleration_offset_max",
             "lateral_acceleration_offset_max_m_s2",

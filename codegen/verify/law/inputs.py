@@ -234,26 +234,18 @@ class SecondInputs:
         if speed >= 5.0 and abs(gain * self.front_angle.value) > p("straight_yaw_rate"):
             if self.lateral is not None:
                 lateral_offset += slow * speed * (self.lateral - (measured - before))
-            return self._finish_offsets(lateral_offset)
-        seen = measured if self.lateral is None else self.real(0.5) * (measured + self.lateral)
-        play = self._within(seen - driven, gain * p("rear_angle_play"))
-        shown = measured - driven - play
-        if speed >= 5.0 and abs(shown) <= p("yaw_rate_offset_max"):
-            missing = shown - before
+        elif speed >= 5.0 and abs(measured - driven) <= p("yaw_rate_offset_max"):
+            missing = measured - driven - before
             if self.lateral is not None:
-                lateral = self.lateral - driven - play
+                lateral = self.lateral - driven
                 both = self._within(missing, abs(lateral)) if missing * lateral > 0.0 else self.real(0.0)
                 lateral_offset += speed * (self.real(3.0) * share * (lateral - both) + slow * both)
                 self.offset += share * (missing - both) + slow * both
             elif not self.lateral_is_known:
                 self.offset += share * self.real(0.0) + slow * missing
             self.offset = self._within(self.offset, p("yaw_rate_offset_max"))
-        return self._finish_offsets(lateral_offset)
-
-    def _finish_offsets(self, lateral_offset: Any) -> Any:
-        p = self.parameter
         self.lateral_offset = self._within(lateral_offset, p("lateral_acceleration_offset_max"))
-        return self._within(self.yaw_rate.value - self.offset, p("yaw_rate_max"))
+        return self._within(measured - self.offset, p("yaw_rate_max"))
 
     def _take_yaw_rate(self, measured: Any, rear: Any) -> bool:
         p, speed = self.parameter, abs(self.speed.value)
