@@ -13,7 +13,7 @@ from codegen.configuration.section import Breakpoints, Meaning, Range, Section
 SCHEDULE_POINTS_MAX = 32
 SPEED_MAX_LEAST_KM_H = 50.0
 """Smallest value of `inputs.speed_max_km_h`."""
-DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 1.0, 10_000
+DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 1.0, 4_000
 """Beyond these limits the fail-safe would almost never act, or never end."""
 PROPORTIONAL_GAIN_MAX_S, INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX = 2.0, 0.01, 20.0
 """Without an integral part the car does not reach the map; above the upper limits no loop with a rear actuator is stable."""
@@ -35,12 +35,14 @@ class Inputs(Section):
     """Ranges of accepted measurements, and substitutes for the others.
 
     Each measurement has a range and a largest rate of change. A yaw rate is accepted up to the limit of the road plus a
-    tolerance. It counts as frozen if its bits do not change while the yaw rate of the linear car moves away from it. A
-    rejected signal is accepted again once it agrees with the others. yaw_rate_lag_s is the lag of the yaw rate behind the front
-    angle. friction_recovery_1_s is the rate at which a lost friction estimate is forgotten. The offset of the yaw rate is
-    learned on straights, up to yaw_rate_offset_max_deg_s with the time constant yaw_rate_correction_time_s. That time constant
-    also applies to the substitute of a yaw rate. A road counts as straight while the front wheels alone cause at most
-    straight_yaw_rate_deg_s.
+    tolerance. It counts as frozen if its bits do not change while the expected yaw rate moves away from it: that of the
+    reference model or, for kinds without one and slow cars, of the linear car. A rejected signal is accepted again once it
+    agrees with the others. yaw_rate_lag_s is the lag of the linear car's yaw rate behind the front angle.
+    friction_recovery_1_s is the rate at which a lost friction estimate is forgotten. The offsets of yaw rate and lateral
+    acceleration are learned from each other on straights, and slowly where both show the same or in turns, with the time
+    constant yaw_rate_correction_time_s and up to the two limits. A difference to the expected yaw rate above
+    yaw_rate_offset_max_deg_s is a disturbance and is not learned. That time constant also applies to the substitute of a yaw
+    rate. A road counts as straight while the front wheels alone cause at most straight_yaw_rate_deg_s.
     """
 
     speed_max_km_h: Annotated[
@@ -68,7 +70,7 @@ class Inputs(Section):
     yaw_rate_frozen_deg_s: Annotated[
         float,
         Range(0.5, 600.0, "deg/s"),
-        Meaning("tolerated divergence of yaw rate and linear car while yaw rate or front angle is frozen"),
+        Meaning("tolerated divergence of measured and expected yaw rate while yaw rate or front angle is frozen"),
     ] = 3.0
     yaw_rate_lag_s: Annotated[
         float, Range(0.01, 2.0, "s"), Meaning("lag of the linear car's yaw rate behind the front angle")
@@ -93,7 +95,7 @@ class Inputs(Section):
         float, Range(0.0, 10.0, "m/s^2"), Meaning("largest learned offset of the lateral acceleration")
     ] = 0.5
     yaw_rate_correction_time_s: Annotated[
-        float, Range(0.1, 1_000.0, "s"), Meaning("time constant of the learned offset, and of a substitute yaw rate")
+        float, Range(0.1, 1_000.0, "s"), Meaning("time constant of the learned offsets, and of a substitute yaw rate")
     ] = 1.0
     speed_fall_m_s2: Annotated[float, Range(0.0, 20.0, "m/s^2"), Meaning("assumed deceleration of a lost speed")] = 0.5
     friction_recovery_1_s: Annotated[

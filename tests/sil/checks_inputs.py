@@ -3,9 +3,12 @@
 Each check takes a build of any kind and raises AssertionError if the build fails it.
 """
 
+import itertools
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
+from codegen.emit.laws import law_of
 from codegen.sil.software import Controller, Measurement, Status
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
@@ -33,6 +36,42 @@ def _turning(built: Built, rear: float = 0.0, **inputs: float) -> tuple[Controll
     return controller, turn
 
 
+EXACT = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0}
+"""Linear car without understeer and without lag: exact yaw rates, v/2 per rad between front and rear wheels."""
+
+
+class Unit:
+    """The input monitoring alone, of the car EXACT. A reference model turns like that car unless it is given another motion."""
+
+    def __init__(self, built: Built, **inputs: float) -> None:
+        self.built = built
+        self.parameters = parameters_of(built, {"inputs": EXACT | inputs})
+        software = built.software
+        self.state, self.checked, self._measured = (software.new(name) for name in ("inputs", "measurement", "measurement"))
+        self.model = software.new("reference_model") if law_of(config_of(built)).uses_reference_model else None
+        software.function("inputs_init")(self.state, True)
+
+    def step(self, measurement: Measurement, yaw_rate: float | None = None, rear_angle: float = 0.0) -> None:
+        """Check a sample; `yaw_rate` and `rear_angle` are the other motion of the reference model."""
+        software, models = self.built.software, []
+        if self.model:
+            speed = self.state.speed.value if self.state.speed.source == WRONG else measurement.speed
+            given = math.isfinite(measurement.front_angle)
+            front_angle = measurement.front_angle if given else self.state.front_angle.value
+            turn = 0.5 * speed * (front_angle - measurement.rear_angle)
+            self.model.yaw_rate = turn if yaw_rate is None else yaw_rate
+            self.model.rear_angle = measurement.rear_angle if yaw_rate is None else rear_angle
+            models = [self.model]
+        software.fill(self._measured, measurement)
+        parameters = software.ffi.addressof(self.parameters, "inputs")
+        software.function("inputs_step")(self.state, parameters, self._measured, 0.0, *models, self.checked)
+
+    def run(self, measurements: Iterable[Measurement]) -> None:
+        """Check samples."""
+        for measurement in measurements:
+            self.step(measurement)
+
+
 def check_step_of_each_signal(built: Built) -> None:
     """Check that a signal may change by exactly its step limit per sample, plus one step for each missing sample.
 
@@ -53,14 +92,20 @@ def check_step_of_each_signal(built: Built) -> None:
 
 
 def check_lost_yaw_rate(built: Built) -> None:
-    """Check that the linear car's steady turn replaces a lost yaw rate, control continues, and the signal counts again after
-    `recovery_samples`."""
+    """Check that the steady turn of the linear car, or of the reference model, replaces a lost yaw rate.
+
+    Control continues, and the signal counts again after `recovery_samples`.
+    """
     controller, turn = _turning(built)
     most, needed = controller.parameters.inputs.missing_samples_max, controller.parameters.inputs.recovery_samples
     lost = replace(turn, yaw_rate=math.nan, front_angle=0.02)
     assert {command.status for command in controller.run([lost] * 600)} == {Status.DEGRADED}
     # The lag has decayed by exp(-40). Rounding remains: half a unit for each of its steps, over 15 samples.
-    wanted = 0.02 * _gain(built, 16.0)
+    linear = wanted = 0.02 * _gain(built, 16.0)
+    if law_of(config_of(built)).uses_reference_model:  # the rear wheels are measured straight, not where the model has them
+        model = controller.state.law.model
+        wanted = model.yaw_rate + _gain(built, 16.0) * model.rear_angle
+        assert abs(wanted - linear) <= 2e-3 * linear, "a small slip"
     assert abs(controller.state.sample.yaw_rate - wanted) <= 20.0 * built.eps * wanted
     assert controller.state.inputs.yaw_rate.missing == most + 1
     back = replace(turn, yaw_rate=wanted, front_angle=0.02)
@@ -157,23 +202,21 @@ def check_frozen_yaw_rate(built: Built) -> None:
 
 def check_turn_that_is_just_too_far_away(built: Built) -> None:
     """Check that a distance equal to the limit is no fault, and that the first sample has no distance."""
-    exact = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_frozen": 0.25}
-    controller = built.software.controller(0.0, parameters_of(built, {"inputs": exact}))
+    unit = Unit(built, yaw_rate_frozen=0.25)
     turn = Measurement(16.0, 0.03125, 0.25, 0.0)
-    controller.run([turn] * 3 + [replace(turn, front_angle=0.0)])
-    assert controller.state.inputs.yaw_rate.source == 0
-    controller.step(replace(turn, front_angle=-0.001))
-    assert controller.state.inputs.yaw_rate.source == WRONG
+    unit.run([turn] * 3 + [replace(turn, front_angle=0.0)])
+    assert unit.state.yaw_rate.source == 0
+    unit.step(replace(turn, front_angle=-0.001))
+    assert unit.state.yaw_rate.source == WRONG
     _turning(built, yaw_rate_frozen=0.02, yaw_rate_max=20.0)
 
 
 def check_turn_beyond_its_range(built: Built) -> None:
     """Check that the substitute of the yaw rate stays within its range on both sides."""
     for side in (1.0, -1.0):
-        narrow = {**OPEN, "yaw_rate_max": 0.5, "expected_share": 1.0}
-        controller = built.software.controller(0.0, parameters_of(built, {"inputs": narrow}))
-        controller.run([Measurement(16.0, side * 0.2, side * 0.1, 0.0)] * 2)
-        assert controller.state.inputs.expected_yaw_rate == side * 0.5
+        unit = Unit(built, yaw_rate_max=0.5)
+        unit.run([Measurement(16.0, side * 0.2, side * 0.1, 0.0)] * 2)
+        assert unit.state.expected_yaw_rate == side * 0.5
 
 
 def check_wrong_signal_proves_itself_in_a_turn(built: Built) -> None:
@@ -238,11 +281,10 @@ def check_oversteering_car(built: Built) -> None:
 
     The bound is the yaw rate of a car with a quarter of its wheelbase.
     """
-    changes = {**OPEN, "understeer_coefficient": -1.0 / 1024.0, "expected_share": 1.0, "wheelbase": 2.0, "yaw_rate_max": 20.0}
     for speed, length in ((32.0, 1.0), (48.0, 0.5)):
-        controller = built.software.controller(0.0, parameters_of(built, {"inputs": changes}))
-        controller.run([Measurement(speed, 0.03125, 0.1, 0.0)] * 2)
-        assert abs(controller.state.inputs.expected_yaw_rate - speed * 0.03125 / length) <= 4.0 * built.eps
+        unit = Unit(built, understeer_coefficient=-1.0 / 1024.0, yaw_rate_max=20.0)
+        unit.step(Measurement(speed, 0.0, 0.0, -0.03125), 0.0)
+        assert abs(unit.state.expected_yaw_rate - speed * 0.03125 / length) <= 4.0 * built.eps
 
 
 def _turning_with_lateral_acceleration(built: Built, **inputs: float) -> tuple[Controller, Measurement]:
@@ -260,15 +302,17 @@ def check_lateral_acceleration_stands_for_the_yaw_rate(built: Built) -> None:
     otherwise the linear car replaces it."""
     most = float(built.software.parameters().inputs.lateral_acceleration_max)
     cases = [(16.0, 3.0, True), (16.0, -most, True), (16.0, built.next(most, 99.0), False), (16.0, math.nan, False)]
+    turn = Measurement(16.0, 0.03125, 0.25, 0.0, lateral_acceleration=4.0)
     for speed, lateral, is_taken in [*cases, (5.0, 0.5, True), (built.next(5.0, 0.0), 0.5, False)]:
         for is_proven in (True, False):
-            controller, turn = _turning_with_lateral_acceleration(built, speed_step=200.0, yaw_rate_correction_share=0.125)
-            controller.state.inputs.lateral_is_proven = is_proven
-            controller.run([replace(turn, speed=speed, yaw_rate=math.nan, lateral_acceleration=lateral)] * 600)
-            wanted = lateral / speed if is_taken and is_proven else 0.03 * _gain(built, speed)
-            # Only the rounding of the lags remains: half a unit for each step, over 15 samples and over 8.
-            sample = controller.state.sample
-            assert abs(sample.yaw_rate - wanted) <= 30.0 * built.eps * abs(wanted), (speed, lateral, is_proven)
+            unit = Unit(built, yaw_rate_correction_share=0.125, lateral_acceleration_max=most)
+            unit.run([turn] * 3)
+            unit.state.lateral_is_proven = is_proven
+            unit.run([replace(turn, speed=speed, yaw_rate=math.nan, lateral_acceleration=lateral)] * 600)
+            wanted = lateral / speed if is_taken and is_proven else 0.03125 * 0.5 * speed
+            # Only the rounding of the lag remains: half a unit for each step, over 8 samples.
+            sample = unit.checked
+            assert abs(sample.yaw_rate - wanted) <= 10.0 * built.eps * abs(wanted), (speed, lateral, is_proven)
             wanted = lateral if is_taken else speed * sample.yaw_rate
             assert abs(sample.lateral_acceleration - wanted) <= 4.0 * built.eps * abs(wanted)
 
@@ -292,34 +336,53 @@ def check_lateral_acceleration_is_refuted(built: Built) -> None:
         assert controller.state.inputs.lateral_is_proven == (share == 0.5), "no proof nearly straight ahead"
 
 
-def check_frozen_front_angle(built: Built) -> None:
-    """Check that a constant front angle is wrong where yaw rate and lateral acceleration agree that the car makes less than
-    half of its turn.
+FROZEN_CASES: dict[str, tuple[float, float, bool]] = {
+    "straight": (0.0, 0.0, True),
+    "to the other side": (-0.25, -4.0, True),
+    "1 m/s^2": (1.0 / 16.0, 1.0, False),
+    "less than 1 m/s^2": (math.nextafter(0.0625, 0.0), 1.0, True),
+    "as far apart as allowed": (0.0, 0.25, True),
+    "too far apart": (0.0, 0.2501, False),
+    "lateral acceleration of the old turn": (0.0, 4.0, False),
+    "no lateral acceleration": (0.0, math.nan, False),
+}
+"""Yaw rate, lateral acceleration, and whether a constant front angle that turns the car by 0.25 rad/s is frozen."""
 
-    Without that agreement the driver holds the wheel and the car slides.
+
+def check_frozen_front_angle(built: Built) -> None:
+    """Check that a constant front angle is wrong if the car turns with less than 1 m/s^2 to its side.
+
+    Yaw rate and lateral acceleration must agree on that for three `recovery_samples`.
+
+    Otherwise the driver holds the wheel, and the car slides.
     """
-    for case in ("frozen", "shaking", "no lateral acceleration", "unproven", "lateral acceleration of the old turn", "half"):
-        controller, turn = _turning_with_lateral_acceleration(built, yaw_rate_frozen=0.01 if case == "half" else 0.1)
-        inputs, before, found = controller.state.inputs, turn.yaw_rate, False
-        for sample in range(60):
-            share = max(1.0 - 0.02 * sample, 0.503 if case == "half" else 0.0)
-            yaw_rate = share * turn.yaw_rate
-            lateral = turn.lateral_acceleration * (1.0 if case.startswith("lateral") else share)
-            lateral = math.nan if case.startswith("no") else lateral
-            inputs.lateral_is_proven = case != "unproven"
-            front = turn.front_angle + (1e-6 if case == "shaking" and sample % 2 else 0.0)
-            moved = inputs.expected_yaw_rate - before  # the previous sample's yaw rate counts
-            controller.step(replace(turn, front_angle=front, yaw_rate=yaw_rate, lateral_acceleration=lateral))
-            before = yaw_rate
-            found = inputs.front_angle.source == WRONG
-            if found:
-                assert moved > 0.1 - 1e-6
-                break
-        assert found == (case == "frozen"), case
-        assert (inputs.yaw_rate.source, inputs.speed.source) == (0, 0)
-    controller = built.software.controller(0.0, parameters_of(built, {"inputs": {"yaw_rate_frozen": 0.05}}))
-    controller.run([Measurement(16.0, 0.0, 0.005 * k, 0.0, lateral_acceleration=0.08 * k) for k in range(60)])
-    inputs = controller.state.inputs
+    settings = {"yaw_rate_frozen": 0.125, "yaw_rate_agreement": 1.0 / 64.0}
+    for (case, (yaw_rate, lateral, is_frozen)), side in itertools.product(FROZEN_CASES.items(), (1.0, -1.0)):
+        turn = Measurement(16.0, side * 0.03125, side * 0.25, 0.0, lateral_acceleration=side * 4.0)
+        yaw_rate = built.next(0.0625, 0.0) if case.startswith("less") else yaw_rate
+        held = replace(turn, yaw_rate=side * yaw_rate, lateral_acceleration=side * lateral)
+        shaking = replace(held, front_angle=held.front_angle * (1.0 + 1e-6))
+        unproven, gap = "unproven", replace(held, front_angle=math.nan)
+        for variant in ("", "shaking", unproven, "close", "gap") if case == "straight" else ("",):
+            unit = Unit(built, **settings | ({"yaw_rate_frozen": 0.25} if variant == "close" else {}))
+            needed = 3 * unit.parameters.inputs.recovery_samples
+            # The first sample is compared with the yaw rate of the turn before it.
+            samples = [held] + [held, shaking if variant == "shaking" else held] * needed
+            samples = [*samples[:needed], gap, *samples[: needed - 1]] if variant == "gap" else samples[:needed]
+            unit.run([turn] * 3)
+            for sample in samples:
+                unit.state.lateral_is_proven = variant != unproven
+                unit.step(sample)
+            assert unit.state.front_angle.source == 0, (case, variant)
+            unit.state.lateral_is_proven = variant != unproven
+            unit.step(held)
+            found = unit.state.front_angle.source == WRONG
+            assert found == (is_frozen and variant in ("", "gap")), (case, variant)
+            assert (unit.state.front_angle.good == 0) or not found
+            assert (unit.state.yaw_rate.source, unit.state.speed.source) == (0, 0)
+    unit = Unit(built, yaw_rate_frozen=0.05, yaw_rate_agreement=1.0 / 64.0)
+    unit.run(Measurement(16.0, 0.0, 0.005 * k, 0.0, lateral_acceleration=0.08 * k) for k in range(60))
+    inputs = unit.state
     assert (inputs.expected_yaw_rate, inputs.lateral_is_proven, inputs.front_angle.source) == (0.0, True, 0), "no turn to make"
 
 
@@ -365,9 +428,9 @@ def check_yaw_rate_to_the_other_side(built: Built) -> None:
 
 def check_yaw_rate_of_a_car_whose_wheels_are_straight(built: Built) -> None:
     """Check that a front angle of zero contradicts no yaw rate."""
-    controller = built.software.controller(0.0, parameters_of(built, {"inputs": OPEN}))
-    controller.run([replace(STRAIGHT, yaw_rate=-0.07, lateral_acceleration=2.0)] * 30)
-    assert (controller.state.inputs.expected_yaw_rate, controller.state.inputs.yaw_rate.source) == (0.0, 0)
+    unit = Unit(built)
+    unit.run([replace(STRAIGHT, yaw_rate=-0.07, lateral_acceleration=2.0)] * 30)
+    assert (unit.state.expected_yaw_rate, unit.state.yaw_rate.source) == (0.0, 0)
 
 
 def check_count_against_the_yaw_rate_ends_with_a_jump(built: Built) -> None:
@@ -379,59 +442,78 @@ def check_count_against_the_yaw_rate_ends_with_a_jump(built: Built) -> None:
     assert (signal.source, signal.good) == (WRONG, 0)
 
 
-def check_offset_of_the_yaw_rate(built: Built) -> None:
-    """Check that the yaw rate offset is learned on a straight at speed, up to its bound and with its time constant.
+OFFSET_CASES: dict[str, tuple[Measurement, float, float]] = {
+    "no lateral acceleration": (Measurement(16.0, 0.0, 0.125, 0.0), 1 / 1024, 0.0),
+    "the largest offset": (Measurement(16.0, 0.0, 0.25, 0.0), 1 / 512, 0.0),
+    "a disturbance": (Measurement(16.0, 0.0, 0.2501, 0.0), 0.0, 0.0),
+    "5 m/s": (Measurement(5.0, 0.0, 0.125, 0.0), 1 / 1024, 0.0),
+    "slower": (Measurement(4.99999, 0.0, 0.125, 0.0), 0.0, 0.0),
+    "the rear wheels turn": (Measurement(16.0, 0.0, 0.25, -1 / 128), 0.1875 / 128, 0.0),
+    "yaw rate alone": (Measurement(16.0, 0.0, 0.125, 0.0, lateral_acceleration=0.0), 1 / 64, 0.0),
+    "lateral acceleration alone": (Measurement(16.0, 0.0, 0.0, 0.0, lateral_acceleration=1.0), 0.0, 3 / 8),
+    "both alike": (Measurement(16.0, 0.0, 0.125, 0.0, lateral_acceleration=2.0), 1 / 1024, 1 / 64),
+    "more yaw rate": (Measurement(16.0, 0.0, 0.125, 0.0, lateral_acceleration=1.0), 1 / 128 + 1 / 2048, 1 / 128),
+    "more acceleration": (Measurement(16.0, 0.0, 0.125, 0.0, lateral_acceleration=3.0), 1 / 1024, 3 / 8 + 1 / 64),
+    "to different sides": (Measurement(16.0, 0.0, 0.125, 0.0, lateral_acceleration=-1.0), 1 / 64, -3 / 8),
+    "a turn": (Measurement(16.0, 1 / 32, 0.25, 0.0, lateral_acceleration=5.0), 0.0, 1 / 128),
+    "a turn without lateral acceleration": (Measurement(16.0, 1 / 32, 0.375, 0.0), 0.0, 0.0),
+    "just straight": (Measurement(16.0, 1 / 128, 0.1875, 0.0, lateral_acceleration=1.0), 1 / 64, 0.0),
+    "no longer straight": (Measurement(16.0, 1.0001 / 128, 0.125, 0.0, lateral_acceleration=3.0), 0.0, 1 / 128),
+    "lateral acceleration out of range": (Measurement(16.0, 0.0, 0.125, 0.0, lateral_acceleration=200.0), 1 / 1024, 0.0),
+}
+"""Sample, and the offsets of yaw rate and lateral acceleration that it teaches.
 
-    It is then subtracted. A turn shown by the rear angle or the lateral acceleration is no straight.
+They are an eighth of what only the yaw rate shows, three eighths of what only the lateral acceleration shows, and a sixteenth
+of an eighth of the rest.
+"""
+
+
+def check_offset_of_yaw_rate_and_lateral_acceleration(built: Built) -> None:
+    """Check that the offsets are learned from each other, up to their bounds, and subtracted.
+
+    What both show alike is learned slowly, and a difference above the largest offset not at all. Nor is one while a signal is
+    missing.
     """
-    settings = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_max": 0.5}
-    settings |= {"yaw_rate_correction_share": 0.125, "yaw_rate_offset_max": 0.25, "straight_yaw_rate": 0.0625}
-    slow = built.next(5.0, 0.0)
-    cases = (  # front and rear as rad/s of the linear car
-        *(
-            (16.0, 0.0, 0.0, math.nan, 0.125, 0.125),
-            (16.0, 0.0, 0.0, math.nan, 0.5, 0.25),
-            (slow, 0.0, 0.0, math.nan, 0.125, 0.0),
-            (5.0, 0.0, 0.0, math.nan, 0.125, 0.125),
-        ),
-        *(
-            (16.0, 0.0, -0.0625, math.nan, 0.25, 0.1875),
-            (16.0, 0.0, 0.0, 1.0, 0.125, 0.0625),
-            (16.0, 0.0, 0.0, 200.0, 0.125, 0.125),
-        ),
-        *((16.0, 0.0, 0.0, 3.0, 0.125, 0.0625), (16.0, 0.0, 0.0, 2.0, 0.125, 0.0)),
-        *((16.0, 0.0625, 0.0, -1.0, 0.25, 0.1875), (16.0, built.next(0.0625, 1.0), 0.0, -1.0, 0.25, 0.0)),
-    )
-    for speed, front, rear, lateral, shown, wanted in cases:
-        for side in (1.0, -1.0):
-            controller = built.software.controller(0.0, parameters_of(built, {"inputs": settings}))
-            inputs = controller.state.inputs
-            angles = (side * front / 8.0, side * shown, side * rear / 8.0)
-            straight = Measurement(speed, *angles, lateral_acceleration=side * lateral)
-            beyond = shown - (front - rear)
-            beyond = min(beyond, abs(shown - lateral / 16.0)) if abs(lateral) < 100.0 else beyond
-            first = 0.125 * beyond if wanted else 0.0
-            controller.step(straight)
-            assert inputs.yaw_rate_offset == side * first, (front, rear, lateral)
-            controller.run([straight] * 400)
-            assert abs(inputs.yaw_rate_offset - side * wanted) <= 8.0 * built.eps * wanted  # half a unit over 8 samples
-            assert controller.state.sample.yaw_rate == float(built.real(side * shown) - built.real(inputs.yaw_rate_offset))
-            learned = inputs.yaw_rate_offset
-            controller.step(replace(straight, lateral_acceleration=math.nan, yaw_rate=side * (shown + 0.125)))
-            assert (inputs.yaw_rate_offset == learned) == (
-                (not math.isnan(lateral) and abs(lateral) < 100.0) or wanted in (0.0, 0.25)
-            )
-            controller.step(replace(straight, front_angle=side * 0.5, yaw_rate=-side * 0.4))
-            assert abs(controller.state.sample.yaw_rate) <= 0.5
+    settings = {"yaw_rate_correction_share": 0.125, "straight_yaw_rate": 0.0625, "yaw_rate_max": 0.5}
+    settings |= {"yaw_rate_offset_max": 0.25, "lateral_acceleration_offset_max": 4.0, "missing_samples_max": 2}
+    for (case, (sample, yaw_rate, lateral)), side in itertools.product(OFFSET_CASES.items(), (1.0, -1.0)):
+        unit = Unit(built, **settings)
+        numbers = ("front_angle", "yaw_rate", "rear_angle", "lateral_acceleration")
+        sample = replace(sample, **{name: side * getattr(sample, name) for name in numbers})
+        unit.step(sample)
+        found = (unit.state.yaw_rate_offset, unit.state.lateral_acceleration_offset)
+        exact = (side * yaw_rate, side * lateral)
+        assert all(abs(got - wanted) <= 4.0 * built.eps for got, wanted in zip(found, exact, strict=True)), (case, found)
+        unit.step(replace(sample, speed=math.nan))
+        assert (unit.state.yaw_rate_offset, unit.state.lateral_acceleration_offset) == found, case
+        unit.step(sample)
+        if not math.isnan(sample.lateral_acceleration) and abs(sample.lateral_acceleration) < 100.0:
+            learned = found[1]  # before this sample
+            assert abs(unit.checked.lateral_acceleration - (sample.lateral_acceleration - learned)) <= 32.0 * built.eps, case
+        wanted = built.real(sample.yaw_rate) - built.real(unit.state.yaw_rate_offset)
+        assert unit.checked.yaw_rate == float(wanted), case
+    for lateral, yaw_rate_offset, lateral_offset in (
+        *((math.nan, 0.125, 0.0), (0.0, 0.125, 0.0), (2.0, 0.125, 2.0), (6.0, 0.125, 4.0), (-6.0, 0.125, -4.0)),
+    ):
+        unit = Unit(built, **settings)
+        unit.run([replace(STRAIGHT, yaw_rate=0.125, lateral_acceleration=lateral)] * 4_000)
+        assert abs(unit.state.yaw_rate_offset - yaw_rate_offset) <= 128.0 * built.eps * 0.125  # half a unit over 128 samples
+        assert abs(unit.state.lateral_acceleration_offset - lateral_offset) <= 256.0 * built.eps, lateral
+        learned = (unit.state.yaw_rate_offset, unit.state.lateral_acceleration_offset)
+        unit.step(replace(STRAIGHT, yaw_rate=0.0))
+        is_known = not math.isnan(lateral)
+        is_held = (unit.state.yaw_rate_offset, unit.state.lateral_acceleration_offset) == learned
+        assert is_held == is_known, "a lateral acceleration that is known, but missing"
+        unit.step(replace(STRAIGHT, yaw_rate=-0.45))
+        assert unit.checked.yaw_rate == -0.5, "within its range"
 
 
 def check_speed_against_the_lateral_acceleration(built: Built) -> None:
-    """Check that in a turn a speed that contradicts lateral acceleration and front angle is wrong after 5 `recovery_samples`.
+    """Check that in a turn a speed that contradicts lateral acceleration and front angle is wrong after 15 `recovery_samples`.
 
     Its substitute follows the turn. A value exactly at a limit is no fault.
     """
-    exact = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_frozen": 20.0}
-    exact |= {"yaw_rate_agreement": 1.0 / 64.0, "speed_agreement": 1.0, "yaw_rate_correction_share": 0.125, "speed_fall": 0.0}
+    exact = {"yaw_rate_agreement": 1.0 / 64.0, "speed_agreement": 1.0, "yaw_rate_correction_share": 0.125, "speed_fall": 0.0}
     cases: tuple[tuple[dict[str, float], dict[str, float], bool], ...] = (
         ({}, {"speed": 12.0}, True),
         ({}, {"speed": 12.0, "lateral_acceleration": math.nan}, False),
@@ -445,31 +527,30 @@ def check_speed_against_the_lateral_acceleration(built: Built) -> None:
         ({"speed_max": 34.0}, {"speed": 30.0, "front_angle": 0.0125, "lateral_acceleration": 10.0}, True),
     )
     for settings, changes, is_wrong in cases:
-        parameters = parameters_of(built, {"inputs": exact | settings})
-        controller, count = built.software.controller(0.0, parameters), 5 * parameters.inputs.recovery_samples
+        unit = Unit(built, **exact | settings)
+        inputs, parameters = unit.state, unit.parameters
+        count = 15 * parameters.inputs.recovery_samples
         turn = replace(Measurement(16.0, 0.03125, 0.25, 0.0, lateral_acceleration=4.0), **changes)  # type: ignore[arg-type]
-        controller.step(turn)
-        inputs = controller.state.inputs
+        unit.step(turn)
         for samples in (count - 1, 1):
             assert inputs.speed.source == 0, (settings, changes)
             inputs.lateral_is_proven = True
-            controller.run([turn] * samples)
+            unit.run([turn] * samples)
         assert (inputs.speed.source == WRONG, inputs.speed.good) == (is_wrong, 0 if is_wrong or changes else count), changes
         if is_wrong:
             assert inputs.speed.value == min(turn.lateral_acceleration / turn.yaw_rate, parameters.inputs.speed_max)
         if is_wrong and "speed_max" not in settings:
-            controller.step(replace(turn, front_angle=0.0625, lateral_acceleration=2.0))
+            unit.step(replace(turn, front_angle=0.0625, lateral_acceleration=2.0))
             assert inputs.speed.value == 15.0
-            controller.step(replace(turn, front_angle=0.03125, lateral_acceleration=8.0))
+            unit.step(replace(turn, front_angle=0.03125, lateral_acceleration=8.0))
             assert inputs.lateral_is_proven and inputs.speed.value == 15.0
-    parameters = parameters_of(built, {"inputs": exact | {"yaw_rate_agreement": 1.0 / 256.0}})
     wrong = Measurement(12.0, 0.03125, 0.25, 0.0, lateral_acceleration=4.0)
     for case in ("unproven", "agrees between", "lost"):
-        controller = built.software.controller(0.0, parameters)
-        inputs, most = controller.state.inputs, parameters.inputs.missing_samples_max
-        controller.step(wrong)
+        unit = Unit(built, **exact | {"yaw_rate_agreement": 1.0 / 256.0})
+        inputs, most = unit.state, unit.parameters.inputs.missing_samples_max
+        unit.step(wrong)
         inputs.lateral_is_proven = case != "unproven"
-        controller.run([wrong] * (5 if case == "lost" else count - 1))
+        unit.run([wrong] * (5 if case == "lost" else count - 1))
         speeds = {"unproven": (12.0, 12.0), "agrees between": (15.5, 12.0)}.get(case, (math.nan,) * (most + 1))
-        controller.run([replace(wrong, speed=speed) for speed in speeds])
+        unit.run([replace(wrong, speed=speed) for speed in speeds])
         assert (inputs.speed.source, inputs.speed.good) == {"lost": (1, 0), "unproven": (0, 0)}.get(case, (0, 1)), case

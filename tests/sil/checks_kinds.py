@@ -46,10 +46,12 @@ def model_of(built: Built, parameters: Any, start: float) -> SecondController:
 OPEN: dict[str, Any] = {
     **{"speed_step": 200.0, "front_angle_step": 3.0, "yaw_rate_step": 40.0},
     **{"yaw_rate_frozen": 20.0, "yaw_rate_tolerance": 20.0, "lateral_acceleration_max": 100.0},
-    "yaw_rate_offset_max": 0.0,
+    **{"yaw_rate_offset_max": 0.0, "lateral_acceleration_offset_max": 0.0},
 }
 """Input parameters that accept every value in range unchanged, for checks of the parts after the input monitoring."""
-STILL: dict[str, Any] = {"inputs": {"yaw_rate_frozen": 20.0, "yaw_rate_offset_max": 0.0}}
+STILL: dict[str, Any] = {
+    "inputs": {"yaw_rate_frozen": 20.0, "yaw_rate_offset_max": 0.0, "lateral_acceleration_offset_max": 0.0}
+}
 """Input parameters for which a repeated sample is neither a fault nor an offset."""
 WIDE = {"speed_max": 200.0, "front_angle_max": 1.5}
 """Limiter ranges that accept every input of a controller."""

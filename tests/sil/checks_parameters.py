@@ -58,9 +58,14 @@ def _configured_tracking(tracking: Any, period: float) -> dict[str, Any]:
         "lead_angle_max": math.radians(tracking.lead_max_deg),
         "response_samples": tracking.response_ahead_s / period,
         "yaw_increasing_max": math.radians(tracking.yaw_increasing_max_deg),
+        "yaw_increasing_wide": math.radians(tracking.yaw_increasing_wide_deg),
+        "sideslip_max": math.radians(tracking.sideslip_max_deg),
+        "turn_margin_rate": math.radians(tracking.turn_margin_deg_s),
+        "turn_margin": tracking.turn_margin_m_s2,
         "trim_share": tracking.trim_max_percent / 100.0,
         "trim_rate": 1.0 / tracking.trim_time_s,
         "grip_shortfall": tracking.grip_shortfall_m_s2,
+        "grip_shortfall_share": tracking.grip_shortfall_share,
         "grip_loss_rate": 1.0 / tracking.grip_loss_time_s,
         "grip_forgetting": 1.0 / tracking.grip_memory_s,
         "grip_recovery": tracking.grip_recovery_m_s3,
@@ -216,7 +221,7 @@ def _check_what_fits_together(built: Built) -> None:
     for enable, disable in ((slowest, lowest), (10.0, lowest), (5.0, built.next(5.0, 0.0))):
         assert is_valid(built, enable_speed=enable, disable_speed=disable)
     period = config_of(built).controller.sampling_time_s
-    ranges = {"inputs.missing_samples_max": (0, round(1.0 / period)), "inputs.recovery_samples": (1, 10_000)}
+    ranges = {"inputs.missing_samples_max": (0, round(1.0 / period)), "inputs.recovery_samples": (1, 4_000)}
     ranges |= {"actuator_samples_max": (1, 60_000)}
     for name, (least, most) in ranges.items():
         assert is_valid(built, **{name: least}) and is_valid(built, **{name: most})

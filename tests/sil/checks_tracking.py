@@ -5,10 +5,13 @@ AssertionError if the build fails it. Errors are reference minus measured yaw ra
 open.
 """
 
+import itertools
 import math
 from typing import Any
 
+from codegen.configuration.controller import INTEGRAL_GAIN_MIN
 from codegen.sil.software import Controller, Measurement, Status
+from codegen.vehicle.tyre import AxleTyres
 from tests.builds import TRACKING_CONFIG, Built
 from tests.sil.checks_kinds import OPEN, config_of, open_limiter, parameters_of
 
@@ -16,12 +19,15 @@ PERIOD = TRACKING_CONFIG.controller.sampling_time_s
 SPEED = 20.0
 """m/s: inside the map, in the middle of the gain schedule."""
 BOTH = (1.0, -1.0)
+CONTINUES = 1
+"""`<prefix>_LAW_CONTINUES`."""
 MODEL_CHANGES: dict[str, dict[str, Any]] = {
     "as built": {},
     "no rate limit": {"rear_rate_max": 1000.0, "limiter": {"rear_rate_max": 1000.0}},
     "slow actuator": {"rear_rate_max": 0.05, "rear_angle_error_max": 0.005},
     "high gains": {"proportional_gain": [0.4] * 6, "integral_gain": [20.0] * 6},
-    "no authority": {"yaw_increasing_max": 0.0, "lead_smoothing": 1.0, "inputs": OPEN},
+    "no authority": {"yaw_increasing_max": 0.0, "yaw_increasing_wide": 0.0, "lead_smoothing": 1.0, "inputs": OPEN},
+    "sensitive to sideslip": {"sideslip_max": 0.005, "turn_margin_rate": 0.0, "turn_margin": 0.0, "inputs": OPEN},
     "sensitive to grip": {"grip_shortfall": 0.1, "grip_loss_rate": 50.0, "trim_share": 0.2, "trim_rate": 20.0},
     "small angle": {
         **{"rear_angle_max": 0.02, "limiter": {"rear_angle_max": 0.02, "opposite_phase_max": [0.02, 0.01]}},
@@ -72,44 +78,146 @@ def check_tracking_memory_of_the_road(built: Built) -> None:
     assert abs(grip.available - built.total.lateral_acceleration_cap) <= 2.0 * built.eps * grip.available
 
 
-def _grip_after(built: Built, measurement: Measurement, grip: float, **changes: Any) -> tuple[float, float]:
-    """Return the grip after one sample of a turn that starts with `grip`, and the reference yaw rate of that sample."""
-    controller = _running(built, **changes)
-    controller.run([measurement] * 60)  # until the reference model turns too
-    controller.state.grip.available = grip
-    reference = abs(float(controller.step(measurement).yaw_rate_reference))
-    return float(controller.state.grip.available), reference
+GRIP_CASES: dict[str, tuple[float, float, float | str]] = {
+    "half of the tolerance": (2.0, 1.625, "grip_recovery"),
+    "the tolerance": (2.0, 1.25, "grip_recovery"),
+    "more": (2.0, 1.0, -0.25),
+    "below half of the grip": (1.9999, 1.25, "grip_recovery_idle"),
+    "all of the grip, the tolerance": (4.0, 3.5, "grip_recovery"),
+    "all of the grip": (4.0, 3.0, -0.5),
+    "more than the grip": (6.0, 3.5, -2.0),
+    "nothing reached": (4.0, 0.0, "grip_recovery"),
+    "to the other side": (4.0, -1.0, "grip_recovery"),
+}
+"""Lateral acceleration of the model and of the car, and the loss of a grip of 4 m/s^2, or the rate of its recovery.
+
+A shortfall of 0.5 m/s^2 is tolerated, and a quarter of the model's acceleration times the share of the grip that is not used.
+"""
 
 
-def check_tracking_grip_of_a_small_turn(built: Built) -> None:
-    """Check that a turn below half of the grip counts as idle, and one at exactly half does not."""
-    real, period = built.real, config_of(built).controller.sampling_time_s
-    p = built.software.parameters()
+def check_tracking_shortfall_of_grip(built: Built) -> None:
+    """Check the tolerated shortfall, the loss beyond it, the recovery, and that the grip is at least what the car reached."""
+    software, period = built.software, config_of(built).controller.sampling_time_s
+    parameters = software.parameters(grip_shortfall=0.5, grip_shortfall_share=0.25, grip_loss_rate=10.0)
+    update, grip = software.function("grip_update"), software.new("grip")
+    for (case, (model, car, change)), side in itertools.product(GRIP_CASES.items(), BOTH):
+        grip.available, grip.reached = 4.0, 0.0
+        update(grip, parameters, side * model, side * car)
+        rate = float(getattr(parameters, change)) if isinstance(change, str) else 10.0 * change
+        assert abs(grip.available - (4.0 + rate * period)) <= 2.0 * built.eps * 4.0, case
+        assert grip.reached == float(built.real(abs(car))), case
+        grip.available = grip.reached = 4.0
+        update(grip, parameters, side * model, side * car)
+        forgotten = 4.0 * (1.0 - float(parameters.grip_forgetting) * period)
+        assert abs(grip.reached - forgotten) <= 2.0 * built.eps * 4.0, case
+        assert grip.available >= grip.reached, case
+    grip.available = 4.0
+    update(grip, parameters, 2.0, built.next(1.25, 0.0))
+    assert grip.available <= 4.0, "no recovery one unit in the last place beyond the tolerance"
+
+
+class LawUnit:
+    """The law alone at 16 m/s, straight ahead for the map, with the gains and limits that a check sets."""
+
+    def __init__(self, built: Built, **changes: Any) -> None:
+        self.built, software = built, built.software
+        count = len(list(software.parameters().schedule_speed))
+        still = {name: [0.0] * count for name in ("lead_time", "response_gain")}
+        still |= {"proportional_gain": [0.4] * count, "integral_gain": [INTEGRAL_GAIN_MIN] * count, "trim_share": 0.0}
+        wide = {"rear_rate_max": 1000.0, "rear_angle_error_max": 1.0, "limiter": open_limiter(built)}
+        margins = {"turn_margin_rate": 0.01, "turn_margin": 0.1, "sideslip_max": 0.0625}
+        self.parameters = parameters_of(built, {**still, **wide, **margins, **changes})
+        self.state, self._sample = software.new("law"), software.new("measurement")
+
+    def step(
+        self,
+        turn: float,
+        lateral: float,
+        sideslip: float,
+        friction: float | None = None,
+        earlier: float | None = None,
+        **model: float,
+    ) -> Any:
+        """Return the output of a sample with a sideslip that the model has too.
+
+        Args:
+            turn: yaw rate, rad/s.
+            lateral: lateral acceleration, m/s^2.
+            sideslip: observed so far, rad.
+            friction: of the road; that of the map if it is None.
+            earlier: yaw rate of the sample before, rad/s; the same if it is None.
+            model: other fields of the reference model.
+        """
+        software, law = self.built.software, self.state
+        software.function("law_init")(law, 0.0)
+        law.sideslip = law.model.sideslip_angle = sideslip
+        law.yaw_rate = turn if earlier is None else earlier
+        for name, value in model.items():
+            setattr(law.model, name, value)
+        road = self.built.total.friction if friction is None else friction
+        sample = Measurement(16.0, 0.0, turn, 0.0, lateral_acceleration=lateral, inhibit=True)
+        software.fill(self._sample, sample)
+        return software.function("law_step")(law, self.parameters, self._sample, CONTINUES, road, 0.0, 0.0)
+
+
+def check_tracking_sideslip(built: Built) -> None:
+    """Check that the sideslip follows the measured motion, returns to that of the model at 0.4/s, and is bounded by 20 deg."""
+    unit, period = LawUnit(built), config_of(built).controller.sampling_time_s
     for side in BOTH:
-        turn = Measurement(SPEED, side * 0.02, side * 0.2)
-        half, found = 0.0, 2.0
-        while half != found:  # the demand depends slightly on the grip
-            half = found
-            found = float(real(2.0) * (real(_grip_after(built, turn, half)[1]) * real(SPEED)))
-        for grip, rate in ((half, p.grip_recovery), (built.next(half, 9.0), p.grip_recovery_idle)):
-            rise = _grip_after(built, turn, grip)[0] - grip
-            assert abs(rise - rate * period) < 4.0 * built.eps * grip, (side, grip)
+        unit.step(side * 0.1, side * 2.4, side * 0.01)
+        assert abs(unit.state.sideslip - side * (0.01 + period * 0.05)) <= 2.0 * built.eps * 0.1
+        unit.step(side * 0.1, side * 1.6, side * 0.01, sideslip_angle=side * 0.03)
+        assert abs(unit.state.sideslip - side * (0.01 + period * 0.4 * 0.02)) <= 2.0 * built.eps * 0.1
+        unit.step(0.0, side * 50.0, side * 0.349)
+        assert abs(unit.state.sideslip - side * math.radians(20.0)) <= built.eps
 
 
-def check_tracking_shortfall_that_is_allowed(built: Built) -> None:
-    """Check that a shortfall equal to the allowance is no loss of grip, and one unit in the last place more is."""
-    real, grip, measured = built.real, 4.0, 0.1
+REFERENCE_CASES: dict[str, tuple[dict[str, float], float, float, float]] = {
+    "the model": ({}, 8.0, 0.0, 0.4),
+    "turn, lead and margin": ({}, 4.0, 0.0, (4.0 + 0.4 + 0.16) / 16.0),
+    "least margin": ({"turn_margin": 0.5}, 4.0, 0.0, (4.0 + 0.4 + 0.5) / 16.0),
+    "half of the lead": ({}, 4.0, -0.0625 / 6.0, (4.0 + 0.2 + 0.16) / 16.0),
+    "no lead": ({}, 4.0, -0.0625 / 2.0, (4.0 + 0.16) / 16.0),
+    "sideslip_max": ({}, 4.0, -0.0625, (4.0 + 0.16) / 16.0),
+    "beyond sideslip_max": ({}, 4.0, -0.09375, (4.0 + 0.16) / 16.0 - 2.0 * 0.03125),
+    "far beyond": ({}, 4.0, -0.3, 0.0),
+    "into the turn": ({}, 4.0, 0.3, (4.0 + 0.4 + 0.16) / 16.0),
+}
+"""Parameters, lateral acceleration, sideslip and reference of a model that turns by 0.4 rad/s and reaches 6 m/s^2."""
+
+
+def check_tracking_limit_of_the_reference(built: Built) -> None:
+    """Check that the reference exceeds the turn of the car by the model's lead and a margin, and less with sideslip."""
+    for (case, (changes, lateral, sideslip, wanted)), side in itertools.product(REFERENCE_CASES.items(), BOTH):
+        unit = LawUnit(built, **changes)
+        motion = (side * lateral / 16.0, side * lateral, side * sideslip)
+        output = unit.step(*motion, yaw_rate=side * 0.4, lateral_acceleration=side * 6.0)
+        assert abs(output.yaw_rate_reference - side * wanted) <= 8.0 * built.eps * 0.4, (case, output.yaw_rate_reference)
+    for friction in (0.3, built.total.friction):
+        output = LawUnit(built).step(1.0, 16.0, 0.0, friction, yaw_rate=1.0)
+        wanted = 1.15 * float(built.lookup.lateral_acceleration(friction)) / 16.0
+        assert abs(output.yaw_rate_reference - wanted) <= 4.0 * built.eps, friction
+
+
+def check_tracking_authority(built: Built) -> None:
+    """Check how far feedback may increase the yaw rate, and against the turn the slip of the rear tyres' peak force."""
     for side in BOTH:
-        short = Measurement(SPEED, side * 0.05, side * measured)
-        found = {allowed: _grip_after(built, short, grip, grip_shortfall=allowed) for allowed in (0.1, 5.0)}
-        while True:  # the allowance influenced the demand of the earlier samples
-            loses, keeps = max(a for a in found if found[a][0] <= grip), min(a for a in found if found[a][0] > grip)
-            allowed = float(real(0.5 * (loses + keeps)))
-            if allowed in found:
-                break
-            found[allowed] = _grip_after(built, short, grip, grip_shortfall=allowed)
-        missing = {a: real(found[a][1]) * real(SPEED) - real(measured) * real(SPEED) for a in (loses, keeps)}
-        assert missing[loses] > loses and missing[keeps] <= keeps == built.next(loses, 9.0)
+        unit = LawUnit(built, yaw_increasing_max=0.01, yaw_increasing_wide=0.03, turn_margin=10.0)
+        for outward, most in ((-1.0, 0.03), (0.0, 0.03), (0.5, 0.02), (1.0, 0.01), (2.0, 0.01)):
+            output = unit.step(side * 0.1, side * 1.6, side * -outward * 0.0625, yaw_rate=side * 0.25)
+            assert abs(output.yaw_rate_reference - side * 0.25) <= built.eps, "more yaw rate than the car has"
+            assert abs(output.rear_angle + side * most) <= 4.0 * built.eps * 0.03, outward
+        config = config_of(built)
+        peak, arm = AxleTyres.from_config(config).rear.peak_slip, config.vehicle.cg_to_rear_axle_m
+        for share in (1.0, 0.5):
+            slip_max = peak * (0.5 + 0.5 * share)
+            # A sideslip at which the rear angle of that slip is 0.02 rad: the wheels move out of the turn, and so does the car.
+            slip = 0.02 - slip_max + arm * 0.25 / 16.0
+            output = unit.step(side * 0.25, side * 4.0, side * slip, share * built.total.friction, yaw_rate=side * 0.001)
+            assert abs(output.rear_angle - side * 0.02) <= 4.0 * built.eps, share
+        for earlier, is_bounded in ((side * 0.1, True), (-side * 0.1, False)):
+            output = unit.step(-side * 0.1, -side * 1.6, 0.0, earlier=earlier, yaw_rate=side * 0.4)
+            assert (abs(output.rear_angle) <= 0.0301) == is_bounded, "a side is free after two samples of the other turn"
 
 
 def check_tracking_at_the_end_of_its_range(built: Built) -> None:

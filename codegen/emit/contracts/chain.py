@@ -130,6 +130,7 @@ class ChainUnits(Conditions):
             self.argument("parameters", "inputs_parameters_t", "parameter"),
             self.argument("measured", "measurement_t", "in"),
             self.scalar("rear_angle"),
+            *((self.argument("model", "reference_model_t", "parameter"),) if self.model else ()),
             self.argument("checked", "measurement_t", "out"),
         )
         requires = (

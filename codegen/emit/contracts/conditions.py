@@ -19,7 +19,7 @@ from codegen.emit.text import Precision, literal
 
 REFERENCE_MAX_RAD_S = 20.0
 """Bound of the yaw rate that a law follows."""
-LATERAL_ACCELERATION_MAX_M_S2 = 4096.0
+LATERAL_ACCELERATION_MAX_M_S2 = 8192.0
 """Bound of the lateral acceleration that is computed from checked signals."""
 LONGITUDINAL_ACCELERATION_MAX_M_S2 = 32.0
 """Bound of the checked longitudinal acceleration, above every range and every stack."""

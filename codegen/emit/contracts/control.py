@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from codegen.configuration.signals import STATUSES
-from codegen.emit.contracts.conditions import REFERENCE_MAX_RAD_S, Conditions
+from codegen.emit.contracts.conditions import LATERAL_ACCELERATION_MAX_M_S2, REFERENCE_MAX_RAD_S, Conditions
 from codegen.emit.contracts.contract import Argument, Claim, Unit
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S
@@ -43,15 +43,18 @@ class ControlUnits(Conditions):
         positive = Claim("the friction is positive and in range", known)
         arguments: tuple[Argument, ...] = (read, parameters, self.scalar("estimate"))
         yield Unit(self.own("grip_friction"), unit, arguments, self.real, ensures=(positive,), **more)
-        arguments = (state, parameters, *(self.scalar(name) for name in ("speed", "yaw_rate_reference", "yaw_rate")))
-        reference = Claim("yaw_rate_reference is in range", self.within("yaw_rate_reference", REFERENCE_MAX_RAD_S))
-        requires = (*self._ranges("", ("speed", "yaw_rate")), reference)
+        accelerations = ("model_acceleration", "acceleration")
+        arguments = (state, parameters, *(self.scalar(name) for name in accelerations))
+        requires = tuple(self._acceleration(name) for name in accelerations)
         yield Unit(self.own("grip_update"), unit, arguments, requires=requires, **more)
         yield Unit(self.own("grip_recover"), unit, (state, parameters), **more)
 
     def _ranges(self, sample: str, names: Iterable[str]) -> Iterator[Claim]:
         for name in names:
             yield Claim(f"{name} is in range", self.between(f"{sample}{name}", *SAMPLE_RANGES[name]))
+
+    def _acceleration(self, name: str) -> Claim:
+        return Claim(f"{name.split('->')[-1]} is in range", self.within(name, LATERAL_ACCELERATION_MAX_M_S2))
 
     def _law_units(self) -> Iterator[Unit]:
         own, unit = self.own, self.own("law")
@@ -68,6 +71,7 @@ class ControlUnits(Conditions):
         )
         requires = (
             *self._ranges("sample->", SAMPLE_RANGES),
+            self._acceleration("sample->lateral_acceleration"),
             Claim("inhibit is true or false", "is_flag(sample->inhibit)"),
             Claim("phase is one of its enumerators", self.is_code("phase", 2)),
             angle,
@@ -81,8 +85,11 @@ class ControlUnits(Conditions):
         )
         lookup = own("map_reference" if self.map.with_rear_angle else "map_yaw_rate_on_road")
         callees = (lookup, *start, *step)
-        output = own("law_output_t")
-        yield Unit(own("law_step"), unit, arguments, output, True, requires, ensures, callees=callees)
+        output, linked = own("law_output_t"), (own("calibration"),) if self.model else ()
+        yield Unit(own("law_step"), unit, arguments, output, True, requires, ensures, callees=callees, linked=linked)
+        if self.model:
+            law, _, sample, _, friction, last, _ = arguments
+            yield Unit(own("law_rest"), unit, (law, sample, friction, last), callees=step)
 
     def _controller_units(self) -> Iterator[Unit]:
         own, unit = self.own, self.own("controller")
@@ -101,7 +108,8 @@ class ControlUnits(Conditions):
             self.argument("measurement", "measurement_t", "in"),
         )
         inhibit = Claim("inhibit is true or false", "is_flag(measurement->inhibit)")
-        steps = tuple(own(each) for each in ("inputs_step", "law_step", "limiter_step", *(f"grip_{name}" for name in grip[1:])))
+        model = (*(f"grip_{name}" for name in grip[1:]), "law_rest") if self.model else ()
+        steps = tuple(own(each) for each in ("inputs_step", "law_step", "limiter_step", *model))
         command, ensures = own("command_t"), tuple(self._commanded())
         sound: dict[str, Any] = {"includes": True, "stand_in": "is_sound_of_lemma", "replaced": ("is_sound",)}
         sound["more"] = tuple(self._behaved())

@@ -5,8 +5,14 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 
+from codegen.configuration.controller import RECOVERY_SAMPLES_MAX
 from codegen.configuration.signals import STATUSES
-from codegen.emit.contracts.conditions import LONGITUDINAL_ACCELERATION_MAX_M_S2, REFERENCE_MAX_RAD_S, Conditions
+from codegen.emit.contracts.conditions import (
+    LATERAL_ACCELERATION_MAX_M_S2,
+    LONGITUDINAL_ACCELERATION_MAX_M_S2,
+    REFERENCE_MAX_RAD_S,
+    Conditions,
+)
 from codegen.emit.contracts.contract import Invariant
 from codegen.emit.controller_view import ACTUATOR_SAMPLES_MAX
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
@@ -14,7 +20,6 @@ from codegen.emit.parameters import ParameterView
 
 TASK_COUNT_MAX = 64
 """Bound of the counts of disturbances in the task."""
-GOOD_SAMPLES_MAX = 10_000
 MISSING_SAMPLES_MAX = 100
 """Largest missing_samples_max; a count is at most one above it."""
 
@@ -95,11 +100,13 @@ class Invariants(Conditions):
         claims += [
             f"(!{self.is_measured(f'value->{name}')} || (value->{name}.missing <= {MISSING_SAMPLES_MAX}u))" for name in signals
         ]
-        claims += [f"(!{self.is_measured('value->front_angle')} || (value->front_angle.good == 0u))"]
-        claims += [f"(value->{name}.good <= {GOOD_SAMPLES_MAX}u)" for name in ("front_angle", "yaw_rate")]
+        frozen = f"({self.is_measured('value->front_angle')} && (value->front_angle.good <= {3 * RECOVERY_SAMPLES_MAX}u))"
+        claims += [f"({frozen} || (value->front_angle.good <= {RECOVERY_SAMPLES_MAX}u))"]
+        claims += [f"(value->yaw_rate.good <= {RECOVERY_SAMPLES_MAX}u)"]
         claims += [self.within(f"value->{name}", yaw) for name in ("expected_yaw_rate", "beyond_linear")]
         claims += [f"lies_between(value->{name}, {self.number(0.0)}, {twice})" for name in ("least", "least_of_front")]
-        claims += [self.within("value->yaw_rate_offset", self.high("yaw_rate_offset_max"))]
+        offsets = ("yaw_rate_offset", "lateral_acceleration_offset")
+        claims += [self.within(f"value->{name}", self.high(f"{name}_max")) for name in offsets]
         claims += [self.between("value->friction", 0.0, FRICTION_UNKNOWN)]
         if self.takes_acceleration:
             claims += [self.within("value->longitudinal_acceleration", LONGITUDINAL_ACCELERATION_MAX_M_S2)]
@@ -123,7 +130,7 @@ class Invariants(Conditions):
         friction_min = next(view.low for view in self.controller.parameters if view.name == "friction_min")
         least = 0.5 * float(friction_min.rstrip("f")) / constants["friction_per_grip"]
         available = self.between("value->available", least, constants["grip_max"])
-        return self.between("value->reached", 0.0, 4000.0), available
+        return self.between("value->reached", 0.0, LATERAL_ACCELERATION_MAX_M_S2), available
 
     def _controller(self) -> Iterator[str]:
         own, status = self.own, f"{self.upper}_STATUS"

@@ -122,7 +122,11 @@ class SecondInputs:
             quality = Quality.MISSING
         if not (self.front_angle.is_measured or self.yaw_rate.is_measured):
             quality = Quality.UNUSABLE
-        yaw_rate = self._without_offset(gain, driven) if self.yaw_rate.is_measured else self.yaw_rate.value
+        yaw_rate = self.yaw_rate.value
+        if self.yaw_rate.is_measured:
+            if all(taken):
+                self._learn_offsets(gain, driven)
+            yaw_rate = self._within(yaw_rate - self.offset, p("yaw_rate_max"))
         speed = self.speed.value
         lateral = speed * (yaw_rate if self.lateral is None else self.lateral)
         values = (speed, self.front_angle.value, yaw_rate, rear, self.friction, lateral, m.inhibit, self.acceleration)
@@ -172,8 +176,8 @@ class SecondInputs:
         if signal.is_measured:
             goes_straight = yaw_rate * self.expected * self.speed.value < abs(self.expected)  # below 1 m/s^2 to that side
             is_frozen = self.yaw_rate.is_measured and apart - self.least_of_front > p("yaw_rate_frozen")
-            contradicts = available and witness is not None and goes_straight and abs(witness - yaw_rate) <= p("yaw_rate_agreement")
-            signal.against = signal.against + 1 if is_frozen and contradicts else 0
+            agrees = witness is not None and abs(witness - yaw_rate) <= p("yaw_rate_agreement")
+            signal.against = signal.against + 1 if is_frozen and available and goes_straight and agrees else 0
             if signal.against >= 3 * self.p.recovery_samples:
                 step = self.real(-1.0)
         return self._take("front_angle", measured, abs(measured) <= p("front_angle_max"), confirmed, step)
@@ -227,7 +231,7 @@ class SecondInputs:
             self.expected = max(min(driven, without), min(max(driven, without), self.yaw_rate.value))
         return driven
 
-    def _without_offset(self, gain: Any, driven: Any) -> Any:
+    def _learn_offsets(self, gain: Any, driven: Any) -> None:
         p, speed = self.parameter, self.speed.value
         measured, share, slow = self.yaw_rate.value, p("yaw_rate_correction_share"), self.real(AMBIGUOUS_SHARE)
         slow, before, lateral_offset = slow * share, self.offset, self.lateral_offset
@@ -245,7 +249,6 @@ class SecondInputs:
                 self.offset += share * self.real(0.0) + slow * missing
             self.offset = self._within(self.offset, p("yaw_rate_offset_max"))
         self.lateral_offset = self._within(lateral_offset, p("lateral_acceleration_offset_max"))
-        return self._within(measured - self.offset, p("yaw_rate_max"))
 
     def _take_yaw_rate(self, measured: Any, rear: Any) -> bool:
         p, speed = self.parameter, abs(self.speed.value)

@@ -6,6 +6,7 @@ repeat with the inputs, so that only the C has to be run, and each of its output
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Hashable, Iterable, Sequence
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.emit.laws import law_of
 from codegen.sil.software import Measurement, Software, Status
 from codegen.verify.law.controller import SecondController, SecondLimiter
 from codegen.verify.law.inputs import NUMBERS, Quality, SecondInputs, strongest_braking
@@ -220,7 +222,10 @@ class ControllerPair(Pair):
 
 
 class InputsPair(Pair):
-    """The input monitoring, untrusted at first: measurements in, quality and accepted values out, with a command of zero."""
+    """The input monitoring, untrusted at first: measurements in, quality and accepted values out, with a command of zero.
+
+    A reference model that it needs turns by three quarters of the measured yaw rate, with half of the rear angle.
+    """
 
     def __init__(self, software: Software, parameters: Any) -> None:
         self._second = SecondInputs(parameters.inputs, software.real, strongest_braking(software), is_trusted=False)
@@ -229,20 +234,29 @@ class InputsPair(Pair):
         self._parameters = software.ffi.addressof(parameters, "inputs")
         self._state, self._measured, self._found = (software.new(name) for name in ("inputs", "measurement", "measurement"))
         self._step, self._command = software.function("inputs_step"), software.real(0.0)
+        self._model = software.new("reference_model") if law_of(software.config).uses_reference_model else None
         self._last: Measurement | None = None
         self._owner = parameters  # the struct above is a part of it
         software.function("inputs_init")(self._state, False)
 
     def second(self, sample: Measurement) -> tuple[Any, ...]:
-        quality, found = self._second.step(sample, self._command)
+        quality, found = self._second.step(sample, self._command, self._model and (None, *self._motion(sample)))
         return (QUALITIES.index(quality), found.inhibit, *(float(getattr(found, name)) for name in self._names))
+
+    def _motion(self, sample: Measurement) -> tuple[Any, Any]:
+        """Return yaw rate and rear angle of the reference model."""
+        numbers = (0.75 * sample.yaw_rate, 0.5 * sample.rear_angle)
+        yaw_rate, rear_angle = (self._software.real(number if math.isfinite(number) else 0.0) for number in numbers)
+        return yaw_rate, rear_angle
 
     def compiled(self, sample: Measurement) -> tuple[Any, ...]:
         if sample is not self._last:
             self._software.fill(self._measured, sample)
             self._last = sample
-        found = self._found
-        quality = self._step(self._state, self._parameters, self._measured, self._command, found)
+            if self._model:
+                self._model.yaw_rate, self._model.rear_angle = self._motion(sample)
+        found, model = self._found, [self._model] if self._model else []
+        quality = self._step(self._state, self._parameters, self._measured, self._command, *model, found)
         return (quality, found.inhibit, *[getattr(found, name) for name in self._names])
 
     def text(self, output: tuple[Any, ...]) -> str:

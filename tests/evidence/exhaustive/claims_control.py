@@ -148,7 +148,7 @@ def claims(source: Source) -> Iterator[Claim]:
     for unit in bounding:
         text = "limits the magnitude; NaN becomes the upper limit"
         yield Claim(unit, "bounded", text, BOUNDED, edges(angle, *limits), values={"limits": [angle, *limits]})
-    for unit in ("limiter", "law", *tracking):
+    for unit in ("limiter", "law", *tracking, *(("inputs",) if tracking else ())):
         yield held(unit, "clamp", clamps)
     for unit in ("inputs", "limiter"):
         text = "true if the magnitude is within the limit; false for NaN"

@@ -59,8 +59,19 @@ OTHERS: Mapping[str, str] = {
             "compare_with_lateral",
         )
     },
-    **{f"inputs: {name}": SEVERAL for name in ("take_yaw_rate", "without_offset", "@_inputs_step")},
-    **{f"law: {name}": SEVERAL for name in ("interpolated", "reference_ahead", "reachable_yaw_rate", "feedback_range")},
+    **{f"inputs: {name}": SEVERAL for name in ("take_yaw_rate", "learn_offsets", "@_inputs_step")},
+    **{f"inputs: {name}": SEVERAL for name in ("follow_linear_vehicle", "expect")},
+    **{
+        f"law: {name}": SEVERAL
+        for name in (
+            "observe_sideslip",
+            "@_law_rest",
+            "interpolated",
+            "reference_ahead",
+            "reachable_yaw_rate",
+            "feedback_range",
+        )
+    },
     **{f"law: {name}": SEVERAL for name in ("start_law", "track", "@_law_step")},
     **{f"map: {name}": SEVERAL for name in ("capped", "yaw_rate_at", "capped_rear_angle")},
     **{f"map: @_map_{name}": SEVERAL for name in ("yaw_rate", "yaw_rate_on_road", "reference")},
