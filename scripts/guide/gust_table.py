@@ -10,6 +10,7 @@ from codegen.design.family import nominal
 from codegen.design.gust import gust_response
 from codegen.design.margins import family_margins, gains_of, loop_margins
 from codegen.design.sampled import frequency_grid, sample
+from codegen.emit.laws import schedule_of
 from codegen.map_file.map import load
 from codegen.units import KM_H
 from scripts.guide.markdown import table
@@ -22,9 +23,9 @@ FACTORS = (0.5, 0.75, 1.0, 1.25, 1.5, 2.0)
 def markdown() -> str:
     """Return gust and margins for multiples of the designed integral gain of the committed map."""
     config = load(BUILD.with_suffix(".npz")).config
-    assert config is not None and config.controller.tracking.schedule is not None
+    assert config is not None
     speed = np.array([SPEED_KM_H * KM_H])
-    kp, designed = gains_of(config.controller.tracking.schedule)(speed)
+    kp, designed = gains_of(schedule_of(config))(speed)
     frequency = frequency_grid(config.controller.sampling_time_s)
     own = replace(nominal(config), relaxation_length=RELAXATION_M)
     slow = replace(own, actuator_lag=2.0 * own.actuator_lag)
