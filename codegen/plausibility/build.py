@@ -112,9 +112,10 @@ def schedule_warnings(config: Config) -> Iterator[str]:
     last = config.grid.last_speed_km_h
     speed = np.array([value for value in schedule.speed_km_h if value <= last] or schedule.speed_km_h[:1]) * KM_H
     gains = gains_of(schedule)(speed)
-    yield from family_warnings(config, family_margins(config, speed, *gains)[0])
-    if any(member.is_slow for member in members(config)):
-        yield from family_warnings(config, family_margins(config, speed, *gains, slow=True)[0], slow=True)
+    found = list(family_warnings(config, family_margins(config, speed, *gains)[0]))
+    if not found and any(member.is_slow for member in members(config)):
+        found = list(family_warnings(config, family_margins(config, speed, *gains, slow=True)[0], slow=True))
+    yield from found
     if schedule.lead_s is None:
         return
     factor = tracking.response_ahead_s / (lag + config.controller.sampling_time_s)

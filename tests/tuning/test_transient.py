@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from codegen.configuration import Schedule, parse
 from codegen.design.family import nominal
-from codegen.design.sampled import _continuous
+from codegen.design.sampled import continuous
 from codegen.tuning import transient
 from codegen.tuning.transient import (
     DEVIATION_OVERSHOOT_PERCENT,
@@ -94,7 +94,7 @@ def test_the_plant_step_of_tuning_resolves_the_car_at_its_first_speed(grid: dict
     config = builds.TRACKING_CONFIG.replace({"grid": grid, "rear_actuator.lag_s": 0.1, "steering.lag_s": 0.05})
     step, speed = transient._plant_step(config), config.grid.speed_min_km_h * KM_H
     factors = {"mass_factor": 0.8, "front_stiffness_factor": 1.15, "rear_stiffness_factor": 1.15}
-    a, _ = _continuous(config, [replace(nominal(config), **factors)], np.array([speed]))
+    a, _ = continuous(config, [replace(nominal(config), **factors)], np.array([speed]))
     fastest = np.abs(np.linalg.eigvals(a[0, 0, :2, :2])).max()
     assert step * fastest < 1.0
     assert config.controller.sampling_time_s / step == pytest.approx(round(config.controller.sampling_time_s / step))
