@@ -68,7 +68,7 @@ def main() -> int:
     both = parser.add_argument_group("better and law")
     both.add_argument("--cars", type=int, metavar="N", help="number of random cars")
     both.add_argument("--seed", type=int, metavar="N", help="of the random cars")
-    both.add_argument("--plant", metavar="NAMES", help="better: two-track, roll; law: ideal, real; several with commas")
+    both.add_argument("--plant", metavar="NAMES", help="better: two-track, roll; law: ideal, real, roll; several with commas")
     law = parser.add_argument_group("law")
     law.add_argument("--only", metavar="ROWS", help="numbers of rows, with commas")
     law.add_argument("--shown", metavar="CARS", help="letters of the cars that are driven, such as PS")

@@ -11,15 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import law_grip, law_others, law_response
-from benchmarks.law_car import CARS, DWELLS, FLICKS, PLANTS, REAL_PLANT, LawCar, prepare
+from benchmarks.law_car import CARS, DWELLS, FLICKS, PLANTS, LawCar, prepare
 from benchmarks.law_figures import Figure, header, lines
-from benchmarks.law_others import examine, random_figures, third_party
+from benchmarks.law_others import random_figures, third_party
 from benchmarks.law_response import BEFORE_S, GUST_N, GUST_S, STRAIGHT_SPEEDS_KM_H
 from benchmarks.tables import CountReport
 from codegen.errors import CodegenError
 from hil_sim.suite.background import Background
-from hil_sim.suite.cars import DEVELOPMENT_SEED, random_cars
+from hil_sim.suite.cars import DEVELOPMENT_SEED, examine, random_cars
 from hil_sim.suite.cells import STEER_TIME
+from hil_sim.suite.requirements import Limits
 from hil_sim.suite.subjects import DELAY_SAMPLES
 
 SEED = 6
@@ -70,19 +71,21 @@ def run(
     values, count = dict(map(_change, changes)), (QUICK_COUNT if quick else COUNT) if cars is None else cars
     figures: list[Figure] = []
     with Background() as background:
-        jobs = [background.call(measure, letter, values, maps, straight, rows, plants) for letter in letters]
-        drawn = random_cars(seed, count) if RANDOM in rows else ()
-        examined = [background.call(examine, number, config, plants) for number, config in enumerate(drawn, start=1)]
+        jobs = {}
+        if any(row in OF_CARS for row in rows):
+            jobs = {each: background.call(measure, each, values, maps, straight, rows, plants) for each in letters}
         if THIRD_PARTY in rows:
-            jobs.append(background.call(third_party, values))
-        for name, job in zip((*letters, "third party"), jobs, strict=False):
+            jobs["third party's"] = background.call(third_party, values)
+        drawn = random_cars(seed, count) if RANDOM in rows else ()
+        examined = [background.call(examine, number, config, Limits()) for number, config in enumerate(drawn, start=1)]
+        for name, job in jobs.items():
             figures += job.get()
-            say(name)
+            say(f"car {name}")
         found = []
         for waiting in examined:
             found.append(waiting.get())
             say(f"{found[-1].title} of {count}")
-    figures += random_figures(found, plants, seed) if found else ()
+    figures += random_figures(found, seed) if found else ()
     return report(figures, letters, straight)
 
 
@@ -133,8 +136,9 @@ def _notes(straight: float) -> tuple[str, ...]:
     return (
         f"Cars: {cars} (`benchmarks/judged_cars.py`); recommended preset, nonlinear tyre. They and the random cars of seed "
         f"{DEVELOPMENT_SEED} are the development set, the random cars of seed {SEED} the test set.",
-        f"Plants: ideal is the two-track car as the map has it; real has {REAL_PLANT}. "
-        f"Commands act {DELAY_SAMPLES} sample late.",
+        "Plants: ideal is the two-track car as the map has it; real is the configured one, with relaxation, roll, an actuator "
+        "of second order and backlash; roll is the third plant, whose tyres are others as well. Commands act "
+        f"{DELAY_SAMPLES} sample late. Noisy sensors have noise, resolution and bias of the configuration.",
         "Rows 5 to 9: the 24 steps of the suite, 25 to 120 km/h with 25 to 100 % of the largest front angle of the map. A "
         "car spins at more than 10 deg of sideslip with more than 5 deg of rear slip; other figures are of the other runs.",
         "Possible (row 6): largest steady yaw rate with any rear angle of the actuator, each axle within 90 % of the slip "

@@ -21,10 +21,10 @@ from codegen.map_file.map import ReferenceMap
 from codegen.metrics import Runs
 from codegen.metrics.runs import COLUMNS, spin_times
 from codegen.optimum.solve import solve_case
-from codegen.sil.batch import NOISES, Lanes
+from codegen.sil.batch import NOISES, Lanes, sensor_errors
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.units import KM_H
-from codegen.vehicle.plant_car import plant_parameters
+from codegen.vehicle.plant_car import optional_parts, plant_parameters
 from hil_sim.manoeuvres import dwell_shape
 from hil_sim.suite.cells import (
     DURATION,
@@ -34,24 +34,35 @@ from hil_sim.suite.cells import (
     Condition,
     cells,
     front_angle,
-    peak,
-    relaxation,
+    ideal,
+    kept_stiffness,
     together,
-    unchanged,
 )
 from hil_sim.suite.subjects import DELAY_SAMPLES, RECOMMENDED_CASE, Subject, of_config, tuned
+from hil_sim.third_plant import rolling
 
 CARS = {"P": PAPER, "S": "heavy, 10 deg, 90 ms", "V": "van, loaded", "R": "light, rear-heavy"}
 """Letter of a car in the tables -> its name in `benchmarks.judged_cars`."""
 HEAVY_UNDERSTEERING = ("S", "V")
 
-IDEAL, REAL = "ideal", "real"
-PLANTS: Mapping[str, Change] = {IDEAL: unchanged, REAL: relaxation(0.4)}
-"""Changes of the configured car to the plants of all rows: without what the two-track model omits, and with it."""
-REAL_PLANT = "a relaxation length of 0.4 m"
+IDEAL, REAL, ROLL = "ideal", "real", "roll"
+
+
+def real(config: Config) -> Config:
+    """Return the configured car; an ideal one with what every car has."""
+    if config.plant != ideal(config).plant:
+        return config
+    parts = {"relaxation_length_m": 0.4, "roll_deg_per_g": 4.0, "actuator_motor_share": 0.5, "backlash_deg": 0.1}
+    return config.replace({"plant": parts}, "real plant")
+
+
+PLANTS: Mapping[str, Change] = {IDEAL: ideal, REAL: real, ROLL: rolling}
+"""Changes of the configured car to the plants of all rows."""
 
 SEED = 6
 """Seed of the noise."""
+DRIVEN_COLUMNS = ("speed_m_s", *COLUMNS)
+"""Recorded columns."""
 
 
 def road(friction: float, keeps_stiffness: bool) -> Condition:
@@ -62,13 +73,8 @@ def road(friction: float, keeps_stiffness: bool) -> Condition:
         keeps_stiffness: whether tyres keep their cornering stiffness there, so that only their peak falls; otherwise they keep
             their factor B, and the stiffness falls with the friction.
     """
-    if not keeps_stiffness:
-        return Condition("road", f"friction {friction:g}, B kept", "friction", friction=friction)
-
-    def slippery(config: Config) -> Config:
-        return peak(100.0 * (friction / config.road.friction - 1.0))(config)
-
-    return Condition("road", f"friction {friction:g}, stiffness kept", "friction", plant=slippery)
+    title, share = ("stiffness kept", 1.0) if keeps_stiffness else ("B kept", 0.0)
+    return Condition("road", f"friction {friction:g}, {title}", "friction", kept_stiffness(share), friction)
 
 
 @dataclass(frozen=True)
@@ -113,7 +119,7 @@ class Setting:
         condition: car, road and estimate of its friction.
         acceleration_bias: m/s^2 of the measured lateral acceleration; NaN: it is not measured.
         yaw_rate_bias: rad/s of the measured yaw rate.
-        is_noisy: whether the sensors have the noise of the configuration.
+        is_noisy: whether the sensors have the noise, the resolution and the bias of the car.
         controlled: False for the passive car.
     """
 
@@ -124,11 +130,10 @@ class Setting:
     controlled: bool = True
 
     def noise(self, config: Config, samples: int, count: int) -> FloatArray:
-        """Return the errors (samples, k, count) of the sensors in NOISES."""
+        """Return the errors (samples, k, count) of the sensors in NOISES of a car."""
         errors = np.zeros((samples, len(NOISES), count))
         if self.is_noisy:
-            deviations = np.array([getattr(config.sensors, name).noise for name in NOISES])
-            errors += deviations[:, np.newaxis] * np.random.default_rng(SEED).standard_normal(errors.shape)
+            errors += sensor_errors(config.sensors, samples, count, SEED)
         errors[:, NOISES.index("yaw_rate")] += self.yaw_rate_bias
         errors[:, NOISES.index("lateral_acceleration")] += self.acceleration_bias
         return errors
@@ -193,39 +198,48 @@ class LawCar:
         """
         config, count = self.config, drives.speed.size
         cars = [together(PLANTS[plant], each.condition.plant)(config) for each in settings]
-        software = self.tested.around.batch(cars[0])
-        bench, step = Bench(software, config), config.controller.sampling_time_s
-        time, samples = bench.time(drives.duration), round(drives.duration / step)
-        profile = bench.profile(config.steering.ratio * drives.course(time), drives.duration)
+        parts = [optional_parts(car) for car in cars]
+        samples = round(drives.duration / config.controller.sampling_time_s)
+        record = np.empty((len(DRIVEN_COLUMNS), samples, len(settings), count))
+        for part in dict.fromkeys(parts):  # a batch has one structure of the plant
+            places = [place for place, each in enumerate(parts) if each == part]
+            chosen = [(settings[place], cars[place]) for place in places]
+            record[:, :, places] = self._run(drives, chosen).reshape(len(DRIVEN_COLUMNS), samples, len(places), count)
+        speed, angle = np.tile(drives.speed, len(settings)), np.tile(drives.front_angle, len(settings))
+        return Runs(
+            np.arange(samples, dtype=np.float64) * config.controller.sampling_time_s,
+            dict(zip(DRIVEN_COLUMNS, record.reshape(len(DRIVEN_COLUMNS), samples, -1), strict=True)),
+            drives.steer_time,
+            steering_ratio=config.steering.ratio,
+            map_yaw_rate=self.map_yaw_rate(speed, drives.course(np.array([drives.duration]))[0] * angle),
+        )
+
+    def _run(self, drives: Drives, chosen: Sequence[tuple[Setting, Config]]) -> FloatArray:
+        """Return the recording (columns, samples, settings times drives) of settings with cars of one structure."""
+        config, count = self.config, drives.speed.size
+        software = self.tested.around.batch(chosen[0][1])
+        bench = Bench(software, config)
+        profile = bench.profile(config.steering.ratio * drives.course(bench.time(drives.duration)), drives.duration)
         if drives.moment is not None:
-            profile[:, INPUT_COLUMNS.index("yaw_moment")] = drives.moment(time)
+            profile[:, INPUT_COLUMNS.index("yaw_moment")] = drives.moment(bench.time(drives.duration))
+        samples = profile.shape[0] // software.steps_per_sample
 
         def each_run(value: Callable[[Setting], float | None]) -> FloatArray:
-            return np.repeat(np.array([value(each) for each in settings], dtype=np.float64), count)
+            return np.repeat(np.array([value(each) for each, _ in chosen], dtype=np.float64), count)
 
         friction = each_run(lambda each: each.condition.friction)
-        speed, angle = (np.tile(values, len(settings)) for values in (drives.speed, drives.front_angle))
         lanes = Lanes(
-            np.repeat(np.array([plant_parameters(car) for car in cars]), count, axis=0),
-            speed_factor=speed,
-            wheel_factor=angle,
+            np.repeat(np.array([plant_parameters(car) for _, car in chosen]), count, axis=0),
+            speed_factor=np.tile(drives.speed, len(chosen)),
+            wheel_factor=np.tile(drives.front_angle, len(chosen)),
             friction=np.where(np.isnan(friction), config.road.friction, friction),
             moment_arm=drives.moment_arm,
             friction_estimate=each_run(lambda each: each.condition.estimate_or_nan),
             delay_samples=DELAY_SAMPLES,
-            controlled=np.repeat(np.array([each.controlled for each in settings]), count),
-            noise=np.concatenate([each.noise(config, samples, count) for each in settings], axis=2),
+            controlled=np.repeat(np.array([each.controlled for each, _ in chosen]), count),
+            noise=np.concatenate([each.noise(car, samples, count) for each, car in chosen], axis=2),
         )
-        columns = ("speed_m_s", *COLUMNS)
-        record = software.run(profile, lanes, software.parameters(**self.tested.parameters), columns)
-        last = np.full(angle.shape, drives.course(time[-1:])[0]) * angle
-        return Runs(
-            np.arange(samples, dtype=np.float64) * step,
-            dict(zip(columns, record, strict=True)),
-            drives.steer_time,
-            steering_ratio=config.steering.ratio,
-            map_yaw_rate=np.asarray(self.map_yaw_rate(speed, last), dtype=np.float64),
-        )
+        return software.run(profile, lanes, software.parameters(**self.tested.parameters), DRIVEN_COLUMNS)
 
     def map_yaw_rate(self, speed: FloatArray, angle: FloatArray, estimate: float = math.nan) -> FloatArray:
         """Return the map's yaw rates (n,) in rad/s at speeds in m/s and front angles in rad, by default on the dry road."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.law_car import DWELLS, FLICKS, Drives, LawCar, Setting, per_setting, road, spun
+from benchmarks.law_car import DWELLS, FLICKS, PLANTS, Drives, LawCar, Setting, per_setting, road, spun
 from benchmarks.law_figures import Figure
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
@@ -19,7 +19,7 @@ from codegen.metrics import StepResponse
 from codegen.metrics.runs import Extremes
 from codegen.optimum.nonlinear_car import SteadyCar
 from codegen.vehicle.tyre import AxleTyres
-from hil_sim.suite.cells import Change, Condition, stiffness, together
+from hil_sim.suite.cells import Change, Condition, peak, stiffness, together
 
 KINDS = (False, True)
 """Whether a slippery road keeps the stiffness of the tyres."""
@@ -75,7 +75,7 @@ def other_tyres(car: LawCar, plant: str) -> Iterator[Figure]:
     error = np.where(spun(runs, settings), -np.inf, per_setting(StepResponse(runs).map_error_percent, settings))
     is_near = car.shares <= NEAR_SHARE
     for setting, found in zip(settings, error, strict=True):
-        best = 100.0 * possible(car, setting.condition.plant(car.config)) - 100.0
+        best = 100.0 * possible(car, together(PLANTS[plant], setting.condition.plant)(car.config)) - 100.0
         for title, cells, most in (
             (f"up to {100.0 * NEAR_SHARE:g} %", is_near, BELOW_NEAR_PERCENT),
             ("beyond", ~is_near, BELOW_FAR_PERCENT),
@@ -182,7 +182,7 @@ def half_grip(car: LawCar, plant: str) -> Iterator[Figure]:
         settings = [Setting(replace(surface, estimate=estimate)) for estimate in (HALF, None)]
         runs = car.drive(car.steps, plant, settings)
         error, is_spun = per_setting(StepResponse(runs).map_error_percent, settings), spun(runs, settings)
-        best = possible(car, _on_road(car.config, keeps))
+        best = possible(car, _on_road(PLANTS[plant](car.config), keeps))
         is_carried: BoolArray = best > POSSIBLE_SHARE
         parts = []
         for title, cells in (("all cells", np.full(is_carried.shape, True)), ("cells that the road carries", is_carried)):
@@ -199,18 +199,13 @@ def half_grip(car: LawCar, plant: str) -> Iterator[Figure]:
 
 
 def _on_road(config: Config, keeps_stiffness: bool) -> Config:
-    """Return the car as configured for a road of half the grip, for its steady turns."""
-    surface = road(HALF, keeps_stiffness)
-    car = surface.plant(config)
-    return car if surface.friction is None else _with_friction(car, surface.friction)
-
-
-def _with_friction(config: Config, friction: float) -> Config:
-    """Return the car on another road: the factor B of its tyres stays."""
+    """Return a car as it is configured for a road of half the grip, for its steady turns."""
+    if keeps_stiffness:
+        return peak(100.0 * (HALF / config.road.friction - 1.0))(config)
     tyres = AxleTyres.from_config(config)
     kept = {f"tyre.{axle}.stiffness_factor_b_per_rad": getattr(tyres, axle).stiffness_factor for axle in ("front", "rear")}
     none = {f"tyre.{axle}.cornering_stiffness_n_per_rad": None for axle in ("front", "rear")}
-    return config.unchecked({**kept, **none, "road.friction": friction})
+    return config.unchecked({**kept, **none, "road.friction": HALF})
 
 
 ROWS = {5: rejected, 6: other_tyres, 7: slippery, 8: ice, 9: half_grip}

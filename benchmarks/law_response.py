@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from benchmarks import minimal_error
-from benchmarks.law_car import HEAVY_UNDERSTEERING, PLANTS, Drives, LawCar, Setting, per_setting, spun
+from benchmarks.law_car import HEAVY_UNDERSTEERING, IDEAL, PLANTS, Drives, LawCar, Setting, per_setting, spun
 from benchmarks.law_figures import Figure
 from codegen.arrays import FloatArray
 from codegen.design.family import Member, members
@@ -56,9 +56,9 @@ def minimal_errors(car: LawCar, plant: str) -> Iterator[Figure]:
     goal = f"{RISE_MEAN_S:.2f}, {RISE_MAX_S:.2f} s"
     is_met = bool(rise.mean() <= RISE_MEAN_S and rise.max() <= RISE_MAX_S)
     yield Figure(2, title, plant, goal, car.letter, f"{rise.mean():.2f}, {rise.max():.2f}", is_met)
-    if PLANTS[plant](car.config).plant.relaxation_length_m:
-        return  # the optimum has no tyres with relaxation
-    software = car.tested.around(car.config)
+    if plant != IDEAL:
+        return  # the plant of the optimum is ideal
+    software = car.tested.around(PLANTS[IDEAL](car.config))
     chosen = [cell for cell in car.cells if cell.speed_km_h in minimal_error.SPEEDS_KM_H]
     ratios = np.array([minimal_error.compare(software, car.tested, cell).ratio for cell in chosen])
     title, goal = "rms error over the minimal one, mean and largest of the steps", f"{RATIO_MAX:g}"
@@ -133,9 +133,11 @@ def gusts(car: LawCar, plant: str) -> Iterator[Figure]:
     yield Figure(
         10, "gust: heading and path 3 s after its end, measured acceleration", plant, goal, car.letter, texts[0], is_met
     )
+    by_speed = "/".join(f"{angle:.2f}" for angle in angles[0])
+    yield Figure(10, "gust: heading by speed, measured acceleration", plant, "", car.letter, by_speed)
     yield Figure(10, "gust, no measured acceleration", plant, "", car.letter, texts[1])
     yield Figure(10, "gust, passive", plant, "", car.letter, texts[2])
-    if plant == next(iter(PLANTS)):  # the margins are of linear cars
+    if plant == IDEAL:  # the margins are those of linear cars
         yield from _margins(car)
 
 

@@ -41,8 +41,8 @@ LIMITER = {"rear_rate_max_deg_s": 40.0, "opposite_phase_speed_km_h": [60.0, 120.
 
 
 def _of_kind(kind: Kind) -> Config:
-    """Return the recommended configuration, limiter and rate limit on, with another kind of controller."""
-    data = configuration.preset("recommended").model_dump()
+    """Return the recommended configuration, limiter and rate limit on, with another kind of controller, on the ideal plant."""
+    data = configuration.preset("recommended").with_ideal_plant().model_dump()
     data["controller"]["kind"] = kind
     data["controller"]["tracking"]["schedule"] = SCHEDULE
     data["limiter"].update(LIMITER)

@@ -21,7 +21,7 @@ from codegen.metrics import StepResponse
 from codegen.sil.batch import NOISES
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.vehicle.dynamics import PLANT_STATES
-from hil_sim.suite.cells import SLIPPERY, Cell, Condition, peak, stiffness
+from hil_sim.suite.cells import Cell, Condition, peak, stiffness
 from hil_sim.suite.runs import run_table
 from tests import builds
 
@@ -134,7 +134,10 @@ def test_a_line_of_the_law_is_met_by_all_cars_or_by_their_sum() -> None:
 
 def test_steps_of_the_law_are_those_of_the_suite(law_car: LawCar) -> None:
     """One batch has cars and roads of several settings; each must have the figures of the suite."""
-    conditions = [SLIPPERY[-1], Condition("tyres", "soft front tyres", "tyre", plant=stiffness(-25.0, 0.0))]
+    conditions = [
+        replace(road(0.15, keeps_stiffness=False), estimate=0.5),
+        Condition("tyres", "soft front tyres", "tyre", plant=stiffness(-25.0, 0.0)),
+    ]
     settings = [Setting(condition) for condition in conditions]
     runs = law_car.drive(law_car.steps, IDEAL, settings)
     errors = per_setting(StepResponse(runs).map_error_percent, settings)
@@ -155,7 +158,9 @@ def test_each_setting_of_the_law_has_its_own_sensors(law_car: LawCar) -> None:
     means = [each.mean(axis=(0, 2)) for each in noise]
     assert not noise[0].any() and means[1].tolist() == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.3])
     assert means[2].tolist() == pytest.approx([0.0, 0.0, 0.01, 0.0, 0.0])
-    assert noise[3].std(axis=(0, 2)) == pytest.approx([getattr(law_car.config.sensors, name).noise for name in NOISES], rel=0.1)
+    sensors = [getattr(law_car.config.sensors, name) for name in NOISES]
+    wanted = [math.hypot(sensor.noise, sensor.resolution / math.sqrt(12.0)) for sensor in sensors]
+    assert noise[3].std(axis=(0, 2)) == pytest.approx(wanted, rel=0.1)
     runs = law_car.drive(Drives.straight(3.0, [100.0]), IDEAL, settings)
     rate = runs.signals["yaw_rate_rad_s"]
     assert not rate[:, 0].any() and abs(rate[-1, 2]) > 1e-4 and rate[:, 3].std() > 0.0

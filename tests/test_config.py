@@ -41,8 +41,21 @@ def differences(left: Config, right: Config) -> set[tuple[str, Any, Any]]:
 
 
 def test_the_default_is_the_recommended_preset_but_for_its_limits_and_the_papers_differs(tmp_path: Path) -> None:
-    """The paper has no rate limit and no limiter. The default cycle time is the sampling time."""
-    recommended, path = preset("recommended"), tmp_path / "ars.toml"
+    """The paper has no rate limit and no limiter, and both it and the default have the ideal plant. The default cycle time is
+    the sampling time."""
+    real, path = preset("recommended"), tmp_path / "ars.toml"
+    recommended = real.with_ideal_plant()
+    assert differences(recommended, real) == {
+        ("plant.relaxation_length_m", 0.0, 0.4),
+        ("plant.roll_deg_per_g", None, 4.0),
+        ("plant.actuator_motor_share", None, 0.5),
+        ("plant.backlash_deg", None, 0.1),
+        ("plant.command_delay_samples", 0, 1),
+        ("sensors.front_angle.bias_deg", None, 0.02),
+        ("sensors.rear_angle.bias_deg", None, 0.02),
+        ("sensors.yaw_rate.bias_deg_s", None, 0.1),
+        ("sensors.lateral_acceleration.bias_m_s2", None, 0.1),
+    }
     roles = recommended.can.messages()
     limits = {("limits.grip_use_max", None, 0.98), ("limits.yaw_gain_floor", None, 1.0)}
     assert differences(car(), recommended) == {(f"can.{role}.cycle_time_ms", None, 10.0) for role in roles} | limits

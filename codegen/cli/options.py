@@ -287,7 +287,7 @@ def sensor_options(command: Command) -> Command:
         show_default=True,
         help="Seed of noise, faults, jitter and random cars.",
     )(command)
-    return click.option("--sensors", is_flag=True, help="Simulate the noise, delay and resolution of [sensors].")(command)
+    return click.option("--sensors", is_flag=True, help="Simulate the noise, bias, delay and resolution of [sensors].")(command)
 
 
 def drift_options(command: Command) -> Command:

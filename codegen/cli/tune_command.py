@@ -240,6 +240,9 @@ def _to_dict(config: Config, made: Design, least: Weakest) -> dict[str, Any]:
     tuning = config.tuning
     return {
         "demands": {key: getattr(tuning, key) for key in ("gain_margin_db", "phase_margin_deg", "sensitivity_max")},
+        "demands_on_slow": {
+            key: getattr(tuning, f"slow_{key}") for key in ("gain_margin_db", "phase_margin_deg", "sensitivity_max")
+        },
         "delay_samples": tuning.delay_samples,
         "family": made.family_size,
         **({"family_from": told} if (told := origin(config)) else {}),
@@ -256,7 +259,8 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
     console.say(
         f"{output}: {made.family_size} cars, delay of {tuning.delay_samples} samples; required: at least "
         f"{tuning.gain_margin_db:g} dB, {tuning.phase_margin_deg:g} deg, and a peak sensitivity of at most "
-        f"{tuning.sensitivity_max:g}"
+        f"{tuning.sensitivity_max:g}; with twice the lag and a relaxation length {tuning.slow_gain_margin_db:g} dB, "
+        f"{tuning.slow_phase_margin_deg:g} deg and {tuning.slow_sensitivity_max:g}"
     )
     console.say(*(f"family: {told}" for told in (origin(config),) if told))
     if config.top_speed_km_h > config.grid.last_speed_km_h:

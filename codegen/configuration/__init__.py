@@ -107,8 +107,15 @@ IDEAL_PLANT: Mapping[str, Any] = {
         "backlash_deg",
         "command_delay_samples",
     )
+} | {
+    "sensors.speed.bias_km_h": 0.0,
+    "sensors.front_angle.bias_deg": 0.0,
+    "sensors.yaw_rate.bias_deg_s": 0.0,
+    "sensors.rear_angle.bias_deg": 0.0,
+    "sensors.lateral_acceleration.bias_m_s2": 0.0,
 }
-"""Keys of the ideal car, with their values: no relaxation, no roll, an actuator of first order without play, and no delay."""
+"""Keys of the ideal car, with their values: no relaxation, no roll, an actuator of first order without play, and no delay; and
+no bias of the sensors."""
 
 STEPS_MIN = 50
 """Least number of steps of a CAN signal over its required range; fewer mean a wrong factor."""
@@ -456,7 +463,7 @@ def load(path: Path) -> Config:
 def preset_text(name: Preset = "paper") -> str:
     """Return the commented text of a preset `ars.toml`."""
     folder = resources.files("codegen.configuration").joinpath("presets")
-    parts = (f"{name}-header", "car", f"{name}-cases", f"{name}-controller", "inputs", "bench", "budgets")
+    parts = (f"{name}-header", "car", f"{name}-cases", f"{name}-controller", "inputs", f"{name}-plant", "bench", "budgets")
     return "".join(folder.joinpath(f"{part}.toml").read_text(encoding="utf-8") for part in parts)
 
 

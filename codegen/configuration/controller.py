@@ -19,7 +19,7 @@ PROPORTIONAL_GAIN_MAX_S, INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX = 2.0, 0.01, 20.0
 """Without an integral part the car does not reach the map; above the upper limits no loop with a rear actuator is stable."""
 LEAD_MAX_S, RESPONSE_GAIN_MAX_S, RESPONSE_AHEAD_MAX_S = 0.2, 2.0, 1.0
 """Upper limits of lead, response gain and look-ahead. A negative lead delays the feedforward."""
-RESPONSE_AHEAD_FACTORS = (1.0, 1.75, 2.5)
+RESPONSE_AHEAD_FACTORS = (1.0, 1.35, 1.75, 2.5)
 """Multiples of the actuator's lag plus one sample that `codegen tune` tries for `response_ahead_s`. It uses the first with
 which the configured car keeps its limits; a slow actuator or a strongly understeering car needs more."""
 REAR_RATE_MIN_DEG_S = 1.0
@@ -287,6 +287,16 @@ class Tuning(Section):
     gain_margin_db: Annotated[float, Range(1.0, 40.0, "dB"), Meaning("minimum for every member")] = 8.0
     phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("minimum for every member")] = 45.0
     sensitivity_max: Annotated[float, Range(1.05, 10.0), Meaning("largest peak of the sensitivity of any member")] = 1.8
+    # Left out of files that do not set them, so that existing maps and builds do not change.
+    slow_gain_margin_db: Annotated[
+        float, Range(1.0, 40.0, "dB"), Meaning("the same for a member with at least twice the lag *and* a relaxation length")
+    ] = Field(default=6.0, exclude_if=lambda value: value == 6.0)
+    slow_phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("the same for such a member")] = Field(
+        default=35.0, exclude_if=lambda value: value == 35.0
+    )
+    slow_sensitivity_max: Annotated[float, Range(1.05, 10.0), Meaning("the same for such a member")] = Field(
+        default=2.1, exclude_if=lambda value: value == 2.1
+    )
 
     @model_validator(mode="before")
     @classmethod

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
 from codegen.configuration import Config
 from codegen.errors import ConfigError
@@ -20,6 +22,9 @@ MEMBERS_MAX = 4096
 """Largest number of combinations that the design accepts, far above that of both ends and the middle of each deviation."""
 
 ELLIPSOID_SHARE = 0.99
+
+SLOW_LAG_FACTOR = 2.0 - 1e-9
+"""Factor on the configured lag from which an actuator is slow."""
 
 DEVIATIONS = ("actuator_lag_factor", "actuator_lag_s", "mass_percent", "stiffness_percent", "relaxation_length_m")
 
@@ -35,6 +40,8 @@ class Member:
         rear_stiffness_factor: factor on the cornering stiffness of the rear axle.
         relaxation_length: m, tyres of both axles; 0 where the force follows the slip at once.
         yaw_inertia_factor: factor on the yaw inertia, on top of that of the mass.
+        is_slow: whether both actuator and tyres are slow, SLOW_LAG_FACTOR times the lag with a relaxation length. Such a car
+            needs less margin.
     """
 
     actuator_lag: float
@@ -43,6 +50,7 @@ class Member:
     rear_stiffness_factor: float = 1.0
     relaxation_length: float = 0.0
     yaw_inertia_factor: float = 1.0
+    is_slow: bool = False
 
     def __str__(self) -> str:
         """Return a short text for messages and tables: "lag 50 ms, mass +20 %, stiffness -20/+15 %, relaxation 0.6 m"."""
@@ -113,12 +121,16 @@ def members(config: Config) -> tuple[Member, ...]:
             where="tuning",
             remedy="list fewer values: the ends and the middle of each deviation",
         )
-    combinations = (dict(zip(distinct, values, strict=True)) for values in itertools.product(*distinct.values()))
-    family = dict.fromkeys(Member(**combination, **point) for combination in combinations for point in measured)
+    combinations: Iterator[dict[str, Any]] = (
+        dict(zip(distinct, values, strict=True)) for values in itertools.product(*distinct.values())
+    )
+    cars = (Member(**combination, **point) for combination in combinations for point in measured)
+    slow_lag = SLOW_LAG_FACTOR * config.rear_actuator.lag_s
+    family = dict.fromkeys(replace(car, is_slow=car.actuator_lag >= slow_lag and car.relaxation_length > 0.0) for car in cars)
     return tuple(family | {nominal(config): None})
 
 
-def _measured(config: Config) -> list[dict[str, float]]:
+def _measured(config: Config) -> list[dict[str, Any]]:
     """Return the measured deviations: attributes of a member, none in the only entry if nothing was measured."""
     keys = measured_keys(config)
     if not keys:

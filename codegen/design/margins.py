@@ -158,13 +158,17 @@ def nominal_margins(config: Config, speed: npt.ArrayLike, kp: npt.ArrayLike, ki:
     return Margins(found.gain_margin_db[0], found.phase_margin_deg[0], found.sensitivity[0], found.stable[0])
 
 
-def family_margins(config: Config, speed: npt.ArrayLike, kp: npt.ArrayLike, ki: npt.ArrayLike) -> tuple[Margins, WorstMembers]:
+def family_margins(
+    config: Config, speed: npt.ArrayLike, kp: npt.ArrayLike, ki: npt.ArrayLike, *, slow: bool = False
+) -> tuple[Margins, WorstMembers]:
     """Return the worst margins (n,) of the family at speeds (n,) in m/s with gains (n,), and the members that have them.
+
+    Slow members (`Member.is_slow`), which need less margin, are left out; with `slow` only they count.
 
     Raises:
         ConfigError: the family is empty or too large (see `family.members`).
     """
-    family = members(config)
+    family = [member for member in members(config) if member.is_slow == slow]
     frequency = frequency_grid(config.controller.sampling_time_s)
     vx, kp, ki = np.broadcast_arrays(*(np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in (speed, kp, ki)))
     # One speed at a time: the whole family over the whole grid of speeds would take hundreds of MB.

@@ -202,7 +202,7 @@ def sample(config: Config, family: Sequence[Member], speed: npt.ArrayLike) -> Sa
 
     The sampling time is the controller's, the delay `config.tuning.delay_samples`.
     """
-    a, b = _continuous(config, family, np.atleast_1d(np.asarray(speed, dtype=np.float64)))
+    a, b = continuous(config, family, np.atleast_1d(np.asarray(speed, dtype=np.float64)))
     return sample_of(a, b, config.controller.sampling_time_s, config.tuning.delay_samples)
 
 
@@ -217,7 +217,7 @@ def sample_of(a: FloatArray, b: FloatArray, time: float, delay: int) -> SampledC
     return SampledCar(transition, inputs, time, delay, *_transfer_function(transition, inputs))
 
 
-def _continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+def continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return A (m, n, 5, 5) and B (m, n, 5) for STATES and the commanded rear angle."""
     car = SingleTrack.from_config(config)
     columns = np.array(

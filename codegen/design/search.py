@@ -57,19 +57,29 @@ class Shortfall:
 
 @dataclass(frozen=True)
 class Demands:
-    """Demands on each counted car: margins in dB and deg, and the peak sensitivity."""
+    """Demands on each counted car, arrays (k,): margins in dB and deg, and the peak sensitivity."""
 
-    gain_margin_db: float
-    phase_margin_deg: float
-    sensitivity_max: float
+    gain_margin_db: FloatArray
+    phase_margin_deg: FloatArray
+    sensitivity_max: FloatArray
 
     @classmethod
-    def of(cls, tuning: Tuning, reserves: int = 0) -> Demands:
-        """Return the demands of a configuration, with ROUNDING and a number of RESERVEs on top."""
+    def of(cls, tuning: Tuning, members: Sequence[Member], reserves: int = 0) -> Demands:
+        """Return the demands of a configuration on members, with ROUNDING and a number of RESERVEs on top."""
+        is_slow = np.array([member.is_slow for member in members])
         gain, phase, peak = (least + reserves * step for least, step in zip(ROUNDING, RESERVE, strict=True))
-        # A peak below 1 does not exist: near 1, the reserve is a share of the distance to it.
-        peak = min(peak, 0.5 * (tuning.sensitivity_max - 1.0))
-        return cls(tuning.gain_margin_db + gain, tuning.phase_margin_deg + phase, tuning.sensitivity_max - peak)
+        largest = np.where(is_slow, tuning.slow_sensitivity_max, tuning.sensitivity_max)
+        return cls(
+            np.where(is_slow, tuning.slow_gain_margin_db, tuning.gain_margin_db) + gain,
+            np.where(is_slow, tuning.slow_phase_margin_deg, tuning.phase_margin_deg) + phase,
+            # A peak below 1 does not exist: near 1, the reserve is a share of the distance to it.
+            largest - np.minimum(peak, 0.5 * (largest - 1.0)),
+        )
+
+    def pick(self, places: Sequence[int]) -> Demands:
+        """Return the demands on the cars at the indices `places`."""
+        chosen = list(places)
+        return Demands(self.gain_margin_db[chosen], self.phase_margin_deg[chosen], self.sensitivity_max[chosen])
 
     def score(self, margins: Margins) -> FloatArray:
         """Return the worst margin as a fraction of its demand: met from 1, and 0 for an unstable loop."""
@@ -82,11 +92,11 @@ class Demands:
         return result
 
     def reserves_missing(self, short: Shortfall) -> int:
-        """Return the number of reserves that a car lacks, at least one."""
+        """Return the number of reserves that a car, on which alone these are demands, lacks, at least one."""
         missing = (
-            self.gain_margin_db - short.gain_margin_db,
-            self.phase_margin_deg - short.phase_margin_deg,
-            short.sensitivity - self.sensitivity_max,
+            float(self.gain_margin_db[0]) - short.gain_margin_db,
+            float(self.phase_margin_deg[0]) - short.phase_margin_deg,
+            short.sensitivity - float(self.sensitivity_max[0]),
         )
         steps = max(one / reserve for one, reserve in zip(missing, RESERVE, strict=True))
         return max(1, math.ceil(min(steps, 1e3)))
@@ -160,7 +170,7 @@ def best_gains(cars: Cars, demands: Demands, binding: list[Member]) -> tuple[flo
     """
     active = [place for place, member in enumerate(cars.members) if member in binding] or [0]
     while True:
-        kp, ki = _search(cars.pick(active), demands)
+        kp, ki = _search(cars.pick(active), demands.pick(active))
         short = cars.worst_for(demands, kp, ki)
         if short is None:
             return kp, ki

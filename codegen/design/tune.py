@@ -70,7 +70,8 @@ class Design:
     """A schedule and the cars for which it was designed, with one entry for each breakpoint.
 
     Attributes:
-        schedule: gains and the worst margins of the counted cars, or of the configured car where none counts.
+        schedule: gains and the worst margins of the counted cars that are not slow (`Member.is_slow`), or of the configured
+            car where none counts.
         limiting: the counted car that is nearest to one of the demands, or misses it most.
         counted: number of members that meet the demands; 0 beyond the grid where no gains were found.
         family_size: number of members.
@@ -196,7 +197,8 @@ class _Designer:
     def _try(self, place: int, reserves: int) -> Shortfall | None:
         """Set the best gains of a breakpoint with a number of reserves; where there are none, return the shortfall."""
         point = self.points[place]
-        found = best_gains(self.at(place), Demands.of(self.config.tuning, reserves), self.binding)
+        cars = self.at(place)
+        found = best_gains(cars, Demands.of(self.config.tuning, cars.members, reserves), self.binding)
         if isinstance(found, Shortfall):
             return found
         point.kp, point.ki = (round_down(gain) for gain in found)
@@ -218,7 +220,7 @@ class _Designer:
     def _mend(self, first: int, short: Shortfall) -> list[int]:
         """Redesign breakpoints `first` and the next where the gains between fail; return the breakpoints that changed."""
         mended = []
-        more = Demands.of(self.config.tuning).reserves_missing(short)
+        more = Demands.of(self.config.tuning, [short.member]).reserves_missing(short)
         for place in (first, first + 1):
             # First by the missing amount, because margins between two points rise about as much as at them; then step by step.
             wanted = min(self.points[place].reserves + more, RESERVES_MAX)
@@ -243,19 +245,19 @@ class _Designer:
         cars = self.cars(tuple(float(speed) for speed in speeds), counted, high.beyond)
         share = (np.array(cars.speeds) - low.speed_km_h) / (high.speed_km_h - low.speed_km_h)
         kp, ki = low.kp + share * (high.kp - low.kp), low.ki + share * (high.ki - low.ki)
-        return cars.worst_for(Demands.of(self.config.tuning), kp, ki)
+        return cars.worst_for(Demands.of(self.config.tuning, cars.members), kp, ki)
 
     def result(self) -> Design:
         """Return the schedule with the margins at its breakpoints."""
-        demands = Demands.of(self.config.tuning)
         found, limiting, counted = [], [], []
         for place, point in enumerate(self.points):
             if point.counted == Counted.NOBODY:
                 point.kp, point.ki = self.points[place - 1].kp, self.points[place - 1].ki
             cars = self.cars((point.speed_km_h,), max(point.counted, Counted.CONFIGURED), point.beyond)
             margins = cars.margins(point.kp, point.ki)
-            found.append(worst_of(margins)[0])
-            limiting.append(cars.members[int(demands.score(margins).argmin())])
+            others = [place for place, member in enumerate(cars.members) if not member.is_slow]
+            found.append(worst_of(cars.pick(others).margins(point.kp, point.ki))[0])
+            limiting.append(cars.members[int(Demands.of(self.config.tuning, cars.members).score(margins).argmin())])
             counted.append(len(cars) if point.counted else 0)
         gain, phase, peak = (np.round(np.minimum(x, UNBOUNDED), 2).tolist() for x in concatenate(found).figures())
         schedule = Schedule(

@@ -44,6 +44,8 @@ INPUT_NUMBERS = (
     "least_of_front",
     "yaw_rate_offset",
     "lateral_acceleration_offset",
+    "lateral_acceleration",
+    "least_of_lateral",
     "beyond_linear",
     "friction",
     "longitudinal_acceleration",
@@ -59,6 +61,8 @@ REST_MIN = 0.01
 SIDESLIP_RETURN, SIDESLIP_SHARE_OF_LEAD, SIDESLIP_GAIN = 0.4, 3.0, 2.0
 """Of kind "tracking", in 1/s, - and 1/s. An offset of the acceleration of 0.1 m/s^2 at 100 km/h makes the observed sideslip
 0.5 deg wrong. Healthy cars lead their lateral acceleration with little sideslip out of the turn."""
+
+ESTIMATE_FACTOR = 1.25
 
 REFERENCE_OVERSHOOT = 1.15
 """Largest yaw rate of the reference model, as a multiple of the yaw rate that the assumed friction allows."""
@@ -91,6 +95,7 @@ class ControllerView:
     actuator_angle_max: str
     rest_min: str
     reference_overshoot: float
+    estimate_factor: str
     sideslip_return: str
     sideslip_share_of_lead: str
     sideslip_gain: str
@@ -233,6 +238,7 @@ def controller_view(
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
         rest_min=literal(REST_MIN, precision),
         reference_overshoot=REFERENCE_OVERSHOOT,
+        estimate_factor=literal(ESTIMATE_FACTOR, precision),
         sideslip_return=literal(SIDESLIP_RETURN, precision),
         sideslip_share_of_lead=literal(SIDESLIP_SHARE_OF_LEAD, precision),
         sideslip_gain=literal(SIDESLIP_GAIN, precision),

@@ -13,6 +13,7 @@ import numpy as np
 
 from codegen.configuration import Config
 from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, TRIM_MAX_PERCENT
+from codegen.design.family import members
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Margins, family_margins, gains_of
 from codegen.ecu_map.model_excess import COARSE
 from codegen.emit.folder import MANIFEST, VERIFICATION_FILES, verify_hashes
@@ -110,8 +111,11 @@ def schedule_warnings(config: Config) -> Iterator[str]:
         return
     last = config.grid.last_speed_km_h
     speed = np.array([value for value in schedule.speed_km_h if value <= last] or schedule.speed_km_h[:1]) * KM_H
-    margins, _ = family_margins(config, speed, *gains_of(schedule)(speed))
-    yield from family_warnings(config, margins)
+    gains = gains_of(schedule)(speed)
+    found = list(family_warnings(config, family_margins(config, speed, *gains)[0]))
+    if not found and any(member.is_slow for member in members(config)):
+        found = list(family_warnings(config, family_margins(config, speed, *gains, slow=True)[0], slow=True))
+    yield from found
     if schedule.lead_s is None:
         return
     factor = tracking.response_ahead_s / (lag + config.controller.sampling_time_s)
@@ -122,15 +126,17 @@ def schedule_warnings(config: Config) -> Iterator[str]:
         )
 
 
-def family_warnings(config: Config, margins: Margins) -> Iterator[str]:
-    """Return a warning where the worst margins of the family of cars are below what [tuning] demands."""
-    tuning = config.tuning
+def family_warnings(config: Config, margins: Margins, *, slow: bool = False) -> Iterator[str]:
+    """Return a warning where the worst margins of the family of cars are below what [tuning] demands, with `slow` of those with
+    twice the lag and a relaxation length."""
+    prefix, cars = ("slow_", "the slow cars of the family") if slow else ("", "the family of cars")
+    least_db, least_deg = (getattr(config.tuning, f"{prefix}{key}") for key in ("gain_margin_db", "phase_margin_deg"))
     gain, phase = float(margins.gain_margin_db.min()), float(margins.phase_margin_deg.min())
-    if gain < tuning.gain_margin_db - MARGIN_TOLERANCE_DB or phase < tuning.phase_margin_deg - MARGIN_TOLERANCE_DEG:
-        kept = f"{distinct(gain, tuning.gain_margin_db)} dB and {distinct(phase, tuning.phase_margin_deg)} deg"
+    if gain < least_db - MARGIN_TOLERANCE_DB or phase < least_deg - MARGIN_TOLERANCE_DEG:
+        kept = f"{distinct(gain, least_db)} dB and {distinct(phase, least_deg)} deg"
         yield (
-            f"over the family of cars the gains keep {kept if margins.stable.all() else 'no margin (a car is unstable)'}, less "
-            f"than the {tuning.gain_margin_db:g} dB and {tuning.phase_margin_deg:g} deg of [tuning]; run `codegen tune`"
+            f"over {cars} the gains keep {kept if margins.stable.all() else 'no margin (a car is unstable)'}, less "
+            f"than the {least_db:g} dB and {least_deg:g} deg of [tuning]; run `codegen tune`"
         )
 
 

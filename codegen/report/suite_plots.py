@@ -153,7 +153,7 @@ def slippery(result: SuiteResult) -> list[Any]:
 def friction_figure(result: SuiteResult) -> Figure:
     """Draw the spins, and the largest sideslip of the other cells, on slippery roads with and without an estimate."""
     with style.style():
-        figure = style.new_figure(11.0, 6.0)
+        figure = style.new_figure(1.6 * len(slippery(result)) + 1.4, 6.0)
         panels = figure.subplots(2, 1, sharex=True)
         draw_spins(panels[0], result)
         _draw_bars(panels[1], result, lambda each: each.sideslip_max_deg and each.sideslip_max_deg.value, "{:.1f}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from codegen.text_table import text_table
 from hil_sim.scenarios import PATH_SCENARIOS
-from hil_sim.suite.cars import SHARES, SPEEDS_KM_H
+from hil_sim.suite.cars import PLANTS, SHARES, SPEEDS_KM_H
 from hil_sim.suite.cells import NOMINAL, lags
 from hil_sim.suite.controller_properties import TIMINGS, compare_rise
 from hil_sim.suite.tracking import STRUCTURE_SET
@@ -135,23 +135,24 @@ def car_sections(result: CarsResult) -> Iterator[tuple[str, str]]:
         "Random cars: mass, wheelbase, understeer gradient, largest rear angle, actuator lag",
         "\n".join(f"{car.title}: {'all limits met' if car.passed else _car_faults(car)}" for car in result.cars),
     )
-    driven = [car for car in result.cars if car.summary is not None]
-    if driven:
-        yield "Largest of all cells, and where", text_table(_CAR_HEADER, [_car_row(car) for car in driven])
+    driven = [car for car in result.cars if car.summaries]
+    for plant in PLANTS if driven else ():
+        title = f"Largest of all cells, and where: {plant.title}{f' ({plant.what})' if plant.what else ''}"
+        yield title, text_table(_CAR_HEADER, [_car_row(car, plant.name) for car in driven])
     told = f"Cells: step steers at {speeds} km/h with {shares} % of the largest feasible front angle, one sample of delay."
     limits = "; ".join(f"{row.figure} {row.asked}" for row in driven[0].requirements) if driven else ""
     yield "Limits of every car", wrapped(f"{limits}. {told}")
     if why := explanation([row for car in driven for row in car.requirements], result.limits):
         yield "Missed limits, and what they are for", why
-    yield "Result", f"{result.passed} of {len(result.cars)} cars meet all limits"
+    alone = ", ".join(f"{result.passed_on(plant)} {plant.title}" for plant in PLANTS)
+    yield "Result", f"{result.passed} of {len(result.cars)} cars meet all limits; on each plant alone: {alone}"
 
 
 _CAR_HEADER = ("", *(title for title, _, _ in _CAR_FIGURES), "slip (%)", "spins", "margins (dB / deg)")
 
 
-def _car_row(car: CarResult) -> tuple[str, ...]:
-    summary, margins = car.summary, car.margins
-    assert summary is not None  # called only for cars that were simulated
+def _car_row(car: CarResult, plant: str) -> tuple[str, ...]:
+    summary, margins = car.summaries[plant], car.margins
     return (
         f"car {car.number}",
         *(_placed(getattr(summary, name), digits) for _, name, digits in _CAR_FIGURES),

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from codegen import configuration
 from codegen.arrays import BoolArray, FloatArray
-from codegen.configuration import Config
+from codegen.configuration import Config, Sensor, Sensors
 from codegen.configuration.can import Can
 from codegen.configuration.signals import CARRIED, RECORDED
 from codegen.emit.casadi_c import staged_body
@@ -113,7 +113,7 @@ def _function(model: ParametricModel, name: str, states: Sequence[str], results:
     return ca.Function(name, [state, u, p], [result], ["state", "input", "parameter"], [name])
 
 
-__all__ = ["BatchSoftware", "Drivers", "Isa", "Lanes", "best_isa", "compile_batch", "load_batch"]
+__all__ = ["BatchSoftware", "Drivers", "Isa", "Lanes", "best_isa", "compile_batch", "load_batch", "sensor_errors"]
 
 IntArray = npt.NDArray[np.integer[Any]]
 
@@ -205,6 +205,20 @@ class Lanes:
         chosen = {name: value[..., runs] for name, value in values.items() if isinstance(value, np.ndarray) and name != "cars"}
         drivers = None if self.drivers is None else self.drivers.pick(runs)
         return replace(self, cars=self.cars[runs], drivers=drivers, **chosen)
+
+
+def sensor_errors(sensors: Sensors, samples: int, count: int, seed: int) -> FloatArray:
+    """Draw the errors of sensors for `Lanes.noise`, (samples, 5, count): bias, noise, and half a resolution either way.
+
+    Their delays are left out. The settings of one sensor do not affect the errors of others; the same seed gives the same.
+    """
+    found = np.empty((samples, len(NOISES), count))
+    streams = np.random.default_rng(seed).spawn(len(NOISES))
+    for place, (name, stream) in enumerate(zip(NOISES, streams, strict=True)):
+        sensor: Sensor = getattr(sensors, name)
+        rounding = stream.uniform(-0.5 * sensor.resolution, 0.5 * sensor.resolution, (samples, count))
+        found[:, place] = sensor.bias + sensor.noise * stream.standard_normal((samples, count)) + rounding
+    return found
 
 
 @dataclass(frozen=True)

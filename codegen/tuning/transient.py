@@ -18,7 +18,7 @@ import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config, Schedule
-from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
+from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S, RESPONSE_GAIN_MAX_S
 from codegen.design.family import ELLIPSOID_SHARE, measured_keys
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.map_file.map import ReferenceMap
@@ -38,11 +38,18 @@ OVERSHOOT_PERCENT, SETTLING_S = 1.3, 1.05
 """Targets for the configured car."""
 OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 4.3, 1.09
 """Limits of the configured car where it cannot meet both targets, a little inside those of `codegen sil --suite cars`."""
-DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, LAG_OVERSHOOT_PERCENT = 3.0, 15.0, 5.0
-"""Limits of overshoot in the family: mass or tyres of both axles, tyres of the rear axle alone, or the lag differ."""
+RISE_MAX_S, RISE_FROM_KM_H = 0.36, 79.0
+"""Limit of the rise time of the configured car, and the speed from which it counts."""
+DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, RELAXATION_OVERSHOOT_PERCENT = 3.0, 15.0, 10.0
+"""Limits of overshoot in the family: mass or tyres of both axles, tyres of the rear axle alone, or the relaxation length
+differ."""
+RELAXATION_FACTOR = 1.5
 LAG_FACTORS = (0.4, 2.0)
+LAG_OVERSHOOT_PERCENT = (5.0, 15.0)
+"""Limits of overshoot with another lag, one for each factor; with a measured lag the first."""
 LAG_KEY = "rear_actuator.lag_s"
 """Key of `[identified]` whose uncertainty replaces LAG_FACTORS."""
+RELAXATION_KEY = "plant.relaxation_length_m"
 STIFFNESS_KEYS = frozenset(f"tyre.{axle}.cornering_stiffness_n_per_rad" for axle in ("front", "rear"))
 """Keys of which one at least replaces the deviations of the tyres."""
 STATIC_OVERSHOOT_FACTOR = 0.6
@@ -62,9 +69,9 @@ SPEED_MIN_KM_H = 25.0
 STEER_TIME, DURATION, STEADY_WINDOW = 0.2, 4.0, 0.5
 """Times in s: a step begins, ends, and is averaged for the steady yaw rate."""
 
-LEADS_S = (-0.02, 0.0, 0.02, 0.04, 0.06, 0.08, 0.10, 0.12, 0.14)
+LEADS_S = (-0.02, 0.0, 0.02, 0.04, 0.07, 0.10, 0.14)
 """Leads of the first pairs. Lead amplifies noise: 0.14 s turn 0.01 deg of the front angle into about 0.1 deg of rear angle."""
-RESPONSE_GAINS_S = (0.0, 0.06, 0.12, 0.18, 0.24)
+RESPONSE_GAINS_S = (0.0, 0.06, 0.12, 0.2, 0.35, 0.6, 0.9, 1.2)
 """Response gains of the first pairs, each with each lead."""
 DISTANCE_PRICE_S = 0.005
 """Cost of one step of distance between the pairs of neighbouring speeds, in s of t90. A pair interpolated between distant
@@ -113,7 +120,8 @@ class Response:
     @property
     def excess(self) -> float:
         """Worst figure of the configured car, as a fraction of its limit."""
-        return max(self.overshoot_percent / OVERSHOOT_MAX_PERCENT, self.settling_s / SETTLING_MAX_S)
+        slowness = self.rise_s / RISE_MAX_S if self.speed_km_h >= RISE_FROM_KM_H else 0.0
+        return max(self.overshoot_percent / OVERSHOOT_MAX_PERCENT, self.settling_s / SETTLING_MAX_S, slowness)
 
     @property
     def is_on_target(self) -> bool:
@@ -209,7 +217,7 @@ def _pairs(search: _Search, progress: Progress | None) -> tuple[Response, ...]:
         for moved in (slice(0, None, 2), slice(1, None, 2)):
             pairs = np.repeat(best[np.newaxis], len(around), axis=0)
             pairs[:, moved] += (np.array(around) * step)[:, np.newaxis]
-            pairs = np.clip(pairs, (LEADS_S[0], 0.0), (LEADS_S[-1], math.inf))
+            pairs = np.clip(pairs, (LEADS_S[0], 0.0), (LEADS_S[-1], RESPONSE_GAIN_MAX_S))
             chosen = search.best(search.drive_all(pairs, search.cells(speeds=moved), tell))
             best[moved] = pairs[chosen, range(count)][moved]
     return search.responses(best, search.drive_all(best[np.newaxis], search.cells(), tell)[0])
@@ -278,6 +286,8 @@ class _Search:
         edge = turns_of(config, config.case(reference_map.case)).edge(driven, float(angles[-1])).front_angle
         angle = np.outer(np.minimum(edge, angles[-1]), SHARES)
         family, limits = family_of(config)
+        lags = family[:, PLANT_PARAMETERS.index("rear_lag")]
+        other_lag = lags != lags[0]
         count = len(speeds)
         speed = [*np.tile(driven[:count], len(family)), *driven[count:]]
         lanes = Lanes(
@@ -291,8 +301,7 @@ class _Search:
         search = cls(software, schedule, ahead, speeds, over_speed, unit_step(software.config, STEER_TIME, DURATION), lanes)
         static = search.drive(np.zeros((count, 2)), search.cells())[FIGURES.index("overshoot")]
         least = STATIC_OVERSHOOT_FACTOR * np.where(np.isfinite(static), static, 0.0)  # a car that spins raises no limit
-        other_lag = over_speed == LAG_OVERSHOOT_PERCENT
-        return replace(search, limits=np.where(other_lag, np.maximum(over_speed, least), over_speed))
+        return replace(search, limits=np.where(other_lag[:, np.newaxis], np.maximum(over_speed, least), over_speed))
 
     def cells(self, cars: slice = slice(None), speeds: slice = slice(None)) -> BoolArray:
         """Return the cells (cars, speeds) that belong to some cars and speeds."""
@@ -349,8 +358,8 @@ class _Search:
 
     def smooth_best(self, pairs: FloatArray, figures: FloatArray) -> list[int]:
         """Return the same for pairs (n, speeds, 2) equal at all speeds, with a price on the distance from speed to speed."""
-        step = np.array([LEADS_S[1] - LEADS_S[0], RESPONSE_GAINS_S[1] - RESPONSE_GAINS_S[0]])
-        places = pairs[:, 0] / step
+        axes = zip((LEADS_S, RESPONSE_GAINS_S), pairs[:, 0].T, strict=True)
+        places = np.stack([np.interp(values, first, range(len(first))) for first, values in axes], axis=-1)
         apart = DISTANCE_PRICE_S * np.abs(places[:, np.newaxis] - places).sum(axis=-1)
         cost = np.tensordot(TIERS, np.minimum(self._keys(figures), 1e3), axes=1)  # (n, speeds); a spin is infinite
         total, before = cost[:, 0], []
@@ -366,8 +375,9 @@ class _Search:
     def _keys(self, figures: FloatArray) -> FloatArray:
         """Return sort keys (4, n, speeds) of figures (n, 5, cars, speeds), the most significant first; smaller is better."""
         overshoot, settling, overshoot_larger, settling_larger, rise = (figures[:, k] for k in range(len(FIGURES)))
-        at_aim = (overshoot[:, 0] <= OVERSHOOT_PERCENT) & (settling[:, 0] <= SETTLING_S)
-        excess = np.maximum(overshoot[:, 0] / OVERSHOOT_MAX_PERCENT, settling[:, 0] / SETTLING_MAX_S)
+        slowness = np.where(np.array(self.speeds) >= RISE_FROM_KM_H, rise[:, 0] / RISE_MAX_S, 0.0)
+        at_aim = (overshoot[:, 0] <= OVERSHOOT_PERCENT) & (settling[:, 0] <= SETTLING_S) & (slowness <= 1.0)
+        excess = np.maximum(np.maximum(overshoot[:, 0] / OVERSHOOT_MAX_PERCENT, settling[:, 0] / SETTLING_MAX_S), slowness)
         larger = np.maximum(overshoot_larger[:, 0] / OVERSHOOT_MAX_PERCENT, settling_larger[:, 0] / SETTLING_MAX_S)
         others = (overshoot[:, 1:] / self.limits[1:]).max(axis=1)
         # In steps of a hundredth: a smaller excess does not justify a slower response.
@@ -403,6 +413,10 @@ def family_of(config: Config) -> tuple[FloatArray, FloatArray]:
         for car in Population.of(config, ordered).axes(ELLIPSOID_SHARE):
             add(plant_parameters(car), limit)
 
+    def add_scaled(parameter: str, factor: float, limit: float) -> None:
+        add(varied_cars(config)[0], limit)
+        rows[-1][PLANT_PARAMETERS.index(parameter)] *= factor
+
     for mass in masses:
         add(varied_cars(config, mass=1.0 + mass / 100.0)[0], DEVIATION_OVERSHOOT_PERCENT)
     if measured & STIFFNESS_KEYS:
@@ -413,12 +427,13 @@ def family_of(config: Config) -> tuple[FloatArray, FloatArray]:
             add(varied_cars(config, front_stiffness=factor, rear_stiffness=factor)[0], DEVIATION_OVERSHOOT_PERCENT)
         if slopes and slopes[0] < 0.0:
             add(varied_cars(config, rear_stiffness=1.0 + slopes[0] / 100.0)[0], REAR_AXLE_OVERSHOOT_PERCENT)
+    if config.plant.relaxation_length_m and RELAXATION_KEY not in measured:
+        add_scaled("relaxation_length", RELAXATION_FACTOR, RELAXATION_OVERSHOOT_PERCENT)
     if LAG_KEY in measured:
-        add_measured({LAG_KEY}, LAG_OVERSHOOT_PERCENT)
+        add_measured({LAG_KEY}, LAG_OVERSHOOT_PERCENT[0])
     else:
-        for factor in LAG_FACTORS:
-            add(varied_cars(config)[0], LAG_OVERSHOOT_PERCENT)
-            rows[-1][PLANT_PARAMETERS.index("rear_lag")] *= factor
+        for factor, limit in zip(LAG_FACTORS, LAG_OVERSHOOT_PERCENT, strict=True):
+            add_scaled("rear_lag", factor, limit)
     return np.array(rows), np.array(limits)
 
 

@@ -164,7 +164,7 @@ PLANT_INPUTS = (
     "rear_angle_command",  # rad
     "friction",  # peak friction of the road
     "yaw_moment",  # N m, from outside: split friction, a gust
-    "lateral_force",  # N, from outside at the centre of gravity, to the left
+    "lateral_force",  # N, from outside at the centre of gravity, or at the roll axis below it, to the left
 )
 PLANT_OUTPUTS = (
     "sideslip_angle",  # rad

@@ -4,7 +4,7 @@ A condition is a change of the simulated car, as a function from a configuration
 from the result; controller and map are those of the original. Properties that a change does not name are kept. Changes of mass
 and peak keep the slope of the tyres at zero slip, their cornering stiffness. Otherwise the factor B would be kept, the slope
 would follow load or peak, and a change of the mass would not affect the motion of the linear car at all. On a road of another
-friction it is B that is kept, as intended; the scenario sets that friction.
+friction either B is kept, so that the stiffness falls with the friction, or the stiffness; the scenario sets that friction.
 """
 
 from __future__ import annotations
@@ -168,6 +168,16 @@ def relaxation(length: float) -> Change:
     return lambda config: config.replace({"plant.relaxation_length_m": length}, VARIED)
 
 
+def ideal(config: Config) -> Config:
+    """Return the configuration of the ideal car: see `codegen.configuration.IDEAL_PLANT`."""
+    return config.with_ideal_plant()
+
+
+def kept_stiffness(share: float) -> Change:
+    """Return a change of the share of the tyres' stiffness that slippery roads keep."""
+    return lambda config: config.replace({"plant.slippery_stiffness_share": share}, VARIED)
+
+
 def together(*changes: Change) -> Change:
     """Return several changes as one."""
 
@@ -179,7 +189,7 @@ def together(*changes: Change) -> Change:
     return change
 
 
-Group = Literal["nominal", "lag", "mass", "tyre", "combined", "friction"]
+Group = Literal["nominal", "plant", "lag", "mass", "tyre", "combined", "friction"]
 
 LAG_FACTORS = (0.4, 1.0, 2.0)
 FRICTIONS = (0.6, 0.4)
@@ -198,6 +208,7 @@ class Condition:
         friction: friction of the road; None for the configured one.
         estimate: friction estimate for the controller; None for unknown.
         what: details beyond the title.
+        with_sensors: whether the controller measures with the errors of `[sensors]`, see `sensor_errors`. Only batches do so.
     """
 
     name: str
@@ -207,6 +218,7 @@ class Condition:
     friction: float | None = None
     estimate: float | None = None
     what: str = ""
+    with_sensors: bool = False
 
     @property
     def estimate_or_nan(self) -> float:
@@ -220,6 +232,12 @@ class Condition:
 
 
 NOMINAL = Condition("nominal", "as configured", "nominal")
+IDEAL = Condition(
+    "ideal", "ideal plant", "plant", ideal, what="no relaxation, no roll, and an actuator of first order without backlash"
+)
+SENSORS = Condition(
+    "sensors", "errors of the sensors", "plant", with_sensors=True, what="noise, resolution and bias of [sensors]"
+)
 MASSES = (
     Condition("mass-minus-20", "mass -20 %", "mass", mass(-20.0)),
     Condition("mass-plus-20", "mass +20 %", "mass", mass(20.0)),
@@ -250,17 +268,22 @@ COMBINED = Condition(
 )
 
 
-def _on_road(friction: float) -> tuple[Condition, ...]:
-    key, road = f"friction-{100.0 * friction:.0f}", f"friction {friction:g}"
-    wrong = round(friction + ESTIMATE_ERROR, 9)
+ROADS = (("", "", 0.0), ("-stiff", ", stiff", 1.0))
+"""Both kinds of slippery road: end of the name, of the title, and share of the tyres' stiffness that the road keeps."""
+
+
+def _on_road(friction: float, road: tuple[str, str, float]) -> tuple[Condition, ...]:
+    end, kept, share = road
+    key, title, plant = f"friction-{100.0 * friction:.0f}{end}", f"friction {friction:g}{kept}", kept_stiffness(share)
+    wrong, what = round(friction + ESTIMATE_ERROR, 9), "the road keeps the cornering stiffness of the tyres" if share else ""
     return (
-        Condition(key, f"{road}, no estimate", "friction", friction=friction),
-        Condition(f"{key}-exact", f"{road}, estimated {friction:g}", "friction", friction=friction, estimate=friction),
-        Condition(f"{key}-wrong", f"{road}, estimated {wrong:g}", "friction", friction=friction, estimate=wrong),
+        Condition(key, f"{title}, no estimate", "friction", plant, friction, what=what),
+        Condition(f"{key}-exact", f"{title}, estimated {friction:g}", "friction", plant, friction, friction),
+        Condition(f"{key}-wrong", f"{title}, estimated {wrong:g}", "friction", plant, friction, wrong),
     )
 
 
-SLIPPERY = tuple(condition for friction in FRICTIONS for condition in _on_road(friction))
+SLIPPERY = tuple(condition for road in ROADS for friction in FRICTIONS for condition in _on_road(friction, road))
 
 
 def lags(lag_s: float) -> tuple[Condition, ...]:
@@ -272,4 +295,4 @@ def lags(lag_s: float) -> tuple[Condition, ...]:
 def conditions(config: Config) -> tuple[Condition, ...]:
     """Return the conditions that apply to a configuration: no road with more friction than its map assumes."""
     slippery = (each for each in SLIPPERY if each.friction is not None and each.friction < config.road.friction)
-    return (NOMINAL, *lags(config.rear_actuator.lag_s), *MASSES, *TYRES, COMBINED, *slippery)
+    return (NOMINAL, IDEAL, SENSORS, *lags(config.rear_actuator.lag_s), *MASSES, *TYRES, COMBINED, *slippery)

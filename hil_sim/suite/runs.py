@@ -14,7 +14,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.metrics import Runs, SlipOfBound, StepResponse
 from codegen.metrics.runs import spin_times
-from codegen.sil.batch import Lanes
+from codegen.sil.batch import Lanes, sensor_errors
 from codegen.sil.software import RECORD_COLUMNS, Software
 from codegen.tuning.transient import unit_step
 from codegen.units import KM_H
@@ -25,6 +25,9 @@ from hil_sim.metrics.run import Figures
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cells import DURATION, STEER_TIME, Cell, Condition, front_angle
 from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
+
+SENSOR_SEED = 1
+"""Seed of the sensors' errors in a condition that has them."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,11 @@ def software_of(subject: Subject, condition: Condition) -> Software:
 
 
 def drive(subject: Subject, condition: Condition, cell: Cell, delay_samples: int = DELAY_SAMPLES) -> FloatArray:
-    """Return the recording (samples, 12), columns RECORD_COLUMNS, of a subject in a cell. Raises BuildError, ConfigError."""
+    """Return the recording (samples, 12), columns RECORD_COLUMNS, of a subject in a cell, its sensors without errors.
+
+    Raises:
+        BuildError, ConfigError: as `software_of`.
+    """
     software = software_of(subject, condition)
     scenario = cell.scenario(software.config, condition.friction, condition.estimate)
     return subject.loop(software, delay_samples).run(scenario.inputs(software.config))
@@ -140,6 +147,8 @@ def run_table(subject: Subject, under: Sequence[Condition], points: Sequence[Cel
     for condition in under:
         plant, estimate = condition.plant(config), condition.estimate_or_nan
         software = subject.around.batch(plant)
+        profile = unit_step(config, STEER_TIME, DURATION)
+        samples = profile.shape[0] // software.steps_per_sample
         lanes = Lanes(
             np.repeat([plant_parameters(plant)], len(points), axis=0),
             speed_factor=speeds,
@@ -148,8 +157,9 @@ def run_table(subject: Subject, under: Sequence[Condition], points: Sequence[Cel
             friction_estimate=estimate,
             delay_samples=DELAY_SAMPLES,
             controlled=subject.controlled,
+            noise=sensor_errors(plant.sensors, samples, len(points), SENSOR_SEED) if condition.with_sensors else None,
         )
-        records = software.run(unit_step(config, STEER_TIME, DURATION), lanes, software.parameters(**subject.parameters))
+        records = software.run(profile, lanes, software.parameters(**subject.parameters))
         look_up = software.software.function("map_yaw_rate_on_road")
         runs = Runs(
             np.arange(records.shape[1], dtype=np.float64) * config.controller.sampling_time_s,

@@ -102,11 +102,14 @@ def test_an_invalid_file_of_limits(refused: Refused, here: Path, text: str, word
     assert words in refused("sil", "--suite", "tracking", "--limits", "mine.toml")
 
 
-def car(number: int, overshoot: float, error: str = "") -> CarResult:
-    summary = summarise("tracking", "x", [cell_result("tracking", CELLS[-1], "x", overshoot_percent=overshoot)])
+def car(number: int, overshoot: float, error: str = "", roll: float = 4.0) -> CarResult:
+    summaries = {
+        plant: summarise("tracking", plant, [cell_result("tracking", CELLS[-1], "x", overshoot_percent=value)])
+        for plant, value in (("nominal", overshoot), ("roll", roll), ("ideal", 9.0))
+    }
     loop = margins(stable=True)
-    rows = car_requirements(f"car {number}", summary, loop, Limits())
-    return CarResult(number, 2000.0, 2.9, 1.0, 5.0, 0.05, {}, None if error else summary, loop, () if error else rows, error)
+    rows = car_requirements(f"car {number}", summaries, loop, Limits())
+    return CarResult(number, 2000.0, 2.9, 1.0, 5.0, 0.05, {}, {} if error else summaries, loop, () if error else rows, error)
 
 
 def test_suite_of_random_cars(run: Run, monkeypatch: pytest.MonkeyPatch, here: Path) -> None:
@@ -124,11 +127,14 @@ def test_suite_of_random_cars(run: Run, monkeypatch: pytest.MonkeyPatch, here: P
     )
     data = json.loads(run("sil", "--suite", "cars", "--cars", "2", "--seed", "5", "--json").out)
     assert (data["seed"], data["passed"], len(data["cars"]), asked) == (5, 2, 2, [(1, 8), (5, 2)])
-    mixed = CarsResult(1, (car(1, 4.0), car(2, 5.5), car(3, 1.0, "no gains")))
+    assert data["passed_on"] == {"nominal": 2, "roll": 2, "ideal": 0}
+    mixed = CarsResult(1, (car(1, 4.0), car(2, 5.5), car(3, 1.0, "no gains"), car(4, 4.0, roll=6.0)))
     monkeypatch.setattr(cars, "run_cars", lambda *_: mixed)
-    answer = run("sil", "--suite", "cars", "--cars", "3")
+    answer = run("sil", "--suite", "cars", "--cars", "4")
     assert answer.code == 1 and "car 2: 2,000 kg" in answer.out
-    expected = "error: 1 of 3 cars meet all limits: car 2: overshoot 5.50 % (at most 5 %); car 3: no gains; see the tables"
+    assert "1 of 4 cars meet all limits; on each plant alone: 2 as configured, 2 roll plant, 0 ideal plant" in answer.out
+    missed = "car 2: overshoot 5.50 % (at most 5 %); car 3: no gains; car 4: overshoot, roll plant 6.00 % (at most 5 %)"
+    expected = f"error: 1 of 4 cars meet all limits: {missed}; see the tables"
     assert answer.err.splitlines()[-1] == expected
 
 

@@ -118,7 +118,7 @@ def test_the_gains_suit_99_percent_of_the_cars_and_are_larger_than_those_of_the_
     for speed in speeds:
         kp, ki = gains_of(own)(np.array([speed * KM_H]))
         margins = loop_margins(sample(config, family, [speed * KM_H]), kp, ki, frequency)
-        kept &= Demands.of(config.tuning).met(margins)[:, 0]
+        kept &= Demands.of(config.tuning, family[:1]).met(margins)[:, 0]
     assert kept.mean() >= 0.99
     assert any(member.yaw_inertia_factor != 1.0 for member in made.limiting)
 

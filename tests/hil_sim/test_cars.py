@@ -1,12 +1,15 @@
 """Random cars: the draw, and batches of cells."""
 
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from codegen.sil.batch import NOISES, sensor_errors
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.cars import DEVELOPMENT_SEED, MASS_KG, SHARES, SPEEDS_KM_H, TEST_SEED, examine, random_cars
-from hil_sim.suite.cells import cells, conditions
+from hil_sim.suite.cells import NOMINAL, SENSORS, cells, conditions
 from hil_sim.suite.requirements import Limits
 from hil_sim.suite.runs import drive, judge, map_yaw_rate, run_table
 from hil_sim.suite.subjects import of_config, passive_of
@@ -39,6 +42,24 @@ def test_cells_in_a_batch_equal_single_runs() -> None:
             found = tables[condition.name][-1]
             assert (found.cell, found.condition) == (points[-1], condition.name)
             assert [getattr(found, name) for name in names] == pytest.approx([getattr(alone, name) for name in names], abs=1e-6)
+
+
+def test_errors_of_the_sensors_reach_the_controller() -> None:
+    """The errors are those of the data sheet, and a bias of the yaw rate moves the steady yaw rate by about as much."""
+    noisy = {"speed": {"noise_km_h": 0.36, "resolution_km_h": 0.0}, "rear_angle": {"noise_deg": 0.0, "resolution_deg": 0.2}}
+    noisy |= {"yaw_rate": {"noise_deg_s": 0.0, "resolution_deg_s": 0.0, "bias_deg_s": 2.0}}
+    config = builds.TRACKING_CONFIG.replace({"sensors": noisy})
+    errors = dict(zip(NOISES, sensor_errors(config.sensors, 500, 200, 1).transpose(1, 0, 2), strict=True))
+    assert np.std(errors["speed"]) == pytest.approx(0.1, rel=0.01)  # 1 / sqrt(2 * 100,000) of it: 0.2 %
+    assert np.ptp(errors["rear_angle"]) == pytest.approx(math.radians(0.2), rel=0.001)
+    assert (errors["yaw_rate"] == math.radians(2.0)).all()
+    other = config.replace({"sensors.speed.noise_km_h": 0.0}).sensors
+    assert np.array_equal(sensor_errors(other, 500, 200, 1)[:, 1:], sensor_errors(config.sensors, 500, 200, 1)[:, 1:])
+    subject = of_config("tracking", builds.paper_map(), config)
+    tables = run_table(subject, [NOMINAL, SENSORS], cells(config, config.case("4ws-2"), (60.0,), (0.5,)))
+    (ideal,), (biased,) = tables[NOMINAL.name], tables[SENSORS.name]
+    assert ideal.yaw_rate_steady_deg_s is not None and biased.yaw_rate_steady_deg_s is not None
+    assert -2.5 < biased.yaw_rate_steady_deg_s - ideal.yaw_rate_steady_deg_s < -0.2
 
 
 def test_a_car_that_cannot_be_tuned_is_reported() -> None:

@@ -16,7 +16,7 @@ from codegen.errors import CodegenError, ConfigError
 from codegen.optimum import exact
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.units import KM_H
-from codegen.vehicle.dynamics import single_track
+from codegen.vehicle.dynamics import single_track, two_track
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim import second_plant
@@ -39,7 +39,7 @@ from hil_sim.suite.controller_properties import (
     timing_errors,
 )
 from hil_sim.suite.full_suite import third_party_cells
-from hil_sim.suite.requirements import Measured, all_passed, requirements
+from hil_sim.suite.requirements import Limits, Measured, all_passed, car_requirements, requirements
 from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_table, software_of, summarise
 from hil_sim.suite.subjects import Subject, around, around_folder, passive_of
 from hil_sim.suite.tracking import SuiteResult, run_suite
@@ -119,6 +119,24 @@ def test_load_sensitivity_and_relaxation() -> None:
     assert car.plant.relaxation_length_m == 0.6
     with pytest.raises(ConfigError, match=r"varied plant.*mass_kg"):  # impossible for a car
         changes.mass(-95.0)(CONFIG)
+
+
+def test_the_ideal_plant_and_both_kinds_of_road() -> None:
+    parts = {"relaxation_length_m": 0.4, "roll_deg_per_g": 4.0, "actuator_motor_share": 0.5, "backlash_deg": 0.1}
+    parts |= {"rear_relaxation_factor": 1.2, "slippery_stiffness_share": 0.5, "command_delay_samples": 1}
+    car = CONFIG.replace({"plant": parts})
+    assert all(getattr(car.plant, key) == value for key, value in parts.items())
+    assert changes.ideal(car) == changes.ideal(CONFIG)
+    by_name = {each.name: each for each in conditions(car)}
+    assert by_name["ideal"].plant(car) == changes.ideal(car)
+    for name, stiffness_share in (("friction-40", 0.4 / 0.9), ("friction-40-stiff-exact", 1.0)):
+        for slip, share in ((1e-6, stiffness_share), (0.5, 0.4 / 0.9)):  # where a tyre is linear, and where it slides
+            model, lateral_speed = two_track(by_name[name].plant(CONFIG)), 20.0 * math.tan(slip)
+            wet, dry = (
+                float(model.derivative([lateral_speed, *[0.0] * 6], [20.0, 0.0, 0.0, friction, 0.0, 0.0])[0])
+                for friction in (0.4, CONFIG.road.friction)
+            )
+            assert wet / dry == pytest.approx(share, rel=1e-6 if slip < 0.1 else 0.1)
 
 
 def ramp_with_peak(sign: float = 1.0) -> np.ndarray:
@@ -224,12 +242,13 @@ def test_a_good_controller_passes_every_row() -> None:
     assert [row.asked for row in slow[:3]] == ["at most 2 %", "at most 0.7 s", "at most 0.48 s"]
     assert {row.limit for row in slow if row.figure == "settling time to 2 %" and "C1" not in row.subject_matter} == {1.2}
     # 3 lags of C1, 3 plants of 4 rows, error to the map and slip of 1, 2 other actuators, 3 margins,
-    # 2 of the third party, 11 of slippery roads, 2 timings, 2 paths, 1 count.
-    assert len(rows) == 9 + 12 + 2 + 2 + 3 + 2 + 11 + 2 + 2 + 1
+    # 2 of the third party, 11 of slippery roads of each kind, 2 timings, 2 paths, 1 count.
+    assert len(rows) == 9 + 12 + 2 + 2 + 3 + 2 + 2 * 11 + 2 + 2 + 1
     # A value equal to its limit passes despite rounding: 1.6 - 1.0 > 0.6, as computed for a settling time.
     assert failing(replace(good(), c1={lag.name: result(1.0, settling_time_s=1.6 - 1.0) for lag in LAGS})) == set()
 
 
+CAR_FIGURES = ("spins in 1 cells", "overshoot", "settling time to 2 %")
 SIDESLIP_EXCESS = "|sideslip| beyond its bound"
 NOMINAL_CELLS, SLIPPERY_CELLS = "all cells, as configured", "friction 0.4, no estimate"
 
@@ -242,6 +261,11 @@ NOMINAL_CELLS, SLIPPERY_CELLS = "all cells, as configured", "friction 0.4, no es
         ("mass-minus-20", [result(1.0, sideslip_excess_deg=0.3)], {("all cells, mass -20 %", SIDESLIP_EXCESS)}),
         ("friction-60", [result(1.0, sideslip_max_deg=3.6)], {("friction 0.6, no estimate", "|sideslip|")}),
         ("friction-40-wrong", [result(1.0, sideslip_max_deg=5.6)], {("friction 0.4, estimated 0.6", "|sideslip|")}),
+        (
+            "friction-60-stiff",
+            [result(1.0, sideslip_max_deg=3.6)],
+            {("friction 0.6, stiff, no estimate", "|sideslip|")},
+        ),
         ("relaxation-600", [result(1.0, overshoot_percent=99.0)], set()),  # reported, without a limit
         ("nominal", [OSCILLATING], {(NOMINAL_CELLS, "settling time to 2 %")}),
         (
@@ -257,6 +281,19 @@ NOMINAL_CELLS, SLIPPERY_CELLS = "all cells, as configured", "friction 0.4, no es
 )
 def test_each_figure_out_of_bounds_is_found(condition: str, rows: list[CellResult], wanted: set[tuple[str, str]]) -> None:
     assert failing(with_rows(condition, result(0.5), *rows)) == wanted
+
+
+def test_a_random_car_has_limits_on_both_plants() -> None:
+    good_cells, spun = (summarise("tracking", "x", rows) for rows in ([result(1.0)], [SPIN]))
+    steady = summarise("tracking", "x", [result(1.0, map_error_percent=9.0)])
+    for summaries, missed in (
+        ({"nominal": good_cells, "roll": good_cells, "ideal": spun}, set()),
+        ({"nominal": good_cells, "roll": steady}, set()),  # its tyres are not those of the map
+        ({"nominal": steady, "roll": good_cells}, {"|error to the map|, steady"}),
+        ({"nominal": good_cells, "roll": spun}, {f"{name}, roll plant" for name in CAR_FIGURES}),
+    ):
+        rows = car_requirements("car 1", summaries, None, Limits())
+        assert {row.figure for row in rows if row.passed is False and not row.stretch} == missed
 
 
 def test_missed_stretch_goals_and_missing_measurements_do_not_fail() -> None:

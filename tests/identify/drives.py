@@ -212,9 +212,9 @@ def _true(config: Config, rows: FloatArray, plant: Any, delay: float) -> Iterato
 
 
 def true_car(seed: int) -> tuple[Config, Errors]:
-    """Draw a car with a relaxation length, and its sensors."""
+    """Draw a car with a relaxation length, otherwise the ideal one, and its sensors."""
     rng = np.random.default_rng(seed)
-    data = random_car(rng).model_dump(mode="json")
+    data = random_car(rng).with_ideal_plant().model_dump(mode="json")
     data["plant"]["relaxation_length_m"] = float(rng.uniform(0.1, 0.6))
     for axle in ("front", "rear"):
         tyre = data["tyre"][axle]
@@ -253,7 +253,7 @@ KNOWN = ("mass_kg", "cg_height_m", "track_m", "cg_to_front_axle_m", "cg_to_rear_
 
 def configured_car(true: Config) -> Config:
     """Return the preset with what is known of a car: masses and geometry, the angle of its actuator."""
-    data = configuration.preset("recommended").model_dump(mode="json")
+    data = configuration.preset("recommended").with_ideal_plant().model_dump(mode="json")
     data["vehicle"] |= {key: getattr(true.vehicle, key) for key in KNOWN}
     data["rear_actuator"]["angle_max_deg"] = true.rear_actuator.angle_max_deg
     return configuration.parse(data, "known car")

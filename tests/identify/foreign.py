@@ -91,7 +91,7 @@ class ForeignCar:
 
 
 def _base() -> Config:
-    return preset("recommended").replace({"rear_actuator": {"angle_max_deg": ANGLE_MAX_DEG}})
+    return preset("recommended").with_ideal_plant().replace({"rear_actuator": {"angle_max_deg": ANGLE_MAX_DEG}})
 
 
 def _leaning(title: str, curve: TyreCurve | None = None) -> ForeignCar:

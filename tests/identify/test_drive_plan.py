@@ -57,7 +57,7 @@ STEP, BLOCK, SETTLING = 0.01, 5, 20
 
 def _car(**changes: float) -> Config:
     """Return a car with other values, by the names of the table, of whose sensors only those of the outputs have noise."""
-    data = configuration.preset("recommended").model_dump(mode="json")
+    data = configuration.preset("recommended").with_ideal_plant().model_dump(mode="json")
     data["plant"]["relaxation_length_m"] = 0.2
     quiet = {"noise_deg": 1e-9, "resolution_deg": 0.0}
     data["sensors"] |= {"speed": {"noise_km_h": 1e-9, "resolution_km_h": 0.0}, "front_angle": quiet, "rear_angle": quiet}

@@ -14,7 +14,7 @@ from codegen.identify.shooting import DriveSamples, Problem, actuator_problem, b
 from codegen.units import DEGREE
 from tests.identify.drives import SENSOR, Course, Drive, Errors, drive
 
-CONFIG = preset("recommended")
+CONFIG = preset("recommended").with_ideal_plant()
 NO_ERRORS = Errors(bias={}, speed_factor=1.0, jitter_steps=0, command_delay=0.0)
 DIFFERENCE = 1e-5
 """Relative step of central differences: their error is some 1e-10, and rounding adds 1e-11."""

@@ -75,7 +75,7 @@ def axle_force(config: Config, axle: str, lateral_acceleration: float, friction:
     """Return the plant's force across the car (n,) in N of one axle at slip angles (n,) in rad, the other axle without slip."""
     speed = 2e4
     yaw_rate = lateral_acceleration / speed
-    model, vehicle = two_track(config), config.vehicle
+    model, vehicle = two_track(config.with_ideal_plant()), config.vehicle
     front, rear = (slips, 0.0 * slips) if axle == "front" else (0.0 * slips, slips)
     # The wheels of the axle are straight, so that its slip gives the lateral speed, and the other wheels run along.
     arm = vehicle.cg_to_front_axle_m if axle == "front" else -vehicle.cg_to_rear_axle_m
@@ -152,7 +152,7 @@ def blended(speed: float, slow: float, fast: float) -> float:
 def test_the_floor_by_its_definition(name: str) -> None:
     """An optimum under the floor is raised to it, and any other one stays. The plant's turn is solved to 1e-7."""
     config, rng = CARS[name], np.random.default_rng(5)
-    turns, free, model = turns_of(config), turns_of(config, floor=None), two_track(config)
+    turns, free, model = turns_of(config), turns_of(config, floor=None), two_track(config.with_ideal_plant())
     speed = np.concatenate([rng.uniform(*ends, 30) for ends in ((20.0, 60.0), (60.0, 80.0), (80.0, 120.0))]) * KM_H
     front_angle = np.radians(rng.uniform(0.2, 1.0, speed.size)) * np.minimum(9.0, (90.0 * KM_H / speed) ** 2 * 4.0)
     found, optimum, cap = turns.at(speed, front_angle), free.at(speed, front_angle), turns.cap(speed)
@@ -181,7 +181,7 @@ def test_the_floor_of_a_car_that_oversteers_near_the_limit() -> None:
     """Its tyres turn the passive car more than its gain at small angles; the floor is the former."""
     tyre = {"rear": {"peak_load_sensitivity_p2": -0.3}}
     config = changed(CARS["light, rear-heavy"], vehicle={"front_roll_share": 0.3}, tyre=tyre, limits={"yaw_gain_floor": 1.1})
-    turns, model, speed, front_angle = turns_of(config), two_track(config), 52.0 * KM_H, math.radians(4.3)
+    turns, model, speed, front_angle = turns_of(config), two_track(config.with_ideal_plant()), 52.0 * KM_H, math.radians(4.3)
     found = turns.at(np.array([speed]), np.array([front_angle]))
     passive = passive_yaw_rate(config, model, speed, front_angle)
     linear = SteadyModel.of(config, config.cases[MAP]).turns(speed, front_angle, np.zeros(1)).yaw_rate[0]
@@ -194,7 +194,7 @@ def test_the_floor_of_a_car_that_oversteers_near_the_limit() -> None:
 def test_the_car_turns_at_least_as_much_as_the_passive_one_up_to_the_cap(name: str) -> None:
     """20 to 60 km/h. The plant decides. The bend takes 1.4 % where the passive car reaches the cap; bounds win."""
     config, rng = CARS[name], np.random.default_rng(6)
-    turns, model = turns_of(config), two_track(config)
+    turns, model = turns_of(config), two_track(config.with_ideal_plant())
     speed, front_angle = rng.uniform(20.0, 60.0, 12) * KM_H, np.radians(rng.uniform(0.5, 9.0, 12))
     found, cap = turns.at(speed, front_angle), turns.cap(speed) / speed
     bounds = Binding.SIDESLIP | Binding.SLIP_FRONT | Binding.SLIP_REAR | Binding.REAR_ANGLE

@@ -158,7 +158,7 @@ class Car:
     ) -> tuple[float, float]:
         """Return lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2) from four slip angles.
 
-        From outside, a yaw moment (N m) and a lateral force (N) at the centre of gravity act.
+        `outside` is a yaw moment (N m) and a lateral force (N).
         """
         places, loads = self.wheels, self.loads(speed * yaw_rate, *roll)
         pull = np.array([-self.tyre_force(k, slip[k], loads[k], friction) for k in range(4)])
@@ -174,7 +174,7 @@ class Car:
         """
         lateral, yaw_rate, wheel, rear, _, _, heading = state[:7]
         further = dict(zip(self.further_states, state[7:], strict=True))
-        speed, wheel_command, rear_command, friction, *outside = inputs
+        speed, wheel_command, rear_command, friction, moment, force = inputs
         steer = np.array([wheel / self.steering_ratio] * 2 + [rear] * 2)
         slip = self.slip_angles(self.wheels, speed, lateral, yaw_rate, steer)
         held, rates_of = slip, dict[str, float]()
@@ -184,7 +184,7 @@ class Car:
             lengths = self.relaxation_length * np.array([1.0, 1.0, *[self.rear_relaxation_factor] * 2])
             rates_of = dict(zip(self.further_states, (slip - held) * rolling / lengths, strict=False))
         roll = further.get("roll", 0.0), further.get("roll_rate", 0.0)
-        acceleration, yaw_acceleration = self.body_rates(speed, yaw_rate, held, steer, friction, outside, roll)
+        acceleration, yaw_acceleration = self.body_rates(speed, yaw_rate, held, steer, friction, (moment, force), roll)
         if self.roll_gradient:  # the centre of gravity swings about the roll axis, to the right of it
             lever, inertia, springs, dampers = self.body
             tilting = lever * self.gravity * math.sin(roll[0]) - springs * roll[0] - dampers * roll[1]
@@ -218,10 +218,9 @@ class Car:
         sideslip, slip_front, slip_rear = self.slip_angles(middles, speed, lateral, yaw_rate, np.array([0.0, front, rear]))
         steer = np.array([front, front, rear, rear])
         held = state[7:11] if self.relaxation_length else self.slip_angles(self.wheels, speed, lateral, yaw_rate, steer)
-        roll = further.get("roll", 0.0)
-        acceleration, _ = self.body_rates(
-            speed, yaw_rate, held, steer, friction, (0.0, inputs[5]), (roll, further.get("roll_rate", 0.0))
-        )
+        roll, outside = further.get("roll", 0.0), (0.0, inputs[5])
+        rolling = (roll, further.get("roll_rate", 0.0))
+        acceleration, _ = self.body_rates(speed, yaw_rate, held, steer, friction, outside, rolling)
         measured = further.get("motor_angle", rear), acceleration + self.gravity * math.sin(roll)
         return np.array([sideslip, acceleration, front, slip_front, slip_rear, *measured])
 

@@ -64,6 +64,8 @@ class SecondInputs:
         self.expected = self.least = self.least_of_front = self.offset = self.lateral_offset = self.beyond = zero
         self.lateral: Any = None  # yaw rate in rad/s from the lateral acceleration, or None
         self.lateral_is_known = self.lateral_is_proven = False
+        self.last_lateral = self.least_of_lateral = zero  # m/s^2, rad/s
+        self.lateral_against, self.lateral_is_wrong = 0, False
         self.against = 0  # samples with a yaw rate opposite to the other signals
         self.friction = real(FRICTION_UNKNOWN)
         self.strongest = self.acceleration = real(strongest)
@@ -96,7 +98,9 @@ class SecondInputs:
         gain = self._gain(speed)
         shows = speed >= 5.0 and abs(m.lateral_acceleration) <= p("lateral_acceleration_max")
         self.lateral = (m.lateral_acceleration - self.lateral_offset) / speed if shows else None
-        self.lateral_is_known |= self.lateral is not None
+        if self.lateral is not None:
+            self.lateral_is_known = True
+            self._judge_lateral(m.lateral_acceleration)
         taken.append(self._take_front_angle(m.front_angle, gain, rear))
         driven = self._expect(gain, rear, model)
         taken.append(self._take_yaw_rate(m.yaw_rate, rear))
@@ -177,6 +181,23 @@ class SecondInputs:
             if signal.against >= 3 * self.p.recovery_samples:
                 step = self.real(-1.0)
         return self._take("front_angle", measured, abs(measured) <= p("front_angle_max"), confirmed, step)
+
+    def _judge_lateral(self, measured: Any) -> None:
+        """Drop the lateral acceleration while it is not to be used."""
+        near, yaw_rate, largest = self.parameter("yaw_rate_agreement"), self.yaw_rate.value, 5 * self.p.recovery_samples
+        apart = abs(self.lateral - yaw_rate)
+        self.least_of_lateral = apart if measured != self.last_lateral else min(self.least_of_lateral, apart)
+        confirmed = abs(self.expected - yaw_rate) <= near
+        if abs(measured - self.last_lateral) > 2.0 or (confirmed and apart - self.least_of_lateral > near):
+            self.lateral_against = largest
+        elif confirmed and apart > near + self.real(0.5) * abs(yaw_rate):
+            self.lateral_against = min(self.lateral_against + 1, largest)
+        else:
+            self.lateral_against = max(self.lateral_against - 1, 0)
+        self.last_lateral = measured
+        self.lateral_is_wrong = self.lateral_against == largest or (self.lateral_is_wrong and self.lateral_against > 0)
+        if self.lateral_is_wrong:
+            self.lateral = None
 
     def _witness(self) -> Any:
         """Return the yaw rate from a lateral acceleration that agreed before, or None."""

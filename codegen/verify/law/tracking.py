@@ -13,6 +13,7 @@ import numpy as np
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.controller_view import (
+    ESTIMATE_FACTOR,
     REFERENCE_OVERSHOOT,
     SIDESLIP_GAIN,
     SIDESLIP_RETURN,
@@ -224,6 +225,9 @@ class SecondTracking(SecondController):
         self.reached = self.reached - self.parameter("grip_forgetting") * self.period * self.reached
         self.grip = min(self.grip + self.parameter("grip_recovery_idle") * self.period, self.full_grip)
 
+    def road_friction(self, m: Measurement) -> Any:
+        return min(self.real(ESTIMATE_FACTOR) * self.friction(m), self.grip * self.friction_per_grip)
+
     def look(self, m: Measurement) -> Sample:
         """Return the map's value for the front angle after the lead time, for the known or estimated friction."""
         p = self.parameter
@@ -233,8 +237,7 @@ class SecondTracking(SecondController):
             self.front_rate = self.front_rate + p("lead_smoothing") * (rate - self.front_rate)
             self.last_front = m.front_angle
         lead = clip(self.scheduled("lead_time", m.speed) * self.front_rate, -most, most)
-        seen, estimated = self.grip * self.friction_per_grip, self.friction(m)
-        friction = min(estimated, seen)
+        friction = self.road_friction(m)
         moving = m.longitudinal_acceleration
         found = self.lookup.reference(m.speed, m.front_angle + lead, friction, moving)
         yaw_rate, rear_angle = (self.real(value) for value in found)
@@ -282,7 +285,7 @@ class SecondTracking(SecondController):
         self.state = tuple(self.real(value) for value in after)
 
     def rest(self, m: Measurement) -> None:
-        friction = min(self.friction(m), self.grip * self.friction_per_grip)
+        friction = self.road_friction(m)
         self.move(m.speed, m.front_angle, self.angle, *[friction] * (2 if self.lookup.is_moving else 1))
 
     def model(self) -> tuple[Any, ...] | None:
@@ -331,7 +334,7 @@ class SecondTracking(SecondController):
             high = clip(feedforward + more, low, high)
         travel = self.sideslip - self.car.rear_arm * (m.yaw_rate * (self.real(1.0) / m.speed))
         half, own = self.real(0.5), self.real(self.road.friction)
-        slip = self.rear_peak_slip * (half + half * min(self.friction(m), self.grip * self.friction_per_grip) / own)
+        slip = self.rear_peak_slip * (half + half * self.road_friction(m) / own)
         high = clip(travel + slip, low, high)
         low = clip(travel - slip, low, high)
         return low - feedforward, high - feedforward
