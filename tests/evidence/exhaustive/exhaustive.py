@@ -54,6 +54,7 @@ OTHERS: Mapping[str, str] = {
             "is_frozen",
             "take_speed",
             "take_front_angle",
+            "judge_lateral",
             "turn_of_lateral",
             "check_speed",
             "compare_with_lateral",
