@@ -8,8 +8,9 @@
  * agreed with the yaw rate in a turn, and then detects a frozen front angle, a yaw rate of the wrong sign and, in a turn, a speed
  * that is frozen or drifts.
  *
- * While the car drives straight, the offset of the yaw rate is learned with a time constant, up to a bound, and subtracted. Without a
- * lateral acceleration, a steady side wind cannot be told from an offset.
+ * The offsets of yaw rate and lateral acceleration are learned from each other with a time constant, up to their bounds, and subtracted.
+ * What both show alike on a straight is a side wind rather than an offset, and is learned slowly. In turns only the offset of the lateral
+ * acceleration is learned, slowly. Without a lateral acceleration, a steady side wind cannot be told from an offset.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: angles and yaw rate are positive to the left.
  *
@@ -26,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x77120255u
+#define ARS_INPUTS_BUILD 0xBD1231C7u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -102,6 +103,10 @@ typedef struct {
     float lateral_acceleration_offset; /* m/s^2, learned */
     float beyond_linear;     /* rad/s, correction of expected_yaw_rate by the lateral acceleration while both replace the yaw rate */
     float friction;          /* last estimate; without a new one it moves to that of an unknown road */
+    float lateral_acceleration; /* m/s^2, last one */
+    float least_of_lateral;     /* rad/s, smallest difference of yaw rate and turn of the lateral acceleration since that changed */
+    uint16_t lateral_against;  /* samples in which it contradicts the yaw rate, less those in which it does not */
+    bool lateral_is_wrong;     /* not used */
     bool lateral_is_known;   /* a lateral acceleration was measured at least once */
     bool lateral_is_proven;  /* the lateral acceleration agreed with the yaw rate in the last turn */
 } ars_inputs_t;

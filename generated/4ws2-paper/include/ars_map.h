@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x77120255u
+#define ARS_MAP_BUILD 0xBD1231C7u
 
 /* Numbers of breakpoints. */
 enum {

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x77120255u
+#if ARS_MAP_BUILD != 0xBD1231C7u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x77120255u
+#if ARS_TASK_BUILD != 0xBD1231C7u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -122,7 +122,7 @@ static inline bool ars_inputs_parameters_holds(const ars_inputs_parameters_t *va
         && lies_between(value->friction_recovery, 1.0e-05f, 1.0f)
         && (value->missing_samples_max <= 100u)
         && (value->recovery_samples >= 1u)
-        && (value->recovery_samples <= 10000u);
+        && (value->recovery_samples <= 4000u);
     return holds;
 }
 
@@ -175,14 +175,14 @@ static inline bool ars_inputs_holds(const ars_inputs_t *value)
         && (!(value->speed.source == ARS_SIGNAL_MEASURED) || (value->speed.missing <= 100u))
         && (!(value->front_angle.source == ARS_SIGNAL_MEASURED) || (value->front_angle.missing <= 100u))
         && (!(value->yaw_rate.source == ARS_SIGNAL_MEASURED) || (value->yaw_rate.missing <= 100u))
-        && (!(value->front_angle.source == ARS_SIGNAL_MEASURED) || (value->front_angle.good == 0u))
-        && (value->front_angle.good <= 10000u)
-        && (value->yaw_rate.good <= 10000u)
+        && (((value->front_angle.source == ARS_SIGNAL_MEASURED) && (value->front_angle.good <= 12000u)) || (value->front_angle.good <= 4000u))
+        && (value->yaw_rate.good <= 4000u)
         && lies_within(value->expected_yaw_rate, 20.0f)
         && lies_within(value->beyond_linear, 20.0f)
         && lies_between(value->least, 0.0f, (2.0f * 20.0f))
         && lies_between(value->least_of_front, 0.0f, (2.0f * 20.0f))
         && lies_within(value->yaw_rate_offset, 1.0f)
+        && lies_within(value->lateral_acceleration_offset, 10.0f)
         && lies_between(value->friction, 0.0f, 2.0f)
         && is_flag(value->lateral_is_known)
         && is_flag(value->lateral_is_proven);
@@ -209,7 +209,7 @@ static inline bool ars_controller_holds(const ars_controller_t *value)
         && lies_within(value->sample.front_angle, 1.5f)
         && lies_within(value->sample.yaw_rate, 20.0f)
         && lies_within(value->sample.rear_angle, 1.0f)
-        && lies_within(value->sample.lateral_acceleration, 4096.0f)
+        && lies_within(value->sample.lateral_acceleration, 8192.0f)
         && lies_between(value->sample.friction, 0.0f, 2.0f)
         && is_flag(value->sample.inhibit)
         && ((uint32_t)value->quality <= 3u)
@@ -481,7 +481,7 @@ static inline void ars_inputs_step_ensures(const ars_inputs_t *self, const ars_i
     CONTRACT_ENSURE(lies_within(checked->front_angle, 1.5f), "front_angle is within its range");
     CONTRACT_ENSURE(lies_within(checked->yaw_rate, 20.0f), "yaw_rate is within its range");
     CONTRACT_ENSURE(lies_within(checked->rear_angle, 1.0f), "rear_angle is within its range");
-    CONTRACT_ENSURE(lies_within(checked->lateral_acceleration, 4096.0f), "lateral_acceleration is within its range");
+    CONTRACT_ENSURE(lies_within(checked->lateral_acceleration, 8192.0f), "lateral_acceleration is within its range");
     CONTRACT_ENSURE(lies_between(checked->friction, 0.0f, 2.0f), "friction is within its range");
     CONTRACT_ENSURE(is_flag(checked->inhibit), "inhibit is true or false");
     CONTRACT_ENSURE(((uint32_t)result <= 3u), "the quality is one of its enumerators");
@@ -558,6 +558,7 @@ static inline void ars_law_step_requires(const ars_law_t *self, const ars_parame
     CONTRACT_REQUIRE(lies_between(sample->speed, 0.01f, 200.0f), "ars_law_step requires: speed is in range");
     CONTRACT_REQUIRE(lies_between(sample->front_angle, -1.5f, 1.5f), "ars_law_step requires: front_angle is in range");
     CONTRACT_REQUIRE(lies_between(sample->yaw_rate, -20.0f, 20.0f), "ars_law_step requires: yaw_rate is in range");
+    CONTRACT_REQUIRE(lies_within(sample->lateral_acceleration, 8192.0f), "ars_law_step requires: lateral_acceleration is in range");
     CONTRACT_REQUIRE(is_flag(sample->inhibit), "ars_law_step requires: inhibit is true or false");
     CONTRACT_REQUIRE(((uint32_t)phase <= 2u), "ars_law_step requires: phase is one of its enumerators");
     CONTRACT_REQUIRE(lies_within(rear_angle, 1.0f), "ars_law_step requires: rear_angle is in range");

@@ -6,10 +6,12 @@
  * rate by the steady turn of the linear vehicle. The yaw rate follows from the lateral acceleration, or from the front angle by that
  * steady turn. The speed decays slowly from its last plausible value. The lateral acceleration is optional. It is used once it has
  * agreed with the yaw rate in a turn, and then detects a frozen front angle, a yaw rate of the wrong sign and, in a turn, a speed
- * that is frozen or drifts.
+ * that is frozen or drifts. The expected yaw rate is that of the reference model with the measured rear angle; of the
+ * linear vehicle below 5 m/s.
  *
- * While the car drives straight, the offset of the yaw rate is learned with a time constant, up to a bound, and subtracted. Without a
- * lateral acceleration, a steady side wind cannot be told from an offset.
+ * The offsets of yaw rate and lateral acceleration are learned from each other with a time constant, up to their bounds, and subtracted.
+ * What both show alike on a straight is a side wind rather than an offset, and is learned slowly. In turns only the offset of the lateral
+ * acceleration is learned, slowly. Without a lateral acceleration, a steady side wind cannot be told from an offset.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: angles and yaw rate are positive to the left.
  *
@@ -24,7 +26,7 @@
 
 #include "ars_reference_model.h"
 
-#if ARS_REFERENCE_MODEL_BUILD != 0xC60F8B14u
+#if ARS_REFERENCE_MODEL_BUILD != 0xD1D12E54u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -32,7 +34,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xC60F8B14u
+#define ARS_INPUTS_BUILD 0xD1D12E54u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -108,6 +110,10 @@ typedef struct {
     float lateral_acceleration_offset; /* m/s^2, learned */
     float beyond_linear;     /* rad/s, correction of expected_yaw_rate by the lateral acceleration while both replace the yaw rate */
     float friction;          /* last estimate; without a new one it moves to that of an unknown road */
+    float lateral_acceleration; /* m/s^2, last one */
+    float least_of_lateral;     /* rad/s, smallest difference of yaw rate and turn of the lateral acceleration since that changed */
+    uint16_t lateral_against;  /* samples in which it contradicts the yaw rate, less those in which it does not */
+    bool lateral_is_wrong;     /* not used */
     bool lateral_is_known;   /* a lateral acceleration was measured at least once */
     bool lateral_is_proven;  /* the lateral acceleration agreed with the yaw rate in the last turn */
 } ars_inputs_t;
@@ -125,7 +131,7 @@ void ars_inputs_init(ars_inputs_t *self, bool is_trusted);
  *
  * measured:   may contain any number, NaN and infinity too.
  * rear_angle: rad, the last command, finite. It replaces a rear angle that is not measured.
- * model:      the motion that it has reached until this sample.
+ * model:      the reference model of the vehicle, with its state before this sample. The yaw rate is compared with it.
  * checked:    receives the checked sample. Every field is finite; speed, angles and yaw rate are within their ranges, and an
  *             unknown friction is above that of every map.
  * Returns the quality of the sample.

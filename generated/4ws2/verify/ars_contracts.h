@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0xC60F8B14u
+#if ARS_MAP_BUILD != 0xD1D12E54u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xC60F8B14u
+#if ARS_TASK_BUILD != 0xD1D12E54u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -122,7 +122,7 @@ static inline bool ars_inputs_parameters_holds(const ars_inputs_parameters_t *va
         && lies_between(value->friction_recovery, 1.0e-05f, 1.0f)
         && (value->missing_samples_max <= 100u)
         && (value->recovery_samples >= 1u)
-        && (value->recovery_samples <= 10000u);
+        && (value->recovery_samples <= 4000u);
     return holds;
 }
 
@@ -199,14 +199,14 @@ static inline bool ars_inputs_holds(const ars_inputs_t *value)
         && (!(value->speed.source == ARS_SIGNAL_MEASURED) || (value->speed.missing <= 100u))
         && (!(value->front_angle.source == ARS_SIGNAL_MEASURED) || (value->front_angle.missing <= 100u))
         && (!(value->yaw_rate.source == ARS_SIGNAL_MEASURED) || (value->yaw_rate.missing <= 100u))
-        && (!(value->front_angle.source == ARS_SIGNAL_MEASURED) || (value->front_angle.good == 0u))
-        && (value->front_angle.good <= 10000u)
-        && (value->yaw_rate.good <= 10000u)
+        && (((value->front_angle.source == ARS_SIGNAL_MEASURED) && (value->front_angle.good <= 12000u)) || (value->front_angle.good <= 4000u))
+        && (value->yaw_rate.good <= 4000u)
         && lies_within(value->expected_yaw_rate, 20.0f)
         && lies_within(value->beyond_linear, 20.0f)
         && lies_between(value->least, 0.0f, (2.0f * 20.0f))
         && lies_between(value->least_of_front, 0.0f, (2.0f * 20.0f))
         && lies_within(value->yaw_rate_offset, 1.0f)
+        && lies_within(value->lateral_acceleration_offset, 10.0f)
         && lies_between(value->friction, 0.0f, 2.0f)
         && is_flag(value->lateral_is_known)
         && is_flag(value->lateral_is_proven);
@@ -218,13 +218,15 @@ static inline bool ars_reference_model_holds(const ars_reference_model_t *value)
     bool holds = lies_within(value->sideslip_angle, 0.34906584f)
         && lies_within(value->yaw_rate, 2.6179938f)
         && lies_within(value->rear_angle, 0.061086524f)
-        && lies_within(value->lateral_acceleration, 20.0f);
+        && lies_within(value->lateral_acceleration, 20.0f)
+        && lies_within(value->front_argument, 1000.0f)
+        && lies_within(value->rear_argument, 1000.0f);
     return holds;
 }
 
 static inline bool ars_grip_holds(const ars_grip_t *value)
 {
-    bool holds = lies_between(value->reached, 0.0f, 4000.0f)
+    bool holds = lies_between(value->reached, 0.0f, 8192.0f)
         && lies_between(value->available, 0.087190285f, 7.8471293f);
     return holds;
 }
@@ -257,7 +259,7 @@ static inline bool ars_controller_holds(const ars_controller_t *value)
         && lies_within(value->sample.front_angle, 1.5f)
         && lies_within(value->sample.yaw_rate, 20.0f)
         && lies_within(value->sample.rear_angle, 1.0f)
-        && lies_within(value->sample.lateral_acceleration, 4096.0f)
+        && lies_within(value->sample.lateral_acceleration, 8192.0f)
         && lies_between(value->sample.friction, 0.0f, 2.0f)
         && is_flag(value->sample.inhibit)
         && ((uint32_t)value->quality <= 3u)
@@ -512,25 +514,28 @@ static inline void ars_inputs_init_ensures(const ars_inputs_t *self, bool is_tru
     CONTRACT_ENSURE(ars_inputs_holds(self), "self is within its invariant");
 }
 
-static inline void ars_inputs_step_requires(const ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle, const ars_measurement_t *checked)
+static inline void ars_inputs_step_requires(const ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle, const ars_reference_model_t *model, const ars_measurement_t *checked)
 {
     (void)self;
     (void)parameters;
     (void)measured;
     (void)rear_angle;
+    (void)model;
     (void)checked;
     CONTRACT_REQUIRE(ars_inputs_holds(self), "ars_inputs_step requires: self is within its invariant");
     CONTRACT_REQUIRE(ars_inputs_parameters_holds(parameters), "ars_inputs_step requires: parameters is within its invariant");
+    CONTRACT_REQUIRE(ars_reference_model_holds(model), "ars_inputs_step requires: model is within its invariant");
     CONTRACT_REQUIRE(is_flag(measured->inhibit), "ars_inputs_step requires: inhibit is true or false");
     CONTRACT_REQUIRE(lies_within(rear_angle, 1.0f), "ars_inputs_step requires: rear_angle is within its range");
 }
 
-static inline void ars_inputs_step_ensures(const ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle, const ars_measurement_t *checked, ars_quality_t result, const ars_inputs_t *self_before)
+static inline void ars_inputs_step_ensures(const ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle, const ars_reference_model_t *model, const ars_measurement_t *checked, ars_quality_t result, const ars_inputs_t *self_before)
 {
     (void)self;
     (void)parameters;
     (void)measured;
     (void)rear_angle;
+    (void)model;
     (void)checked;
     (void)result;
     (void)self_before;
@@ -539,7 +544,7 @@ static inline void ars_inputs_step_ensures(const ars_inputs_t *self, const ars_i
     CONTRACT_ENSURE(lies_within(checked->front_angle, 1.5f), "front_angle is within its range");
     CONTRACT_ENSURE(lies_within(checked->yaw_rate, 20.0f), "yaw_rate is within its range");
     CONTRACT_ENSURE(lies_within(checked->rear_angle, 1.0f), "rear_angle is within its range");
-    CONTRACT_ENSURE(lies_within(checked->lateral_acceleration, 4096.0f), "lateral_acceleration is within its range");
+    CONTRACT_ENSURE(lies_within(checked->lateral_acceleration, 8192.0f), "lateral_acceleration is within its range");
     CONTRACT_ENSURE(lies_between(checked->friction, 0.0f, 2.0f), "friction is within its range");
     CONTRACT_ENSURE(is_flag(checked->inhibit), "inhibit is true or false");
     CONTRACT_ENSURE(((uint32_t)result <= 3u), "the quality is one of its enumerators");
@@ -667,27 +672,24 @@ static inline void ars_grip_friction_ensures(const ars_grip_t *self, const ars_p
     CONTRACT_ENSURE((result > 0.0f) && (result <= 2.0f), "the friction is positive and in range");
 }
 
-static inline void ars_grip_update_requires(const ars_grip_t *self, const ars_parameters_t *parameters, float speed, float yaw_rate_reference, float yaw_rate)
+static inline void ars_grip_update_requires(const ars_grip_t *self, const ars_parameters_t *parameters, float model_acceleration, float acceleration)
 {
     (void)self;
     (void)parameters;
-    (void)speed;
-    (void)yaw_rate_reference;
-    (void)yaw_rate;
+    (void)model_acceleration;
+    (void)acceleration;
     CONTRACT_REQUIRE(ars_grip_holds(self), "ars_grip_update requires: self is within its invariant");
     CONTRACT_REQUIRE(ars_parameters_holds(parameters), "ars_grip_update requires: parameters is within its invariant");
-    CONTRACT_REQUIRE(lies_between(speed, 0.01f, 200.0f), "ars_grip_update requires: speed is in range");
-    CONTRACT_REQUIRE(lies_between(yaw_rate, -20.0f, 20.0f), "ars_grip_update requires: yaw_rate is in range");
-    CONTRACT_REQUIRE(lies_within(yaw_rate_reference, 20.0f), "ars_grip_update requires: yaw_rate_reference is in range");
+    CONTRACT_REQUIRE(lies_within(model_acceleration, 8192.0f), "ars_grip_update requires: model_acceleration is in range");
+    CONTRACT_REQUIRE(lies_within(acceleration, 8192.0f), "ars_grip_update requires: acceleration is in range");
 }
 
-static inline void ars_grip_update_ensures(const ars_grip_t *self, const ars_parameters_t *parameters, float speed, float yaw_rate_reference, float yaw_rate, const ars_grip_t *self_before)
+static inline void ars_grip_update_ensures(const ars_grip_t *self, const ars_parameters_t *parameters, float model_acceleration, float acceleration, const ars_grip_t *self_before)
 {
     (void)self;
     (void)parameters;
-    (void)speed;
-    (void)yaw_rate_reference;
-    (void)yaw_rate;
+    (void)model_acceleration;
+    (void)acceleration;
     (void)self_before;
     CONTRACT_ENSURE(ars_grip_holds(self), "self is within its invariant");
 }
@@ -736,6 +738,7 @@ static inline void ars_law_step_requires(const ars_law_t *self, const ars_parame
     CONTRACT_REQUIRE(lies_between(sample->speed, 0.01f, 200.0f), "ars_law_step requires: speed is in range");
     CONTRACT_REQUIRE(lies_between(sample->front_angle, -1.5f, 1.5f), "ars_law_step requires: front_angle is in range");
     CONTRACT_REQUIRE(lies_between(sample->yaw_rate, -20.0f, 20.0f), "ars_law_step requires: yaw_rate is in range");
+    CONTRACT_REQUIRE(lies_within(sample->lateral_acceleration, 8192.0f), "ars_law_step requires: lateral_acceleration is in range");
     CONTRACT_REQUIRE(is_flag(sample->inhibit), "ars_law_step requires: inhibit is true or false");
     CONTRACT_REQUIRE(((uint32_t)phase <= 2u), "ars_law_step requires: phase is one of its enumerators");
     CONTRACT_REQUIRE(lies_within(rear_angle, 1.0f), "ars_law_step requires: rear_angle is in range");
@@ -756,6 +759,25 @@ static inline void ars_law_step_ensures(const ars_law_t *self, const ars_paramet
     CONTRACT_ENSURE(ars_law_holds(self), "self is within its invariant");
     CONTRACT_ENSURE((((rear_angle - (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f)) <= result->rear_angle) && (result->rear_angle <= (rear_angle + (((parameters->rear_rate_max < parameters->limiter.rear_rate_max) ? parameters->rear_rate_max : parameters->limiter.rear_rate_max) * 0.01f)))), "the command moves by at most the lower of both rates");
     CONTRACT_ENSURE(lies_within(result->yaw_rate_reference, 20.0f), "yaw_rate_reference is in range");
+}
+
+static inline void ars_law_rest_requires(const ars_law_t *self, const ars_measurement_t *sample, float friction, float rear_angle)
+{
+    (void)self;
+    (void)sample;
+    (void)friction;
+    (void)rear_angle;
+    CONTRACT_REQUIRE(ars_law_holds(self), "ars_law_rest requires: self is within its invariant");
+}
+
+static inline void ars_law_rest_ensures(const ars_law_t *self, const ars_measurement_t *sample, float friction, float rear_angle, const ars_law_t *self_before)
+{
+    (void)self;
+    (void)sample;
+    (void)friction;
+    (void)rear_angle;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_law_holds(self), "self is within its invariant");
 }
 
 static inline void ars_parameters_valid_requires(const ars_parameters_t *parameters)

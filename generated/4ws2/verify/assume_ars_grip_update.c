@@ -10,12 +10,12 @@
 #include "ars_contracts.h"
 
 /* Locals without a value have any value. */
-void ars_grip_update(ars_grip_t *self, const ars_parameters_t *parameters, float speed, float yaw_rate_reference, float yaw_rate)
+void ars_grip_update(ars_grip_t *self, const ars_parameters_t *parameters, float model_acceleration, float acceleration)
 {
     const ars_grip_t self_before = *self;
     ars_grip_t any_self;
 
-    ars_grip_update_requires(self, parameters, speed, yaw_rate_reference, yaw_rate);
+    ars_grip_update_requires(self, parameters, model_acceleration, acceleration);
     *self = any_self;
-    ars_grip_update_ensures(self, parameters, speed, yaw_rate_reference, yaw_rate, &self_before);
+    ars_grip_update_ensures(self, parameters, model_acceleration, acceleration, &self_before);
 }

@@ -10,16 +10,16 @@
 #include "ars_contracts.h"
 
 /* Locals without a value have any value. */
-ars_quality_t ars_inputs_step(ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle, ars_measurement_t *checked)
+ars_quality_t ars_inputs_step(ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle, const ars_reference_model_t *model, ars_measurement_t *checked)
 {
     const ars_inputs_t self_before = *self;
     ars_inputs_t any_self;
     ars_measurement_t any_checked;
     ars_quality_t result;
 
-    ars_inputs_step_requires(self, parameters, measured, rear_angle, checked);
+    ars_inputs_step_requires(self, parameters, measured, rear_angle, model, checked);
     *self = any_self;
     *checked = any_checked;
-    ars_inputs_step_ensures(self, parameters, measured, rear_angle, checked, result, &self_before);
+    ars_inputs_step_ensures(self, parameters, measured, rear_angle, model, checked, result, &self_before);
     return result;
 }

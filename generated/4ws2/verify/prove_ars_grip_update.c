@@ -30,14 +30,13 @@ void prove_ars_grip_update(void)
 {
     ars_grip_t self;
     ars_parameters_t parameters;
-    float speed;
-    float yaw_rate_reference;
-    float yaw_rate;
+    float model_acceleration;
+    float acceleration;
     ars_grip_t self_before;
 
-    ars_grip_update_requires(&self, &parameters, speed, yaw_rate_reference, yaw_rate);
+    ars_grip_update_requires(&self, &parameters, model_acceleration, acceleration);
     self_before = self;
-    ars_grip_update(&self, &parameters, speed, yaw_rate_reference, yaw_rate);
-    ars_grip_update_ensures(&self, &parameters, speed, yaw_rate_reference, yaw_rate, &self_before);
+    ars_grip_update(&self, &parameters, model_acceleration, acceleration);
+    ars_grip_update_ensures(&self, &parameters, model_acceleration, acceleration, &self_before);
     check_end();
 }

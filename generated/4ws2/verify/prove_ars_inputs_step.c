@@ -32,13 +32,14 @@ void prove_ars_inputs_step(void)
     ars_inputs_parameters_t parameters;
     ars_measurement_t measured;
     float rear_angle;
+    ars_reference_model_t model;
     ars_measurement_t checked;
     ars_inputs_t self_before;
     ars_quality_t result;
 
-    ars_inputs_step_requires(&self, &parameters, &measured, rear_angle, &checked);
+    ars_inputs_step_requires(&self, &parameters, &measured, rear_angle, &model, &checked);
     self_before = self;
-    result = ars_inputs_step(&self, &parameters, &measured, rear_angle, &checked);
-    ars_inputs_step_ensures(&self, &parameters, &measured, rear_angle, &checked, result, &self_before);
+    result = ars_inputs_step(&self, &parameters, &measured, rear_angle, &model, &checked);
+    ars_inputs_step_ensures(&self, &parameters, &measured, rear_angle, &model, &checked, result, &self_before);
     check_end();
 }
