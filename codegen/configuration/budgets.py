@@ -37,14 +37,14 @@ MOVING_STACK, MOVING_BYTES = 16, 8
 CARRIED_BYTES = 4 * len(CARRIED)
 """Bytes of state for the signals that the controller only forwards."""
 
-COMMON = {"limiter_instructions_max": 126, "task_stack_bytes_max": 250, "state_bytes_max": 144 + CARRIED_BYTES}
+COMMON = {"limiter_instructions_max": 126, "task_stack_bytes_max": 250, "state_bytes_max": 148 + CARRIED_BYTES}
 OF_KIND: Mapping[Kind, Mapping[str, int]] = {
     "pi": {"step_instructions_max": 720, "task_instructions_max": 1_690},
     "proportional": {"step_instructions_max": 720, "task_instructions_max": 1_690},
     "feedforward": {"step_instructions_max": 640 + SECOND_TABLE, "task_instructions_max": 1_620 + SECOND_TABLE},
     "tracking": {
-        "step_instructions_max": 1_260,
-        "task_instructions_max": 2_310,
+        "step_instructions_max": 1_440,
+        "task_instructions_max": 2_440,
         "task_stack_bytes_max": 312,
         "state_bytes_max": 200 + CARRIED_BYTES,
     },

@@ -80,7 +80,7 @@ def check_state_after_init(built: Built) -> None:
     assert (state.yaw_rate_reference, state.status, state.enabled) == (0.0, Status.STANDBY, False)
     for name in ("speed", "front_angle", "yaw_rate"):
         signal = getattr(state.inputs, name)
-        assert (signal.value, signal.missing, signal.good, signal.source) == (0.0, 0, 10_000, 1), "the first sample is trusted"
+        assert (signal.value, signal.missing, signal.good, signal.source) == (0.0, 0, 4_000, 1), "the first sample is trusted"
     assert (state.inputs.expected_yaw_rate, state.inputs.least, state.inputs.friction) == (0.0, 0.0, 2.0)
     inputs = state.inputs
     assert {inputs.least_of_front, inputs.yaw_rate_offset, inputs.beyond_linear, state.sample.lateral_acceleration} == {0.0}
@@ -183,7 +183,7 @@ def check_counts(built: Built) -> None:
         found = statuses_of(built, parameters, [(good, 1), (LOST, most + 5)])[1:]
         assert (found[:most] == Status.DEGRADED).all(), most
         assert (found[most:] == Status.FAIL_SAFE).all(), most
-    for needed in (1, 2, 255, 256, 10_000):
+    for needed in (1, 2, 255, 256, 4_000):
         parameters = parameters_of(built, {"inputs": {"recovery_samples": needed}})
         found = statuses_of(built, parameters, [(LOST, 5), (good, needed + 1)])[5:]
         assert (found[: needed - 1] == Status.FAIL_SAFE).all(), needed

@@ -41,10 +41,13 @@ EXACT = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbas
 
 
 class Unit:
-    """The input monitoring alone, of the car EXACT. A reference model turns like that car unless it is given another motion."""
+    """The input monitoring alone, of the car EXACT. A reference model turns like that car unless it is given another motion.
 
-    def __init__(self, built: Built, **inputs: float) -> None:
-        self.built = built
+    Without `judges_lateral`, the lateral acceleration is never found wrong.
+    """
+
+    def __init__(self, built: Built, judges_lateral: bool = False, **inputs: float) -> None:
+        self.built, self.judges_lateral = built, judges_lateral
         self.parameters = parameters_of(built, {"inputs": EXACT | inputs})
         software = built.software
         self.state, self.checked, self._measured = (software.new(name) for name in ("inputs", "measurement", "measurement"))
@@ -63,6 +66,10 @@ class Unit:
             self.model.rear_angle = measurement.rear_angle if yaw_rate is None else rear_angle
             models = [self.model]
         software.fill(self._measured, measurement)
+        if not self.judges_lateral:
+            state, lateral = self.state, measurement.lateral_acceleration
+            state.lateral_acceleration = lateral if math.isfinite(lateral) else 0.0
+            state.least_of_lateral, state.lateral_against = 1e3, 0
         parameters = software.ffi.addressof(self.parameters, "inputs")
         software.function("inputs_step")(self.state, parameters, self._measured, 0.0, *models, self.checked)
 
@@ -292,6 +299,7 @@ def _turning_with_lateral_acceleration(built: Built, **inputs: float) -> tuple[C
     controller, turn = _turning(built, **inputs)
     turn = replace(turn, lateral_acceleration=turn.yaw_rate * turn.speed)
     assert not controller.state.inputs.lateral_is_proven
+    controller.state.inputs.lateral_acceleration = turn.lateral_acceleration  # as after a slow rise
     controller.run([turn] * 3)
     assert controller.state.inputs.lateral_is_proven
     return controller, turn
@@ -384,6 +392,40 @@ def check_frozen_front_angle(built: Built) -> None:
     unit.run(Measurement(16.0, 0.0, 0.005 * k, 0.0, lateral_acceleration=0.08 * k) for k in range(60))
     inputs = unit.state
     assert (inputs.expected_yaw_rate, inputs.lateral_is_proven, inputs.front_angle.source) == (0.0, True, 0), "no turn to make"
+
+
+def check_wrong_lateral_acceleration(built: Built) -> None:
+    """Check what makes a lateral acceleration wrong, and that it is used again after as many samples without contradiction."""
+    straight, rising = replace(STRAIGHT, lateral_acceleration=0.0), [0.05 * k for k in range(20)]
+    agreement = 1.0 / 16.0
+    cases = {
+        "a jump": ([2.001], 0.0, True),
+        "no jump": ([2.0], 0.0, False),
+        "as far away as allowed": ([1.0] * 200, 0.0, False),
+        "away for long": ([1.001] * 49, 0.0, False),
+        "away for too long": ([1.001] * 50, 0.0, True),
+        "not confirmed by the angles": ([1.9] * 200, -0.1, False),
+    }
+    for (case, (values, rear, is_wrong)), side in itertools.product(cases.items(), (1.0, -1.0)):
+        unit = Unit(built, judges_lateral=True, yaw_rate_agreement=agreement, recovery_samples=10)
+        held = replace(straight, rear_angle=side * rear)
+        unit.step(held)
+        unit.run(replace(held, lateral_acceleration=side * (value + 1e-5 * (k % 2))) for k, value in enumerate(values))
+        assert unit.state.lateral_is_wrong == is_wrong, case
+        if is_wrong:
+            assert unit.checked.lateral_acceleration == 0.0, "speed times yaw rate instead"
+            unit.run([replace(held, lateral_acceleration=side * 0.9)] * 49)
+            assert unit.state.lateral_is_wrong, case
+            unit.step(replace(held, lateral_acceleration=side * 0.9))
+            assert not unit.state.lateral_is_wrong, case
+    for value in (0.0, math.nan):  # constant to the bit while the yaw rate that the angles confirm moves away, or missing
+        unit = Unit(built, judges_lateral=True, yaw_rate_agreement=agreement)
+        for yaw_rate in rising:
+            front = yaw_rate / 8.0
+            unit.step(replace(straight, front_angle=front, yaw_rate=yaw_rate, lateral_acceleration=value))
+            frozen = yaw_rate > agreement + 0.05 and value == 0.0
+            assert unit.state.lateral_is_wrong or not frozen, yaw_rate
+            assert not (unit.state.lateral_is_wrong and yaw_rate <= agreement), yaw_rate
 
 
 def check_front_angle_while_the_yaw_rate_is_away(built: Built) -> None:
@@ -554,3 +596,10 @@ def check_speed_against_the_lateral_acceleration(built: Built) -> None:
         speeds = {"unproven": (12.0, 12.0), "agrees between": (15.5, 12.0)}.get(case, (math.nan,) * (most + 1))
         unit.run([replace(wrong, speed=speed) for speed in speeds])
         assert (inputs.speed.source, inputs.speed.good) == {"lost": (1, 0), "unproven": (0, 0)}.get(case, (0, 1)), case
+    unit = Unit(built, **exact | {"recovery_samples": 4_000})
+    unit.step(wrong)
+    unit.state.lateral_is_proven = True
+    unit.state.speed.good = 59_998
+    for source in (0, WRONG):
+        unit.step(wrong)
+        assert unit.state.speed.source == source, "the largest count fits its type"

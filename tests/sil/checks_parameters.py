@@ -108,6 +108,7 @@ def _configured_inputs(config: Config) -> dict[str, Any]:
         "yaw_rate_agreement": math.radians(inputs.yaw_rate_agreement_deg_s),
         "straight_yaw_rate": math.radians(inputs.straight_yaw_rate_deg_s),
         "yaw_rate_offset_max": math.radians(inputs.yaw_rate_offset_max_deg_s),
+        "lateral_acceleration_offset_max": inputs.lateral_acceleration_offset_max_m_s2,
         "yaw_rate_correction_share": period / inputs.yaw_rate_correction_time_s,
         "speed_fall": inputs.speed_fall_m_s2 * period,
         "friction_recovery": inputs.friction_recovery_1_s * period,

@@ -16,7 +16,7 @@ PI = builds.made("pi", "uneven")
 def few_drives(monkeypatch: pytest.MonkeyPatch) -> None:
     """Simulate few drives and no long ones, and skip the slow search for endless loops."""
     monkeypatch.setattr(law.LongDrives, "drives", lambda self: iter(()))
-    monkeypatch.setattr(law, "SIZE_QUICK", law.Size(60, 300, 3, 200, all_long_drives=False))
+    monkeypatch.setattr(law, "SIZE_QUICK", law.Size(60, 300, 3, 2000, all_long_drives=False))
     monkeypatch.setattr("codegen.verify.budgets.bounded_loops.complaints", lambda files, manifest: ())
 
 

@@ -20,6 +20,8 @@ from codegen.emit.parameters import ParameterView
 
 TASK_COUNT_MAX = 64
 """Bound of the counts of disturbances in the task."""
+LATERAL_DEVIATION_MAX_RAD_S = 64.0
+"""Bound of the difference between yaw rate and the turn by the lateral acceleration."""
 MISSING_SAMPLES_MAX = 100
 """Largest missing_samples_max; a count is at most one above it."""
 
@@ -110,7 +112,11 @@ class Invariants(Conditions):
         claims += [self.between("value->friction", 0.0, FRICTION_UNKNOWN)]
         if self.takes_acceleration:
             claims += [self.within("value->longitudinal_acceleration", LONGITUDINAL_ACCELERATION_MAX_M_S2)]
-        claims += [f"is_flag(value->{name})" for name in ("lateral_is_known", "lateral_is_proven")]
+        claims += [self.within("value->lateral_acceleration", self.high("lateral_acceleration_max"))]
+        claims += [self.between("value->least_of_lateral", 0.0, LATERAL_DEVIATION_MAX_RAD_S)]
+        claims += [f"(value->lateral_against <= {5 * RECOVERY_SAMPLES_MAX}u)"]
+        flags = ("lateral_is_known", "lateral_is_proven", "lateral_is_wrong")
+        claims += [f"is_flag(value->{name})" for name in flags]
         return Invariant(self.own("inputs_t"), tuple(claims))
 
     def _law(self) -> Iterator[str]:

@@ -209,7 +209,7 @@ class SecondTracking(SecondController):
         self.trim = self.integral = self.last_front = self.front_rate = self.last_yaw_rate = self.reached = real(0.0)
         self.starting = False
 
-    def car_state(self, speed: Any, yaw_rate: Any) -> Any:
+    def car_state(self, speed: Any, yaw_rate: Any) -> tuple[Any, ...]:
         start = [np.asarray(value, dtype=self.real) for value in (speed, yaw_rate, self.angle)]
         return tuple(self.real(value) for value in self.car.start(*start))
 
