@@ -184,8 +184,12 @@ static inline bool ars_inputs_holds(const ars_inputs_t *value)
         && lies_within(value->yaw_rate_offset, 1.0f)
         && lies_within(value->lateral_acceleration_offset, 10.0f)
         && lies_between(value->friction, 0.0f, 2.0f)
+        && lies_within(value->lateral_acceleration, 100.0f)
+        && lies_between(value->least_of_lateral, 0.0f, 64.0f)
+        && (value->lateral_against <= 20000u)
         && is_flag(value->lateral_is_known)
-        && is_flag(value->lateral_is_proven);
+        && is_flag(value->lateral_is_proven)
+        && is_flag(value->lateral_is_wrong);
     return holds;
 }
 
