@@ -18,7 +18,7 @@ import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config, Schedule
-from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S, RESPONSE_GAIN_MAX_S
+from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
 from codegen.design.family import ELLIPSOID_SHARE, measured_keys
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.map_file.map import ReferenceMap
@@ -28,6 +28,7 @@ from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS
+from codegen.tuning.inner_loop import largest_response_gain
 from codegen.units import KM_H
 from codegen.vehicle.dynamics import PLAY_TIME_CONSTANT
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters, varied_cars
@@ -207,17 +208,19 @@ def _pairs(search: _Search, progress: Progress | None) -> tuple[Response, ...]:
     total = 2 * len(LEADS_S) * len(RESPONSE_GAINS_S) + 2 * len(around) * len(STEPS) + 1
     tell = _counted(progress, total)
     count = len(search.speeds)
-    pairs: FloatArray = np.array([[(lead, gain)] * count for lead in LEADS_S for gain in RESPONSE_GAINS_S])
+    largest = np.array([largest_response_gain(search.software, speed * KM_H, search.ahead) for speed in search.speeds])
+    first: FloatArray = np.array([[(lead, gain)] * count for lead in LEADS_S for gain in RESPONSE_GAINS_S])
+    pairs = np.minimum(first, np.stack([np.full(count, LEADS_S[-1]), largest], axis=-1))
     figures = search.drive_all(pairs, search.cells(cars=slice(1)), tell)
     # The other cars, with the pairs that the configured car can choose.
     others = search.cells(cars=slice(1, None)) & search.is_first_choice(figures)[:, np.newaxis]
     figures[:, :, 1:] = search.drive_all(pairs, others, tell)[:, :, 1:]
-    best = pairs[search.smooth_best(pairs, figures), range(count)]
+    best = pairs[search.smooth_best(first, figures), range(count)]
     for step in STEPS:
         for moved in (slice(0, None, 2), slice(1, None, 2)):
             pairs = np.repeat(best[np.newaxis], len(around), axis=0)
             pairs[:, moved] += (np.array(around) * step)[:, np.newaxis]
-            pairs = np.clip(pairs, (LEADS_S[0], 0.0), (LEADS_S[-1], RESPONSE_GAIN_MAX_S))
+            pairs = np.clip(pairs, (LEADS_S[0], 0.0), np.stack([np.full(count, LEADS_S[-1]), largest], axis=-1))
             chosen = search.best(search.drive_all(pairs, search.cells(speeds=moved), tell))
             best[moved] = pairs[chosen, range(count)][moved]
     return search.responses(best, search.drive_all(best[np.newaxis], search.cells(), tell)[0])

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x4DC13566u
+#define ARS_CAN_BUILD 0xBD1231C7u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x4DC13566u
+#define ARS_DYNAMICS_BUILD 0xBD1231C7u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x4DC13566u
+#define ARS_MAP_BUILD 0xBD1231C7u
 
 /* Numbers of breakpoints. */
 enum {

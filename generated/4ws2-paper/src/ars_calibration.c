@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x4DC13566u
+#if ARS_CONSTANTS_BUILD != 0xBD1231C7u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x4DC13566u
+#if ARS_CONTROLLER_BUILD != 0xBD1231C7u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x4DC13566u
+#if ARS_MAP_BUILD != 0xBD1231C7u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -79,7 +79,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "4DC13566";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "BD1231C7";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xEBC42F69u;
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x4DC13566u
+#if ARS_CONTROLLER_BUILD != 0xBD1231C7u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -183,6 +183,8 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->inputs.least_of_front * self->inputs.least_of_front;
     squares += self->inputs.yaw_rate_offset * self->inputs.yaw_rate_offset;
     squares += self->inputs.lateral_acceleration_offset * self->inputs.lateral_acceleration_offset;
+    squares += self->inputs.lateral_acceleration * self->inputs.lateral_acceleration;
+    squares += self->inputs.least_of_lateral * self->inputs.least_of_lateral;
     squares += self->inputs.beyond_linear * self->inputs.beyond_linear;
     squares += self->inputs.friction * self->inputs.friction;
     squares += self->limiter.rear_angle * self->limiter.rear_angle;

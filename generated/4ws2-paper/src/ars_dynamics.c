@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x4DC13566u
+#if ARS_DYNAMICS_BUILD != 0xBD1231C7u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x4DC13566u
+#if ARS_INPUTS_BUILD != 0xBD1231C7u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -28,6 +28,9 @@ ARS_SECTION_CONST static const float speed_least = 1.0f;
 
 /* m/s. At lower speeds the noise of the lateral acceleration looks like a turn. */
 ARS_SECTION_CONST static const float lateral_speed_least = 5.0f;
+
+/* m/s^2, of the lateral acceleration. No car changes it by as much in a sample. */
+ARS_SECTION_CONST static const float lateral_step_max = 2.0f;
 
 /* m/s^2. Every car with turned front wheels reaches more, also on ice. */
 ARS_SECTION_CONST static const float turn_acceleration_least = 1.0f;
@@ -210,6 +213,10 @@ ARS_SECTION_CODE void ars_inputs_init(ars_inputs_t *self, bool is_trusted)
     self->lateral_acceleration_offset = 0.0f;
     self->beyond_linear = 0.0f;
     self->friction = friction_unknown;
+    self->lateral_acceleration = 0.0f;
+    self->least_of_lateral = 0.0f;
+    self->lateral_against = 0u;
+    self->lateral_is_wrong = false;
     self->lateral_is_known = false;
     self->lateral_is_proven = false;
 }
@@ -252,10 +259,12 @@ typedef struct {
     bool is_evidence; /* available, and it agreed with the yaw rate in the last turn */
 } lateral_t;
 
+ARS_SECTION_CONST static const lateral_t no_lateral = { 0.0f, false, false };
+
 ARS_SECTION_CODE static lateral_t turn_of_lateral(
     const ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
 {
-    lateral_t lateral = { 0.0f, false, false };
+    lateral_t lateral = no_lateral;
 
     if ((self->speed.value >= lateral_speed_least) && is_within(measured, parameters->lateral_acceleration_max)) {
         lateral.yaw_rate = (measured - self->lateral_acceleration_offset) / self->speed.value;
@@ -263,6 +272,42 @@ ARS_SECTION_CODE static lateral_t turn_of_lateral(
         lateral.is_evidence = self->lateral_is_proven;
     }
     return lateral;
+}
+
+/* Judge whether the lateral acceleration may be used. It contradicts a yaw rate that the steering angles confirm if that gives a turn of
+ * twice its own or of the other sign, as no car slides for long. A jump, and a value that is constant to the bit while such a yaw rate
+ * moves away from it, are wrong at once. It is used again after as many samples without a contradiction. */
+ARS_SECTION_CODE static void judge_lateral(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, const lateral_t *lateral)
+{
+    const float yaw_rate = self->yaw_rate.value;
+    const float deviation = magnitude(lateral->yaw_rate - yaw_rate);
+    const uint32_t against_max = 5u * parameters->recovery_samples;
+    const bool is_confirmed = is_within(self->expected_yaw_rate - yaw_rate, parameters->yaw_rate_agreement);
+
+    if ((deviation < self->least_of_lateral) || (measured > self->lateral_acceleration) || (measured < self->lateral_acceleration)) {
+        self->least_of_lateral = deviation;
+    }
+    if (!is_within(measured - self->lateral_acceleration, lateral_step_max)
+        || (is_confirmed && ((deviation - self->least_of_lateral) > parameters->yaw_rate_agreement))) {
+        self->lateral_against = (uint16_t)against_max;
+    } else if (is_confirmed && (deviation > (parameters->yaw_rate_agreement + (0.5f * magnitude(yaw_rate))))) {
+        if (self->lateral_against < against_max) {
+            self->lateral_against++;
+        }
+    } else if (self->lateral_against > 0u) {
+        self->lateral_against--;
+    } else {
+        /* no contradiction for long */
+    }
+    self->lateral_acceleration = measured;
+    if (self->lateral_against >= against_max) {
+        self->lateral_is_wrong = true;
+    } else if (self->lateral_against == 0u) {
+        self->lateral_is_wrong = false;
+    } else {
+        /* hysteresis */
+    }
 }
 
 /* Check the speed against lateral acceleration over yaw rate. That speed counts only if the steering angles give the same yaw rate at
@@ -497,12 +542,18 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
         = is_within(measured->rear_angle, parameters->rear_angle_max) ? measured->rear_angle : rear_angle;
     bool has_missing = take_speed(self, parameters, measured->speed);
     const float gain = yaw_gain(parameters, self->speed.value);
-    const lateral_t lateral = turn_of_lateral(self, parameters, measured->lateral_acceleration);
+    lateral_t lateral = turn_of_lateral(self, parameters, measured->lateral_acceleration);
     const float linear_yaw_rate = gain * (measured->front_angle - checked_rear_angle);
     float net_steering_angle;
     float expected_yaw_rate;
 
-    self->lateral_is_known = self->lateral_is_known || lateral.is_there;
+    if (lateral.is_there) {
+        self->lateral_is_known = true;
+        judge_lateral(self, parameters, measured->lateral_acceleration, &lateral);
+        if (self->lateral_is_wrong) {
+            lateral = no_lateral;
+        }
+    }
     has_missing = take_front_angle(self, parameters, measured->front_angle, linear_yaw_rate, &lateral) || has_missing;
     net_steering_angle = self->front_angle.value - checked_rear_angle;
     expected_yaw_rate = follow_linear_vehicle(self, parameters, gain * net_steering_angle);

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x4DC13566u
+#if ARS_MAP_BUILD != 0xBD1231C7u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x4DC13566u
+#if ARS_TASK_BUILD != 0xBD1231C7u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -184,8 +184,12 @@ static inline bool ars_inputs_holds(const ars_inputs_t *value)
         && lies_within(value->yaw_rate_offset, 1.0f)
         && lies_within(value->lateral_acceleration_offset, 10.0f)
         && lies_between(value->friction, 0.0f, 2.0f)
+        && lies_within(value->lateral_acceleration, 100.0f)
+        && lies_between(value->least_of_lateral, 0.0f, 64.0f)
+        && (value->lateral_against <= 20000u)
         && is_flag(value->lateral_is_known)
-        && is_flag(value->lateral_is_proven);
+        && is_flag(value->lateral_is_proven)
+        && is_flag(value->lateral_is_wrong);
     return holds;
 }
 

@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x4DC13566u
+#if ARS_TASK_BUILD != 0xBD1231C7u
 #error "ars_task.h and this source come from different builds"
 #endif
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xFA98E833u
+#define ARS_CAN_BUILD 0xD1D12E54u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -26,7 +26,7 @@
 
 #include "ars_reference_model.h"
 
-#if ARS_REFERENCE_MODEL_BUILD != 0xFA98E833u
+#if ARS_REFERENCE_MODEL_BUILD != 0xD1D12E54u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -34,7 +34,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xFA98E833u
+#define ARS_INPUTS_BUILD 0xD1D12E54u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -110,6 +110,10 @@ typedef struct {
     float lateral_acceleration_offset; /* m/s^2, learned */
     float beyond_linear;     /* rad/s, correction of expected_yaw_rate by the lateral acceleration while both replace the yaw rate */
     float friction;          /* last estimate; without a new one it moves to that of an unknown road */
+    float lateral_acceleration; /* m/s^2, last one */
+    float least_of_lateral;     /* rad/s, smallest difference of yaw rate and turn of the lateral acceleration since that changed */
+    uint16_t lateral_against;  /* samples in which it contradicts the yaw rate, less those in which it does not */
+    bool lateral_is_wrong;     /* not used */
     bool lateral_is_known;   /* a lateral acceleration was measured at least once */
     bool lateral_is_proven;  /* the lateral acceleration agreed with the yaw rate in the last turn */
 } ars_inputs_t;

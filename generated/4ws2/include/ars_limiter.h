@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xFA98E833u
+#define ARS_LIMITER_BUILD 0xD1D12E54u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xFA98E833u
+#define ARS_MAP_BUILD 0xD1D12E54u
 
 /* Numbers of breakpoints. */
 enum {

@@ -2,7 +2,8 @@
  * Reference model: the yaw rate that the car can reach now.
  *
  * Single-track vehicle with Magic Formula tyres at static wheel loads. Its inputs are the front angle and the rear angle behind a
- * first-order actuator. A step is 10 ms of the linearly implicit midpoint rule, which is stable at every speed.
+ * first-order actuator. Side forces follow the slip over a relaxation length of 0.4 m. A step is 10 ms of the leapfrog
+ * scheme, which is stable at every speed.
  *
  * The functions call no library. The curve sin(C atan(x - E (x - atan x))) of each tyre, with a peak of at most 1, is a table that is
  * off by at most 2.7e-04 in front and 2.7e-04 at the rear.
@@ -21,14 +22,16 @@
 extern "C" {
 #endif
 
-#define ARS_REFERENCE_MODEL_BUILD 0xFA98E833u
+#define ARS_REFERENCE_MODEL_BUILD 0xD1D12E54u
 
 /* State of the model. Always finite: at most 0.349 rad of sideslip, 2.62 rad/s and 20 m/s^2. */
 typedef struct {
     float sideslip_angle;       /* rad */
     float yaw_rate;             /* rad/s */
     float rear_angle;           /* rad, achieved by the model's actuator */
-    float lateral_acceleration; /* m/s^2, of the centre of gravity; force of the tyres at the beginning of the last step */
+    float lateral_acceleration; /* m/s^2, of the centre of gravity; force of the tyres in the middle of the last step */
+    float front_argument;       /* of the tyre curve, behind the motion by the relaxation length */
+    float rear_argument;
 } ars_reference_model_t;
 
 /* Inputs of one step, in the ranges of ars_law_step(). With other numbers and NaN, the state has no meaning but stays finite. */

@@ -18,25 +18,25 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xFA98E833u
+#if ARS_CONSTANTS_BUILD != 0xD1D12E54u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xFA98E833u
+#if ARS_CONTROLLER_BUILD != 0xD1D12E54u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xFA98E833u
+#if ARS_MAP_BUILD != 0xD1D12E54u
 #error "ars_map.h and this source come from different builds"
 #endif
 
 ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .schedule_speed = { 4.1666665f, 5.5555553f, 8.333333f, 11.805555f, 16.666666f, 22.222221f, 27.777779f, 33.333332f },
-    .proportional_gain = { 0.001481f, 0.0197f, 0.04246f, 0.0866f, 0.1135f, 0.1332f, 0.14f, 0.145f },
-    .integral_gain = { 1.774f, 1.718f, 1.552f, 1.197f, 0.9101f, 0.6707f, 0.4972f, 0.3976f },
-    .lead_time = { 0.04f, 0.04f, 0.04f, 0.0288f, 0.04f, -0.02f, -0.0075f, 0.04f },
-    .response_gain = { 0.18f, 0.18f, 0.18f, 0.31f, 0.24f, 0.31f, 0.16f, 0.14f },
+    .proportional_gain = { 0.001481f, 0.0197f, 0.04274f, 0.08032f, 0.1046f, 0.1252f, 0.1338f, 0.1396f },
+    .integral_gain = { 1.774f, 1.718f, 1.561f, 1.338f, 1.086f, 0.7865f, 0.5885f, 0.4628f },
+    .lead_time = { 0.0363f, 0.0363f, 0.0363f, 0.0363f, 0.0813f, -0.02f, -0.02f, -0.02f },
+    .response_gain = { 0.34f, 0.34f, 0.34f, 0.5603f, 0.21f, 0.01f, 0.4947f, 0.5147f },
     .lead_smoothing = 0.48658288f,
-    .lead_angle_max = 0.015707964f,
-    .response_samples = 6.0f,
+    .lead_angle_max = 0.033161256f,
+    .response_samples = 10.5f,
     .yaw_increasing_max = 0.008726646f,
     .yaw_increasing_wide = 0.04363323f,
     .sideslip_max = 0.05235988f,
@@ -98,9 +98,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "FA98E833";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "D1D12E54";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x1557CEBEu;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x06C0C1DEu;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xFA98E833u
+#if ARS_CONTROLLER_BUILD != 0xD1D12E54u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -186,6 +186,8 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->law.model.yaw_rate * self->law.model.yaw_rate;
     squares += self->law.model.rear_angle * self->law.model.rear_angle;
     squares += self->law.model.lateral_acceleration * self->law.model.lateral_acceleration;
+    squares += self->law.model.front_argument * self->law.model.front_argument;
+    squares += self->law.model.rear_argument * self->law.model.rear_argument;
     squares += self->grip.reached * self->grip.reached;
     squares += self->grip.available * self->grip.available;
     squares += self->inputs.speed.value * self->inputs.speed.value;
@@ -196,6 +198,8 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->inputs.least_of_front * self->inputs.least_of_front;
     squares += self->inputs.yaw_rate_offset * self->inputs.yaw_rate_offset;
     squares += self->inputs.lateral_acceleration_offset * self->inputs.lateral_acceleration_offset;
+    squares += self->inputs.lateral_acceleration * self->inputs.lateral_acceleration;
+    squares += self->inputs.least_of_lateral * self->inputs.least_of_lateral;
     squares += self->inputs.beyond_linear * self->inputs.beyond_linear;
     squares += self->inputs.friction * self->inputs.friction;
     squares += self->limiter.rear_angle * self->limiter.rear_angle;

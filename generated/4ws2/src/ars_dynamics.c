@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xFA98E833u
+#if ARS_DYNAMICS_BUILD != 0xD1D12E54u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

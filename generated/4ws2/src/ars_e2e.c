@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0xFA98E833u
+#if ARS_E2E_BUILD != 0xD1D12E54u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

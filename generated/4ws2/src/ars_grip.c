@@ -9,10 +9,10 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xFA98E833u
+#if ARS_CONSTANTS_BUILD != 0xD1D12E54u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_GRIP_BUILD != 0xFA98E833u
+#if ARS_GRIP_BUILD != 0xD1D12E54u
 #error "ars_grip.h and this source come from different builds"
 #endif
 
@@ -22,6 +22,9 @@
 #endif
 
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
+
+/* Factor on an estimate from outside. It only lowers the demand near to what the road carries; the car finds the rest. */
+ARS_SECTION_CONST static const float estimate_factor = 1.25f;
 
 /* Return the value within low and high; low for NaN. */
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
@@ -59,7 +62,7 @@ ARS_SECTION_CODE void ars_grip_init(ars_grip_t *self)
 ARS_SECTION_CODE float ars_grip_friction(
     const ars_grip_t *self, const ars_parameters_t *parameters, float estimate)
 {
-    const float bounded_estimate = (estimate < parameters->friction_min) ? parameters->friction_min : estimate;
+    const float bounded_estimate = estimate_factor * ((estimate < parameters->friction_min) ? parameters->friction_min : estimate);
     const float grip_friction = self->available * ars_constants.friction_per_grip;
 
     return (bounded_estimate < grip_friction) ? bounded_estimate : grip_friction;

@@ -10,10 +10,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0xFA98E833u
+#if ARS_LAW_BUILD != 0xD1D12E54u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xFA98E833u
+#if ARS_MAP_BUILD != 0xD1D12E54u
 #error "ars_map.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xFA98E833u
+#if ARS_LIMITER_BUILD != 0xD1D12E54u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

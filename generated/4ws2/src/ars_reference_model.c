@@ -2,7 +2,7 @@
  * Reference model. See ars_reference_model.h.
  *
  * The straight-line functions are CasADi expression graphs printed one operation a line. Arrays hold
- * x = [sideslip angle, yaw rate], u = [1/speed, front angle, rear angle, friction], curve and slope = [front tyre, rear tyre].
+ * x = [sideslip angle, yaw rate, arguments of both tyre curves], u = [1/speed, front angle, rear angle, friction], curve = [front tyre, rear tyre].
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -13,13 +13,13 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xFA98E833u
+#if ARS_CHECKSUM_BUILD != 0xD1D12E54u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_CONSTANTS_BUILD != 0xFA98E833u
+#if ARS_CONSTANTS_BUILD != 0xD1D12E54u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xFA98E833u
+#if ARS_REFERENCE_MODEL_BUILD != 0xD1D12E54u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -33,6 +33,7 @@ ARS_SECTION_CONST static const float model_rear_angle_max = 0.061086524f; /* rad
 ARS_SECTION_CONST static const float model_sideslip_max = 0.34906584f; /* rad */
 ARS_SECTION_CONST static const float model_yaw_rate_max = 2.6179938f; /* rad/s */
 ARS_SECTION_CONST static const float model_lateral_acceleration_max = 20.0f; /* m/s^2 */
+ARS_SECTION_CONST static const float model_argument_max = 1000.0f; /* the curves are level there */
 
 /* Front tyre: the curve, and the compression of its argument. No calibration; the checksum covers them. */
 enum { FRONT_CELLS = 64 };
@@ -91,122 +92,84 @@ ARS_SECTION_CODE static float bounded(float value, float largest)
     return result;
 }
 
-/* Value and slope of a tyre curve at one argument. */
-typedef struct {
-    float value;
-    float slope;
-} curve_t;
-
-/* Value and slope of a tyre curve. The curve is odd; its table covers positive x in equal steps of x / (x + compression). The slope is
- * that of the table, but zero where the curve falls, because the time step is stable only for slopes that are not negative. */
-ARS_SECTION_CODE static curve_t curve_at(const float curve[], uint32_t cells, float compression, float x)
+/* Value of a tyre curve at an argument. The curve is odd; its table covers positive x in equal steps of x / (x + compression). */
+ARS_SECTION_CODE static float curve_at(const float curve[], uint32_t cells, float compression, float x)
 {
     const float x_magnitude = magnitude(x);
-    const float cells_per_x = (float)cells / (x_magnitude + compression);
-    const float position = x_magnitude * cells_per_x;
+    const float position = x_magnitude * ((float)cells / (x_magnitude + compression));
     uint32_t index = cells - 1u; /* for NaN too */
-    const float *cell_values;
-    float cell_rise;
-    curve_t result;
+    float result;
 
     if (position < (float)cells) {
         index = (uint32_t)position;
     }
-    cell_values = &curve[index];
-    cell_rise = cell_values[1] - cell_values[0];
-    result.value = cell_values[0] + ((position - (float)index) * cell_rise);
-    if (x < 0.0f) {
-        result.value = -result.value;
-    }
-    result.slope = (cell_rise > 0.0f) ? (cell_rise * ((compression / (float)cells) * (cells_per_x * cells_per_x))) : 0.0f;
-    return result;
+    result = curve[index] + ((position - (float)index) * (curve[index + 1u] - curve[index]));
+    return (x < 0.0f) ? -result : result;
 }
 
-ARS_SECTION_CODE static curve_t front_curve(float x)
+ARS_SECTION_CODE static float front_curve(float x)
 {
     return curve_at(front_values, (uint32_t)FRONT_CELLS, front_compression, x);
 }
 
-ARS_SECTION_CODE static curve_t rear_curve(float x)
+ARS_SECTION_CODE static float rear_curve(float x)
 {
     return curve_at(rear_values, (uint32_t)REAR_CELLS, rear_compression, x);
 }
 
-/* Arguments of both tyre curves. */
-ARS_SECTION_CODE static void arguments_of(const float x[2], const float u[4], float argument[2])
+/* Arguments of both tyre curves, half a step after the motion. */
+ARS_SECTION_CODE static void arguments_of(const float x[4], const float u[4], float argument[2])
 {
     const float t0 = x[1] * u[0];
     const float t1 = 1.574f * t0;
     const float t2 = x[0] + t1;
     const float t3 = t2 - u[1];
     const float t4 = 17.886541f * t3;
-    const float t5 = 1.566f * t0;
-    const float t6 = x[0] - t5;
-    const float t7 = t6 - u[2];
-    const float t8 = 17.838802f * t7;
-    argument[0] = t4;
-    argument[1] = t8;
+    const float t5 = t4 - x[2];
+    const float t6 = 40.0f * u[0];
+    const float t7 = 0.5f + t6;
+    const float t8 = t5 / t7;
+    const float t9 = x[2] + t8;
+    const float t10 = 1.566f * t0;
+    const float t11 = x[0] - t10;
+    const float t12 = t11 - u[2];
+    const float t13 = 17.838802f * t12;
+    const float t14 = t13 - x[3];
+    const float t15 = t14 / t7;
+    const float t16 = x[3] + t15;
+    argument[0] = t9;
+    argument[1] = t16;
 }
 
-/* Change of sideslip angle and yaw rate over a step, and lateral acceleration at its beginning, from the values and slopes of both tyre
- * curves. */
+/* Change of sideslip angle and yaw rate over a step, and lateral acceleration in its middle, from the values of both tyre curves. */
 ARS_SECTION_CODE static void change_of(
-    const float x[2], const float u[4], const float curve[2], const float slope[2], float change[3])
+    const float x[4], const float u[4], const float curve[2], float change[3])
 {
-    const float t0 = 0.4375498f * u[3];
-    const float t1 = t0 * slope[0];
-    const float t2 = 1.0760072f * t1;
-    const float t3 = 0.43861127f * u[3];
-    const float t4 = t3 * slope[1];
-    const float t5 = 1.0650972f * t4;
-    const float t6 = t2 + t5;
-    const float t7 = u[0] * t6;
-    const float t8 = 1.0f + t7;
-    const float t9 = 0.04892503f * u[3];
-    const float t10 = t9 * curve[0];
-    const float t11 = 0.04917497f * u[3];
-    const float t12 = t11 * curve[1];
-    const float t13 = t10 + t12;
-    const float t14 = u[0] * t13;
-    const float t15 = 0.01f * x[1];
-    const float t16 = t14 + t15;
-    const float t17 = t8 * t16;
-    const float t18 = u[0] * u[0];
-    const float t19 = 2.3024714f * t18;
-    const float t20 = 0.68361324f * t1;
-    const float t21 = 0.6801387f * t4;
-    const float t22 = t20 - t21;
-    const float t23 = t19 * t22;
-    const float t24 = 0.005f + t23;
-    const float t25 = u[2] * t13;
-    const float t26 = 3.4163723f * t25;
-    const float t27 = 1.566f - t26;
-    const float t28 = t27 * t12;
-    const float t29 = u[1] * t13;
-    const float t30 = 5.150738f * t29;
-    const float t31 = 1.574f + t30;
-    const float t32 = t31 * t10;
-    const float t33 = t28 - t32;
-    const float t34 = 0.43431592f * t33;
-    const float t35 = t24 * t34;
-    const float t36 = t17 + t35;
-    const float t37 = t1 + t4;
-    const float t38 = u[0] * t37;
-    const float t39 = 1.0f + t38;
-    const float t40 = t39 * t8;
-    const float t41 = t24 * t22;
-    const float t42 = t40 - t41;
-    const float t43 = (t42 > 0.5f) ? t42 : 0.5f;
-    const float t44 = t36 / t43;
-    const float t45 = -t44;
-    const float t46 = t39 * t34;
-    const float t47 = t22 * t16;
-    const float t48 = t46 + t47;
-    const float t49 = t48 / t43;
-    const float t50 = (-100.0f) * t13;
-    change[0] = t45;
-    change[1] = t49;
-    change[2] = t50;
+    const float t0 = 0.04892503f * u[3];
+    const float t1 = t0 * curve[0];
+    const float t2 = 0.04917497f * u[3];
+    const float t3 = t2 * curve[1];
+    const float t4 = t1 + t3;
+    const float t5 = u[0] * t4;
+    const float t6 = 0.01f * x[1];
+    const float t7 = t5 + t6;
+    const float t8 = u[2] * t4;
+    const float t9 = 3.4163723f * t8;
+    const float t10 = 1.566f - t9;
+    const float t11 = t10 * t3;
+    const float t12 = u[1] * t4;
+    const float t13 = 5.150738f * t12;
+    const float t14 = 1.574f + t13;
+    const float t15 = t14 * t1;
+    const float t16 = t11 - t15;
+    const float t17 = 0.0021715795f * t16;
+    const float t18 = t7 + t17;
+    const float t19 = -t18;
+    const float t20 = 0.43431592f * t16;
+    const float t21 = (-100.0f) * t4;
+    change[0] = t19;
+    change[1] = t20;
+    change[2] = t21;
 }
 
 /* Speed, at least model_speed_min. NaN stays NaN: as a maximum of two numbers, a signalling NaN would give different results on some
@@ -223,41 +186,42 @@ ARS_SECTION_CODE void ars_reference_model_start(
     const float rear_arm = 1.566f; /* m */
     const float rear_slip = ars_constants.model_rear_slip_per_lateral_acceleration;
     const float bounded_speed = at_least_slow(speed);
+    const float front_argument = -0.08712547f; /* for each m/s^2 */
+    const float rear_argument = -0.08712547f;
 
     self->yaw_rate = bounded(yaw_rate, model_yaw_rate_max);
     self->rear_angle = bounded(rear_angle, model_rear_angle_max);
     self->sideslip_angle = bounded(
         self->rear_angle + (self->yaw_rate * ((rear_arm / bounded_speed) - (rear_slip * bounded_speed))), model_sideslip_max);
     self->lateral_acceleration = bounded(bounded_speed * self->yaw_rate, model_lateral_acceleration_max);
+    self->front_argument = front_argument * self->lateral_acceleration;
+    self->rear_argument = rear_argument * self->lateral_acceleration;
 }
 
 ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, const ars_reference_model_input_t *input)
 {
     /* Actuator and computation delay as one first-order lag: fraction of the remaining angle in a step, and largest step in rad. */
-    const float actuator_share = 0.15351827f;
+    const float actuator_share = 0.11099023f;
     const float actuator_step_max = 0.0052359877f;
-    const float x[2] = { self->sideslip_angle, self->yaw_rate };
+    const float x[4] = { self->sideslip_angle, self->yaw_rate, self->front_argument, self->rear_argument };
     const float rear_angle_error = input->rear_angle - self->rear_angle;
     const float rear_angle_change = bounded(actuator_share * rear_angle_error, actuator_step_max);
     const float u[4] = {
         1.0f / at_least_slow(input->speed),
         input->front_angle,
-        self->rear_angle + (0.5f * rear_angle_change), /* in the middle of the step */
+        self->rear_angle,
         input->friction
     };
     float argument[2];
     float change[3];
-    curve_t front;
-    curve_t rear;
 
     arguments_of(x, u, argument);
-    front = front_curve(argument[0]);
-    rear = rear_curve(argument[1]);
+    self->front_argument = bounded(argument[0], model_argument_max);
+    self->rear_argument = bounded(argument[1], model_argument_max);
     {
-        const float curve[2] = { front.value, rear.value };
-        const float slope[2] = { front.slope, rear.slope };
+        const float curve[2] = { front_curve(self->front_argument), rear_curve(self->rear_argument) };
 
-        change_of(x, u, curve, slope, change);
+        change_of(x, u, curve, change);
     }
     self->sideslip_angle = bounded(x[0] + change[0], model_sideslip_max);
     self->yaw_rate = bounded(x[1] + change[1], model_yaw_rate_max);

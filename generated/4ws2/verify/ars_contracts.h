@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0xFA98E833u
+#if ARS_MAP_BUILD != 0xD1D12E54u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xFA98E833u
+#if ARS_TASK_BUILD != 0xD1D12E54u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -208,8 +208,12 @@ static inline bool ars_inputs_holds(const ars_inputs_t *value)
         && lies_within(value->yaw_rate_offset, 1.0f)
         && lies_within(value->lateral_acceleration_offset, 10.0f)
         && lies_between(value->friction, 0.0f, 2.0f)
+        && lies_within(value->lateral_acceleration, 100.0f)
+        && lies_between(value->least_of_lateral, 0.0f, 64.0f)
+        && (value->lateral_against <= 20000u)
         && is_flag(value->lateral_is_known)
-        && is_flag(value->lateral_is_proven);
+        && is_flag(value->lateral_is_proven)
+        && is_flag(value->lateral_is_wrong);
     return holds;
 }
 
@@ -218,7 +222,9 @@ static inline bool ars_reference_model_holds(const ars_reference_model_t *value)
     bool holds = lies_within(value->sideslip_angle, 0.34906584f)
         && lies_within(value->yaw_rate, 2.6179938f)
         && lies_within(value->rear_angle, 0.061086524f)
-        && lies_within(value->lateral_acceleration, 20.0f);
+        && lies_within(value->lateral_acceleration, 20.0f)
+        && lies_within(value->front_argument, 1000.0f)
+        && lies_within(value->rear_argument, 1000.0f);
     return holds;
 }
 

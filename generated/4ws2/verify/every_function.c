@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0xFA98E833u
+#if ARS_TASK_BUILD != 0xD1D12E54u
 #error "ars_task.h and this source come from different builds"
 #endif
 
