@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xD1D12E54u
+#define ARS_CAN_BUILD 0xA23D1B95u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xD1D12E54u
+#define ARS_DYNAMICS_BUILD 0xA23D1B95u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

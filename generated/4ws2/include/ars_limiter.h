@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xD1D12E54u
+#define ARS_LIMITER_BUILD 0xA23D1B95u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

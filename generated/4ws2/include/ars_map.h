@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xD1D12E54u
+#define ARS_MAP_BUILD 0xA23D1B95u
 
 /* Numbers of breakpoints. */
 enum {

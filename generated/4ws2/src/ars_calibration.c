@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xD1D12E54u
+#if ARS_CONSTANTS_BUILD != 0xA23D1B95u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xD1D12E54u
+#if ARS_CONTROLLER_BUILD != 0xA23D1B95u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xD1D12E54u
+#if ARS_MAP_BUILD != 0xA23D1B95u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -32,21 +32,21 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .schedule_speed = { 4.1666665f, 5.5555553f, 8.333333f, 11.805555f, 16.666666f, 22.222221f, 27.777779f, 33.333332f },
     .proportional_gain = { 0.001481f, 0.0197f, 0.04274f, 0.08032f, 0.1046f, 0.1252f, 0.1338f, 0.1396f },
     .integral_gain = { 1.774f, 1.718f, 1.561f, 1.338f, 1.086f, 0.7865f, 0.5885f, 0.4628f },
-    .lead_time = { 0.0363f, 0.0363f, 0.0363f, 0.0363f, 0.0813f, -0.02f, -0.02f, -0.02f },
-    .response_gain = { 0.34f, 0.34f, 0.34f, 0.5603f, 0.21f, 0.01f, 0.4947f, 0.5147f },
+    .lead_time = { 0.0288f, 0.0288f, 0.0288f, 0.0475f, 0.0813f, -0.02f, -0.02f, -0.02f },
+    .response_gain = { 0.36f, 0.36f, 0.36f, 0.5703f, 0.21f, 0.01f, 0.4947f, 0.5147f },
     .lead_smoothing = 0.48658288f,
     .lead_angle_max = 0.033161256f,
     .response_samples = 10.5f,
-    .yaw_increasing_max = 0.008726646f,
+    .yaw_increasing_max = 0.017453292f,
     .yaw_increasing_wide = 0.04363323f,
     .sideslip_max = 0.05235988f,
     .turn_margin_rate = 0.008726646f,
     .turn_margin = 0.1f,
     .trim_share = 0.01f,
     .trim_rate = 3.3333333f,
-    .grip_shortfall = 0.5f,
+    .grip_shortfall = 0.4f,
     .grip_shortfall_share = 0.25f,
-    .grip_loss_rate = 10.0f,
+    .grip_loss_rate = 20.0f,
     .grip_forgetting = 1.0f,
     .grip_recovery = 0.5f,
     .grip_recovery_idle = 4.0f,
@@ -98,9 +98,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "D1D12E54";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "A23D1B95";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x06C0C1DEu;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xFC353C6Au;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

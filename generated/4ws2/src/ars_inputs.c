@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xD1D12E54u
+#if ARS_INPUTS_BUILD != 0xA23D1B95u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

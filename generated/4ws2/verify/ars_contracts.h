@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0xD1D12E54u
+#if ARS_MAP_BUILD != 0xA23D1B95u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xD1D12E54u
+#if ARS_TASK_BUILD != 0xA23D1B95u
 #error "ars_task.h and this source come from different builds"
 #endif
 

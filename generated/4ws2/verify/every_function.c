@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0xD1D12E54u
+#if ARS_TASK_BUILD != 0xA23D1B95u
 #error "ars_task.h and this source come from different builds"
 #endif
 
