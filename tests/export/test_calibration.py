@@ -586,7 +586,7 @@ def test_records_lie_where_a_programmer_writes(tmp_path: Path) -> None:
 def test_the_command_writes_compares_and_converts(run: Run, tmp_path: Path) -> None:
     first, second = tmp_path / "first.dcm", write(recalibrated(), tmp_path / "second.cdfx")
     answer = run("calibrate", "--build", BUILD, "-o", first)
-    assert (answer.code, answer.err) == (0, "") and "62 objects, 0 other than in the build" in answer.out
+    assert (answer.code, answer.err) == (0, "") and "68 objects, 0 other than in the build" in answer.out
     assert "no difference" in run("calibrate", "--build", BUILD, first).out
     plot = tmp_path / "changes.png"
     out = run("calibrate", "--build", BUILD, first, second, "--plot", plot).out
