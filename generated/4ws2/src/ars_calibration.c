@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xA23D1B95u
+#if ARS_CONSTANTS_BUILD != 0xF3325DB1u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xA23D1B95u
+#if ARS_CONTROLLER_BUILD != 0xF3325DB1u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xA23D1B95u
+#if ARS_MAP_BUILD != 0xF3325DB1u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -98,7 +98,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "A23D1B95";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "F3325DB1";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xFC353C6Au;
 
@@ -3706,5 +3706,6 @@ const ars_constants_t ars_constants = {
     .grip_max = 7.8471293f,
     .friction_per_grip = 0.114691675f,
     .model_rear_slip_per_lateral_acceleration = 0.0048840423f,
-    .rear_peak_slip = 0.11970928f
+    .rear_slip_least = 0.05985464f,
+    .rear_slip_per_friction = 0.06650516f
 };
