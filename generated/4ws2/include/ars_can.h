@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xF3325DB1u
+#define ARS_CAN_BUILD 0x5007B7A5u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xF3325DB1u
+#define ARS_DYNAMICS_BUILD 0x5007B7A5u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

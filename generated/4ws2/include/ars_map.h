@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xF3325DB1u
+#define ARS_MAP_BUILD 0x5007B7A5u
 
 /* Numbers of breakpoints. */
 enum {

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xF3325DB1u
+#if ARS_CAN_BUILD != 0x5007B7A5u
 #error "ars_can.h and this source come from different builds"
 #endif
 
