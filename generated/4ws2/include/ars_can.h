@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x5007B7A5u
+#define ARS_CAN_BUILD 0x36287615u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x5007B7A5u
+#define ARS_LIMITER_BUILD 0x36287615u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x5007B7A5u
+#define ARS_MAP_BUILD 0x36287615u
 
 /* Numbers of breakpoints. */
 enum {

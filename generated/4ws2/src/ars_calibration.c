@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x5007B7A5u
+#if ARS_CONSTANTS_BUILD != 0x36287615u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x5007B7A5u
+#if ARS_CONTROLLER_BUILD != 0x36287615u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x5007B7A5u
+#if ARS_MAP_BUILD != 0x36287615u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -98,7 +98,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "5007B7A5";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "36287615";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x9CC5B3AFu;
 
