@@ -29,11 +29,11 @@ def figures(*rows: dict[str, float], other: float = 2.0) -> np.ndarray:
 @pytest.mark.parametrize(
     ("better", "worse"),
     [
-        pytest.param({"rise": 0.5}, {"rise": 0.2, "overshoot": 2.0}, id="the aim before the rise time"),
-        pytest.param({"rise": 0.5, "overshoot": 4.2}, {"rise": 0.2, "overshoot": 4.6}, id="the limit before the rise time"),
+        pytest.param({"rise": 0.5}, {"rise": 0.2, "overshoot": 5.0}, id="the aim before the rise time"),
+        pytest.param({"rise": 0.5, "overshoot": 5.9}, {"rise": 0.2, "overshoot": 6.4}, id="the limit before the rise time"),
         pytest.param(
-            {"overshoot": 9.0, "overshoot at larger angles": 4.0},
-            {"overshoot": 5.0, "overshoot at larger angles": 5.0},
+            {"overshoot": 9.0, "overshoot at larger angles": 5.6},
+            {"overshoot": 7.0, "overshoot at larger angles": 7.0},
             id="the larger angles before all",
         ),
         pytest.param({"rise": 0.5}, {"rise": 0.2, "other": 16.0}, id="the limit of other cars before the rise time"),
