@@ -64,6 +64,7 @@ from codegen.map_file import map as npz
 
 data = preset("recommended").model_dump()
 data["controller"]["kind"] = "share"
+data["plant"]["backlash_deg"] = 0.0  # the wheels follow the command
 config = parse(data, "test")
 reference_map = npz.load(Path(sys.argv[1]))
 folder = build(reference_map, config, BuildOptions("share"), BuildInputs("map.npz", "0" * 64, "car.toml"))

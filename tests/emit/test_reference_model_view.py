@@ -62,7 +62,8 @@ def test_the_step_is_stable_and_accurate_from_the_enabling_speed_for_any_plausib
 
     For 60 cars the error of the yaw rate is at most 0.15 % of its peak; twice that is allowed. The slowest mode of a car decays
     within about 0.1 s at the enabling speed, and by far more than to 1e-6 in 2 s. With a relaxation length sigma it decays with
-    the time constant 2 sigma / vx.
+    the time constant 2 sigma / vx. The rear angle decays with its lag of up to 0.16 s; 20 more time
+    constants leave 2e-9 of it.
     """
     config = random_cars(DEVELOPMENT_SEED, seed + 1)[seed].replace({"plant.relaxation_length_m": relaxation}, "test")
     model, period, friction = SecondReferenceModel(config, np.float64), config.controller.sampling_time_s, config.road.friction
@@ -98,6 +99,6 @@ def test_the_step_is_stable_and_accurate_from_the_enabling_speed_for_any_plausib
     largest = np.array([SIDESLIP_MAX, model.yaw_rate_max, model.rear_angle_max, LATERAL_ACCELERATION_MAX, 1.0, 1.0])
     size = 2 + count
     state = tuple(np.random.default_rng(seed).uniform(-0.3, 0.3, (size, 20)) * largest[:size, np.newaxis])
-    for _ in range(200 + round(50.0 * relaxation / speeds[0] / period)):
+    for _ in range(200 + round(50.0 * relaxation / speeds[0] / period) + round(20.0 / model.share)):
         state = model.step(state, np.tile(inputs(1.0)[:, :1], 20))
     assert np.ptp(state, axis=1).max() < 1e-6

@@ -17,6 +17,8 @@ from tests.export.fmus import OUTPUTS, SAMPLE, STEP, STEPS_PER_SAMPLE, Slave, co
 COMMANDS = ("rear_angle_command_rad", "yaw_rate_reference_rad_s", "status")
 MOTION = tuple(name for name in OUTPUTS if name not in COMMANDS)
 MEASURED = ("speed_m_s", "front_angle_rad", "yaw_rate_rad_s", "rear_angle_rad")
+SENSED = ("rear_angle_rad", "lateral_acceleration_m_s2")
+"""Outputs of the plant that it also has as its sensors measure them."""
 one_run = pytest.mark.parametrize(("kind", "scenario"), [("tracking", "sine-with-dwell")])
 each_version = pytest.mark.parametrize("version", ["2", "3"])
 
@@ -57,9 +59,9 @@ def test_the_loop_in_a_simulator(version: Version, kind: str, scenario: str) -> 
 @each_version
 @pytest.mark.parametrize("side_by_side", [False, True])
 def test_plant_and_controller_connected_equal_the_loop(version: Version, kind: str, scenario: str, side_by_side: bool) -> None:
-    """The loop holds its inputs over a longer step, like the SIL with such inputs.
+    """The loop holds its inputs over a longer step, like the SIL with such inputs, and has the delay of its configuration.
 
-    Stepped side by side, the plant gets the command of the last step, so that the SIL needs a delay of one sample.
+    Stepped side by side, the plant gets the command of the last step, which is a delay of one sample; else there is none.
     """
     plant = Slave(made("plant", version, kind)).start()
     controller = Slave(made("controller", version, kind)).start()
@@ -70,7 +72,8 @@ def test_plant_and_controller_connected_equal_the_loop(version: Version, kind: s
         driver = {name: value for name, value in fmus.loop_inputs(row).items() if name in plant.variables}
         plant.set({name: value for name, value in driver.items() if name != "inhibit"})
         moved = dict(zip(MOTION, plant.row(MOTION), strict=True))
-        measured = {name: {**driver, **moved}[name] for name in (*MEASURED, "lateral_acceleration_m_s2")}
+        measured = {name: {**driver, **moved}[name] for name in MEASURED}
+        measured |= {name: plant.get(f"measured_{name}") for name in SENSED}
         controller.set({**measured, "lateral_acceleration_available": True})
         acting = controller.get("rear_angle_command_rad")
         controller.step(SAMPLE)  # the command of a sample acts from the time of the sample
@@ -78,14 +81,13 @@ def test_plant_and_controller_connected_equal_the_loop(version: Version, kind: s
         plant.set({"rear_angle_command_rad": acting if side_by_side else command["rear_angle_command_rad"]})
         plant.step(SAMPLE)
         seen.append([{**moved, **command}[name] for name in OUTPUTS])
-    if side_by_side:
-        delayed = ClosedLoop(fmus.software(kind), LoopOptions(delay_samples=1)).run(rows)
-        assert np.array_equal(seen, np.stack([column(delayed, name) for name in OUTPUTS], axis=1))
-        return
+    delay = int(side_by_side)
+    record = ClosedLoop(fmus.software(kind), LoopOptions(delay_samples=delay)).run(rows)
+    assert np.array_equal(seen, np.stack([column(record, name) for name in OUTPUTS], axis=1))
     loop = Slave(made("loop", version, kind)).start()
     got = fmus.drive(loop, rows, SAMPLE)
-    assert np.array_equal(seen, got)
     assert np.array_equal(got, expected(kind, scenario, held=True))
+    assert np.array_equal(seen, got) == (delay == fmus.software(kind).config.plant.command_delay_samples)
 
 
 @each_version

@@ -188,6 +188,17 @@ def _motion(config: Config) -> tuple[Variable, ...]:
     return tuple(replace(each, depends=at_once.get(each.member, ())) for each in car)
 
 
+def _sensed(config: Config) -> tuple[Variable, ...]:
+    """Return what the sensors of the car measure where that is not its true motion: with the body's roll, at the motor."""
+    sensed = [each for each in config.can.measured if each.origin_name.startswith("measured_")]
+    at_once = _inputs_at_once(config)
+    outputs = [
+        _output(f"measured_{each.variable}", f"output.{each.origin_name}", f"{each.meaning}; for a controller")
+        for each in sensed
+    ]
+    return tuple(replace(each, depends=at_once[each.member]) for each in outputs)
+
+
 def _inputs_at_once(config: Config) -> dict[str, tuple[str, ...]]:
     """Return member of each plant output -> inputs that it depends on, from the structure of the equations."""
     model = two_track(config)
@@ -209,7 +220,7 @@ _REAR_COMMAND = _input(
 def variables_of(what: What, config: Config) -> tuple[Variable, ...]:
     """Return time, inputs, outputs and start values of one kind of FMU, without controller parameters."""
     if what == "plant":
-        return (TIME, *_road(config), _REAR_COMMAND, *_motion(config))
+        return (TIME, *_road(config), _REAR_COMMAND, *_motion(config), *_sensed(config))
     if what == "controller":
         return (TIME, *_measurement(config), *_commands(config), _initial(config))
     if what == "ecu":

@@ -48,8 +48,8 @@ GRIP_FRICTION = """
     const {{ p }}_grip_t grip = { .available = 2.0f };
     const float seen = 2.0f * ars_constants.friction_per_grip; /* exact */
 
-    SAME("at least the smallest, at most that of the grip, which NaN counts as", {{ function }}(&grip, &known_parameters, x),
-        is_nan(bits) ? seen : held(bits, {{ least }}, seen));
+    SAME("1.25 times it, at least so of the smallest, at most that of the grip, which NaN counts as",
+        {{ function }}(&grip, &known_parameters, x), is_nan(bits) ? seen : held(bits_of(1.25f * x), 1.25f * {{ least }}, seen));
 """
 CHOOSE_BY_SPEED = """
     {{ p }}_controller_t on = { .enabled = true };
@@ -170,7 +170,7 @@ def claims(source: Source) -> Iterator[Claim]:
     least = number(config.controller.friction_min)
     setup = "static const {{ p }}_parameters_t known_parameters = { .friction_min = {{ least }} };"
     if source.subject.kind == "tracking":
-        text = "from the smallest plausible friction to that of the grip, which also replaces NaN"
+        text = "1.25 times the friction, from that of the smallest plausible one to that of the grip, which also replaces NaN"
         yield Claim("grip", "@_grip_friction", text, GRIP_FRICTION, edges(least), setup, values={"least": least})
     else:
         text = "at least the smallest plausible friction; NaN stays NaN"
