@@ -24,7 +24,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.optimum.ipopt import without_shifts
 from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
-from codegen.vehicle.dynamics import Model, two_track
+from codegen.vehicle.dynamics import PLANT_INPUTS, Model, two_track
 from codegen.vehicle.tyre import WHEEL_SPEED_MIN, AxleTyres, MagicFormulaTyre
 
 BEYOND = 1.25
@@ -211,7 +211,7 @@ class DenseSearch:
         return state
 
     def _call(self, function: Any, speed: float, front_angle: float, state: FloatArray) -> Any:
-        inputs = np.zeros((5, state.shape[1]))
+        inputs = np.zeros((len(PLANT_INPUTS), state.shape[1]))
         inputs[0], inputs[1], inputs[2] = speed, front_angle * self.config.steering.ratio, state[REAR_ANGLE]
         inputs[3] = self.config.road.friction
         return function.map(state.shape[1])(state, inputs)

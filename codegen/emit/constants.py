@@ -105,5 +105,6 @@ def _reference_model(config: Config, total: TotalMap, real: Real) -> Iterator[Co
     yield Constant("grip_max", cap, "m/s^2", "lateral acceleration that the map allows on its road")
     yield Constant("friction_per_grip", per_grip, "s^2/m", "friction for each m/s^2 of it")
     yield Constant("model_rear_slip_per_lateral_acceleration", slip, "rad s^2/m", "the same of the reference model")
-    peak_slip = AxleTyres.from_config(config).rear.peak_slip
-    yield Constant("rear_peak_slip", min(peak_slip, SLIP_SEARCH_MAX), "rad", "at which the rear tyres give their peak force")
+    half = 0.5 * min(AxleTyres.from_config(config).rear.peak_slip, SLIP_SEARCH_MAX)
+    yield Constant("rear_slip_least", half, "rad", "half of the slip at which the rear tyres give their peak force")
+    yield Constant("rear_slip_per_friction", half / total.friction, "rad", "the other half, for a friction of 1")

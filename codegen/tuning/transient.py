@@ -35,10 +35,11 @@ from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters, varied
 from codegen.vehicle.population import Population
 from codegen.vehicle.single_track import SingleTrack
 
-OVERSHOOT_PERCENT, SETTLING_S = 1.3, 1.05
+OVERSHOOT_PERCENT, SETTLING_S = 4.0, 1.3
 """Targets for the configured car."""
-OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 4.3, 1.09
-"""Limits of the configured car where it cannot meet both targets, a little inside those of `codegen sil --suite cars`."""
+OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 6.0, 1.4
+"""Limits of the configured car where it cannot meet both targets. Those of `codegen sil --suite cars` are lower: most cars
+with roll, backlash and an actuator of second order can meet these, so that the rise time decides."""
 RISE_MAX_S, RISE_FROM_KM_H = 0.36, 79.0
 """Limit of the rise time of the configured car, and the speed from which it counts."""
 DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, RELAXATION_OVERSHOOT_PERCENT = 3.0, 15.0, 10.0

@@ -28,7 +28,7 @@ MODEL_CHANGES: dict[str, dict[str, Any]] = {
     "high gains": {"proportional_gain": [0.4] * 6, "integral_gain": [20.0] * 6},
     "no authority": {"yaw_increasing_max": 0.0, "yaw_increasing_wide": 0.0, "lead_smoothing": 1.0, "inputs": OPEN},
     "sensitive to sideslip": {"sideslip_max": 0.005, "turn_margin_rate": 0.0, "turn_margin": 0.0, "inputs": OPEN},
-    "sensitive to grip": {"grip_shortfall": 0.1, "grip_loss_rate": 50.0, "trim_share": 0.2, "trim_rate": 20.0},
+    "sensitive to grip": {"grip_shortfall": 0.2, "grip_loss_rate": 50.0, "trim_share": 0.1, "trim_rate": 20.0},
     "small angle": {
         **{"rear_angle_max": 0.02, "limiter": {"rear_angle_max": 0.02, "opposite_phase_max": [0.02, 0.01]}},
         "inputs": OPEN,

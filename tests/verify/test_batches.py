@@ -7,7 +7,7 @@ import numpy as np
 
 from codegen.emit.can_view import DIAGNOSTICS
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
-from codegen.sil.software import RECORD_COLUMNS, Status
+from codegen.sil.software import RECORD_COLUMNS, Status, compile_build
 from codegen.verify import traffic
 from codegen.verify.drives import DELAY_SAMPLES, Thresholds, drawn, measurements_of, recorded
 from codegen.verify.pil.batches import OnHost, Program, Rows, program_of, rows_of_cycles
@@ -78,7 +78,9 @@ def test_the_recorded_scenario_reproduces_the_closed_loop() -> None:
 
 def test_a_recording_holds_the_controller_s_measurements() -> None:
     """Played back, it makes a controller repeat the loop's commands bit for bit, including estimate and inhibit."""
-    software = builds.compiled()
+    folder = builds.made("tracking")
+    # Ideal, because a recording holds true values.
+    software = compile_build(folder.files, folder.manifest, builds.config_of("tracking").with_ideal_plant())
     drives = recorded(software)
     assert len(drives) == len(SCENARIOS)
     for scenario, drive in zip(SCENARIOS.values(), drives, strict=True):

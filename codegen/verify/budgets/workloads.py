@@ -73,15 +73,26 @@ def histories(config: Config) -> Iterator[Rows]:
         ((1, start | {"speed": 0.0}), (2, {})),
     )
     yield from (_rows({"speed": speed}, parts) for parts in drives)
+    # A lateral acceleration of the other side, on a car that turns far more, after two lost samples.
+    apart = {
+        "speed": 10.0,
+        "front_angle": 0.13,
+        "yaw_rate": -0.7,
+        "rear_angle": math.nan,
+        "friction": 0.9 * inputs.friction_max,
+    }
+    losses: Parts = ((1, start), (6, {}), (1, {"speed": math.nan}), (1, {}), (1, {"yaw_rate": math.nan}), (2, {}))
+    yield _rows(apart | {"lateral_acceleration": -0.5}, losses)
     acceleration = config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2
     angle_max = config.rear_actuator.angle_max
     for share, side in product((0.6, 0.29, 0.17), (1.0, -1.0)):
         speed = share * inputs.speed_max_km_h * KM_H
         yaw_rate = 0.5 * side * acceleration / speed
-        turn = {"speed": speed, "front_angle": 0.0, "yaw_rate": yaw_rate, "friction": 0.0}
+        turn = {"speed": speed, "front_angle": -0.02, "yaw_rate": yaw_rate, "friction": 0.0}
         turn["lateral_acceleration"] = yaw_rate * speed
         for rear_angle in (angle_max, math.nan):
-            against = {"lateral_acceleration": -yaw_rate * speed, "rear_angle": rear_angle, "friction": math.nan}
+            # Close enough not to count as a jump.
+            against = {"lateral_acceleration": yaw_rate * speed - 1.9 * side, "rear_angle": rear_angle, "friction": math.nan}
             proof: Parts = ((1, start), (3, {}), (3, against))
             for name in COLUMNS[:3]:
                 proof = (*proof, (1, against | {name: math.nan}), (3, against))

@@ -205,7 +205,8 @@ class SecondTracking(SecondController):
         self.state = self.car_state(0.0, 0.0)
         self.previous_model_yaw_rate = self.state[1]
         self.sideslip = real(0.0)
-        self.rear_peak_slip = real(min(AxleTyres.from_config(config).rear.peak_slip, SLIP_SEARCH_MAX))
+        half_peak_slip = 0.5 * min(AxleTyres.from_config(config).rear.peak_slip, SLIP_SEARCH_MAX)
+        self.rear_slip, self.rear_slip_per_friction = real(half_peak_slip), real(half_peak_slip / road.friction)
         self.trim = self.integral = self.last_front = self.front_rate = self.last_yaw_rate = self.reached = real(0.0)
         self.starting = False
 
@@ -333,8 +334,7 @@ class SecondTracking(SecondController):
         if min(two) < 0.0 and high > feedforward + more:
             high = clip(feedforward + more, low, high)
         travel = self.sideslip - self.car.rear_arm * (m.yaw_rate * (self.real(1.0) / m.speed))
-        half, own = self.real(0.5), self.real(self.road.friction)
-        slip = self.rear_peak_slip * (half + half * self.road_friction(m) / own)
+        slip = self.rear_slip + self.road_friction(m) * self.rear_slip_per_friction
         high = clip(travel + slip, low, high)
         low = clip(travel - slip, low, high)
         return low - feedforward, high - feedforward

@@ -19,7 +19,7 @@ from codegen.configuration import Config
 from codegen.configuration.can import Can, RealSignal
 from codegen.configuration.signals import CARRIED
 from codegen.emit.can_view import task_view
-from codegen.emit.controller_view import REFERENCE_OVERSHOOT
+from codegen.emit.controller_view import ESTIMATE_FACTOR, REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
 from codegen.emit.render import render, verbatim
 from codegen.emit.text import c_type, literal, numpy_type
@@ -60,7 +60,7 @@ def _context(subject: Subject) -> dict[str, Any]:
         "plant_step": config.plant.sampling_time_s,
         "actuator_angle_max": float(real(config.rear_actuator.angle_max)),
         "cap": cap,
-        "cap_per_friction": cap / facts["frictions"][0],
+        "cap_per_friction": (ESTIMATE_FACTOR if law.uses_reference_model else 1.0) * cap / facts["frictions"][0],
         "overshoot": REFERENCE_OVERSHOOT if law.uses_reference_model else 1.0,
         "rounding": 8.0 * float(np.finfo(real).eps),
         "smallest": float(np.finfo(real).smallest_subnormal),

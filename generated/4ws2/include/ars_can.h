@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xA23D1B95u
+#define ARS_CAN_BUILD 0x36287615u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0xA23D1B95u
+#define ARS_CONSTANTS_BUILD 0x36287615u
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady one that the constraints allow */
@@ -29,7 +29,8 @@ typedef struct {
     float grip_max; /* m/s^2, lateral acceleration that the map allows on its road */
     float friction_per_grip; /* s^2/m, friction for each m/s^2 of it */
     float model_rear_slip_per_lateral_acceleration; /* rad s^2/m, the same of the reference model */
-    float rear_peak_slip; /* rad, at which the rear tyres give their peak force */
+    float rear_slip_least; /* rad, half of the slip at which the rear tyres give their peak force */
+    float rear_slip_per_friction; /* rad, the other half, for a friction of 1 */
 } ars_constants_t;
 
 extern const ars_constants_t ars_constants;

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xA23D1B95u
+#define ARS_DYNAMICS_BUILD 0x36287615u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xA23D1B95u
+#define ARS_LIMITER_BUILD 0x36287615u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xA23D1B95u
+#define ARS_MAP_BUILD 0x36287615u
 
 /* Numbers of breakpoints. */
 enum {

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xA23D1B95u
+#if ARS_CHECKSUM_BUILD != 0x36287615u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xA23D1B95u
+#if ARS_DYNAMICS_BUILD != 0x36287615u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0xA23D1B95u
+#if ARS_E2E_BUILD != 0x36287615u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

@@ -10,10 +10,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0xA23D1B95u
+#if ARS_CONSTANTS_BUILD != 0x36287615u
+#error "ars_constants.h and this source come from different builds"
+#endif
+#if ARS_LAW_BUILD != 0x36287615u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xA23D1B95u
+#if ARS_MAP_BUILD != 0x36287615u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -270,7 +273,7 @@ ARS_SECTION_CODE static ars_law_output_t track(
     const ars_map_reference_t map = reference_ahead(self, parameters, sample, &gains, friction, phase);
     const ars_reference_model_input_t input = { sample->speed, sample->front_angle, map.rear_angle, friction };
     /* On a slippery road the peak force comes at the same slip, or at less in proportion to the friction; between both. */
-    const float rear_slip_max = ars_constants.rear_peak_slip * (0.5f + ((0.5f * friction) / ars_constants.map_friction));
+    const float rear_slip_max = ars_constants.rear_slip_least + (friction * ars_constants.rear_slip_per_friction);
     const float command_step_max = command_step(parameters);
     float outward;
     float reference;

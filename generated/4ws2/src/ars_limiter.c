@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xA23D1B95u
+#if ARS_LIMITER_BUILD != 0x36287615u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

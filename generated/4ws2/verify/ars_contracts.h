@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0xA23D1B95u
+#if ARS_MAP_BUILD != 0x36287615u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xA23D1B95u
+#if ARS_TASK_BUILD != 0x36287615u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -402,7 +402,8 @@ static inline void lemma_constants(void)
     CONTRACT_LEMMA_CONSTANTS(ars_constants.grip_max == 7.8471293f, "grip_max is that of the build");
     CONTRACT_LEMMA_CONSTANTS(ars_constants.friction_per_grip == 0.114691675f, "friction_per_grip is that of the build");
     CONTRACT_LEMMA_CONSTANTS(ars_constants.model_rear_slip_per_lateral_acceleration == 0.0048840423f, "model_rear_slip_per_lateral_acceleration is that of the build");
-    CONTRACT_LEMMA_CONSTANTS(ars_constants.rear_peak_slip == 0.11970928f, "rear_peak_slip is that of the build");
+    CONTRACT_LEMMA_CONSTANTS(ars_constants.rear_slip_least == 0.05985464f, "rear_slip_least is that of the build");
+    CONTRACT_LEMMA_CONSTANTS(ars_constants.rear_slip_per_friction == 0.06650516f, "rear_slip_per_friction is that of the build");
 }
 
 #ifndef CONTRACT_LEMMA_AXES

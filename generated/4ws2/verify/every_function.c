@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0xA23D1B95u
+#if ARS_TASK_BUILD != 0x36287615u
 #error "ars_task.h and this source come from different builds"
 #endif
 
