@@ -55,19 +55,12 @@ class RememberingPlant(Plant):
     """The car of a configuration with the recent values of its sensors.
 
     Attributes:
-        speed: m/s, of the last sample.
         seen: values of AGED, rad and rad/s, after each of the last plant steps, newest last.
     """
 
     def __init__(self, config: Config) -> None:
         super().__init__(config)
-        self.speed = 0.0
         self.seen: deque[dict[str, float]] = deque([dict.fromkeys(AGED, 0.0)], maxlen=JITTER_STEPS + 1)
-
-    def sample(self, acting: PlantInput) -> PlantSample:
-        """Return the current outputs. The rear angle command does not affect them."""
-        self.speed = acting.speed
-        return super().sample(acting)
 
     def advance(self, acting: Iterable[PlantInput]) -> None:
         """Advance by one plant step for each input."""

@@ -88,6 +88,12 @@ class Plant:
         )
 
     @property
+    def speed(self) -> float:
+        """Imposed speed in m/s at the last sample or step; zero before."""
+        speed: float = self._input.speed
+        return speed
+
+    @property
     def position(self) -> tuple[float, float, float]:
         """Position in the road frame: m forward, m left, heading in rad."""
         return self._state.position_x, self._state.position_y, self._state.heading

@@ -51,6 +51,8 @@ MARGIN_SHARES = (0.9, 1.1)
 MARGIN_EVERY = 3
 """The gain margin is simulated in every third cell along each axis, so that all speeds, frictions and masses occur, in a few
 seconds."""
+PLAY_MAX_DEG = 1e-6
+"""Largest backlash in the simulations, far below the response to the pulse. A compiled car with backlash cannot have none."""
 NEAR = 0.02
 """A loop whose slowest pole moves by less than this fraction in a second is undecided: neither growth nor decay is visible."""
 
@@ -318,14 +320,16 @@ def _is_stable(
 ) -> BoolArray:
     """Return (n,) whether each loop, its gain multiplied, swings less late than early and never grows.
 
-    The learned offset of the yaw rate is disabled, because the linear loop does not have it.
+    The learned offset of the yaw rate is disabled, because the linear loop does not have it. Neither does it have backlash,
+    whose play a small pulse does not leave.
     """
     applied = software.parameters()
     if parameters is not None:
         applied[0] = parameters[0]
     applied.inputs.yaw_rate_offset_max = 0.0
+    without_play = config.unchecked({"plant.backlash_deg": min(config.plant.backlash_deg, PLAY_MAX_DEG)})
     lanes = Lanes(
-        cars=cars(config, {"mass_percent": mass}, mass.size),
+        cars=cars(without_play, {"mass_percent": mass}, mass.size),
         speed_factor=speed,
         # A loop of higher gain responds more, so a smaller pulse keeps actuator and controller in their linear range.
         wheel_factor=1.0 / np.maximum(gain, 1.0),

@@ -1,11 +1,13 @@
 """The stability region: the linearisation compared with runs of the generated C."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from codegen.configuration import parse
 from codegen.report.html.blocks import Text
 from codegen.report.html.robust import region_blocks
 from codegen.sil.batch import BatchSoftware
@@ -22,8 +24,10 @@ from codegen.sweep.region import (
     region,
     speeds_of,
 )
+from codegen.verify.check import Subject
 from tests import builds
 
+GENERATED = Path(__file__).parents[2] / "generated"
 SHAPE = (len(MASSES_PERCENT), len(FRICTIONS), len(SPEEDS_KM_H))
 
 
@@ -48,6 +52,17 @@ def test_the_papers_loop_is_unstable_at_high_speed(driven: Region, linear: Regio
     assert driven.undecided.sum() < 0.05 * driven.stable.size
     stable = linear.stable.sum(axis=2)  # mass and low friction reduce the number of stable speeds
     assert (np.diff(stable, axis=0) <= 0).all() and (np.diff(stable, axis=1) >= 0).all()
+
+
+def test_backlash_hides_no_loop_from_the_simulations() -> None:
+    """Within its play, the loop has no gain, so that even beyond its gain margin it would be stable."""
+    build = Subject.read(GENERATED / "4ws2")
+    config = parse(build.manifest["configuration"], "manifest.json")
+    assert config.plant.backlash_deg > 0.0
+    linear = region(config)
+    assert linear is not None and linear.margin_sample.any()
+    driven = confirm(linear, build.files, build.manifest)
+    assert not driven.contradicted.any() and not driven.margin_contradicted.any()
 
 
 def test_the_region_ends_with_the_margins() -> None:

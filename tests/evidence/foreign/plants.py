@@ -33,7 +33,7 @@ from codegen.vehicle.tyre import AxleTyres
 from codegen.verify.check import Effort, Outcome, Verdict
 from hil_sim import manoeuvres
 from hil_sim.metrics import column
-from hil_sim.second_plant.run import drive
+from hil_sim.second_plant.run import drive, measured_of
 from hil_sim.suite.cells import Cell, cells
 from tests import builds
 from tests.evidence.progress import Progress
@@ -146,8 +146,7 @@ def use_of(car: ForeignCar, identified: Config, software: Software, cell: Cell) 
     plant = car.plant(cell.speed_km_h * KM_H)
 
     def measured(now: PlantSample) -> dict[str, float]:
-        names = ("front_angle", "yaw_rate", "rear_angle", "lateral_acceleration")
-        return {"speed": plant.speed, **{name: getattr(now, name) for name in names}}
+        return {"speed": plant.speed, **measured_of(now)}
 
     slow = replace(cell.scenario(car.config), kind="ramp", drive=manoeuvres.ramp(*STEERING_S), duration=DURATION_S)
     record = drive(plant, software, car.config, slow, measured)
