@@ -334,11 +334,6 @@ class Config(Section):
         return min(top, self.controller.inputs.speed_max_km_h)
 
     @property
-    def rear_lag_s(self) -> float:
-        """Lag of the rear actuator with that of its motor, in s: what a first-order actuator would need for slow commands."""
-        return self.rear_actuator.lag_s * (1.0 + self.plant.actuator_motor_share)
-
-    @property
     def actuator_lags_s(self) -> tuple[float, ...]:
         """Lags of the rear actuator, in s, for which gains are designed."""
         factors = self.tuning.actuator_lag_factor

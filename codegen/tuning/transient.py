@@ -35,11 +35,11 @@ from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters, varied
 from codegen.vehicle.population import Population
 from codegen.vehicle.single_track import SingleTrack
 
-OVERSHOOT_PERCENT, SETTLING_S = 4.0, 1.3
+OVERSHOOT_PERCENT, SETTLING_S = 3.0, 2.0
 """Targets for the configured car."""
-OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 6.0, 1.4
-"""Limits of the configured car where it cannot meet both targets. Those of `codegen sil --suite cars` are lower: most cars
-with roll, backlash and an actuator of second order can meet these, so that the rise time decides."""
+OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 5.0, 2.5
+"""Limits of the configured car where it cannot meet both targets. The settling time ends with the play of the actuator, which
+moves the yaw rate by more than 2 %: limits of 1.4 s cost eight random cars up to 4 points of overshoot."""
 RISE_MAX_S, RISE_FROM_KM_H = 0.36, 79.0
 """Limit of the rise time of the configured car, and the speed from which it counts."""
 DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, RELAXATION_OVERSHOOT_PERCENT = 3.0, 15.0, 10.0

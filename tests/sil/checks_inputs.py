@@ -28,9 +28,9 @@ def _gain(built: Built, speed: float) -> float:
     return speed / (car.wheelbase + car.understeer_coefficient * speed**2)
 
 
-def _turning(built: Built, rear: float = 0.0, **inputs: float) -> tuple[Controller, Measurement]:
+def _turning(built: Built, **inputs: float) -> tuple[Controller, Measurement]:
     """Return a controller after a long steady turn of the linear car, and a sample of that turn."""
-    turn = Measurement(16.0, 0.03, (0.03 - rear) * _gain(built, 16.0), rear)
+    turn = Measurement(16.0, 0.03, 0.03 * _gain(built, 16.0), 0.0)
     controller = built.software.controller(0.0, parameters_of(built, {"inputs": {"yaw_rate_frozen": 20.0, **inputs}}))
     assert {command.status for command in controller.run([turn] * 300)} <= set(RUNNING)
     return controller, turn
@@ -231,24 +231,31 @@ def check_wrong_signal_proves_itself_in_a_turn(built: Built) -> None:
 
     Straight ahead, agreement of zero with zero proves nothing.
     """
+    own = built.software.parameters().inputs
+    limits = {name: float(getattr(own, name)) for name in ("front_angle_step", "yaw_rate_step", "yaw_rate_tolerance")}
+    turn = Measurement(16.0, 0.03125, 0.125, 0.015625)
     for field in ("front_angle", "yaw_rate"):
-        controller, turn = _turning(built, rear=0.01)
-        needed = controller.parameters.inputs.recovery_samples
-        controller.step(replace(turn, **{field: -getattr(turn, field)}))  # type: ignore[arg-type]
-        signal = getattr(controller.state.inputs, field)
+        unit = Unit(built, **limits)
+        unit.run([turn] * 3)
+        needed = unit.parameters.inputs.recovery_samples
+        unit.step(_reversed(turn, field))
+        signal = getattr(unit.state, field)
         assert signal.source == WRONG
-        controller.run([replace(turn, **{field: -getattr(turn, field)})] * 50)  # type: ignore[arg-type]
+        unit.run([_reversed(turn, field)] * 50)
         assert signal.source == WRONG, "it stays wrong"
-        controller.run([turn] * (needed - 1))
+        unit.run([turn] * (needed - 1))
         assert signal.source == WRONG
-        controller.step(turn)
+        unit.step(turn)
         assert signal.source == 0, field
-        controller.step(replace(turn, **{field: -getattr(turn, field)}))  # type: ignore[arg-type]
+        unit.step(_reversed(turn, field))
         for share in (max(1.0 - 0.02 * sample, 0.0) for sample in range(150)):
             turned = (share * turn.front_angle, share * turn.yaw_rate, share * turn.rear_angle)
-            sample = replace(turn, front_angle=turned[0], yaw_rate=turned[1], rear_angle=turned[2])
-            controller.step(replace(sample, **{field: -getattr(sample, field)}))  # type: ignore[arg-type]
+            unit.step(_reversed(replace(turn, front_angle=turned[0], yaw_rate=turned[1], rear_angle=turned[2]), field))
         assert signal.source == WRONG, "straight ahead"
+
+
+def _reversed(sample: Measurement, field: str) -> Measurement:
+    return replace(sample, **{field: -getattr(sample, field)})  # type: ignore[arg-type]
 
 
 def check_both_wrong(built: Built) -> None:

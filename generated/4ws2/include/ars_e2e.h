@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0x36287615u
+#define ARS_E2E_BUILD 0xAC2D429Bu
 
 /* Result of a check. The data are used only with OK, INITIAL and OK_SOME_LOST. */
 typedef enum {

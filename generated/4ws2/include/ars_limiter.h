@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x36287615u
+#define ARS_LIMITER_BUILD 0xAC2D429Bu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x36287615u
+#define ARS_MAP_BUILD 0xAC2D429Bu
 
 /* Numbers of breakpoints. */
 enum {

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x36287615u
+#if ARS_DYNAMICS_BUILD != 0xAC2D429Bu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

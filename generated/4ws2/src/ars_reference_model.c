@@ -13,13 +13,13 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x36287615u
+#if ARS_CHECKSUM_BUILD != 0xAC2D429Bu
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_CONSTANTS_BUILD != 0x36287615u
+#if ARS_CONSTANTS_BUILD != 0xAC2D429Bu
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0x36287615u
+#if ARS_REFERENCE_MODEL_BUILD != 0xAC2D429Bu
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -201,7 +201,7 @@ ARS_SECTION_CODE void ars_reference_model_start(
 ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, const ars_reference_model_input_t *input)
 {
     /* Actuator and computation delay as one first-order lag: fraction of the remaining angle in a step, and largest step in rad. */
-    const float actuator_share = 0.11099023f;
+    const float actuator_share = 0.15351827f;
     const float actuator_step_max = 0.0052359877f;
     const float x[4] = { self->sideslip_angle, self->yaw_rate, self->front_argument, self->rear_argument };
     const float rear_angle_error = input->rear_angle - self->rear_angle;
