@@ -13,6 +13,7 @@ import numpy as np
 
 from benchmarks.judged_car import CONTROLLED
 from benchmarks.judged_cars import PAPER, five_cars
+from codegen import configuration
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.judgement.bench import Bench
@@ -49,11 +50,10 @@ IDEAL, REAL, ROLL = "ideal", "real", "roll"
 
 
 def real(config: Config) -> Config:
-    """Return the configured car; an ideal one with what every car has."""
+    """Return the configured car; an ideal one with what the recommended preset has."""
     if config.plant != ideal(config).plant:
         return config
-    parts = {"relaxation_length_m": 0.4, "roll_deg_per_g": 4.0, "actuator_motor_share": 0.5, "backlash_deg": 0.1}
-    return config.replace({"plant": parts}, "real plant")
+    return config.replace({"plant": configuration.preset("recommended").plant.model_dump(mode="json")}, "real plant")
 
 
 PLANTS: Mapping[str, Change] = {IDEAL: ideal, REAL: real, ROLL: rolling}

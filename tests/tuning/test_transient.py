@@ -59,7 +59,7 @@ def test_the_chosen_pairs_keep_their_limits_when_simulated_alone(monkeypatch: py
 
 
 @pytest.mark.parametrize(
-    ("settling", "expected"), [("1.4 1.0 0.9", 0.06), ("1.5 1.0 0.9", 0.081), ("1.7 1.65 1.6 1.65", 0.105)]
+    ("settling", "expected"), [("2.5 1.0 0.9", 0.06), ("2.6 1.0 0.9", 0.081), ("2.8 2.75 2.7 2.75", 0.105)]
 )
 def test_the_first_sufficient_look_ahead_is_chosen(monkeypatch: pytest.MonkeyPatch, settling: str, expected: float) -> None:
     tried = map(float, settling.split())
