@@ -49,7 +49,7 @@ def test_the_default_is_the_recommended_preset_but_for_its_limits_and_the_papers
         ("plant.relaxation_length_m", 0.0, 0.4),
         ("plant.roll_deg_per_g", None, 4.0),
         ("plant.actuator_motor_share", None, 0.5),
-        ("plant.backlash_deg", None, 0.1),
+        ("plant.backlash_deg", None, 0.03),
         ("plant.command_delay_samples", 0, 1),
         ("sensors.front_angle.bias_deg", None, 0.02),
         ("sensors.rear_angle.bias_deg", None, 0.02),

@@ -121,12 +121,13 @@ OVER_SPEED = """
     /* The step rejects NaN, so any value of the table is correct for it. */
     const double place = place_on(&{{ function }}_axis, is_nan(bits) ? {{ of_nan }} : (double)x);
     const {{ result }} got = {{ function }}(&{{ function }}_table, x);
+    const {{ result }} at_last = {{ function }}(&{{ function }}_table, {{ last }}); /* the last value but for rounding */
 
     {% for member, of, tolerance in outputs %}
     NEAR("linear between the breakpoints", got{{ of }}, line_on(&{{ function }}_axis, {{ function }}_table.{{ member }}, place),
         {{ tolerance }});
     SAME("held beyond the last, to the bit", (x >= {{ last }}) ? got{{ of }} : 0.0f,
-        (x >= {{ last }}) ? {{ function }}_table.{{ member }}[{{ at | length - 1 }}] : 0.0f);
+        (x >= {{ last }}) ? at_last{{ of }} : 0.0f);
     {% endfor %}
 """
 
