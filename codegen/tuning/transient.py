@@ -45,6 +45,8 @@ RISE_MAX_S, RISE_FROM_KM_H = 0.36, 79.0
 DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, RELAXATION_OVERSHOOT_PERCENT = 3.0, 15.0, 10.0
 """Limits of overshoot in the family: mass or tyres of both axles, tyres of the rear axle alone, or the relaxation length
 differ."""
+FRONT_GRIP_FACTOR, FRONT_GRIP_OVERSHOOT_PERCENT = 0.75, 10.0
+"""Stiffness and peak of other front tyres, and the limit with them: the response gain must not swing with the assumed grip."""
 RELAXATION_FACTOR = 1.5
 LAG_FACTORS = (0.4, 2.0)
 LAG_OVERSHOOT_PERCENT = (5.0, 15.0)
@@ -60,7 +62,7 @@ that follow late leave the beginning of a step to the front wheels."""
 OVERSHOOT_PRICE_S = 0.005
 """Cost of one percent of overshoot, in s of t90, for the car of the family with the most overshoot."""
 
-SHARES = (0.25, 0.5, 1.0)
+SHARES = (0.25, 0.5, 0.75, 1.0)
 """Fractions of the largest feasible front angle."""
 LARGER_FROM = SHARES.index(0.5)
 """First fraction at which a car must keep its limits if it cannot keep them at every angle. At small angles, where an
@@ -431,6 +433,8 @@ def family_of(config: Config) -> tuple[FloatArray, FloatArray]:
             add(varied_cars(config, front_stiffness=factor, rear_stiffness=factor)[0], DEVIATION_OVERSHOOT_PERCENT)
         if slopes and slopes[0] < 0.0:
             add(varied_cars(config, rear_stiffness=1.0 + slopes[0] / 100.0)[0], REAR_AXLE_OVERSHOOT_PERCENT)
+    add(varied_cars(config, front_stiffness=FRONT_GRIP_FACTOR)[0], FRONT_GRIP_OVERSHOOT_PERCENT)
+    rows[-1][PLANT_PARAMETERS.index("front_peak_factor")] *= FRONT_GRIP_FACTOR
     if config.plant.relaxation_length_m and RELAXATION_KEY not in measured:
         add_scaled("relaxation_length", RELAXATION_FACTOR, RELAXATION_OVERSHOOT_PERCENT)
     if LAG_KEY in measured:

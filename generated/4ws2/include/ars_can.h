@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xAC2D429Bu
+#define ARS_CAN_BUILD 0x332FF42Bu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xAC2D429Bu
+#define ARS_DYNAMICS_BUILD 0x332FF42Bu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

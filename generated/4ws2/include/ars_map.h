@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xAC2D429Bu
+#define ARS_MAP_BUILD 0x332FF42Bu
 
 /* Numbers of breakpoints. */
 enum {

@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xAC2D429Bu
+#if ARS_CONSTANTS_BUILD != 0x332FF42Bu
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xAC2D429Bu
+#if ARS_CONTROLLER_BUILD != 0x332FF42Bu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xAC2D429Bu
+#if ARS_MAP_BUILD != 0x332FF42Bu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -32,10 +32,10 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .schedule_speed = { 4.1666665f, 5.5555553f, 8.333333f, 11.805555f, 16.666666f, 22.222221f, 27.777779f, 33.333332f },
     .proportional_gain = { 0.001481f, 0.0197f, 0.04274f, 0.08032f, 0.1046f, 0.1252f, 0.1338f, 0.1396f },
     .integral_gain = { 1.774f, 1.718f, 1.561f, 1.338f, 1.086f, 0.7865f, 0.5885f, 0.4628f },
-    .lead_time = { 0.0312f, 0.0312f, 0.0312f, -0.0125f, 0.0f, -0.02f, 0.0088f, -0.0037f },
-    .response_gain = { 0.63f, 0.63f, 0.63f, 0.67f, 0.13f, 0.02f, 0.03f, 0.03f },
+    .lead_time = { -0.0025f, -0.0025f, -0.0025f, -0.005f, 0.0f, -0.02f, -0.0037f, -0.0037f },
+    .response_gain = { 0.67f, 0.67f, 0.67f, 0.42f, 0.13f, 0.02f, 0.01f, 0.03f },
     .lead_smoothing = 0.48658288f,
-    .lead_angle_max = 0.013962634f,
+    .lead_angle_max = 0.008726646f,
     .response_samples = 6.0f,
     .yaw_increasing_max = 0.017453292f,
     .yaw_increasing_wide = 0.04363323f,
@@ -98,9 +98,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "AC2D429B";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "332FF42B";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x971EA32Du;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xE782F227u;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xAC2D429Bu
+#if ARS_LIMITER_BUILD != 0x332FF42Bu
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
