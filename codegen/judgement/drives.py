@@ -188,7 +188,7 @@ def _step_cells(config: Config, map_speed: FloatArray, reference_map: ReferenceM
 
 
 def _angles_of(reference_map: ReferenceMap, speed: float) -> FloatArray:
-    """Return the front angles (k,) in rad with which a map asks for OWN_SHARES of its yaw rate at a speed; NaN for none."""
+    """Return the front angles (k,) in rad at which a map has OWN_SHARES of its largest yaw rate at a speed; NaN for none."""
     row = int(np.argmin(np.abs(reference_map.speed - speed)))
     known = reference_map.feasible[row]
     if not known.any():
