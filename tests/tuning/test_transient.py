@@ -77,7 +77,13 @@ def test_measured_deviations_replace_stiffness_and_lag() -> None:
     own, limits = family_of(parse({**data, "identified": table}, "test"))
     plain, plain_limits = family_of(builds.TRACKING_CONFIG)
     assert np.array_equal(own[:3], plain[:3])
-    assert limits.tolist() == [*plain_limits[:3], *[DEVIATION_OVERSHOOT_PERCENT] * 4, *LAG_OVERSHOOT_PERCENT[:1] * 2]
+    front_grip = transient.FRONT_GRIP_OVERSHOOT_PERCENT
+    assert limits.tolist() == [
+        *plain_limits[:3],
+        *[DEVIATION_OVERSHOOT_PERCENT] * 4,
+        front_grip,
+        *LAG_OVERSHOOT_PERCENT[:1] * 2,
+    ]
     inertia, lag = (PLANT_PARAMETERS.index(name) for name in ("yaw_inertia", "rear_lag"))
     radius = chi2.ppf(0.99, 2) ** 0.5
     apart = own[3:7] - own[0]
@@ -85,7 +91,10 @@ def test_measured_deviations_replace_stiffness_and_lag() -> None:
     stiffness = PLANT_PARAMETERS.index("rear_stiffness_factor")
     slope = builds.TRACKING_CONFIG.tyre.rear.cornering_stiffness_n_per_rad
     assert max(own[3:7, stiffness]) / own[0, stiffness] == pytest.approx(1.0 + 2_000.0 * radius / slope)
-    assert (own[7:, lag] - own[0, lag]).tolist() == pytest.approx([step * chi2.ppf(0.99, 1) ** 0.5 * 0.002 for step in (-1, 1)])
+    for name in ("front_stiffness_factor", "front_peak_factor"):
+        factor = own[7, PLANT_PARAMETERS.index(name)] / own[0, PLANT_PARAMETERS.index(name)]
+        assert factor == pytest.approx(transient.FRONT_GRIP_FACTOR), name
+    assert (own[8:, lag] - own[0, lag]).tolist() == pytest.approx([step * chi2.ppf(0.99, 1) ** 0.5 * 0.002 for step in (-1, 1)])
 
 
 @pytest.mark.parametrize("grid", [{}, {"speed_min_km_h": 2.0, "speed_max_km_h": 20.0}])
@@ -105,8 +114,9 @@ def test_the_family_of_relaxed_tyres_has_a_longer_relaxation_length() -> None:
     config = builds.TRACKING_CONFIG.replace({"plant.relaxation_length_m": 0.4}, "test")
     cars, limits = family_of(config)
     length = cars[:, PLANT_PARAMETERS.index("relaxation_length")]
-    assert length[limits == transient.RELAXATION_OVERSHOOT_PERCENT].tolist() == pytest.approx([0.6])
-    assert (np.delete(length, np.argmax(length)) == 0.4).all()
+    longest = int(np.argmax(length))
+    assert length[longest] == pytest.approx(0.6) and limits[longest] == transient.RELAXATION_OVERSHOOT_PERCENT
+    assert (np.delete(length, longest) == 0.4).all()
 
 
 @pytest.mark.parametrize(("speed", "is_met"), [(60.0, True), (80.0, False)])
