@@ -22,7 +22,7 @@ from codegen.units import KM_H
 if TYPE_CHECKING:
     from codegen.report.html.report import Material
 
-PICTURE_HEIGHT = 225
+PICTURE_HEIGHT = 195
 """Height in px."""
 
 

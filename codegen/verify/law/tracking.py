@@ -169,8 +169,14 @@ class SecondReferenceModel:
         x = [sideslip, yaw_rate, *lagging]
         arguments = walk(self.arguments, [x, u])
         if self.is_relaxed:
-            arguments = lagging = [within(argument, self.real(ARGUMENT_MAX)) for argument in arguments]
+            lagging = [within(argument, self.real(ARGUMENT_MAX)) for argument in arguments]
         values, slopes = zip(*(curve(argument) for curve, argument in zip(self.curves, arguments, strict=True)), strict=True)
+        if self.is_relaxed:  # level from the last cell on
+            ends = [curve.values[-2] + (curve.values[-1] - curve.values[-2]) for curve in self.curves]
+            values = tuple(
+                np.where(np.isnan(value), np.where(argument < 0.0, -end, end), value)
+                for value, argument, end in zip(values, arguments, ends, strict=True)
+            )
         change = walk(self.change, [x, u, values, slopes])
         return (
             within(sideslip + change[0], self.real(SIDESLIP_MAX)),

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x332FF42Bu
+#define ARS_DYNAMICS_BUILD 0xD9EEAE06u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x332FF42Bu
+#define ARS_LIMITER_BUILD 0xD9EEAE06u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x332FF42Bu
+#define ARS_MAP_BUILD 0xD9EEAE06u
 
 /* Numbers of breakpoints. */
 enum {

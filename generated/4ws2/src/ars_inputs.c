@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x332FF42Bu
+#if ARS_INPUTS_BUILD != 0xD9EEAE06u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x332FF42Bu
+#if ARS_LIMITER_BUILD != 0xD9EEAE06u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -13,13 +13,13 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x332FF42Bu
+#if ARS_CHECKSUM_BUILD != 0xD9EEAE06u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_CONSTANTS_BUILD != 0x332FF42Bu
+#if ARS_CONSTANTS_BUILD != 0xD9EEAE06u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0x332FF42Bu
+#if ARS_REFERENCE_MODEL_BUILD != 0xD9EEAE06u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -97,13 +97,15 @@ ARS_SECTION_CODE static float curve_at(const float curve[], uint32_t cells, floa
 {
     const float x_magnitude = magnitude(x);
     const float position = x_magnitude * ((float)cells / (x_magnitude + compression));
-    uint32_t index = cells - 1u; /* for NaN too */
+    uint32_t index = cells - 1u; /* of an infinite x, and of NaN */
+    float fraction = 1.0f;
     float result;
 
     if (position < (float)cells) {
         index = (uint32_t)position;
+        fraction = position - (float)index;
     }
-    result = curve[index] + ((position - (float)index) * (curve[index + 1u] - curve[index]));
+    result = curve[index] + (fraction * (curve[index + 1u] - curve[index]));
     return (x < 0.0f) ? -result : result;
 }
 
@@ -216,13 +218,13 @@ ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, cons
     float change[3];
 
     arguments_of(x, u, argument);
-    self->front_argument = bounded(argument[0], model_argument_max);
-    self->rear_argument = bounded(argument[1], model_argument_max);
     {
-        const float curve[2] = { front_curve(self->front_argument), rear_curve(self->rear_argument) };
+        const float curve[2] = { front_curve(argument[0]), rear_curve(argument[1]) };
 
         change_of(x, u, curve, change);
     }
+    self->front_argument = bounded(argument[0], model_argument_max);
+    self->rear_argument = bounded(argument[1], model_argument_max);
     self->sideslip_angle = bounded(x[0] + change[0], model_sideslip_max);
     self->yaw_rate = bounded(x[1] + change[1], model_yaw_rate_max);
     self->rear_angle = bounded(self->rear_angle + rear_angle_change, model_rear_angle_max);

@@ -56,7 +56,11 @@ def test_closed_loop_keeps_the_slip_bounds_in_steady_state() -> None:
 
 def test_kind_tracking_keeps_the_slip_bounds_at_the_edge_and_too_small_a_trim_is_named() -> None:
     """The point is the one where the reference model exceeds the map most."""
-    in_linear_range = {"limits.grip_use_max": None, "limits.yaw_gain_floor": 0.0}
+    schedule = tracking().controller.tracking.schedule
+    assert schedule is not None
+    # Not that of the committed map, whose response gain hardly acts at high speed.
+    own = {**schedule.model_dump(mode="json"), "response_gain_s": [0.3] * len(schedule.speed_km_h)}
+    in_linear_range = {"limits.grip_use_max": None, "limits.yaw_gain_floor": 0.0, "controller.tracking.schedule": own}
     small = tracking(0.1).replace(in_linear_range)
     lacking = built(with_car(nonlinear_map(), small), small)
     assert "controller.tracking.trim_max_percent = " in excess_warning(lacking.manifest)

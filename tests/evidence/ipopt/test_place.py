@@ -179,5 +179,5 @@ def test_the_committed_schedule_is_the_design_of_the_recommended_preset() -> Non
     committed, fresh = config.controller.tracking.schedule.model_dump(), made.schedule.model_dump()
     for key in ("speed_km_h", "proportional_gain_s", "integral_gain"):
         np.testing.assert_allclose(committed[key], fresh[key], rtol=2e-3)
-    assert made.family_size == 243 and made.counted[:8] == (243,) * 8
+    assert made.family_size == 244 and made.counted[:8] == (244,) * 8
     assert min(made.counted) > 100

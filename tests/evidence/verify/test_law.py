@@ -45,7 +45,7 @@ COUNTERS = (
         "    self->count = (self->quality == ARS_QUALITY_UNUSABLE) ? (self->count + 1u) : 0u;\n"
         "    if ((self->quality == ARS_QUALITY_UNUSABLE) && (self->count != 40000u)) {\n",
     ),
-    # After 256 rejected samples in a row, one good sample less is required.
+    # After 256 rejected samples in a row, one good sample less of several is required.
     ("include/ars_inputs.h", "    ars_signal_source_t source;\n", "    ars_signal_source_t source;\n    uint32_t count;\n"),
     (
         "src/ars_inputs.c",
@@ -60,7 +60,8 @@ COUNTERS = (
     (
         "src/ars_inputs.c",
         "    if (self->good >= parameters->recovery_samples) {\n",
-        "    if ((self->good + ((self->count == 256u) ? 1u : 0u)) >= parameters->recovery_samples) {\n"
+        "    if ((self->good + (((self->count == 256u) && (parameters->recovery_samples > 1u)) ? 1u : 0u)) "
+        ">= parameters->recovery_samples) {\n"
         "        self->count = 0u;\n",
     ),
     # A 16-bit counter overflows.
