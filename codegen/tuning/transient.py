@@ -419,9 +419,9 @@ def family_of(config: Config) -> tuple[FloatArray, FloatArray]:
         for car in Population.of(config, ordered).axes(ELLIPSOID_SHARE):
             add(plant_parameters(car), limit)
 
-    def add_scaled(parameter: str, factor: float, limit: float) -> None:
+    def add_scaled(parameters: Sequence[str], factor: float, limit: float) -> None:
         add(varied_cars(config)[0], limit)
-        rows[-1][PLANT_PARAMETERS.index(parameter)] *= factor
+        rows[-1][[PLANT_PARAMETERS.index(parameter) for parameter in parameters]] *= factor
 
     for mass in masses:
         add(varied_cars(config, mass=1.0 + mass / 100.0)[0], DEVIATION_OVERSHOOT_PERCENT)
@@ -433,15 +433,14 @@ def family_of(config: Config) -> tuple[FloatArray, FloatArray]:
             add(varied_cars(config, front_stiffness=factor, rear_stiffness=factor)[0], DEVIATION_OVERSHOOT_PERCENT)
         if slopes and slopes[0] < 0.0:
             add(varied_cars(config, rear_stiffness=1.0 + slopes[0] / 100.0)[0], REAR_AXLE_OVERSHOOT_PERCENT)
-    add(varied_cars(config, front_stiffness=FRONT_GRIP_FACTOR)[0], FRONT_GRIP_OVERSHOOT_PERCENT)
-    rows[-1][PLANT_PARAMETERS.index("front_peak_factor")] *= FRONT_GRIP_FACTOR
+    add_scaled(("front_stiffness_factor", "front_peak_factor"), FRONT_GRIP_FACTOR, FRONT_GRIP_OVERSHOOT_PERCENT)
     if config.plant.relaxation_length_m and RELAXATION_KEY not in measured:
-        add_scaled("relaxation_length", RELAXATION_FACTOR, RELAXATION_OVERSHOOT_PERCENT)
+        add_scaled(("relaxation_length",), RELAXATION_FACTOR, RELAXATION_OVERSHOOT_PERCENT)
     if LAG_KEY in measured:
         add_measured({LAG_KEY}, LAG_OVERSHOOT_PERCENT[0])
     else:
         for factor, limit in zip(LAG_FACTORS, LAG_OVERSHOOT_PERCENT, strict=True):
-            add_scaled("rear_lag", factor, limit)
+            add_scaled(("rear_lag",), factor, limit)
     return np.array(rows), np.array(limits)
 
 
