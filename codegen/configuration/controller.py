@@ -39,10 +39,11 @@ class Inputs(Section):
     reference model or, for kinds without one and slow cars, of the linear car. A rejected signal is accepted again once it
     agrees with the others. yaw_rate_lag_s is the lag of the linear car's yaw rate behind the front angle.
     friction_recovery_1_s is the rate at which a lost friction estimate is forgotten. The offsets of yaw rate and lateral
-    acceleration are learned from each other on straights, and slowly where both show the same or in turns, with the time
-    constant yaw_rate_correction_time_s and up to the two limits. A difference to the expected yaw rate above
-    yaw_rate_offset_max_deg_s is a disturbance and is not learned. That time constant also applies to the substitute of a yaw
-    rate. A road counts as straight while the front wheels alone cause at most straight_yaw_rate_deg_s.
+    acceleration are learned from each other on straights, and slowly where both show the same, with the time constant
+    yaw_rate_correction_time_s; that of the acceleration in turns too, where a banked road changes it; both up to their
+    limits. A difference to the expected yaw rate above yaw_rate_offset_max_deg_s is a disturbance and is not learned. That
+    time constant also applies to the substitute of a yaw rate. A road counts as straight while the front wheels alone cause
+    at most straight_yaw_rate_deg_s.
     """
 
     speed_max_km_h: Annotated[
@@ -92,8 +93,10 @@ class Inputs(Section):
         float, Range(0.0, 10.0, "deg/s"), Meaning("largest learned offset of the yaw rate")
     ] = 0.5
     lateral_acceleration_offset_max_m_s2: Annotated[
-        float, Range(0.0, 10.0, "m/s^2"), Meaning("largest learned offset of the lateral acceleration")
-    ] = 0.5
+        float,
+        Range(0.0, 10.0, "m/s^2"),
+        Meaning("largest learned offset of the lateral acceleration, of the sensor or of a banked road"),
+    ] = 0.8
     yaw_rate_correction_time_s: Annotated[
         float, Range(0.1, 1_000.0, "s"), Meaning("time constant of the learned offsets, and of a substitute yaw rate")
     ] = 1.0

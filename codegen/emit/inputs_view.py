@@ -17,6 +17,10 @@ UNDERSTEER_CHANGE_MAX = math.radians(2.0) / GRAVITY
 """Largest change of the understeer coefficient by calibration, in s^2/m: 2 deg/g cover variants of the car, not other cars."""
 AMBIGUOUS_SHARE = 0.0625
 """Share of an offset that is learned where a turn would look the same: a gust of 1.5 s leaves little of itself."""
+SHORT_SHARE = 0.75
+"""Share of a turn's yaw rate below which a measured one is wrong: half the value is found, a small error of scale is not."""
+BANK_RATE = 0.6
+"""m/s^3, of the lateral acceleration: a bank of 6 % (0.59 m/s^2) that the road takes within a second."""
 FRICTION_UNKNOWN = 2.0
 """Value for an unknown friction, above the peak friction of any road: the map uses its own friction."""
 
@@ -30,6 +34,8 @@ class InputsView:
     counts: tuple[ParameterView, ...]
     friction_unknown: str
     ambiguous_share: str
+    short_share: str
+    bank_step: str
     recovery_samples_max: str
 
 
@@ -157,5 +163,7 @@ def inputs_view(config: Config, prefix: str, precision: Precision, real: str) ->
         counts=tuple(view for view in parameters if view.is_count),
         friction_unknown=literal(FRICTION_UNKNOWN, precision),
         ambiguous_share=literal(AMBIGUOUS_SHARE, precision),
+        short_share=literal(SHORT_SHARE, precision),
+        bank_step=literal(BANK_RATE * config.controller.sampling_time_s, precision),
         recovery_samples_max=f"{RECOVERY_SAMPLES_MAX}u",
     )

@@ -98,7 +98,7 @@ class SecondController(ABC):
         period, actuator_max = config.controller.sampling_time_s, float(real(config.rear_actuator.angle_max))
         self.period = real(period)
         self.angle = real(0.0) if math.isnan(angle) else real(min(max(angle, -actuator_max), actuator_max))
-        self.inputs = SecondInputs(parameters.inputs, real, lookup.strongest_braking)
+        self.inputs = SecondInputs(parameters.inputs, real, period, lookup.strongest_braking)
         self.limiter = SecondLimiter(parameters.limiter, period, real, self.angle)
         self.status = Status.STANDBY
         self.above_enabling_speed = False

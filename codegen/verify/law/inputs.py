@@ -8,7 +8,7 @@ from enum import Enum, auto
 from typing import Any
 
 from codegen.configuration.signals import MEASURED
-from codegen.emit.inputs_view import AMBIGUOUS_SHARE, FRICTION_UNKNOWN
+from codegen.emit.inputs_view import AMBIGUOUS_SHARE, BANK_RATE, FRICTION_UNKNOWN, SHORT_SHARE
 from codegen.sil.software import Measurement, Software
 
 NUMBERS = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
@@ -54,16 +54,22 @@ class Signal:
 
 
 class SecondInputs:
-    """Input monitoring of all kinds. `strongest`: braking of the map in m/s^2, for an unknown longitudinal acceleration."""
+    """Input monitoring of all kinds.
 
-    def __init__(self, parameters: Any, real: Any, strongest: float, is_trusted: bool = True) -> None:
+    Args:
+        period: s.
+        strongest: braking of the map in m/s^2, for an unknown longitudinal acceleration.
+    """
+
+    def __init__(self, parameters: Any, real: Any, period: float, strongest: float, is_trusted: bool = True) -> None:
         self.p = parameters
         self.real = real
+        self.bank_step = real(BANK_RATE * period)
         zero = real(0.0)
         self.speed, self.front_angle, self.yaw_rate = (Signal(zero, good=None if is_trusted else 0) for _ in range(3))
         self.expected = self.least = self.least_of_front = self.offset = self.lateral_offset = self.beyond = zero
         self.lateral: Any = None  # yaw rate in rad/s from the lateral acceleration, or None
-        self.lateral_is_known = self.lateral_is_proven = False
+        self.lateral_is_known = self.lateral_is_proven = self.turn_is_confirmed = False
         self.last_lateral = self.least_of_lateral = zero  # m/s^2, rad/s
         self.lateral_against, self.lateral_is_wrong = 0, False
         self.against = 0  # samples with a yaw rate opposite to the other signals
@@ -124,7 +130,7 @@ class SecondInputs:
             quality = Quality.UNUSABLE
         yaw_rate = self.yaw_rate.value
         if self.yaw_rate.is_measured:
-            if all(taken):
+            if all(taken) and not m.inhibit:
                 self._learn_offsets(gain, driven)
             yaw_rate = self._within(yaw_rate - self.offset, p("yaw_rate_max"))
         speed = self.speed.value
@@ -237,7 +243,7 @@ class SecondInputs:
         slow, before, lateral_offset = slow * share, self.offset, self.lateral_offset
         if speed >= 5.0 and abs(gain * self.front_angle.value) > p("straight_yaw_rate"):
             if self.lateral is not None:
-                lateral_offset += slow * speed * (self.lateral - (measured - before))
+                lateral_offset += self._within(speed * (self.lateral - (measured - before)), self.bank_step)
         elif speed >= 5.0 and abs(measured - driven) <= p("yaw_rate_offset_max"):
             missing = measured - driven - before
             if self.lateral is not None:
@@ -262,8 +268,7 @@ class SecondInputs:
         elif is_possible:
             self.least = apart if measured != self.yaw_rate.value else min(self.least, apart)
             is_frozen = apart - self.least > p("yaw_rate_frozen")
-            if self.lateral is not None and measured * self.expected < 0.0 and measured * self.lateral < 0.0:
-                against = bool(min(abs(measured), abs(self.lateral)) > self.real(2.0) * p("yaw_rate_agreement"))
+            against = self._contradicts(measured)
             is_frozen = is_frozen or self.against + against >= self.p.recovery_samples
         self.against = self.against + 1 if against and not is_frozen else 0
         step = self.real(-1.0) if is_frozen else p("yaw_rate_step")
@@ -278,6 +283,22 @@ class SecondInputs:
         """Return whether two yaw rates agree in a turn; agreement near zero is no evidence."""
         agreement = self.parameter("yaw_rate_agreement")
         return bool(abs(apart) <= agreement and abs(turn) > agreement + agreement)
+
+    def _contradicts(self, yaw_rate: Any) -> bool:
+        """Return whether front angle and lateral acceleration agree on a turn that a yaw rate denies."""
+        turns = self.expected, self.lateral
+        if self.lateral is None or abs(self.lateral) <= self.parameter("yaw_rate_agreement"):
+            self.turn_is_confirmed = False
+        elif self._agrees(yaw_rate - self.lateral, self.lateral):
+            self.turn_is_confirmed = True
+        to_the_other_side = self.lateral is not None and all(yaw_rate * turn < 0.0 for turn in turns)
+        return (to_the_other_side or not self.turn_is_confirmed) and all(self._falls_short(yaw_rate, turn) for turn in turns)
+
+    def _falls_short(self, yaw_rate: Any, turn: Any) -> bool:
+        """Return whether a yaw rate is much less than that of a turn."""
+        if turn is None or abs(yaw_rate - turn) <= self.real(2.0) * self.parameter("yaw_rate_agreement"):
+            return False
+        return bool(yaw_rate * turn < self.real(SHORT_SHARE) * (turn * turn))
 
     def _take(self, name: str, measured: Any, is_there: bool, is_confirmed: bool, step: Any) -> bool:
         """Return False if a signal is missing for a short time."""

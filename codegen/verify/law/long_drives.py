@@ -140,7 +140,8 @@ class LongDrives:
         """Return samples in which each signal is lost and returns. Whether a loss or a recovery goes on is drawn anew where
         one more sample would reach a limit."""
         generator = np.random.default_rng(7)
-        second = SecondInputs(parameters.inputs, self.software.real, strongest_braking(self.software))
+        period = self.software.config.controller.sampling_time_s
+        second = SecondInputs(parameters.inputs, self.software.real, period, strongest_braking(self.software))
         is_lost, samples = dict.fromkeys(SIGNALS, False), []
         for sample in itertools.islice(itertools.cycle(self._turning), count):
             for name in SIGNALS:

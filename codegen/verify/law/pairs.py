@@ -228,7 +228,8 @@ class InputsPair(Pair):
     """
 
     def __init__(self, software: Software, parameters: Any) -> None:
-        self._second = SecondInputs(parameters.inputs, software.real, strongest_braking(software), is_trusted=False)
+        period = software.config.controller.sampling_time_s
+        self._second = SecondInputs(parameters.inputs, software.real, period, strongest_braking(software), is_trusted=False)
         self._software = software
         self._names = [name for name in NUMBERS if name in {signal.role for signal in software.measured}]
         self._parameters = software.ffi.addressof(parameters, "inputs")
