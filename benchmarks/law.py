@@ -152,4 +152,6 @@ def _notes(straight: float) -> tuple[str, ...]:
         f"Row 11: nobody steers; worst of {STRAIGHT_SPEEDS_KM_H[0]:g} to {STRAIGHT_SPEEDS_KM_H[-1]:g} km/h and of both signs "
         f"of the bias of the acceleration. The biases are present for {BEFORE_S:g} s before.",
         "Row 12: requirements of `better`, the passive car on the same plant. Row 13: as `cortex-m`, for the first car.",
+        "Row 14: the steps of row 5; 3 s after it the road banks within 1 s, which lowers the measured lateral acceleration. "
+        "Largest change of the yaw rate against the level road, from then on.",
     )

@@ -61,6 +61,8 @@ PLANTS: Mapping[str, Change] = {IDEAL: ideal, REAL: real, ROLL: rolling}
 
 SEED = 6
 """Seed of the noise."""
+BANK_TIME, BANK_RISE_TIME = 4.0, 1.0
+"""s: the road begins to bank, and how long that takes."""
 DRIVEN_COLUMNS = ("speed_m_s", *COLUMNS)
 """Recorded columns."""
 
@@ -119,6 +121,7 @@ class Setting:
         condition: car, road and estimate of its friction.
         acceleration_bias: m/s^2 of the measured lateral acceleration; NaN: it is not measured.
         yaw_rate_bias: rad/s of the measured yaw rate.
+        bank: m/s^2 of gravity into a turn to the left, which the measured lateral acceleration lacks from BANK_TIME on.
         is_noisy: whether the sensors have the noise, the resolution and the bias of the car.
         controlled: False for the passive car.
     """
@@ -126,6 +129,7 @@ class Setting:
     condition: Condition = field(default_factory=lambda: Condition("dry", "dry", "nominal"))
     acceleration_bias: float = 0.0
     yaw_rate_bias: float = 0.0
+    bank: float = 0.0
     is_noisy: bool = False
     controlled: bool = True
 
@@ -135,7 +139,9 @@ class Setting:
         if self.is_noisy:
             errors += sensor_errors(config.sensors, samples, count, SEED)
         errors[:, NOISES.index("yaw_rate")] += self.yaw_rate_bias
-        errors[:, NOISES.index("lateral_acceleration")] += self.acceleration_bias
+        time = np.arange(samples, dtype=np.float64) * config.controller.sampling_time_s
+        banked = self.bank * np.clip((time - BANK_TIME) / BANK_RISE_TIME, 0.0, 1.0)
+        errors[:, NOISES.index("lateral_acceleration")] += self.acceleration_bias - banked[:, None]
         return errors
 
 

@@ -9,7 +9,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.law_car import DWELLS, FLICKS, PLANTS, Drives, LawCar, Setting, per_setting, road, spun
+from benchmarks.law_car import (
+    BANK_RISE_TIME,
+    BANK_TIME,
+    DWELLS,
+    FLICKS,
+    PLANTS,
+    Drives,
+    LawCar,
+    Setting,
+    per_setting,
+    road,
+    spun,
+)
 from benchmarks.law_figures import Figure
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
@@ -32,6 +44,9 @@ ICE, ICE_SPINS_MAX = 0.25, 10
 HALF = 0.5
 DRY_CHANGE_PERCENT = 1.0
 """Largest change of the dry car's yaw rate by a bias, of the map's, that counts as none."""
+
+BANKS_M_S2, BANK_CHANGE_PERCENT = (0.25, 0.59), 5.0
+"""Gravity into the turn on roads that bank by 2.5 and 6 %, and by how much that may change the yaw rate."""
 
 NEAR_SHARE = 0.75
 BELOW_NEAR_PERCENT, BELOW_FAR_PERCENT = 5.0, 15.0
@@ -85,6 +100,27 @@ def other_tyres(car: LawCar, plant: str) -> Iterator[Figure]:
             text = "spins" if np.isinf(found[worst]) else f"{found[worst]:.1f} ({best[worst]:.1f})"
             name = f"{setting.condition.title}, {title}: error to the map (possible) in %, worst cell"
             yield Figure(6, name, plant, f"-{most:g}, or possible", car.letter, text, bool(found[worst] >= limit[worst]))
+
+
+def banked(car: LawCar, plant: str) -> Iterator[Figure]:
+    """Yield row 14: change of the yaw rate by a road that banks into the turn."""
+    conditions = (
+        Condition("dry", "configured tyres", "nominal"),
+        *(Condition("tyres", title, "tyre", plant=_tyres(*key)) for title, key in TYRES.items()),
+    )
+    for condition in conditions:
+        settings = [Setting(condition, bank=bank) for bank in (0.0, *BANKS_M_S2)]
+        runs = car.drive(car.steps, plant, settings)
+        rate = runs.signals["yaw_rate_rad_s"][runs.time >= BANK_TIME + BANK_RISE_TIME].reshape(
+            -1, len(settings), car.steps.speed.size
+        )
+        level_spun, *banked_spun = spun(runs, settings)
+        for place, (bank, is_spun) in enumerate(zip(BANKS_M_S2, banked_spun, strict=True), 1):
+            spins = int((is_spun & ~level_spun).sum())
+            change = float(100.0 * np.abs(rate[:, place] / rate[:, 0] - 1.0)[:, ~(level_spun | is_spun)].max())
+            text = f"{spins} spins, {change:.1f} %" if spins else f"{change:.1f} %"
+            title, goal = f"{condition.title}, bank of {bank:g} m/s^2: change of the yaw rate", f"{BANK_CHANGE_PERCENT:g} %"
+            yield Figure(14, title, plant, goal, car.letter, text, not spins and change <= BANK_CHANGE_PERCENT)
 
 
 def _tyres(axle: str, percent: float, with_peak: bool) -> Change:
@@ -208,5 +244,5 @@ def _on_road(config: Config, keeps_stiffness: bool) -> Config:
     return config.unchecked({**kept, **none, "road.friction": HALF})
 
 
-ROWS = {5: rejected, 6: other_tyres, 7: slippery, 8: ice, 9: half_grip}
+ROWS = {5: rejected, 6: other_tyres, 7: slippery, 8: ice, 9: half_grip, 14: banked}
 """Number of a row -> its figures of a car on a plant."""
