@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.design.margins import WARN_PHASE_MARGIN_DEG
 from codegen.report import style
 from codegen.report.suite_step_plots import (
     LIMIT,
@@ -45,6 +44,7 @@ ROW_SHARE, ROW_FACE = 0.9, "#F2F2F2"
 """Fraction of the row height that its marks take; background of every other row."""
 LEVELS = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0)
 """Bounds of the colours, in % of overshoot."""
+OVERSHOOT_TICKS = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 
 
 def cells_figure(result: SuiteResult) -> Figure:
@@ -107,6 +107,8 @@ def _level_handles(colours: Any) -> list[Any]:
 
 def conditions_figure(result: SuiteResult) -> Figure:
     """Draw the largest overshoot, map error and sideslip over the cells, and spins: rows are conditions, marks are subjects."""
+    from matplotlib.ticker import FixedLocator, NullLocator
+
     with style.style():
         figure = style.new_figure(13.0, 0.34 * len(result.conditions) + 1.6)
         panels = figure.subplots(1, 4, sharey=True, width_ratios=(1.3, 1.0, 1.0, 0.8))
@@ -115,15 +117,15 @@ def conditions_figure(result: SuiteResult) -> Figure:
         _draw_conditions(panels[2], result, lambda each: each.map_error_percent and each.map_error_percent.value)
         _draw_conditions(panels[3], result, lambda each: float(len(each.spins)) or None)
         panels[0].set_xscale("symlog", linthresh=1.0)
-        panels[0].set_xticks([0.0, 1.0, 3.0, 10.0, 30.0, 100.0], ["0", "1", "3", "10", "30", "100"])
-        panels[0].set_xticks([], minor=True)
-        panels[0].set_xlim(-0.12, 260.0)
+        panels[0].xaxis.set(major_locator=FixedLocator(OVERSHOOT_TICKS), minor_locator=NullLocator())
+        panels[0].xaxis.set_major_formatter("{x:g}")
+        panels[0].set_xlim(left=-0.12)
         panels[0].set(xlabel="Largest overshoot (%)")
         panels[1].set(xlabel="Largest |sideslip| (deg)")
         panels[1].set_xlim(left=0.0)
         panels[2].set(xlabel="Error to the map, steady (%)")
         panels[2].axvline(0.0, color=style.GREY, linewidth=0.8, label="_")
-        panels[3].set(xlabel=f"Spins, of {len(result.cells)} cells (no mark: none)", xlim=(0.0, None))
+        panels[3].set(xlabel=f"Spins, of {len(result.cells)} cells\n(no mark: none)", xlim=(0.0, None))
         panels[0].set_yticks(range(len(result.conditions)), [condition.title for condition in result.conditions])
         panels[0].set_ylim(len(result.conditions) - 0.5, -0.5)
         markers = markers_of(result)
@@ -230,10 +232,10 @@ def overview_figure(result: SuiteResult) -> Figure:
     """Draw the paper's step and a fast one with the motion of the car, and below them margins and slippery roads."""
     looks = lines_of(result)
     with style.style():
-        figure = style.new_figure(12.0, 12.4)
-        panels = figure.subplots(len(MOTION_SIGNALS) + 1, 2, height_ratios=(1.5, 1.0, 1.0, 1.7))
+        figure = style.new_figure(12.0, 14.6)
+        panels = figure.subplots(len(MOTION_SIGNALS) + 2, 2, height_ratios=(1.5, 1.0, 1.0, 1.3, 1.3))
         spun = False
-        for column, shown in zip(panels[:-1].T, (result.shown[0], result.shown[-1]), strict=True):
+        for column, shown in zip(panels[:-2].T, (result.shown[0], result.shown[-1]), strict=True):
             for axes, (label, name) in zip(column, MOTION_SIGNALS, strict=True):
                 spun |= draw_step(axes, result, shown, name, looks)
                 axes.sharex(column[0])
@@ -241,19 +243,23 @@ def overview_figure(result: SuiteResult) -> Figure:
                 axes.set_ylabel(label)
             column[0].set_title(f"Step steer, {cell_title(shown)}")
             column[-1].set_xlabel(style.AFTER_STEP)
-        margins, spins = panels[-1]
-        draw_margins(margins, result, *MARGIN_PANELS[1])
-        asked = result.limits.phase_margin_deg
-        for level, text in ((asked, "required of the worst car"), (WARN_PHASE_MARGIN_DEG, "a build warns below")):
-            place = {"xytext": (4, -4), "textcoords": "offset points", "va": "top", "fontsize": 8.5}
-            margins.annotate(text, (margins.get_xlim()[0], level), **place)
-        margins.set_title("Phase margin of the car itself (thin), and the worst of the family of cars")
+        for axes, (label, field, warning) in zip(panels[-2], MARGIN_PANELS, strict=False):
+            draw_margins(axes, result, label, field, warning)
+            levels = ((getattr(result.limits, field), "required of the worst car"), (warning, "a build warns below"))
+            for level, text in levels:
+                place = {"xytext": (4, -4), "textcoords": "offset points", "va": "top", "fontsize": 8.5}
+                axes.annotate(text, (axes.get_xlim()[0], level), **place)
+        panels[-2, 0].set_title("Margins of the car itself (thin), and the worst of the family of cars")
+        for column in panels[:-1].T:
+            figure.align_ylabels(column)
+        below = panels[-1, 0].get_gridspec()[-1, :]  # the roads need the whole width
+        for axes in panels[-1]:
+            axes.remove()
         if slippery(result):
+            spins = figure.add_subplot(below)
             draw_spins(spins, result)
             spins.set_xticks(*road_ticks(result, (", ", "estimated ")))
-        spins.set_title(FRICTION_TITLE)
-        for column in panels.T:
-            figure.align_ylabels(column)
+            spins.set_title(FRICTION_TITLE)
         figure.suptitle(f"The controller under test ({style.plain(result.tested)}) beside its baselines")
         handles = [*name_handles(result, looks), *reference_handles(result), *([spin_handle()] if spun else [])]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))

@@ -138,7 +138,7 @@ def price_figure(result: SuiteResult) -> Figure:
             _draw_sine(panels[1:], result, fastest)
         for axes in panels:
             axes.grid(True)
-        figure.suptitle("What it costs: how soon the yaw rate follows the steering wheel, as configured")
+        figure.suptitle("Response of the yaw rate to the steering wheel, as configured")
         figure.legend(handles=name_handles(result, looks), loc="outside lower center", ncols=len(result.subjects))
     return figure
 

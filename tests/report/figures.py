@@ -36,6 +36,9 @@ def check_layout(figure: Figure, *, shared_labels: bool = False) -> None:
         renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
         outer = [*figure.legends, *(text for text in figure.texts if text.get_text())]
         boxes = [axes.get_tightbbox(renderer) for axes in figure.axes] + [one.get_window_extent(renderer) for one in outer]
+        for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+            shown = [label for label in axis.get_ticklabels() if label.get_visible() and label.get_text()]
+            assert overlapping([label.get_window_extent(renderer) for label in shown]) == [], axis.get_label_text()
     for box in boxes:  # one pixel for rounding
         assert -1.0 <= box.x0 <= box.x1 <= figure.bbox.width + 1.0, box
         assert -1.0 <= box.y0 <= box.y1 <= figure.bbox.height + 1.0, box

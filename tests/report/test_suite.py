@@ -70,6 +70,12 @@ def test_cells_and_conditions_show_every_value(good: SuiteResult, figures: dict[
     assert lines_in(spins, COLOURS["pi"])[0].get_xdata()[place] == 3.0
 
 
+def test_a_large_overshoot_is_inside_the_axes(good: SuiteResult) -> None:
+    far = tuple(cell_result("pi", cell, "nominal", overshoot_percent=431.0) for cell in CELLS)
+    overshoot = suite_plots.conditions_figure(with_table(good, "pi", "nominal", far)).axes[0]
+    assert overshoot.get_xlim()[1] > 431.0
+
+
 def text_of(result: SuiteResult, start: str) -> str:
     (text,) = [text for title, text in sections(result) if title.startswith(start)]
     return text
