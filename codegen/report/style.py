@@ -214,6 +214,8 @@ def phase_lines(reference_map: ReferenceMap) -> list[FloatArray]:
     """Return the pieces (k, 2) of the line delta_r = 0, with speed in km/h and front angle in deg.
 
     There the rear wheels change from the opposite to the same direction as the front wheels. Empty if there is no such line.
+    Where another bound begins between two speeds, such as the floor of the yaw rate that keeps the angle near zero, it has a
+    kink there. The zero is then extrapolated from the lower speeds; a straight line across the kink would follow the grid.
     """
     from contourpy import contour_generator
 
@@ -221,6 +223,13 @@ def phase_lines(reference_map: ReferenceMap) -> list[FloatArray]:
     if rear_angle is None or not (np.any(rear_angle > 1e-6) and np.any(rear_angle < -1e-6)):
         return []
     speed, front_angle = reference_map.speed / KM_H, np.degrees(reference_map.front_angle)
+    if reference_map.active is not None:
+        before, last, first = rear_angle[:-2], rear_angle[1:-1], rear_angle[2:]
+        steps = np.diff(speed)[:, np.newaxis]
+        extrapolated = last + (last - before) * steps[1:] / steps[:-1]
+        begins = reference_map.active[2:] != reference_map.active[1:-1]
+        is_kink = begins & (last < 0.0) & (first >= 0.0) & (extrapolated > first)
+        rear_angle[2:] = np.where(is_kink, extrapolated, first)
     pieces: Any = contour_generator(speed, front_angle, np.ma.masked_invalid(rear_angle.T)).lines(0.0)
     # Where the line runs into infeasible cells, it leaves short pieces.
     longest = max((len(piece) for piece in pieces), default=0)

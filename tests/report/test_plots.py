@@ -179,6 +179,21 @@ def test_the_phase_line_is_where_the_rear_angle_is_zero(maps: Maps) -> None:
     assert any("phase conversion" in name for name in names(figure))
 
 
+def test_the_phase_line_does_not_follow_the_grid_where_a_floor_holds_the_rear_angle(maps: Maps) -> None:
+    solved = maps["4ws-2"]
+    zero_at = 60.0 - 2.0 * np.degrees(solved.front_angle)  # km/h
+    rising = np.radians(0.1 * (solved.speed[:, np.newaxis] * 3.6 - zero_at))
+    held = rising > 0.0
+    made = replace(
+        solved,
+        rear_angle=np.where(held, 0.01 * rising, rising),
+        feasible=np.full(held.shape, True),
+        active=np.where(held, Binding.FLOOR, 0).astype(solved.active.dtype),
+    )
+    (piece,) = style.phase_lines(made)
+    assert len(piece) > 10 and np.abs(piece[:, 0] - (60.0 - 2.0 * piece[:, 1])).max() < 1e-9
+
+
 def test_each_set_of_binding_constraints_has_the_colour_of_its_name(maps: Maps) -> None:
     solved = maps["4ws-2"]
     active = solved.active.copy()
