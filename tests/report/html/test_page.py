@@ -15,7 +15,7 @@ from codegen.configuration import preset
 from codegen.errors import CodegenError
 from codegen.export import runs as exported
 from codegen.report.bus_tables import FaultEntry
-from codegen.report.html import build, page
+from codegen.report.html import build, page, verdict
 from codegen.report.html.blocks import Chart, Section, Table, Text
 from codegen.report.html.gather import Request, _scenario_of, gather, read
 from codegen.report.html.inputs import named, read_files
@@ -67,6 +67,8 @@ def test_an_incomplete_or_outdated_verification_record_is_named(tmp_path: Path) 
     (folder / "verify.json").write_text(json.dumps(recorded), encoding="utf-8")
     tables = [block for block in build.verification_blocks(folder) if isinstance(block, Table)]
     assert [row[3] for row in tables[0].rows] == ["passed"] * len(recorded["checks"])
+    cost = {tile.title: tile.value for tile in verdict._verification(folder)}["Cost on a Cortex-M4F"]
+    assert cost == "1,324 instructions"  # of one step; the sum of both maxima is 1,348
     captions = [block.caption.partition(" (")[0] for block in tables[1:]]
     assert captions == [
         "Requirements",
