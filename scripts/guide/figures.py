@@ -32,7 +32,7 @@ from codegen.report.paper import overview_figure
 from codegen.report.run_plots import run_figure
 from codegen.report.scenario_plots import after_step
 from codegen.report.tyre_plots import tyre_figure
-from scripts.guide import frame_layout, map_choice, sketches
+from scripts.guide import frame_layout, gust_margins, map_choice, sketches
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -274,6 +274,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "choose-keys-paper": functools.partial(map_choice.keys_figure, "paper", 60.0),
     "choose-keys-van": functools.partial(map_choice.keys_figure, "van", 120.0),
     "margins": margins,
+    "gust": gust_margins.figure,
     "bounds": bounds,
     "step": step,
 }

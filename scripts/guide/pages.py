@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from scripts.guide import commands, config_tables, evidence_tables, gust_table, interface_tables, map_choice, suite_tables
+from scripts.guide import commands, config_tables, evidence_tables, interface_tables, map_choice, suite_tables
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 REGIONS: Mapping[str, Callable[..., str]] = {
@@ -26,7 +26,6 @@ REGIONS: Mapping[str, Callable[..., str]] = {
     "evidence-details": evidence_tables.details,
     "evidence-summary": evidence_tables.summary,
     "exit-codes": interface_tables.exit_codes,
-    "gust-margins": gust_table.markdown,
     "identified-quantities": config_tables.quantities_markdown,
     "judgement": interface_tables.judgement,
     "map-comparison": map_choice.comparison,

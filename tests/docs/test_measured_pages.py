@@ -1,13 +1,18 @@
 """Tables and figures of the guide that come from maps and suites."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
+from codegen.design.family import Member
 from codegen.optimum.turns import turns_of
-from scripts.guide import map_choice, suite_tables
+from codegen.vehicle.single_track import SingleTrack
+from scripts.guide import gust_margins, map_choice, suite_tables
+from tests import builds
 from tests.report.figures import check_layout, names
 from tests.report.made_suite import CELLS, made, spun, with_table
 
@@ -65,6 +70,42 @@ def test_the_figure_of_a_car_shows_its_maps() -> None:
     (sideslip,) = (line for line in figure.axes[4].get_lines() if line.get_linewidth() == 2.4 and line.get_linestyle() == "-")
     optimum = turns_of(solved.config, solved.config.case(map_choice.CASE)).solve(one.speed[[place]], one.front_angle)
     assert np.allclose(np.asarray(sideslip.get_ydata())[inside], np.degrees(optimum.sideslip[0, inside]), atol=1e-3)
+
+
+def test_without_feedback_a_gust_moves_the_car_as_in_continuous_time() -> None:
+    gust, speed = gust_margins.Gust(2500.0, 1.5, 3.0), 100.0 / 3.6
+    car, force = SingleTrack.from_config(builds.CONFIG), gust.force
+
+    def rates(time: float, state: list[float]) -> list[float]:
+        beta, yaw_rate, heading, _ = state
+        wind = force if time < gust.duration else 0.0
+        front = wind - car.front_stiffness * (beta + car.front_arm * yaw_rate / speed)
+        rear = -car.rear_stiffness * (beta - car.rear_arm * yaw_rate / speed)
+        turning = (car.front_arm * front - car.rear_arm * rear) / car.yaw_inertia
+        return [(front + rear) / (car.mass * speed) - yaw_rate, turning, yaw_rate, speed * (heading + beta)]
+
+    exact = solve_ivp(rates, (0.0, gust.duration + gust.read_after), np.zeros(4), max_step=0.002, rtol=1e-8).y[2:, -1]
+    found = gust_margins.respond(builds.CONFIG, Member(0.05), gust, np.array([speed]), np.zeros(1), np.zeros(1))
+    assert found[:, 0] == pytest.approx(exact, rel=1e-3)
+
+
+def test_more_integral_gain_leaves_less_of_a_gust() -> None:
+    ki, speed, kp = np.array([[0.4], [0.8]]), np.array([100.0 / 3.6]), np.array([0.14])
+    member = Member(0.05, relaxation_length=0.4)
+    heading, path = gust_margins.respond(builds.CONFIG, member, gust_margins.Gust(2500.0, 1.5, 3.0), speed, kp, ki)[..., 0]
+    assert abs(heading[1]) < abs(heading[0]) < math.radians(0.1)  # the integral of the yaw rate is the heading
+    assert 0.0 < path[1] < 0.8 * path[0]
+
+
+def test_the_figure_of_the_gust_marks_the_design() -> None:
+    figure = gust_margins.figure()
+    check_layout(figure, shared_labels=True)
+    assert gust_margins.FACTORS[gust_margins.DESIGN] == 1.0
+    path, phase = figure.axes[2:], figure.axes[3]
+    assert [axes.get_xlabel() for axes in path] == ["Gain margin (dB)", "Phase margin (deg)"]
+    curve, point = phase.get_lines()[:2]
+    assert (point.get_xdata()[0], point.get_ydata()[0]) in zip(curve.get_xdata(), curve.get_ydata(), strict=True)
+    assert (np.diff(curve.get_ydata()) < 0.0).all()  # over the integral gain
 
 
 def test_the_figure_of_the_keys_has_a_column_for_each() -> None:
