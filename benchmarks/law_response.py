@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from benchmarks import minimal_error
-from benchmarks.law_car import HEAVY_UNDERSTEERING, IDEAL, PLANTS, Drives, LawCar, Setting, per_setting, spun
+from benchmarks.law_car import HEAVY_UNDERSTEERING, IDEAL, Drives, LawCar, Setting, per_setting, spun
 from benchmarks.law_figures import Figure
 from codegen.arrays import FloatArray
 from codegen.design.family import Member, members
@@ -58,9 +58,7 @@ def minimal_errors(car: LawCar, plant: str) -> Iterator[Figure]:
     yield Figure(2, title, plant, goal, car.letter, f"{rise.mean():.2f}, {rise.max():.2f}", is_met)
     if plant != IDEAL:
         return  # the plant of the optimum is ideal
-    software = car.tested.around(PLANTS[IDEAL](car.config))
-    chosen = [cell for cell in car.cells if cell.speed_km_h in minimal_error.SPEEDS_KM_H]
-    ratios = np.array([minimal_error.compare(software, car.tested, cell).ratio for cell in chosen])
+    ratios = np.array([minimal_error.compare(car.tested, cell).ratio for cell in minimal_error.chosen(car.cells)])
     title, goal = "rms error over the minimal one, mean and largest of the steps", f"{RATIO_MAX:g}"
     is_met = bool(ratios.max() <= RATIO_MAX)
     yield Figure(2, title, plant, goal, car.letter, f"{ratios.mean():.2f}, {ratios.max():.2f}", is_met)

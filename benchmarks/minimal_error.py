@@ -1,13 +1,13 @@
 """The recommended controller against the control with the smallest yaw-rate error, which IPOPT computes for each step steer.
 
-Both move the same actuator of the same nonlinear plant, and both are judged against the map at the front angle of each instant.
-The optimum is no controller: it knows the ramp of the steering wheel that is still to come. Measures no time.
+Both move the same actuator of the ideal plant of the same car, and both are judged against the map at the front angle of each
+instant. The optimum is no controller: it knows the ramp of the steering wheel that is still to come. Measures no time.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +23,7 @@ from codegen.units import KM_H
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, two_track
 from codegen.vehicle.tyre import slip_bounds
 from hil_sim.metrics.run import column
-from hil_sim.suite.cells import STEER_TIME, Cell, cells
+from hil_sim.suite.cells import STEER_TIME, Cell, cells, ideal
 from hil_sim.suite.subjects import DELAY_SAMPLES, Subject, recommended
 
 SPEEDS_KM_H, QUICK_SHARES = (80.0, 100.0, 120.0), (0.75,)
@@ -75,7 +75,7 @@ class StepSteer:
     """One cell of the test set: the course of the front angle and of the map, and the error of any yaw rate.
 
     Args:
-        software: with the map, around its own car.
+        software: with the map, around the ideal plant of its car.
         cell: what the driver does.
     """
 
@@ -181,7 +181,7 @@ class StepSteer:
 
         The state is lateral speed, yaw rate and rear angle.
         """
-        model = two_track(self.config.with_ideal_plant())
+        model = two_track(self.config)
         state, rate, front = ca.SX.sym("state", 3), ca.SX.sym("rate"), ca.SX.sym("front", 2 * SUBSTEPS + 1)
         given = {"speed": self._speed, "friction": self._friction}
         inputs = ca.vertcat(*(given.get(name, 0.0) for name in PLANT_INPUTS))
@@ -211,13 +211,11 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     """Compare all cells of the test set from 80 km/h on; `quick` takes one amplitude."""
     comparison = recommended().comparison()
     subject = comparison.tested
-    software = subject.around(subject.config)
-    chosen = [cell for cell in cells(subject.config, comparison.case) if cell.speed_km_h in SPEEDS_KM_H]
     rows = []
-    for cell in chosen:
+    for cell in chosen(cells(subject.config, comparison.case)):
         if not quick or cell.share in QUICK_SHARES:
             say(cell.title)
-            rows.append(_row(software, subject, cell))
+            rows.append(_row(compare(subject, cell)))
     header = (
         *("step", "error, tracking", "optimum", "ratio", f"optimum, rear slip within {SLIP_FACTOR:g} bounds", "ratio"),
         *("t90, tracking", "optimum", "smallest rear angle of the optimum", "required of the first ratio"),
@@ -225,6 +223,7 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     notes = (
         "Errors in deg/s, rms, against the map at the front angle of each instant, "
         f"over {AFTER_S:g} s from the beginning of the steering; t90 in s; rear angle in deg, below zero where it is opposite.",
+        "The plant is the ideal one, without relaxation and roll, with an actuator of first order without backlash.",
         f"The build's command acts {DELAY_SAMPLES} sample after its measurement, as in the suite; "
         "the optimum measures nothing.",
     )
@@ -251,19 +250,28 @@ class Comparison:
         return self.step.rms(self.yaw_rate) / self.optimum.rms
 
 
-def compare(software: Software, subject: Subject, cell: Cell) -> Comparison:
-    """Drive a cell with a controller around its own car, and find the optimum. Raises CheckFailed as `StepSteer.optimum`."""
+def chosen(suite: Sequence[Cell]) -> list[Cell]:
+    """Return the cells of the suite that are compared."""
+    return [cell for cell in suite if cell.speed_km_h in SPEEDS_KM_H]
+
+
+def compare(subject: Subject, cell: Cell) -> Comparison:
+    """Drive a cell with a controller around the ideal plant of its car, and find the optimum.
+
+    Raises:
+        CheckFailed: see `StepSteer.optimum`.
+    """
+    software = subject.around(ideal(subject.config))
     step = StepSteer(software, cell)
     record = subject.loop(software, DELAY_SAMPLES).run(cell.scenario(software.config).inputs(software.config))
     begin = round(STEER_TIME / software.config.controller.sampling_time_s)
     return Comparison(step, column(record, "yaw_rate_rad_s")[begin : begin + step.samples], step.optimum())
 
 
-def _row(software: Software, subject: Subject, cell: Cell) -> Row:
-    compared = compare(software, subject, cell)
+def _row(compared: Comparison) -> Row:
     step, ours, free, ratio = compared.step, compared.yaw_rate, compared.optimum, compared.ratio
     own = step.rms(ours)
-    bounds = slip_bounds(software.config)
+    bounds = slip_bounds(step.config)
     assert bounds is not None  # the recommended car has tyres that bend
     try:
         bounded = step.optimum(SLIP_FACTOR * bounds[1])
@@ -271,7 +279,7 @@ def _row(software: Software, subject: Subject, cell: Cell) -> Row:
     except CheckFailed:
         within = ("none", "-")
     texts = (
-        cell.title,
+        step.cell.title,
         *(f"{math.degrees(own):.3f}", f"{math.degrees(free.rms):.3f}", f"{ratio:.2f}", *within),
         *(f"{step.rise_time(ours):.2f}", f"{step.rise_time(free.yaw_rate):.2f}", f"{math.degrees(free.rear_angle.min()):.2f}"),
     )
