@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from benchmarks.choices import chosen
 from benchmarks.judged_car import (
     BUILD,
     CONTROLLED,
@@ -23,7 +24,6 @@ from benchmarks.judged_car import (
 )
 from benchmarks.judged_cars import PAPER, SEED, five_cars, random_cars
 from benchmarks.tables import CountReport, Row
-from codegen.errors import CodegenError
 from codegen.judgement.drives import SWEEP_RUNS
 from codegen.judgement.lane_change import DRIVERS, STEP_KM_H
 from codegen.judgement.rows import (
@@ -197,11 +197,10 @@ def run(
         plant: names of PLANTS, separated by commas.
 
     Raises:
-        CodegenError: there is no such plant, or no C compiler.
+        WrongOption: there is no such plant.
+        CodegenError: there is no C compiler.
     """
-    plants = tuple(plant.split(","))
-    if unknown := [name for name in plants if name not in PLANTS]:
-        raise CodegenError(f"there is no plant {unknown[0]!r}", where="--plant", remedy=f"known: {', '.join(PLANTS)}")
+    plants = chosen("--plant", plant.split(","), PLANTS)
     count = (QUICK_CARS if quick else CARS) if cars is None else cars
     five = five_cars()
     with Background() as background:

@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import law_grip, law_others, law_response
-from benchmarks.law_car import CARS, DWELLS, FLICKS, PLANTS, LawCar, prepare
+from benchmarks.choices import WrongOption, chosen
+from benchmarks.law_car import CARS, DWELLS, FLICKS, PLANTS, LawCar, configured, prepare
 from benchmarks.law_figures import Figure, header, lines
 from benchmarks.law_others import random_figures, third_party
 from benchmarks.law_response import BEFORE_S, GUST_N, GUST_S, STRAIGHT_SPEEDS_KM_H
 from benchmarks.tables import CountReport
-from codegen.errors import CodegenError
+from codegen.errors import ConfigError
+from codegen.files import reason_of
 from hil_sim.suite.background import Background
 from hil_sim.suite.cars import DEVELOPMENT_SEED, examine, random_cars
 from hil_sim.suite.cells import STEER_TIME
@@ -63,12 +65,17 @@ def run(
         straight: s of driving straight ahead before the drives of row 7.
 
     Raises:
-        CodegenError: an unknown plant, row, car or key, or no C compiler.
+        WrongOption: an unknown plant, row, car or key, or no folder for the maps.
+        CodegenError: a car cannot be solved or tuned, or there is no C compiler.
     """
-    plants = _chosen("--plant", plant.split(","), PLANTS)
-    letters = _chosen("--shown", list(shown), CARS)
-    rows = [int(each) for each in _chosen("--only", only.split(","), map(str, KNOWN))] if only else KNOWN
-    values, count = dict(map(_change, changes)), (QUICK_COUNT if quick else COUNT) if cars is None else cars
+    plants = chosen("--plant", plant.split(","), PLANTS)
+    letters = chosen("--shown", list(shown), CARS)
+    rows = [int(each) for each in chosen("--only", only.split(","), map(str, KNOWN))] if only else KNOWN
+    values, count = _changes(changes, letters), (QUICK_COUNT if quick else COUNT) if cars is None else cars
+    if rows == [RANDOM] and not count:
+        raise WrongOption("no car is driven", where="--cars", remedy="choose more rows or cars")
+    if maps is not None:
+        _prepare_folder(maps)
     figures: list[Figure] = []
     with Background() as background:
         jobs = {}
@@ -89,12 +96,22 @@ def run(
     return report(figures, letters, straight)
 
 
-def _chosen(option: str, given: Sequence[str], known: Any) -> list[str]:
-    """Return the given names. Raises CodegenError for one that is not known."""
-    names = list(known)
-    if unknown := [each for each in given if each not in names]:
-        raise CodegenError(f"unknown: {unknown[0]!r}", where=option, remedy=f"known: {', '.join(names)}")
-    return list(given)
+def _changes(given: Sequence[str], letters: Sequence[str]) -> dict[str, Any]:
+    """Return key -> value. Raises WrongOption for one that a car cannot have."""
+    values = dict(map(_change, given))
+    try:
+        for letter in letters:
+            configured(letter, values)
+    except ConfigError as error:
+        raise WrongOption(str(error), where="--set") from None
+    return values
+
+
+def _prepare_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise WrongOption(f"{path} is no folder ({reason_of(error)})", where="--maps", remedy="name another one") from None
 
 
 def _change(text: str) -> tuple[str, Any]:
@@ -102,7 +119,7 @@ def _change(text: str) -> tuple[str, Any]:
     try:
         return key, json.loads(value)
     except ValueError:
-        raise CodegenError(f"{text!r} is no KEY=VALUE", where="--set", remedy="such as tuning.delay_samples=2") from None
+        raise WrongOption(f"{text!r} is no KEY=VALUE", where="--set", remedy="such as tuning.delay_samples=2") from None
 
 
 def measure(

@@ -16,6 +16,7 @@ from benchmarks.judged_cars import PAPER, five_cars
 from codegen import configuration
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
+from codegen.errors import MapError
 from codegen.judgement.bench import Bench
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
@@ -312,7 +313,8 @@ def prepare(letter: str, changes: Mapping[str, Any], folder: Path | None = None,
     path = None if folder is None else folder / f"{letter}.npz"
     if path is not None and path.exists():
         reference_map = npz.load(path)
-        assert reference_map.config is not None  # it was solved here
+        if reference_map.config is None:
+            raise MapError("it has no configuration", where=path, remedy="remove it")
         config = reference_map.config.replace(changes, f"car {letter}")
     else:
         config = configured(letter, changes)
@@ -320,6 +322,5 @@ def prepare(letter: str, changes: Mapping[str, Any], folder: Path | None = None,
         config = tuned(reference_map, config)
         reference_map = reference_map.with_config(config)
         if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
             npz.save(reference_map, path)
     return LawCar(letter, of_config(CONTROLLED, reference_map, config), reference_map, straight_s)

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import better, judged_car, law, law_grip, minimal_error, response
+from benchmarks import better, judged_car, law_grip, minimal_error, response
+from benchmarks.__main__ import main
 from benchmarks.closed_loop import Loops, slalom, step_steer
 from benchmarks.judged_cars import PAPER, five_cars
 from benchmarks.law_car import FLICKS, IDEAL, PLANTS, Drives, LawCar, Setting, per_setting, road, spun, step_to
 from benchmarks.law_figures import Figure, lines
-from codegen.errors import CodegenError
 from codegen.judgement.drives import SweepFigures
 from codegen.judgement.steady import Dead, Least, SteadyFigures
 from codegen.map_file import map as npz
@@ -192,9 +192,30 @@ def test_steps_of_a_flick_follow_each_other() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "where"),
-    [({"only": "5,99"}, "--only"), ({"shown": "X"}, "--shown"), ({"plant": "wet"}, "--plant"), ({"changes": ["a"]}, "--set")],
+    ("words", "where"),
+    [
+        ("nothing", "there is no benchmark"),
+        ("minimal-error --cars 2", "--cars is an option of better and law"),
+        ("better --plant wet", "--plant"),
+        ("law --plant wet", "--plant"),
+        ("law --only 5,99", "--only"),
+        ("law --only 1 --cars 0", "--cars"),
+        ("law --cars -1", "--cars"),
+        ("law --shown X", "--shown"),
+        ("law --straight -5", "--straight"),
+        ("law --straight nan", "--straight"),
+        ("law --set a", "--set"),
+        ("law --set tuning.gain_margin_db=-1", "--set"),
+        ("law --maps /dev/null/x", "--maps"),
+        ("law --write /dev/null/x", "--write"),
+    ],
 )
-def test_an_unknown_choice_is_refused(options: dict[str, Any], where: str) -> None:
-    with pytest.raises(CodegenError, match=where):
-        law.run(False, lambda _: None, **options)
+def test_a_wrong_option_is_one_line(
+    words: str, where: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["benchmarks", *words.split()])
+    with pytest.raises(SystemExit) as left:
+        main()
+    answer = capsys.readouterr()
+    assert left.value.code == 2 and not answer.out
+    assert answer.err.count("\n") == 1 and where in answer.err
