@@ -130,7 +130,7 @@ def main() -> int:
     from codegen.errors import CodegenError
 
     described = machine.description()
-    missed = 0
+    missed = measured = 0
     for name in names:
         given = {key: value for key in OPTIONS.get(name, ()) if (value := getattr(options, key)) is not None}
         module: Any = importlib.import_module(f"benchmarks.{NAMES[name]}")
@@ -143,13 +143,14 @@ def main() -> int:
             missed += 1
             continue
         print(f"\n{report}", flush=True)
+        measured += 1
         if options.write is not None:
             results.update(options.write, {name: results.section(name, report.markdown(), described)}, tuple(NAMES), READING)
         missed += sum(not comparison.met for comparison in report.comparisons)
     print(f"\n{READING}")
     print(f"At the beginning: {described}")
     print(f"At the end: {machine.load()}.")
-    if options.write is not None:
+    if options.write is not None and measured:
         print(f"written: {options.write}")
     return 1 if missed else 0
 

@@ -120,7 +120,7 @@ class DenseSearch:
         passive = self._turns(speed, front_angle, np.zeros(1), REAR_ANGLE, beyond=1.0 + JUST)[:, _R]
         if limits.yaw_gain_floor > 0.0 and not passive.size:
             return math.nan
-        straight = passive.max(initial=0.0)
+        straight = min(passive.max(initial=0.0), self._lateral_acceleration_max / speed)
         characteristic = limits.reference_characteristic_speed_km_h / 3.6
         understeering = min(straight, speed * front_angle / wheelbase / (1.0 + (speed / characteristic) ** 2))
         share = min(max(3.6 * speed / 20.0 - 3.0, 0.0), 1.0)

@@ -66,7 +66,7 @@ class Shape:
 def candidates(shape: Shape, files: Mapping[str, bytes], prefix: str = "ars") -> tuple[Candidate, ...]:
     """Return all approximations; `files` are a build with the curve as the table of its front tyre."""
     return (
-        Candidate("table in x/(x + c), as generated", _generated(files, prefix)),
+        generated(files, prefix),
         *(_polynomial_of_place(shape, degree) for degree in (6, 8, 10)),
         Candidate("atan and sin by polynomials, 3 and 3 terms", _polynomials(shape, 3, 3)),
         Candidate("atan and sin by polynomials, 5 and 4 terms", _polynomials(shape, 5, 4)),
@@ -75,10 +75,12 @@ def candidates(shape: Shape, files: Mapping[str, bytes], prefix: str = "ars") ->
     )
 
 
-def _generated(files: Mapping[str, bytes], prefix: str) -> dict[str, str | bytes]:
-    call = "float curve(float x);\nfloat curve(float x)\n{\n    return front_curve(x).value;\n}\n"
+def generated(files: Mapping[str, bytes], prefix: str = "ars") -> Candidate:
+    """Return the table of the front tyre of a build whose car has a relaxation length."""
+    call = "float curve(float x);\nfloat curve(float x)\n{\n    return front_curve(x);\n}\n"
     headers = {name: text for name, text in files.items() if name.startswith("include/")}
-    return {**headers, "curve.c": files[f"src/{prefix}_reference_model.c"].decode("ascii") + call}
+    source = files[f"src/{prefix}_reference_model.c"].decode("ascii") + call
+    return Candidate("table in x/(x + c), as generated", {**headers, "curve.c": source})
 
 
 def _library(shape: Shape) -> dict[str, str | bytes]:

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import better, judged_car, law_grip, minimal_error, response
+from benchmarks import better, cortex_m, judged_car, law_grip, minimal_error, response
 from benchmarks.__main__ import main
 from benchmarks.closed_loop import Loops, slalom, step_steer
 from benchmarks.judged_cars import PAPER, five_cars
 from benchmarks.law_car import FLICKS, IDEAL, PLANTS, Drives, LawCar, Setting, per_setting, road, spun, step_to
 from benchmarks.law_figures import Figure, lines
+from benchmarks.tyre_curves import Shape, generated
 from codegen.judgement.drives import SweepFigures
 from codegen.judgement.steady import Dead, Least, SteadyFigures
 from codegen.map_file import map as npz
@@ -66,6 +67,7 @@ def test_solve_is_timed_with_the_preset_and_with_the_file_that_init_writes(tmp_p
         works[name]()
         found = npz.load(tmp_path / ("map.npz" if name == "solve" else "car.npz"))
         assert found.tyre_model == tyre_model
+    works["check"]()  # warnings of the committed map are no failure
 
 
 def test_no_control_near_the_minimal_one_has_a_smaller_error(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,6 +81,18 @@ def test_no_control_near_the_minimal_one_has_a_smaller_error(monkeypatch: pytest
         # 1 %: the optimum belongs to a coarser integration.
         assert step.rms(step.replay(other)[0][:: step.per_sample]) > 0.99 * found.rms
     assert step.optimum(rear_slip_max=math.radians(1.0)).rms > found.rms
+
+
+def test_the_minimal_error_is_that_of_the_ideal_car(law_car: LawCar, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(minimal_error, "AFTER_S", 0.4)
+    assert law_car.config.plant != law_car.config.with_ideal_plant().plant
+    assert minimal_error.compare(law_car.tested, minimal_error.chosen(law_car.cells)[0]).ratio > 1.0
+
+
+def test_the_generated_tyre_curve_is_counted(law_car: LawCar) -> None:
+    shape = Shape(1.3, -0.5)
+    name, worst, *_ = cortex_m.curve_row(generated(law_car.tested.around.generated.files), shape, 100).cells
+    assert name.endswith("as generated") and 10 < int(worst) < 100
 
 
 def test_a_displacement_is_judged_by_the_easier_requirement() -> None:

@@ -12,7 +12,7 @@ from scipy.optimize import fsolve
 from benchmarks.agreement import SAME, cap_of
 from benchmarks.dense_search import DenseSearch
 from benchmarks.judged_cars import five_cars
-from benchmarks.random_cars import random_car, random_cells
+from benchmarks.random_cars import random_car, random_cells, using_grip
 from codegen.configuration import Config, preset
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.model_excess import model_excess
@@ -34,10 +34,12 @@ from tests.optimum.cars import CASE, PAPER, changed, nonlinear, paper_map
 
 def test_against_a_dense_search() -> None:
     """The cases are a random cell; a heavy car whose rear tyre is nearly flat at its bound, so that stability ends the curve;
-    and a floor against sideslip, a floor, and a cap."""
+    a floor against sideslip, a floor, and a cap; and a passive car beyond the largest lateral acceleration."""
     rng = np.random.default_rng(100)
     light, heavy = random_car(rng), random_car(np.random.default_rng([1, 14]))
     van = five_cars()["van, loaded"]
+    rng = np.random.default_rng([1, 1])
+    fast = using_grip(random_car(rng), rng)
     anywhere = random_cells(NonlinearTurns.from_config(light, light.cases[CASE]), light, rng, 1)
     active = []
     for config, case, (speed, front_angle) in (
@@ -46,6 +48,7 @@ def test_against_a_dense_search() -> None:
         (changed(van, limits={"yaw_gain_floor": 1.5}), "4ws-2", (np.array([18.0]), np.radians([5.0]))),
         (van, "4ws-2", (np.array([19.0]), np.radians([4.0]))),
         (van, "4ws-2", (np.array([25.0]), np.radians([6.0]))),
+        (fast, CASE, (np.array([59.389 / 3.6]), np.radians([2.0527]))),
     ):
         turns = NonlinearTurns.from_config(config, config.cases[case])
         search = DenseSearch.of(config, config.cases[case], cap_of(turns))
@@ -54,7 +57,7 @@ def test_against_a_dense_search() -> None:
         assert not best.feasible or abs(best.yaw_rate - found.yaw_rate[0]) < SAME
         active.append(int(found.active[0]))
     assert best.feasible and active[1] == 0  # the stability margin, not a bound of the problem
-    assert active[2:] == [Binding.SIDESLIP, Binding.FLOOR, Binding.LATERAL_ACCELERATION]
+    assert active[2:] == [Binding.SIDESLIP, Binding.FLOOR, *2 * [Binding.LATERAL_ACCELERATION]]
 
 
 def test_against_ipopt() -> None:
