@@ -401,6 +401,24 @@ def test_other_values_make_another_configuration() -> None:
             {"plant.sampling_time_s": 0.002, "rear_actuator.lag_s": 0.002},
             "rear_actuator.lag_s must be at least twice plant.sampling_time_s",
         ),
+        (
+            {"controller.tracking.yaw_increasing_wide_deg": 0.5},
+            "controller.tracking: yaw_increasing_wide_deg is 0.5, below yaw_increasing_max_deg; raise it to at least 1",
+        ),
+        ({"controller.tracking.grip_recovery_idle_m_s3": 0.4}, "below grip_recovery_m_s3; raise it to at least 0.5"),
+        ({"tuning.slow_gain_margin_db": 12.0}, "slow_gain_margin_db is 12, above gain_margin_db; lower it to at most 8"),
+        ({"tuning.slow_phase_margin_deg": 46.0}, "above phase_margin_deg; lower it to at most 45"),
+        ({"tuning.slow_sensitivity_max": 1.7}, "below sensitivity_max; raise it to at least 1.8"),
+        ({"tuning.relaxation_length_m": []}, "tuning.relaxation_length_m: the list is empty; give at least one entry"),
+        ({"tuning.actuator_lag_s": []}, "tuning.actuator_lag_s: the list is empty; give at least one entry"),
+        (
+            {"tuning.relaxation_length_m": [0.0, 0.01]},
+            "tuning.relaxation_length_m, entry 2: 0.01 is outside 0.05 to 2 m and not 0",
+        ),
+        ({"plant.roll_deg_per_g": -1.0}, "plant.roll_deg_per_g: -1 is outside 0.1 to 15 deg/g and not 0;"),
+        ({"plant.command_delay_samples": -1}, "plant.command_delay_samples: -1 is below 0, the smallest value;"),
+        ({"plant.command_delay_samples": 101}, "plant.command_delay_samples: 101 is above 100, the largest value;"),
+        ({"plant.command_delay_samples": 1.5}, "plant.command_delay_samples: a whole number is needed, not 1.5"),
     ],
 )
 def test_a_wrong_key_or_value_is_named(changes: dict[str, Any], words: str) -> None:
@@ -409,6 +427,16 @@ def test_a_wrong_key_or_value_is_named(changes: dict[str, Any], words: str) -> N
     assert words in str(raised.value)
     with pytest.raises(ConfigError, match=r"^set 3: "):
         preset().replace(changes, "set 3")
+
+
+def test_a_file_without_the_looser_keys_keeps_its_own_limits() -> None:
+    data = preset().model_dump(mode="json")
+    data["controller"]["tracking"] = {"yaw_increasing_max_deg": 5.0, "grip_recovery_m_s3": 9.0}
+    data["tuning"] |= {"gain_margin_db": 5.0, "phase_margin_deg": 30.0, "sensitivity_max": 3.0}
+    config = parse(data, "older file")
+    tracking, tuning = config.controller.tracking, config.tuning
+    assert (tracking.yaw_increasing_wide_deg, tracking.grip_recovery_idle_m_s3) == (5.0, 9.0)
+    assert (tuning.slow_gain_margin_db, tuning.slow_phase_margin_deg, tuning.slow_sensitivity_max) == (5.0, 30.0, 3.0)
 
 
 def test_a_section_is_validated_too() -> None:

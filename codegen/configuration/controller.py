@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from codegen.configuration.section import Breakpoints, Meaning, Range, Section
+from codegen.configuration.section import Breakpoints, Meaning, NotEmpty, Range, RangeOrZero, Section
 
 SCHEDULE_POINTS_MAX = 32
 SPEED_MAX_LEAST_KM_H = 50.0
@@ -181,6 +181,40 @@ class Schedule(Section):
         return self
 
 
+_TRACKING_PAIRS: Mapping[str, tuple[str, int]] = {
+    "yaw_increasing_wide_deg": ("yaw_increasing_max_deg", 1),
+    "grip_recovery_idle_m_s3": ("grip_recovery_m_s3", 1),
+}
+_TUNING_PAIRS: Mapping[str, tuple[str, int]] = {
+    "slow_gain_margin_db": ("gain_margin_db", -1),
+    "slow_phase_margin_deg": ("phase_margin_deg", -1),
+    "slow_sensitivity_max": ("sensitivity_max", 1),
+}
+"""Key -> the one that it must not be stricter than, and the sign of the looser direction: 1 upwards."""
+
+
+def _with_looser(model: type[Section], data: Any, pairs: Mapping[str, tuple[str, int]]) -> Any:
+    """Return the data of a table; a file without a key of `pairs`, like older ones, has the other value if that is looser."""
+    if not isinstance(data, Mapping):
+        return data
+    numbers = {key: value for key, value in data.items() if isinstance(value, int | float)}
+    looser = {
+        key: numbers[other]
+        for key, (other, sign) in pairs.items()
+        if key not in data and other in numbers and sign * numbers[other] > sign * model.model_fields[key].default
+    }
+    return {**data, **looser}
+
+
+def _require_looser(table: Section, pairs: Mapping[str, tuple[str, int]]) -> None:
+    """Raise ValueError for a key of `pairs` that is stricter than the other."""
+    for key, (other, sign) in pairs.items():
+        value, least = getattr(table, key), getattr(table, other)
+        if sign * value < sign * least:
+            side, change, most = ("below", "raise", "at least") if sign > 0 else ("above", "lower", "at most")
+            raise ValueError(f"{key} is {value:g}, {side} {other}; {change} it to {most} {least:g}")
+
+
 class Tracking(Section):
     """The kind "tracking": feedforward of the map, a reference model, and scheduled PI feedback of bounded authority.
 
@@ -248,6 +282,16 @@ class Tracking(Section):
     ] = 4.0
     schedule: Schedule | None = None
 
+    @model_validator(mode="before")
+    @classmethod
+    def _older_files(cls, data: Any) -> Any:
+        return _with_looser(cls, data, _TRACKING_PAIRS)
+
+    @model_validator(mode="after")
+    def _wide_enough(self) -> Self:
+        _require_looser(self, _TRACKING_PAIRS)
+        return self
+
 
 class Tuning(Section):
     """The family of cars for which `codegen tune` designs the gains, and the margins that each must keep.
@@ -267,32 +311,37 @@ class Tuning(Section):
     ] = Field(default_factory=lambda: [15.0, 20.0, 30.0, 42.5, 60.0, 80.0, 100.0, 120.0])
     # One of the two is None, and omitted.
     actuator_lag_factor: Annotated[
-        list[Annotated[float, Range(0.05, 20.0)]] | None,
+        Annotated[list[Annotated[float, Range(0.05, 20.0)]], NotEmpty()] | None,
         Meaning("lags of the rear actuator, as factors of `rear_actuator.lag_s`"),
     ] = Field(default_factory=lambda: [0.4, 1.0, 2.0], exclude_if=_is_none)
     actuator_lag_s: Annotated[
-        list[Annotated[float, Range(0.002, 1.0, "s")]] | None, Meaning("lags in s instead, as older files have them")
+        Annotated[list[Annotated[float, Range(0.002, 1.0, "s")]], NotEmpty()] | None,
+        Meaning("lags in s instead, as older files have them"),
     ] = Field(default=None, exclude_if=_is_none)
     mass_percent: Annotated[
         list[Annotated[float, Range(-50.0, 100.0, "%")]],
+        NotEmpty(),
         Meaning("deviations of mass and yaw inertia"),
     ] = Field(default_factory=lambda: [-20.0, 0.0, 20.0])
     stiffness_percent: Annotated[
-        list[Annotated[float, Range(-60.0, 100.0, "%")]], Meaning("of front and rear tyres, independently")
+        list[Annotated[float, Range(-60.0, 100.0, "%")]], NotEmpty(), Meaning("of front and rear tyres, independently")
     ] = Field(default_factory=lambda: [-20.0, 0.0, 15.0])
     relaxation_length_m: Annotated[
-        list[Annotated[float, Range(0.0, 2.0, "m")]],
+        list[Annotated[float, RangeOrZero(0.05, 2.0, "m")]],
+        NotEmpty(),
         Meaning("relaxation lengths of all tyres"),
     ] = Field(default_factory=lambda: [0.0, 0.3, 0.6])
     delay_samples: Annotated[int, Meaning("between the computation of a command and its effect")] = Field(
         default=1, ge=0, le=20
     )
-    gain_margin_db: Annotated[float, Range(1.0, 40.0, "dB"), Meaning("minimum for every member")] = 8.0
-    phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("minimum for every member")] = 45.0
-    sensitivity_max: Annotated[float, Range(1.05, 10.0), Meaning("largest peak of the sensitivity of any member")] = 1.8
+    gain_margin_db: Annotated[float, Range(1.0, 40.0, "dB"), Meaning("minimum for every member but slow ones")] = 8.0
+    phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("minimum for every member but slow ones")] = 45.0
+    sensitivity_max: Annotated[
+        float, Range(1.05, 10.0), Meaning("largest peak of the sensitivity of any member but slow ones")
+    ] = 1.8
     # Left out of files that do not set them, so that existing maps and builds do not change.
     slow_gain_margin_db: Annotated[
-        float, Range(1.0, 40.0, "dB"), Meaning("the same for a member with at least twice the lag *and* a relaxation length")
+        float, Range(1.0, 40.0, "dB"), Meaning("the same for a slow member: at least twice the lag *and* a relaxation length")
     ] = Field(default=6.0, exclude_if=lambda value: value == 6.0)
     slow_phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("the same for such a member")] = Field(
         default=35.0, exclude_if=lambda value: value == 35.0
@@ -310,10 +359,16 @@ class Tuning(Section):
             raise ValueError("actuator_lag_factor and actuator_lag_s exclude each other; remove actuator_lag_s")
         return {**data, "actuator_lag_factor": None}
 
+    @model_validator(mode="before")
+    @classmethod
+    def _older_files(cls, data: Any) -> Any:
+        return _with_looser(cls, data, _TUNING_PAIRS)
+
     @model_validator(mode="after")
     def _has_lags(self) -> Self:
         if self.actuator_lag_factor is None and self.actuator_lag_s is None:
             raise ValueError("no lags of the rear actuator; give actuator_lag_factor")
+        _require_looser(self, _TUNING_PAIRS)
         return self
 
 

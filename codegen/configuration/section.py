@@ -59,9 +59,13 @@ class Range:
     def check(self, value: float) -> float:
         """Return `value`, or raise ValueError if it is outside the range or NaN."""
         if not self.low <= value <= self.high:
-            in_unit = f" {self.unit}" if self.unit else ""
-            raise ValueError(f"{value:g} is outside {self.low:g} to {self.high:g}{in_unit}; check the value and its unit")
+            raise ValueError(f"{value:g} is outside {self.shown}; check the value and its unit")
         return value
+
+    @property
+    def shown(self) -> str:
+        """Range and unit, for messages."""
+        return f"{self.low:g} to {self.high:g}{f' {self.unit}' if self.unit else ''}"
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         number = core_schema.no_info_before_validator_function(check_number, handler(source))
@@ -74,6 +78,25 @@ class RangeOrZero(Range):
     def check(self, value: float) -> float:
         """Return `value`, or raise ValueError if it is neither zero nor in the range."""
         return value if value == 0.0 else super().check(value)
+
+    @property
+    def shown(self) -> str:
+        """Range and unit, for messages."""
+        return f"{super().shown} and not 0"
+
+
+@dataclass(frozen=True)
+class NotEmpty:
+    """Annotation of a list that needs an entry."""
+
+    def check(self, values: list[float]) -> list[float]:
+        """Return `values`, or raise ValueError if there are none."""
+        if not values:
+            raise ValueError("the list is empty; give at least one entry, such as that of the configured car")
+        return values
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self.check, handler(source))
 
 
 @dataclass(frozen=True)
@@ -124,6 +147,22 @@ class Section(BaseModel):
 
 Location = tuple[int | str, ...]
 
+NUMBER_FAULTS: Mapping[str, str] = {
+    "greater_than_equal": "{} is below {ge}, the smallest value; check the value and its unit",
+    "less_than_equal": "{} is above {le}, the largest value; check the value and its unit",
+    "int_type": "a whole number is needed, not {}",
+    "int_from_float": "a whole number is needed, not {}",
+}
+"""Type of a fault that pydantic finds in a number -> message."""
+
+
+def key_of_entry(location: Location) -> str:
+    """Return a key with the number of its entry, from 1 on, if the location is in a list."""
+    keys = ".".join(str(part) for part in location if isinstance(part, str))
+    numbers = "".join(f", entry {part + 1}" for part in location if isinstance(part, int))
+    return keys + numbers
+
+
 MISSING_SHOWN = 8
 """Largest number of missing keys that a message names."""
 
@@ -133,7 +172,7 @@ def first_fault(
     where: object,
     model: type[BaseModel],
     kind: type[CodegenError],
-    key_of: Callable[[Location], str] = lambda location: ".".join(map(str, location)),
+    key_of: Callable[[Location], str] = key_of_entry,
     missing_remedy: str = "",
 ) -> CodegenError:
     """Return the error of `kind` for the first fault, or for all missing keys: what is wrong, the file and key, and the remedy.
@@ -161,6 +200,9 @@ def first_fault(
         message = str(fault["ctx"]["error"])
     elif fault["type"] in ("model_type", "model_attributes_type", "dict_type"):
         message = f"a table is needed, not {shown(fault['input'])}; write [{key}] and its keys below"
+    elif fault["type"] in NUMBER_FAULTS:
+        bounds = {name: f"{bound:g}" for name, bound in fault.get("ctx", {}).items() if isinstance(bound, int | float)}
+        message = NUMBER_FAULTS[fault["type"]].format(shown(fault["input"]), **bounds)
     elif fault["type"] in ("too_short", "too_long"):
         message = _length_fault(fault)
     else:

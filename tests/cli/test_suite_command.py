@@ -94,7 +94,7 @@ def test_limits_from_a_file_and_their_purpose(run: Run, suite: Callable[..., lis
     [
         ("overshot_percent = 1.0", "mine.toml: overshot_percent: unknown key; did you mean 'overshoot_percent'?"),
         ("overshoot_percent = -1.0", "mine.toml: overshoot_percent: -1 is outside 0 to 1000 %; check the value and its unit"),
-        ("instructions = 1.5", "mine.toml: instructions: Input should be a valid integer"),
+        ("instructions = 1.5", "mine.toml: instructions: a whole number is needed, not 1.5"),
     ],
 )
 def test_an_invalid_file_of_limits(refused: Refused, here: Path, text: str, words: str) -> None:

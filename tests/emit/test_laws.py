@@ -41,11 +41,13 @@ LIMIT_VALUES: dict[str, tuple[float, float]] = {
     "lead_max_deg": (0.0, 10.0),
     "response_ahead_s": (0.0, 1.0),
     "yaw_increasing_max_deg": (0.0, 20.0),
+    "yaw_increasing_wide_deg": (0.0, 20.0),
     "trim_max_percent": (0.0, 20.0),
     "trim_time_s": (0.05, 60.0),
     "grip_shortfall_m_s2": (0.1, 20.0),
     "grip_loss_time_s": (0.02, 10.0),
     "grip_recovery_m_s3": (0.01, 100.0),
+    "grip_recovery_idle_m_s3": (0.01, 100.0),
 }
 
 
