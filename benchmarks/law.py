@@ -165,7 +165,8 @@ def _notes(straight: float) -> tuple[str, ...]:
         f"{straight + STEER_TIME:g} s before a step. Details: spins with each bias; largest sideslip in deg with each.",
         "Row 9: a road carries a cell if the car can reach 99 % of the map's yaw rate on it.",
         f"Row 10: {GUST_N:g} N to the left at the front axle for {GUST_S:g} s, worst of 80 to 130 km/h; nobody steers. Linear: "
-        "sampled single-track car with the gains over speed, without the rest of the law.",
+        "the sampled car of the design, with relaxation, lag and motor, and the gains over speed, without the rest "
+        "of the law.",
         f"Row 11: nobody steers; worst of {STRAIGHT_SPEEDS_KM_H[0]:g} to {STRAIGHT_SPEEDS_KM_H[-1]:g} km/h and of both signs "
         f"of the bias of the acceleration. The biases are present for {BEFORE_S:g} s before.",
         "Row 12: requirements of `better`, the passive car on the same plant. Row 13: as `cortex-m`, for the first car.",

@@ -34,11 +34,12 @@ class Member:
     """One car of the family.
 
     Attributes:
-        actuator_lag: s, first order.
+        actuator_lag: s; the time constant of its motor, `plant.actuator_motor_share`, is in proportion.
         mass_factor: factor on mass and yaw inertia; 1 is the configured car, as for the next two.
         front_stiffness_factor: factor on the cornering stiffness of the front axle.
         rear_stiffness_factor: factor on the cornering stiffness of the rear axle.
-        relaxation_length: m, tyres of both axles; 0 where the force follows the slip at once.
+        relaxation_length: m, of the front tyres, and times `plant.rear_relaxation_factor` of the rear ones; 0 where the force
+            follows the slip at once.
         yaw_inertia_factor: factor on the yaw inertia, on top of that of the mass.
         is_slow: whether both actuator and tyres are slow, SLOW_LAG_FACTOR times the lag with a relaxation length. Such a car
             needs less margin.

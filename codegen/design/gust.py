@@ -12,7 +12,7 @@ import numpy as np
 
 from codegen.configuration import Config
 from codegen.design.family import Member
-from codegen.design.sampled import BETA, STATES, YAW_RATE, continuous, matrix_exponential
+from codegen.design.sampled import BETA, YAW_RATE, continuous, matrix_exponential
 from codegen.vehicle.single_track import SingleTrack
 
 MOMENT_N_M, DURATION_S, READ_AFTER_S = 3000.0, 1.5, 3.0
@@ -30,9 +30,9 @@ class GustResponse:
 
 def gust_response(config: Config, member: Member, speed: float, kp: float, ki: float) -> GustResponse:
     """Return the response of one car at a speed in m/s with the gains, and the delay of `[tuning]`."""
-    period, size = config.controller.sampling_time_s, len(STATES)
-    heading, path, command, moment = size, size + 1, size + 2, size + 3
     a, b = continuous(config, [member], np.array([speed]))
+    period, size = config.controller.sampling_time_s, b.shape[-1]
+    heading, path, command, moment = size, size + 1, size + 2, size + 3
     whole = np.zeros((size + 4, size + 4))
     whole[:size, :size], whole[:size, command] = a[0, 0], b[0, 0]
     inertia = SingleTrack.from_config(config).yaw_inertia * member.mass_factor * member.yaw_inertia_factor

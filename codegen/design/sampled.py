@@ -6,11 +6,12 @@ Single-track car with linear tyres in continuous time, angles small, front wheel
     r'       = (lf F_f - lr F_r)/Iz
     alpha_i  = alpha_i,ss, or with a relaxation length sigma: alpha_i' = vx/sigma (alpha_i,ss - alpha_i)
     alpha_f,ss = beta + lf r/vx,   alpha_r,ss = beta - lr r/vx - delta_r
-    delta_r' = (command - delta_r)/lag
+    delta_r' = (command - delta_r)/lag, or with a motor share q: delta_r' = w/lag, w' = (command - delta_r - w)/(q lag)
 
 (R. Rajamani, Vehicle Dynamics and Control, section 2.3; H. B. Pacejka, Tire and Vehicle Dynamics, section 1.3.3, for the
-relaxation length.) A zero-order hold keeps the command over each sample, so the step from sample to sample is an exact matrix
-exponential. The command acts a whole number of samples after the measurement from which it was computed.
+relaxation length; `vehicle.dynamics.two_track` for the motor.) Backlash is nonlinear and left out. A zero-order hold keeps the
+command over each sample, so the step from sample to sample is an exact matrix exponential. The command acts a whole number of
+samples after the measurement from which it was computed.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.steady_turn import WHEEL, YAW, PlantPoints
 
-STATES = ("sideslip_angle", "yaw_rate", "slip_front", "slip_rear", "rear_angle")
-BETA, YAW_RATE, SLIP_FRONT, SLIP_REAR, REAR = range(len(STATES))
+STATES = ("sideslip_angle", "yaw_rate", "slip_front", "slip_rear", "rear_angle", "motor_angle")
+"""States of a car. The last one is the rate of the motor times the lag; only with `plant.actuator_motor_share`."""
+BETA, YAW_RATE, SLIP_FRONT, SLIP_REAR, REAR, MOTOR = range(len(STATES))
 
 FREQUENCY_MIN = 0.02
 """Lowest frequency in rad/s, far below every crossing of a loop that responds within minutes."""
@@ -218,8 +220,14 @@ def sample_of(a: FloatArray, b: FloatArray, time: float, delay: int) -> SampledC
 
 
 def continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return A (m, n, 5, 5) and B (m, n, 5) for STATES and the commanded rear angle."""
-    car = SingleTrack.from_config(config)
+    """Return A (m, n, k, k) and B (m, n, k) for the k STATES of the configuration and the commanded rear angle.
+
+    The time constant of the motor is in proportion to the lag of each member, and the relaxation length of the rear tyres to
+    that of the front tyres.
+    """
+    car, plant = SingleTrack.from_config(config), config.plant
+    motor_share = plant.actuator_motor_share
+    states = len(STATES) if motor_share else MOTOR
     columns = np.array(
         [
             (
@@ -238,16 +246,16 @@ def continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> t
     lf, lr = car.front_arm, car.rear_arm
     relaxed = sigma > 0.0
 
-    a = np.zeros((len(family), speed.size, len(STATES), len(STATES)))
+    a = np.zeros((len(family), speed.size, states, states))
     a[..., BETA, YAW_RATE] = -1.0
-    for slip, stiffness, arm, angle in (
-        (SLIP_FRONT, car.front_stiffness * front_factor, lf, 0.0),
-        (SLIP_REAR, car.rear_stiffness * rear_factor, -lr, -1.0),
+    for slip, stiffness, arm, angle, length in (
+        (SLIP_FRONT, car.front_stiffness * front_factor, lf, 0.0, sigma),
+        (SLIP_REAR, car.rear_stiffness * rear_factor, -lr, -1.0, sigma * plant.rear_relaxation_factor),
     ):
         steady = ((BETA, 1.0), (YAW_RATE, arm / speed), (REAR, angle))
         per_slip = ((BETA, -stiffness / (mass * speed)), (YAW_RATE, -arm * stiffness / inertia))
         # Without relaxation the slip states have no effect, but every car has the same states.
-        rate = speed / np.where(relaxed, sigma, 1.0)
+        rate = speed / np.where(relaxed, length, 1.0)
         a[..., slip, slip] = -rate
         for state, share in steady:
             a[..., slip, state] = rate * share
@@ -255,9 +263,12 @@ def continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> t
                 a[..., motion, state] += np.where(relaxed, 0.0, effect * share)
         for motion, effect in per_slip:
             a[..., motion, slip] = np.where(relaxed, effect, 0.0)
-    a[..., REAR, REAR] = -1.0 / lag
     b = np.zeros(a.shape[:-1])
-    b[..., REAR] = 1.0 / lag
+    if motor_share:
+        a[..., REAR, MOTOR], b[..., MOTOR] = 1.0 / lag, 1.0 / (motor_share * lag)
+        a[..., MOTOR, REAR] = a[..., MOTOR, MOTOR] = -b[..., MOTOR]
+    else:
+        a[..., REAR, REAR], b[..., REAR] = -1.0 / lag, 1.0 / lag
     return a, b
 
 

@@ -29,8 +29,8 @@ def sampled_car(config: Config, member: Member, speed: float, delay: int) -> con
     stiffness = np.diag(factors) * [car.front_stiffness, car.rear_stiffness]
     sigma = member.relaxation_length
     if sigma > 0.0:
-        pace = speed / sigma
-        tyres = control.ss(-pace * np.eye(2), pace * np.eye(2), -stiffness, np.zeros((2, 2)))
+        pace = np.diag([speed / sigma, speed / (sigma * config.plant.rear_relaxation_factor)])
+        tyres = control.ss(-pace, pace, -stiffness, np.zeros((2, 2)))
     else:
         tyres = control.ss([], [], [], -stiffness)
     # The body in a loop with its tyres; by linearity, the rear angle acts through separate tyres.
@@ -38,7 +38,8 @@ def sampled_car(config: Config, member: Member, speed: float, delay: int) -> con
     rolling = control.feedback(body, tyres * slips_of_body, sign=1)
     yaw_rate = control.ss([], [], [], [[0.0, 0.0, 1.0]]) * rolling
     forces = tyres * control.ss([], [], [], [[0.0], [-1.0]])  # the rear angle reduces the rear slip angle
-    actuator = control.ss(-1.0 / member.actuator_lag, 1.0 / member.actuator_lag, 1.0, 0.0)
+    lag, share = member.actuator_lag, config.plant.actuator_motor_share
+    actuator = control.ss(control.tf([1.0], [share * lag**2, lag, 1.0] if share else [lag, 1.0]))
     time = config.controller.sampling_time_s
     sampled = control.c2d(yaw_rate * forces * actuator, time, method="zoh")
     late = control.tf([1.0], [1.0] + delay * [0.0], time)

@@ -1,6 +1,7 @@
 """The family of cars, and the sampled car compared with python-control and the closed form of the steady turn."""
 
 import itertools
+from typing import Any
 
 import control
 import numpy as np
@@ -24,9 +25,13 @@ CARS = [
 SPEEDS = np.array([12.0, 42.5, 120.0, 400.0]) / 3.6
 
 
+MOTOR = {"plant": {"actuator_motor_share": 0.5, "rear_relaxation_factor": 1.2}}
+
+
+@pytest.mark.parametrize("parts", [{}, MOTOR])
 @pytest.mark.parametrize(("car", "delay"), [(0, 0), (1, 1), (2, 4), (3, 0)])
-def test_the_frequency_response_is_that_of_python_control(car: int, delay: int) -> None:
-    config = small_config(delay_samples=delay)
+def test_the_frequency_response_is_that_of_python_control(car: int, delay: int, parts: dict[str, Any]) -> None:
+    config = small_config(parts, delay_samples=delay)
     frequency = frequency_grid(config.controller.sampling_time_s, 20)
     found = sample(config, CARS, SPEEDS).response(frequency)[car]
     for k, speed in enumerate(SPEEDS):
@@ -57,9 +62,9 @@ def test_open_loop_stability_ends_at_the_critical_speed() -> None:
     assert car.open_loop_stable()[0].tolist() == [True, True, False, False]
 
 
-@pytest.mark.parametrize("delay", [0, 3])
-def test_closed_loop_stability_is_that_of_python_controls_poles(delay: int) -> None:
-    config = small_config(delay_samples=delay)
+@pytest.mark.parametrize(("delay", "parts"), [(0, {}), (3, {}), (3, MOTOR)])
+def test_closed_loop_stability_is_that_of_python_controls_poles(delay: int, parts: dict[str, Any]) -> None:
+    config = small_config(parts, delay_samples=delay)
     rng = np.random.default_rng(delay)
     found = []
     for _ in range(40):
