@@ -6,12 +6,14 @@ Single-track car with linear tyres in continuous time, angles small, front wheel
     r'       = (lf F_f - lr F_r)/Iz
     alpha_i  = alpha_i,ss, or with a relaxation length sigma: alpha_i' = vx/sigma (alpha_i,ss - alpha_i)
     alpha_f,ss = beta + lf r/vx,   alpha_r,ss = beta - lr r/vx - delta_r
-    delta_r' = (command - delta_r)/lag, or with a motor share q: delta_r' = w/lag, w' = (command - delta_r - w)/(q lag)
+    delta_m' = (command - delta_m)/lag, or with a motor share q: delta_m' = w/lag, w' = (command - delta_m - w)/(q lag)
+    delta_r  = delta_m, or with backlash delta_r' = (delta_m - delta_r)/PLAY_TIME_CONSTANT
 
 (R. Rajamani, Vehicle Dynamics and Control, section 2.3; H. B. Pacejka, Tire and Vehicle Dynamics, section 1.3.3, for the
-relaxation length; `vehicle.dynamics.two_track` for the motor.) Backlash is nonlinear and left out. A zero-order hold keeps the
-command over each sample, so the step from sample to sample is an exact matrix exponential. The command acts a whole number of
-samples after the measurement from which it was computed.
+relaxation length; `vehicle.dynamics.two_track` for the motor and the backlash.) The play itself is nonlinear and left out:
+outside of it, the rear wheels follow the motor. A zero-order hold keeps the command over each sample, so the step from sample
+to sample is an exact matrix exponential. The command acts a whole number of samples after the measurement from which it was
+computed.
 """
 
 from __future__ import annotations
@@ -28,14 +30,15 @@ import numpy.typing as npt
 from codegen.arrays import BoolArray, ComplexArray, FloatArray
 from codegen.configuration import Config
 from codegen.design.family import Member
-from codegen.vehicle.dynamics import PLANT_INPUTS, plant_states
+from codegen.vehicle.dynamics import MOTOR_RATE, PLANT_INPUTS, PLAY_TIME_CONSTANT, plant_states
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.steady_turn import WHEEL, YAW, PlantPoints
 
-STATES = ("sideslip_angle", "yaw_rate", "slip_front", "slip_rear", "rear_angle", "motor_angle")
-"""States of a car. The last one is the rate of the motor times the lag; only with `plant.actuator_motor_share`."""
-BETA, YAW_RATE, SLIP_FRONT, SLIP_REAR, REAR, MOTOR = range(len(STATES))
+STATES = ("sideslip_angle", "yaw_rate", "slip_front", "slip_rear", "rear_angle", "motor_rate", "wheel_angle")
+"""States of a car. `plant.actuator_motor_share` and `plant.backlash_deg` each add one of the last two: the rate of the motor
+times the lag, and the angle of the rear wheels, if that is not the one of the actuator."""
+BETA, YAW_RATE, SLIP_FRONT, SLIP_REAR, REAR, MOTOR = range(len(STATES) - 1)
 
 FREQUENCY_MIN = 0.02
 """Lowest frequency in rad/s, far below every crossing of a loop that responds within minutes."""
@@ -227,7 +230,7 @@ def continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> t
     """
     car, plant = SingleTrack.from_config(config), config.plant
     motor_share = plant.actuator_motor_share
-    states = len(STATES) if motor_share else MOTOR
+    states = MOTOR + bool(motor_share)
     columns = np.array(
         [
             (
@@ -269,7 +272,23 @@ def continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> t
         a[..., MOTOR, REAR] = a[..., MOTOR, MOTOR] = -b[..., MOTOR]
     else:
         a[..., REAR, REAR], b[..., REAR] = -1.0 / lag, 1.0 / lag
-    return a, b
+    return _behind_play(a, b, list(range(REAR, states))) if plant.backlash_deg else (a, b)
+
+
+def _behind_play(a: FloatArray, b: FloatArray, actuator: list[int]) -> tuple[FloatArray, FloatArray]:
+    """Append the angle of rear wheels that follow the motor as they do outside of their play.
+
+    Args:
+        a, b: (..., k, k) and (..., k), of rear wheels without play.
+        actuator: indices of the actuator's states, first its angle.
+    """
+    size, angle = b.shape[-1], actuator[0]
+    body = [state for state in range(size) if state not in actuator]
+    whole = np.zeros((*a.shape[:-2], size + 1, size + 1))
+    whole[..., :size, :size] = a
+    whole[..., body, size], whole[..., body, angle] = a[..., body, angle], 0.0
+    whole[..., size, angle], whole[..., size, size] = 1.0 / PLAY_TIME_CONSTANT, -1.0 / PLAY_TIME_CONSTANT
+    return whole, np.concatenate([b, np.zeros((*b.shape[:-1], 1))], axis=-1)
 
 
 def matrix_exponential(matrices: FloatArray) -> FloatArray:
@@ -304,6 +323,8 @@ def _transfer_function(transition: FloatArray, inputs: FloatArray) -> tuple[Floa
     return np.array(numerator), np.array(denominator)
 
 
+ACTUATOR = ("rear_angle", MOTOR_RATE)
+"""States of the rear actuator without play, its angle first."""
 LEFT_OUT = ("steering_wheel_angle", "position_x", "position_y", "heading")
 """States that the loop does not feed back: the driver's input, and the position of the car."""
 
@@ -338,6 +359,7 @@ def linearised(
     given = np.broadcast_arrays(*(np.atleast_1d(x) for x in (speed, friction, mass_factor)))
     vx, mu, factor = (np.ascontiguousarray(values, dtype=np.float64) for values in given)
     cars = np.ascontiguousarray(varied_cars(config, mass=factor).T)
+    has_play = bool(config.plant.backlash_deg)
     config = config.unchecked({"plant.backlash_deg": 0.0})  # within its play, the rear wheels follow nothing
     names = plant_states(config)
     points = PlantPoints.of(config, np.zeros((len(names), vx.size)), np.zeros((len(PLANT_INPUTS), vx.size)), cars)
@@ -350,6 +372,9 @@ def linearised(
     _, a, b = points.linearised()
     kept = [index for index, name in enumerate(names) if name not in LEFT_OUT]
     a = np.where(found[:, np.newaxis, np.newaxis], a[:, kept][:, :, kept], -np.eye(len(kept)))
-    sampled = sample_of(a, b[:, kept], config.controller.sampling_time_s, config.tuning.delay_samples)
+    b = b[:, kept]
+    if has_play:
+        a, b = _behind_play(a, b, [place for place, index in enumerate(kept) if names[index] in ACTUATOR])
+    sampled = sample_of(a, b, config.controller.sampling_time_s, config.tuning.delay_samples)
     ratio = cars[PLANT_PARAMETERS.index("steering_ratio")]
     return SteadyTurns(sampled, found, points.states[WHEEL] / ratio)

@@ -5,6 +5,7 @@ import numpy as np
 
 from codegen.configuration import Config
 from codegen.design.family import Member
+from codegen.vehicle.dynamics import PLAY_TIME_CONSTANT
 from codegen.vehicle.single_track import SingleTrack
 
 
@@ -40,6 +41,8 @@ def sampled_car(config: Config, member: Member, speed: float, delay: int) -> con
     forces = tyres * control.ss([], [], [], [[0.0], [-1.0]])  # the rear angle reduces the rear slip angle
     lag, share = member.actuator_lag, config.plant.actuator_motor_share
     actuator = control.ss(control.tf([1.0], [share * lag**2, lag, 1.0] if share else [lag, 1.0]))
+    if config.plant.backlash_deg:
+        actuator = control.ss(control.tf([1.0], [PLAY_TIME_CONSTANT, 1.0])) * actuator
     time = config.controller.sampling_time_s
     sampled = control.c2d(yaw_rate * forces * actuator, time, method="zoh")
     late = control.tf([1.0], [1.0] + delay * [0.0], time)

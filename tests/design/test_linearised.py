@@ -15,7 +15,7 @@ from hil_sim.suite import cells
 
 CONFIG = configuration.preset()
 RELAXED = cells.relaxation(0.4)(CONFIG)
-MOTOR = RELAXED.replace({"plant.actuator_motor_share": 0.5, "plant.rear_relaxation_factor": 1.2})
+ACTUATOR = RELAXED.replace({"plant.actuator_motor_share": 0.5, "plant.backlash_deg": 0.1, "plant.rear_relaxation_factor": 1.2})
 RECOMMENDED = configuration.preset("recommended")
 FREQUENCY = frequency_grid(CONFIG.controller.sampling_time_s)
 SPEEDS = np.array([6.0, 15.0, 33.0, 70.0])
@@ -25,7 +25,7 @@ RELATIVE_TOLERANCE = 1e-9
 digits."""
 
 
-@pytest.mark.parametrize(("config", "mass", "friction"), [(CONFIG, 1.0, 0.9), (RELAXED, 1.2, 0.89), (MOTOR, 0.8, 0.3)])
+@pytest.mark.parametrize(("config", "mass", "friction"), [(CONFIG, 1.0, 0.9), (RELAXED, 1.2, 0.89), (ACTUATOR, 0.8, 0.3)])
 def test_straight_ahead_it_is_the_single_track_car(config: Config, mass: float, friction: float) -> None:
     turns = linearised(config, SPEEDS, friction, mass)
     stiffness = friction / config.road.friction
@@ -42,7 +42,7 @@ def test_margins_of_the_design_are_those_of_the_recommended_plant() -> None:
     kp, ki = np.full(SPEEDS.size, 0.1), np.full(SPEEDS.size, 0.8)
     found = nominal_margins(RECOMMENDED, SPEEDS, kp, ki)
     driven = loop_margins(linearised(RECOMMENDED, SPEEDS, RECOMMENDED.road.friction).sampled, kp, ki, FREQUENCY)
-    assert RECOMMENDED.plant.actuator_motor_share and RECOMMENDED.plant.relaxation_length_m
+    assert RECOMMENDED.plant.actuator_motor_share and RECOMMENDED.plant.backlash_deg and RECOMMENDED.plant.relaxation_length_m
     for one, other, tolerance in zip(found.figures(), driven.figures(), (0.02, 0.05, 0.005), strict=True):
         np.testing.assert_allclose(one, other, rtol=0.0, atol=tolerance)
 

@@ -25,10 +25,10 @@ CARS = [
 SPEEDS = np.array([12.0, 42.5, 120.0, 400.0]) / 3.6
 
 
-MOTOR = {"plant": {"actuator_motor_share": 0.5, "rear_relaxation_factor": 1.2}}
+ACTUATOR = {"plant": {"actuator_motor_share": 0.5, "backlash_deg": 0.1, "rear_relaxation_factor": 1.2}}
 
 
-@pytest.mark.parametrize("parts", [{}, MOTOR])
+@pytest.mark.parametrize("parts", [{}, {"plant": {"backlash_deg": 0.1}}, ACTUATOR])
 @pytest.mark.parametrize(("car", "delay"), [(0, 0), (1, 1), (2, 4), (3, 0)])
 def test_the_frequency_response_is_that_of_python_control(car: int, delay: int, parts: dict[str, Any]) -> None:
     config = small_config(parts, delay_samples=delay)
@@ -62,7 +62,7 @@ def test_open_loop_stability_ends_at_the_critical_speed() -> None:
     assert car.open_loop_stable()[0].tolist() == [True, True, False, False]
 
 
-@pytest.mark.parametrize(("delay", "parts"), [(0, {}), (3, {}), (3, MOTOR)])
+@pytest.mark.parametrize(("delay", "parts"), [(0, {}), (3, {}), (3, ACTUATOR)])
 def test_closed_loop_stability_is_that_of_python_controls_poles(delay: int, parts: dict[str, Any]) -> None:
     config = small_config(parts, delay_samples=delay)
     rng = np.random.default_rng(delay)

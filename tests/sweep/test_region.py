@@ -54,8 +54,10 @@ def test_the_papers_loop_is_unstable_at_high_speed(driven: Region, linear: Regio
     assert (np.diff(stable, axis=0) <= 0).all() and (np.diff(stable, axis=1) >= 0).all()
 
 
-def test_backlash_hides_no_loop_from_the_simulations() -> None:
-    """Within its play, the loop has no gain, so that even beyond its gain margin it would be stable."""
+def test_with_motor_and_backlash_the_gain_margins_are_those_of_the_generated_c(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within 5 % of the gain, half of what the report checks. Within its play the loop has no gain, so that even beyond its
+    margin it would be stable; outside of it the rear wheels lag behind the motor, which costs 5 to 10 %."""
+    monkeypatch.setattr("codegen.sweep.region.MARGIN_SHARES", (0.95, 1.05))
     build = Subject.read(GENERATED / "4ws2")
     config = parse(build.manifest["configuration"], "manifest.json")
     assert config.plant.backlash_deg > 0.0
