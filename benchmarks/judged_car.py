@@ -33,7 +33,6 @@ from hil_sim.manoeuvres import Hands
 from hil_sim.scenarios import DEPARTURE_TIME_S, SCENARIOS, Scenario
 from hil_sim.suite.cells import STEER_TIME, c1
 from hil_sim.suite.subjects import (
-    DELAY_SAMPLES,
     RECOMMENDED_CASE,
     Subject,
     around_folder,
@@ -133,7 +132,7 @@ def drive(subject: Subject, plant: str, scenario: Scenario) -> FloatArray:
     config = subject.config
     software = subject.around(config)
     if plant == ROLL:
-        return third_plant.run(software if subject.controlled else None, config, scenario, delay_samples=DELAY_SAMPLES)
+        return third_plant.run(software if subject.controlled else None, config, scenario)
     loop, driver = subject.loop(software), scenario.driver(config)
     inputs = scenario.inputs(config)
     return loop.run(inputs) if driver is None else loop.run_stepped(inputs, driver.steer)

@@ -23,7 +23,6 @@ from hil_sim.suite.background import Background
 from hil_sim.suite.cars import DEVELOPMENT_SEED, examine, random_cars
 from hil_sim.suite.cells import STEER_TIME
 from hil_sim.suite.requirements import Limits
-from hil_sim.suite.subjects import DELAY_SAMPLES
 
 SEED = 6
 """Seed of the random cars by default. The law was designed with cars of the seed DEVELOPMENT_SEED, and with those of CARS."""
@@ -155,7 +154,7 @@ def _notes(straight: float) -> tuple[str, ...]:
         f"{DEVELOPMENT_SEED} are the development set, the random cars of seed {SEED} the test set.",
         "Plants: ideal is the two-track car as the map has it; real is the configured one, with relaxation, roll, an actuator "
         "of second order and backlash; roll is the third plant, whose tyres are others as well. Commands act "
-        f"{DELAY_SAMPLES} sample late. Noisy sensors have noise, resolution and bias of the configuration.",
+        "as late as configured, at least one sample. Noisy sensors have noise, resolution and bias of the configuration.",
         "Rows 5 to 9: the 24 steps of the suite, 25 to 120 km/h with 25 to 100 % of the largest front angle of the map. A "
         "car spins at more than 10 deg of sideslip with more than 5 deg of rear slip; other figures are of the other runs.",
         "Possible (row 6): largest steady yaw rate with any rear angle of the actuator, each axle within 90 % of the slip "

@@ -40,7 +40,7 @@ from hil_sim.suite.cells import (
     kept_stiffness,
     together,
 )
-from hil_sim.suite.subjects import DELAY_SAMPLES, RECOMMENDED_CASE, Subject, of_config, tuned
+from hil_sim.suite.subjects import RECOMMENDED_CASE, Subject, of_config, tuned
 from hil_sim.third_plant import rolling
 
 CARS = {"P": PAPER, "S": "heavy, 10 deg, 90 ms", "V": "van, loaded", "R": "light, rear-heavy"}
@@ -242,7 +242,7 @@ class LawCar:
             friction=np.where(np.isnan(friction), config.road.friction, friction),
             moment_arm=drives.moment_arm,
             friction_estimate=each_run(lambda each: each.condition.estimate_or_nan),
-            delay_samples=DELAY_SAMPLES,
+            delay_samples=np.repeat([car.driven_delay_samples for _, car in chosen], count),
             controlled=np.repeat(np.array([each.controlled for each, _ in chosen]), count),
             noise=np.concatenate([each.noise(car, samples, count) for each, car in chosen], axis=2),
         )

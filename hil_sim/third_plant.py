@@ -84,14 +84,13 @@ class Sensors:
         return {name: self._model.measure(name, value) for name, value in true.items()}
 
 
-def run(software: Software | None, config: Config, scenario: Scenario, *, seed: int = 0, delay_samples: int = 1) -> FloatArray:
+def run(software: Software | None, config: Config, scenario: Scenario, *, seed: int = 0) -> FloatArray:
     """Return a recording (samples, 12) of a scenario on the third car, columns RECORD_COLUMNS, with the car's true motion.
 
     Args:
         software: a compiled build; None is the passive car, its rear wheels straight.
         config: of the car; may differ from the build's.
         seed: of noise and jitter.
-        delay_samples: control samples between computing a command and its acting.
 
     Raises:
         BuildError: the C of the car does not compile here.
@@ -102,4 +101,4 @@ def run(software: Software | None, config: Config, scenario: Scenario, *, seed: 
         refuse_bus(scenario)
     car = rolling(config)
     plant, sensors = RememberingPlant(car), Sensors(car, seed)
-    return drive(plant, software, config, scenario, lambda now: sensors.measure(plant, now), delay_samples=delay_samples)
+    return drive(plant, software, config, scenario, lambda now: sensors.measure(plant, now))

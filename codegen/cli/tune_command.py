@@ -243,7 +243,7 @@ def _to_dict(config: Config, made: Design, least: Weakest) -> dict[str, Any]:
         "demands_on_slow": {
             key: getattr(tuning, f"slow_{key}") for key in ("gain_margin_db", "phase_margin_deg", "sensitivity_max")
         },
-        "delay_samples": tuning.delay_samples,
+        "delay_samples": config.designed_delay_samples,
         "family": made.family_size,
         **({"family_from": told} if (told := origin(config)) else {}),
         "breakpoints": _rows(made),
@@ -257,7 +257,7 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
 
     tuning = config.tuning
     console.say(
-        f"{output}: {made.family_size} cars, delay of {tuning.delay_samples} samples; required: at least "
+        f"{output}: {made.family_size} cars, delay of {config.designed_delay_samples} samples; required: at least "
         f"{tuning.gain_margin_db:g} dB, {tuning.phase_margin_deg:g} deg, and a peak sensitivity of at most "
         f"{tuning.sensitivity_max:g}; with twice the lag and a relaxation length {tuning.slow_gain_margin_db:g} dB, "
         f"{tuning.slow_phase_margin_deg:g} deg and {tuning.slow_sensitivity_max:g}"

@@ -39,7 +39,18 @@ from codegen.configuration.car import (
     Tyres,
     Vehicle,
 )
-from codegen.configuration.controller import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
+from codegen.configuration.controller import (
+    RESPONSE_AHEAD_FACTORS,
+    RESPONSE_AHEAD_MAX_S,
+    Controller,
+    FailSafe,
+    Inputs,
+    Kind,
+    Limiter,
+    Schedule,
+    Tracking,
+    Tuning,
+)
 from codegen.configuration.identified import Identified
 from codegen.configuration.section import Meaning, Section, check_name, first_fault
 from codegen.configuration.tightening import Tightening
@@ -341,6 +352,25 @@ class Config(Section):
             return tuple(self.tuning.actuator_lag_s or ())
         # Nine decimals: 0.4 times 0.05 s is 0.02 s.
         return tuple(round(factor * self.rear_actuator.lag_s, 9) for factor in factors)
+
+    @property
+    def driven_delay_samples(self) -> int:
+        """Samples between computing a command and its acting in the drives of suites and judgement, and in the ECU's model.
+
+        At least one, because an ECU sends its command one period after sampling.
+        """
+        return max(1, self.plant.command_delay_samples)
+
+    @property
+    def designed_delay_samples(self) -> int:
+        """Delay for which the controller is tuned: `tuning.delay_samples`, or that of the plant where it is longer."""
+        return max(self.tuning.delay_samples, self.plant.command_delay_samples)
+
+    @property
+    def response_aheads_s(self) -> tuple[float, ...]:
+        """Look-aheads on the model, in s, that `codegen tune` tries: multiples of the time from a command to the wheels."""
+        least = self.rear_actuator.lag_s + self.driven_delay_samples * self.controller.sampling_time_s
+        return tuple(round(min(factor * least, RESPONSE_AHEAD_MAX_S), 4) for factor in RESPONSE_AHEAD_FACTORS)
 
     @property
     def rear_steer_case(self) -> str | None:

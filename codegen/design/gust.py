@@ -29,7 +29,7 @@ class GustResponse:
 
 
 def gust_response(config: Config, member: Member, speed: float, kp: float, ki: float) -> GustResponse:
-    """Return the response of one car at a speed in m/s with the gains, and the delay of `[tuning]`."""
+    """Return the response of one car at a speed in m/s with the gains, and the delay of the design."""
     a, b = continuous(config, [member], np.array([speed]))
     period, size = config.controller.sampling_time_s, b.shape[-1]
     heading, path, command, moment = size, size + 1, size + 2, size + 3
@@ -41,7 +41,7 @@ def gust_response(config: Config, member: Member, speed: float, kp: float, ki: f
     whole[path, BETA] = whole[path, heading] = speed
     step = matrix_exponential(whole * period)
     state, integral, largest = np.zeros(size + 4), 0.0, 0.0
-    waiting = [0.0] * config.tuning.delay_samples
+    waiting = [0.0] * config.designed_delay_samples
     for k in range(round((DURATION_S + READ_AFTER_S) / period)):
         integral += period * state[YAW_RATE]
         waiting.append(kp * state[YAW_RATE] + ki * integral)

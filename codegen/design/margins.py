@@ -151,7 +151,7 @@ def _phase_margin(loop: ComplexArray) -> FloatArray:
 def nominal_margins(config: Config, speed: npt.ArrayLike, kp: npt.ArrayLike, ki: npt.ArrayLike) -> Margins:
     """Return margins (n,) of the configured car at speeds (n,) in m/s with gains (n,): Kp in s, Ki.
 
-    The delay is `config.tuning.delay_samples`.
+    The delay is `config.designed_delay_samples`.
     """
     frequency = frequency_grid(config.controller.sampling_time_s)
     found = loop_margins(sample(config, (nominal(config),), speed), kp, ki, frequency)
@@ -232,7 +232,8 @@ def margin_speeds(config: Config) -> FloatArray:
 def weakest(config: Config, gains: Gains) -> Weakest:
     """Return the smallest margins of the configured car over `margin_range_km_h`.
 
-    The delay is `config.tuning.delay_samples`. A build warns where they are below WARN_GAIN_MARGIN_DB or WARN_PHASE_MARGIN_DEG.
+    The delay is `config.designed_delay_samples`. A build warns where they are below WARN_GAIN_MARGIN_DB or
+    WARN_PHASE_MARGIN_DEG.
 
     Args:
         gains: speeds (n,) in m/s -> Kp, Ki (n,); `gains_of` returns it for a schedule.

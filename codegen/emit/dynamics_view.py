@@ -260,7 +260,7 @@ def reference_model_view(config: Config, precision: Precision, *, per_axle: bool
         lateral_acceleration_max=text(LATERAL_ACCELERATION_MAX),
         lateral_acceleration_text=f"{LATERAL_ACCELERATION_MAX:g} m/s^2",
         # A slow command waits for lag and bus alone, whatever the order of the actuator: 1/(share lag^2 s^2 + lag s + 1).
-        actuator_share=text(1.0 - math.exp(-period / (actuator.lag_s + period))),
+        actuator_share=text(1.0 - math.exp(-period / (actuator.lag_s + config.driven_delay_samples * period))),
         actuator_step_max=text(math.radians(actuator.rate_max_deg_s) * period),
         rear_arm=text(car.rear_arm),
         per_axle=per_axle,

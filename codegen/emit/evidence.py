@@ -194,7 +194,7 @@ class Evidence:
             "enough": found.enough,
             "warns_from_km_h": _km_h(found.warns_from),
             "unstable_from_km_h": _km_h(found.unstable_from),
-            "delay_samples": self.config.tuning.delay_samples,
+            "delay_samples": self.config.designed_delay_samples,
         }
 
     def loss_rows(self) -> list[tuple[str, ...]]:

@@ -15,7 +15,6 @@ from codegen.metrics import Runs
 from codegen.sil.batch import BatchSoftware, Drivers, Lanes
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.vehicle.plant_car import varied_cars
-from hil_sim.suite.subjects import DELAY_SAMPLES
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ class Bench:
             speed_factor=np.tile(speed, 2),
             wheel_factor=np.tile(np.broadcast_to(wheel, speed.shape), 2),
             friction=None if friction is None else np.tile(friction, 2),
-            delay_samples=DELAY_SAMPLES,
+            delay_samples=self.config.driven_delay_samples,
             controlled=np.arange(2 * speed.size) < speed.size,
             drivers=twice,
         )

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, TRIM_MAX_PERCENT
+from codegen.configuration.controller import TRIM_MAX_PERCENT
 from codegen.design.family import members
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Margins, family_margins, gains_of
 from codegen.ecu_map.model_excess import COARSE
@@ -118,11 +118,10 @@ def schedule_warnings(config: Config) -> Iterator[str]:
     yield from found
     if schedule.lead_s is None:
         return
-    factor = tracking.response_ahead_s / (lag + config.controller.sampling_time_s)
-    if min(abs(factor / choice - 1.0) for choice in RESPONSE_AHEAD_FACTORS) > AHEAD_TOLERANCE:
+    if min(abs(tracking.response_ahead_s / choice - 1.0) for choice in config.response_aheads_s) > AHEAD_TOLERANCE:
         yield (
-            f"lead and response gain of the schedule were tuned for another actuator than rear_actuator.lag_s = {lag:g}; "
-            "run `codegen tune`"
+            f"lead and response gain of the schedule were tuned for another actuator than rear_actuator.lag_s = {lag:g} with a "
+            f"delay of {config.driven_delay_samples} sample(s); run `codegen tune`"
         )
 
 

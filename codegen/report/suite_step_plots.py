@@ -189,7 +189,7 @@ def steps_figure(result: SuiteResult) -> Figure:
         handles = [*name_handles(result, looks), *reference_handles(result)]
         handles += [spin_handle()] if spun else []
         figure.align_ylabels(panels[:, 0])
-        figure.suptitle("Step steer, as configured: one sample of delay in the computation")
+        figure.suptitle(f"Step steer, as configured: {result.delay_text} in the computation")
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
 

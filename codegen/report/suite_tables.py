@@ -235,7 +235,7 @@ def _cells_text(result: SuiteResult) -> str:
     shares = [f"{100.0 * share:g}" for share in dict.fromkeys(cell.share for cell in result.cells) if share is not None]
     return (
         f"step steers at {_listed(speeds)} km/h with {_listed(shares)} % of the largest feasible front angle, "
-        "one sample of delay in the computation"
+        f"{result.delay_text} in the computation"
     )
 
 

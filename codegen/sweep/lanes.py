@@ -303,7 +303,7 @@ def lanes(
 ) -> Lanes:
     """Return batch inputs for sample numbers in one scenario (index in the spec), for any controller."""
     factors, count = drawn.factors, driven.speed_km_h.size
-    delay = factors.get(DELAY_KEY, _of(factors, "delay_samples", count))
+    delay = factors.get(DELAY_KEY, factors.get("delay_samples", np.full(count, config.driven_delay_samples)))
     period = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
     return Lanes(
         cars=drawn.cars,

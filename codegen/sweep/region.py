@@ -335,7 +335,7 @@ def _is_stable(
         wheel_factor=1.0 / np.maximum(gain, 1.0),
         friction=friction,
         friction_estimate=np.full(mass.size, np.nan),
-        delay_samples=np.full(mass.size, config.tuning.delay_samples),
+        delay_samples=np.full(mass.size, config.designed_delay_samples),
         command_factor=gain,
         controlled=np.full(mass.size, fill_value=True),
         noise=None,

@@ -94,7 +94,7 @@ FACTORS: Mapping[str, Factor] = {
     "steering_percent": Factor(1.0, 500.0, 100.0, "of the scenario's own amplitude at that speed"),
     "rear_lag_s": Factor(0.002, 1.0, None, "lag of the rear actuator", keys=("rear_actuator.lag_s",)),
     "delay_samples": Factor(
-        0.0, 20.0, 1.0, "samples from computing a command to its acting", whole=True, keys=("plant.command_delay_samples",)
+        0.0, 20.0, None, "samples from computing a command to its acting", whole=True, keys=("plant.command_delay_samples",)
     ),
     "speed_noise_m_s": Factor(0.0, 10.0, 0.0, "standard deviation of the measured speed"),
     "front_angle_noise_deg": Factor(0.0, 5.0, 0.0, "standard deviation of the measured front angle"),

@@ -18,7 +18,6 @@ import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config, Schedule
-from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
 from codegen.design.family import ELLIPSOID_SHARE, measured_keys
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.map_file.map import ReferenceMap
@@ -187,10 +186,8 @@ def tune_response(
         software: `compile_controller` of both.
         progress: called with (done, in all), from the beginning for each look-ahead that is tried.
     """
-    least = config.rear_actuator.lag_s + config.controller.sampling_time_s
     tried: list[tuple[float, tuple[Response, ...]]] = []
-    for factor in RESPONSE_AHEAD_FACTORS:
-        ahead = round(min(factor * least, RESPONSE_AHEAD_MAX_S), 4)
+    for ahead in config.response_aheads_s:
         search = _Search.of(reference_map, config, schedule, software, ahead)
         tried.append((ahead, _pairs(search, progress)))
         if all(response.is_met for response in tried[-1][1]):
@@ -301,7 +298,7 @@ class _Search:
             speed_factor=np.repeat(speed, len(SHARES)),
             wheel_factor=np.array([*np.tile(angle[:count].ravel(), len(family)), *angle[count:].ravel()])
             * config.steering.ratio,
-            delay_samples=config.tuning.delay_samples,
+            delay_samples=config.designed_delay_samples,
         )
         over_speed = np.repeat(limits[:, np.newaxis], count, axis=1)
         search = cls(software, schedule, ahead, speeds, over_speed, unit_step(software.config, STEER_TIME, DURATION), lanes)

@@ -194,7 +194,7 @@ class _Drives:
             np.repeat(cars, angle.size, axis=0),
             speed_factor=np.tile(np.repeat(speed, len(ANGLE_SHARES)), len(cars)),
             wheel_factor=np.tile(angle.ravel(), len(cars)) * config.steering.ratio,
-            delay_samples=config.tuning.delay_samples,
+            delay_samples=config.designed_delay_samples,
         )
         return cls(software, config, lanes)
 

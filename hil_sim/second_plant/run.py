@@ -86,7 +86,6 @@ def run(
     config: Config,
     scenario: Scenario,
     *,
-    delay_samples: int = 1,
     parameters: Any | None = None,
     controller_parameters: Any | None = None,
 ) -> FloatArray:
@@ -99,7 +98,6 @@ def run(
         software: a compiled build; None is the passive car, its rear wheels straight.
         config: of the car (see `car_of`), its actuators and time steps; may differ from the build's.
         scenario: scenario; its faults are ignored, because there is no bus.
-        delay_samples: control samples between computing a command and its acting.
         parameters: of the car; None takes the default of `plant.published`.
         controller_parameters: a C parameter struct; None takes the build's.
 
@@ -111,9 +109,7 @@ def run(
     def measured(car: PlantSample) -> dict[str, float]:
         return {"speed": plant.speed, **measured_of(car)}
 
-    return drive(
-        plant, software, config, scenario, measured, delay_samples=delay_samples, controller_parameters=controller_parameters
-    )
+    return drive(plant, software, config, scenario, measured, controller_parameters=controller_parameters)
 
 
 def measured_of(car: PlantSample) -> dict[str, float]:
@@ -151,7 +147,6 @@ def drive(
     scenario: Scenario,
     measured: Callable[[PlantSample], Mapping[str, float]],
     *,
-    delay_samples: int = 1,
     controller_parameters: Any | None = None,
 ) -> FloatArray:
     """Return a recording (samples, 12) of a scenario on any car; see `run`.
@@ -166,7 +161,7 @@ def drive(
     per_sample = round(period / config.plant.sampling_time_s)
     record = np.full((len(inputs) // per_sample, len(RECORD_COLUMNS)), math.nan)
     record[:, 0] = np.arange(len(record)) * period
-    waiting = deque([0.0] * delay_samples)
+    waiting = deque([0.0] * config.driven_delay_samples)
     command, reference, status = 0.0, 0.0, Status.STANDBY
     for index, row in enumerate(record):
         steps = inputs[index * per_sample : (index + 1) * per_sample].tolist()

@@ -28,7 +28,7 @@ from hil_sim.metrics.steering_response import FrequencyResponse, frequency_respo
 from hil_sim.scenarios import Scenario, find
 from hil_sim.suite.cells import NOMINAL, Cell, Condition, up_to
 from hil_sim.suite.runs import CellResult, software_of
-from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
+from hil_sim.suite.subjects import Subject
 
 SINE_SPEEDS = 2
 """Number of speeds of the sine, the largest ones of the cells."""
@@ -112,22 +112,20 @@ def sine_scenario(cell: Cell, ratio: float) -> Scenario:
     return replace(sweep, settings=replace(sweep.settings, speed_km_h=cell.speed_km_h, steering_wheel_angle_deg=angle))
 
 
-def sine_tracking(
-    subject: Subject, cells: Iterable[Cell], condition: Condition = NOMINAL, delay_samples: int = DELAY_SAMPLES
-) -> tuple[SineTracking, ...]:
+def sine_tracking(subject: Subject, cells: Iterable[Cell], condition: Condition = NOMINAL) -> tuple[SineTracking, ...]:
     """Return rows at the largest SINE_SPEEDS speeds of cells at the largest feasible front angle. Raises BuildError."""
     rows: list[SineTracking] = []
     for cell in [cell for cell in cells if cell.share == 1.0][-SINE_SPEEDS:]:
         smaller = Cell(cell.speed_km_h, SINE_SHARE * cell.front_angle_deg, SINE_SHARE)
-        rows += _at_one_speed(subject, smaller, condition, delay_samples)
+        rows += _at_one_speed(subject, smaller, condition)
     return tuple(rows)
 
 
-def _at_one_speed(subject: Subject, cell: Cell, condition: Condition, delay_samples: int) -> list[SineTracking]:
+def _at_one_speed(subject: Subject, cell: Cell, condition: Condition) -> list[SineTracking]:
     software = software_of(subject, condition)
     plant = software.config
     scenario = sine_scenario(cell, plant.steering.ratio)
-    record = subject.loop(software, delay_samples).run(scenario.inputs(plant))
+    record = subject.loop(software).run(scenario.inputs(plant))
     asked = _with_map_yaw_rate(software, record)
     found, of_map = (frequency_response(Run(made, scenario, plant)) for made in (record, asked))
     if spin_time(record) is not None or found is None or of_map is None:

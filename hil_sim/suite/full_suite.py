@@ -23,7 +23,7 @@ from hil_sim.suite.background import Background
 from hil_sim.suite.cells import Cell
 from hil_sim.suite.requirements import Limits
 from hil_sim.suite.runs import THIRD_PARTY, CellResult, judge
-from hil_sim.suite.subjects import DELAY_SAMPLES, PASSIVE, Candidate, Steps, baseline_configs, of_config, tuned
+from hil_sim.suite.subjects import PASSIVE, Candidate, Steps, baseline_configs, of_config, tuned
 from hil_sim.suite.tracking import ExternalFigures, SuiteResult, run_suite
 
 
@@ -38,7 +38,6 @@ def third_party_cells(
     software: Software,
     *,
     controlled: bool = True,
-    delay_samples: int = DELAY_SAMPLES,
 ) -> tuple[CellResult, ...]:
     """Run and evaluate the cells.
 
@@ -56,7 +55,7 @@ def third_party_cells(
     results = []
     for driven in second_plant.cells(reference_map):
         cell = Cell(driven.speed_km_h, math.degrees(driven.front_angle), driven.share)
-        record = second_plant.run(software if controlled else None, config, driven.scenario, delay_samples=delay_samples)
+        record = second_plant.run(software if controlled else None, config, driven.scenario)
         asked = float(software.map_yaw_rate(cell.speed_km_h * KM_H, driven.front_angle))
         results.append(judge(record, cell, THIRD_PARTY, asked, STEER_TIME))
     return tuple(results)

@@ -24,7 +24,7 @@ from hil_sim.metrics import evaluate
 from hil_sim.metrics.run import Figures
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cells import DURATION, STEER_TIME, Cell, Condition, front_angle
-from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
+from hil_sim.suite.subjects import Subject
 
 SENSOR_SEED = 1
 """Seed of the sensors' errors in a condition that has them."""
@@ -77,7 +77,7 @@ def software_of(subject: Subject, condition: Condition) -> Software:
     return subject.around(condition.plant(subject.config))
 
 
-def drive(subject: Subject, condition: Condition, cell: Cell, delay_samples: int = DELAY_SAMPLES) -> FloatArray:
+def drive(subject: Subject, condition: Condition, cell: Cell, delay_samples: int | None = None) -> FloatArray:
     """Return the recording (samples, 12), columns RECORD_COLUMNS, of a subject in a cell, its sensors without errors.
 
     Raises:
@@ -155,7 +155,7 @@ def run_table(subject: Subject, under: Sequence[Condition], points: Sequence[Cel
             wheel_factor=angles * config.steering.ratio,
             friction=condition.friction,
             friction_estimate=estimate,
-            delay_samples=DELAY_SAMPLES,
+            delay_samples=plant.driven_delay_samples,
             controlled=subject.controlled,
             noise=sensor_errors(plant.sensors, samples, len(points), SENSOR_SEED) if condition.with_sensors else None,
         )

@@ -26,9 +26,6 @@ from codegen.sil.software import Software, compile_build, require_can_side
 from codegen.tuning.tune import tune
 from codegen.vehicle.plant_car import optional_parts
 
-DELAY_SAMPLES = 1
-"""Computing delay in all runs: an ECU sends its command one period after sampling."""
-
 PASSIVE = "passive"
 
 PAPERS = ("kind", "proportional_gain_s", "integral_gain", "rear_rate_max_deg_s", "rear_angle_error_max_deg")
@@ -97,10 +94,12 @@ class Subject:
     controlled: bool = True
     parameters: Mapping[str, float] = field(default_factory=dict)
 
-    def loop(self, software: Software, delay_samples: int = DELAY_SAMPLES) -> ClosedLoop:
-        """Return a closed loop at rest. Raises ValueError for an unknown parameter."""
+    def loop(self, software: Software, delay_samples: int | None = None) -> ClosedLoop:
+        """Return a closed loop at rest, by default with the delay of the software's car. Raises ValueError for an unknown
+        parameter."""
         parameters = software.parameters(**self.parameters) if self.parameters else None
-        return ClosedLoop(software, LoopOptions(self.controlled, delay_samples, parameters=parameters))
+        delay = software.config.driven_delay_samples if delay_samples is None else delay_samples
+        return ClosedLoop(software, LoopOptions(self.controlled, delay, parameters=parameters))
 
 
 def around(reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> Build:

@@ -34,7 +34,7 @@ from hil_sim.suite.runs import (
     run_table,
     summarise,
 )
-from hil_sim.suite.subjects import DELAY_SAMPLES, PASSIVE, Subject, passive_of
+from hil_sim.suite.subjects import PASSIVE, Subject, passive_of
 
 SHOWN = ((60.0, 0.75), (100.0, 0.75))
 """Speed (km/h) and share of the cells that are kept for pictures, beside the last one."""
@@ -98,7 +98,7 @@ class SuiteResult:
         third_party: each subject on the third party's plant.
         instructions: worst-case instructions of a step of the subject under test; None if not counted.
         requirements: required and measured figures. limits: required values.
-        actuator_lag_s: actuator lag of the configured car.
+        actuator_lag_s, delay_samples: lag of the actuator, and delay of the commands, of the configured car.
     """
 
     tested: str
@@ -119,6 +119,12 @@ class SuiteResult:
     requirements: tuple[Requirement, ...] = ()
     limits: Limits = field(default_factory=Limits)
     actuator_lag_s: float = 0.05
+    delay_samples: int = 1
+
+    @property
+    def delay_text(self) -> str:
+        """Delay of the commands in words."""
+        return "one sample of delay" if self.delay_samples == 1 else f"{self.delay_samples} samples of delay"
 
     @property
     def passed(self) -> bool:
@@ -169,7 +175,7 @@ class SuiteResult:
             "tested": self.tested,
             "passed": self.passed,
             "subjects": list(self.subjects),
-            "delay_samples": DELAY_SAMPLES,
+            "delay_samples": self.delay_samples,
             "cells": [cell.to_dict() for cell in self.cells],
             "conditions": [condition.to_dict() for condition in self.conditions],
             "design_set": self.design_set,
@@ -251,6 +257,7 @@ def run_suite(
         path_errors={subject.name: path_errors(subject) for subject in subjects},
         timing={subject.name: timing_errors(subject) for subject in subjects if subject.controlled},
         actuator_lag_s=config.rear_actuator.lag_s,
+        delay_samples=config.driven_delay_samples,
     )
     return measured.with_outside(ExternalFigures() if outside is None else outside)
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from codegen.design.family import MEMBERS_MAX, Member, members, nominal
-from codegen.design.sampled import frequency_grid, sample
+from codegen.design.margins import loop_margins
+from codegen.design.sampled import frequency_grid, linearised, sample
 from codegen.errors import ConfigError
 from codegen.vehicle.single_track import SingleTrack
 from tests.whole_car import car
@@ -100,3 +101,20 @@ def test_empty_and_too_long_lists_are_refused() -> None:
     # A million combinations of each stiffness would fill the memory if made before the check.
     with pytest.raises(ConfigError, match=f"at most {MEMBERS_MAX} are taken; list fewer"):
         members(small_config(stiffness_percent=[0.01 * k for k in range(1000)]))
+
+
+@pytest.mark.parametrize(("asked", "plant", "delay"), [(0, 0, 0), (1, 0, 1), (1, 20, 20), (5, 2, 5)])
+def test_the_loop_has_the_delay_of_the_bus(asked: int, plant: int, delay: int) -> None:
+    config = small_config({"plant": {"command_delay_samples": plant}}, delay_samples=asked)
+    assert sample(config, [Member(0.05)], SPEEDS).delay == delay
+    assert linearised(config, SPEEDS, 0.9).sampled.delay == delay
+
+
+def test_poles_decide_with_a_long_delay_too() -> None:
+    """Half of the gain at the stability boundary is stable, twice that gain is not; 0.5 s of delay."""
+    config = small_config({"plant": {"command_delay_samples": 50}})
+    cars = sample(config, [Member(0.05, relaxation_length=0.4)], SPEEDS[:3])
+    gain = 10.0 ** (loop_margins(cars, 0.01, 0.02, frequency_grid(0.01)).gain_margin_db / 20.0)
+    assert (gain > 1.0).all()
+    assert cars.closed_loop_stable(0.005 * gain, 0.01 * gain).all()
+    assert not cars.closed_loop_stable(0.02 * gain, 0.04 * gain).any()

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from codegen.arrays import FloatArray
-from codegen.emit.dynamics_view import LATERAL_ACCELERATION_MAX, SIDESLIP_MAX, tabulate
+from codegen.emit.dynamics_view import LATERAL_ACCELERATION_MAX, SIDESLIP_MAX, reference_model_view, tabulate
 from codegen.errors import BuildError
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
@@ -102,3 +102,15 @@ def test_the_step_is_stable_and_accurate_from_the_enabling_speed_for_any_plausib
     for _ in range(200 + round(50.0 * relaxation / speeds[0] / period) + round(20.0 / model.share)):
         state = model.step(state, np.tile(inputs(1.0)[:, :1], 20))
     assert np.ptp(state, axis=1).max() < 1e-6
+
+
+def test_the_rear_angle_of_the_model_waits_for_lag_and_bus() -> None:
+    """A command acts at least one sample late, so the model of a car without a delay is that of one with one sample."""
+    period, lag = CONFIG.controller.sampling_time_s, CONFIG.rear_actuator.lag_s
+    shares = []
+    for delay in (0, 1, 20):
+        config = CONFIG.replace({"plant.command_delay_samples": delay})
+        shares.append(float(reference_model_view(config, "double").actuator_share))
+        assert SecondReferenceModel(config, np.float64).share == shares[-1]
+    assert shares == pytest.approx([1.0 - math.exp(-period / (lag + late * period)) for late in (1, 1, 20)], rel=1e-15)
+    assert shares[0] == shares[1]

@@ -380,10 +380,11 @@ def test_parameters_and_one_sample_of_delay_reach_the_controller(pi: Subject) ->
     assert overshoots[1] < 0.5 * overshoots[0]
     with pytest.raises(ValueError, match="no parameter 'gain'"):
         run_table(replace(pi, parameters={"gain": 1.0}), [NOMINAL], [c1(CONFIG)])
-    # The first nonzero command moves the rear axle one period later than without delay.
+    # The first nonzero command moves the rear axle one period later than without delay, and later on a bus with more.
+    slow_bus = replace(NOMINAL, plant=lambda config: config.replace({"plant.command_delay_samples": 4}))
     late, prompt = drive(pi, NOMINAL, c1(CONFIG)), drive(pi, NOMINAL, c1(CONFIG), delay_samples=0)
-    moved = [int(np.flatnonzero(column(made, "rear_angle_rad"))[0]) for made in (late, prompt)]
-    assert moved[0] == moved[1] + 1
+    moved = [int(np.flatnonzero(column(made, "rear_angle_rad"))[0]) for made in (late, prompt, drive(pi, slow_bus, c1(CONFIG)))]
+    assert moved[0] == moved[1] + 1 and moved[2] == moved[1] + 4
 
 
 def test_road_and_estimate_reach_plant_and_controller(pi: Subject) -> None:
@@ -489,17 +490,17 @@ def test_third_partys_cells_are_judged_by_the_same_figures(
     pi: Subject, controlled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A synthetic recording replaces its simulation, which has its own tests."""
-    driven: list[tuple[bool, float, int]] = []
+    driven: list[tuple[bool, float]] = []
 
-    def run(software: Any, config: Config, scenario: Any, *, delay_samples: int) -> np.ndarray:
-        driven.append((software is not None, scenario.settings.speed_km_h, delay_samples))
+    def run(software: Any, config: Config, scenario: Any) -> np.ndarray:
+        driven.append((software is not None, scenario.settings.speed_km_h))
         made = ramp_with_peak()
         made[:, 0] += SECOND_STEER_TIME - STEER_TIME
         return made
 
     monkeypatch.setattr(second_plant, "run", run)
     rows = third_party_cells(builds.paper_map(), CONFIG, software_of(pi, NOMINAL), controlled=controlled)
-    assert driven == [(controlled, speed, 1) for speed in (40.0, 70.0, 100.0) for _ in range(3)]
+    assert driven == [(controlled, speed) for speed in (40.0, 70.0, 100.0) for _ in range(3)]
     assert [row.cell.share for row in rows[:3]] == [0.3, 0.6, 0.9]
     for row in rows:
         assert (row.overshoot_percent, row.rise_time_s) == pytest.approx((20.0, 0.38))

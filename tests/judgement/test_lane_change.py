@@ -20,7 +20,6 @@ from codegen.metrics import Runs
 from codegen.sil.batch import BatchSoftware, compile_batch
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from hil_sim.manoeuvres import Hands, RoadPath
-from hil_sim.suite.subjects import DELAY_SAMPLES
 from tests import builds, shared
 
 
@@ -35,11 +34,11 @@ def software() -> BatchSoftware:
 def test_a_driver_of_a_batch_is_the_driver_of_a_single_run(software: BatchSoftware, controlled: bool, speed: float) -> None:
     """The batch integrates the position once a sample; on this track that is less than a centimetre."""
     built, hands = builds.of_kind("feedforward"), DRIVERS[9:12]
-    config = built.software.config
+    config = built.software.config.replace({"plant.command_delay_samples": 3 if speed == 60.0 else 0})
     found = Drives(Bench(software, config), hands).sideslips(speed)[0 if controlled else 1]
     for sideslip, each in zip(found, hands, strict=True):
         scenario = LaneChange.at(speed, each)
-        loop, driver = ClosedLoop(built.software, LoopOptions(controlled, DELAY_SAMPLES)), scenario.driver(config)
+        loop, driver = ClosedLoop(built.software, LoopOptions(controlled, config.driven_delay_samples)), scenario.driver(config)
         assert driver is not None
         record = loop.run_stepped(scenario.inputs(config), driver.steer)
         one = sideslips_if_passed(Runs.of_record(record, 2.0), scenario, config)

@@ -36,7 +36,7 @@ def test_the_chosen_pairs_keep_their_limits_when_simulated_alone(monkeypatch: py
     """Rise times may differ by one sample, because the steady yaw rate is averaged over another second."""
     monkeypatch.setattr(transient, "RESPONSE_GAINS_S", (0.0, 0.1))
     monkeypatch.setattr(transient, "LEADS_S", LEADS_S[::2])
-    monkeypatch.setattr(transient, "RESPONSE_AHEAD_FACTORS", (1.0,))
+    monkeypatch.setattr("codegen.configuration.RESPONSE_AHEAD_FACTORS", (1.0,))
     schedule = Schedule(speed_km_h=[15.0, 60.0, 100.0], proportional_gain_s=[0.03, 0.06, 0.09], integral_gain=[1.7, 1.2, 0.8])
     config = with_tracking(builds.TRACKING_CONFIG, {"schedule": schedule}, "test")
     done: list[tuple[int, int]] = []

@@ -56,7 +56,8 @@ def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
                 data.append(line(speed / KM_H, finite, f"{name}, {whose}", colour, dash=dash, hovertemplate=told, **where))
     if not shown:
         return None
-    asked = next(iter(configs.values())).tuning
+    first = next(iter(configs.values()))
+    asked = first.tuning
     shapes = []
     for row, (wanted, warned) in enumerate(
         ((asked.gain_margin_db, WARN_GAIN_MARGIN_DB), (asked.phase_margin_deg, WARN_PHASE_MARGIN_DEG))
@@ -71,8 +72,8 @@ def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
         shapes=shapes,
     )
     caption = (
-        f"Margins of the yaw-rate loop over speed, delay {asked.delay_samples} sample(s). Both are zero where it is unstable; "
-        "a line ends where no change of gain, or of phase, would make it so. "
+        f"Margins of the yaw-rate loop over speed, delay {first.designed_delay_samples} sample(s). Both are zero where it "
+        "is unstable; a line ends where no change of gain, or of phase, would make it so. "
         f"Level: {asked.gain_margin_db:g} dB and {asked.phase_margin_deg:g} deg that `codegen tune` designs for (dashed), "
         f"{WARN_GAIN_MARGIN_DB:g} dB and {WARN_PHASE_MARGIN_DEG:g} deg below which a build warns (dotted)."
     )

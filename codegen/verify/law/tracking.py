@@ -149,7 +149,8 @@ class SecondReferenceModel:
             for tyre, slip in zip((tyres.front, tyres.rear), slips, strict=True)
         ]
         self.acceleration_max = real(LATERAL_ACCELERATION_MAX)
-        self.share = real(1.0 - math.exp(-period / (actuator.lag_s + period)))
+        delay = max(1, config.plant.command_delay_samples) * period
+        self.share = real(1.0 - math.exp(-period / (actuator.lag_s + delay)))
         self.travel = real(math.radians(actuator.rate_max_deg_s) * period)
         self.rear_arm = real(vehicle.cg_to_rear_axle_m)
         self.rear_slip = real(vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase * stiffness))
