@@ -16,6 +16,7 @@ import numpy as np
 
 from codegen.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from codegen.configuration import Tuning
+from codegen.configuration.controller import INTEGRAL_GAIN_MAX, INTEGRAL_GAIN_MIN, PROPORTIONAL_GAIN_MAX_S
 from codegen.design.family import Member
 from codegen.design.margins import Margins, loop_margins, worst_of
 from codegen.design.sampled import SampledCar
@@ -26,7 +27,7 @@ ROUNDING = (0.025, 0.015, 0.011)
 RESERVE = (0.05, 0.25, 0.005)
 """Step of reserve on top of the demands, in dB, deg and sensitivity."""
 
-KP_GRID = np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 25)])
+KP_GRID = np.unique(np.minimum(np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 25)]), PROPORTIONAL_GAIN_MAX_S))
 KI_MIN, KI_MAX = 1e-4, 100.0
 REFINEMENTS = 3
 REFINED_POINTS = 9
@@ -163,6 +164,8 @@ class Cars:
 def best_gains(cars: Cars, demands: Demands, binding: list[Member]) -> tuple[float, float] | Shortfall:
     """Return (Kp, Ki) with the largest Ki with which all cars meet the demands, or the shortfall where there are none.
 
+    Both are within the range of a schedule, whose smallest Ki may be too large.
+
     Args:
         cars: at least one.
         demands: demands on each car.
@@ -171,6 +174,7 @@ def best_gains(cars: Cars, demands: Demands, binding: list[Member]) -> tuple[flo
     active = [place for place, member in enumerate(cars.members) if member in binding] or [0]
     while True:
         kp, ki = _search(cars.pick(active), demands.pick(active))
+        ki = min(max(ki, INTEGRAL_GAIN_MIN), INTEGRAL_GAIN_MAX)
         short = cars.worst_for(demands, kp, ki)
         if short is None:
             return kp, ki

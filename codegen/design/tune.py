@@ -280,9 +280,11 @@ def _unmet(config: Config, short: Shortfall, ends: tuple[float, float] | None = 
             where="tuning.speed_km_h",
             remedy="list a breakpoint between them",
         )
+    prefix = "slow_" if short.member.is_slow else ""
     narrow = "drive with more excitation, remove [identified]" if measured_keys(config) else "narrow the family"
     return ConfigError(
         f"no gains meet the demands at {short.speed_km_h:.4g} km/h: the car with {short.member} {short.reached}",
         where="[tuning]",
-        remedy=f"lower gain_margin_db or phase_margin_deg, raise sensitivity_max, {narrow}, or end the grid sooner",
+        remedy=f"lower {prefix}gain_margin_db or {prefix}phase_margin_deg, raise {prefix}sensitivity_max, {narrow}, "
+        "or end the grid sooner",
     )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from codegen.configuration import Config, Schedule
+from codegen.configuration.controller import INTEGRAL_GAIN_MAX
 from codegen.design.family import Member, members, nominal
 from codegen.design.margins import gains_of, loop_margins, nominal_margins
 from codegen.design.sampled import frequency_grid, sample
@@ -157,6 +158,27 @@ def test_the_speed_without_sufficient_gains_is_reported(monkeypatch: pytest.Monk
         tune(small_config())
     start = "tuning.speed_km_h: straight lines between the gains at 15 and 42.5 km/h do not meet the demands: at "
     assert str(refused.value).startswith(start)
+
+
+@pytest.mark.parametrize(
+    ("demands", "prefix"),
+    [
+        ({"sensitivity_max": 1.05}, ""),
+        ({"sensitivity_max": 1.05, "gain_margin_db": 39.0}, ""),
+        ({"slow_sensitivity_max": 1.05}, "slow_"),
+    ],
+)
+def test_demands_that_no_gain_of_a_schedule_meets_are_refused(demands: dict[str, float], prefix: str) -> None:
+    """They leave an integral gain, but a smaller one than a schedule can have."""
+    config = small_config({"plant": {"actuator_motor_share": 1.0}}, actuator_lag_s=[0.1], mass_percent=[20.0], **demands)
+    with pytest.raises(ConfigError, match=rf"at \d+ km/h: .*; lower {prefix}gain_.* raise {prefix}sensitivity_max, narrow"):
+        tune(config)
+
+
+def test_no_gain_exceeds_what_a_schedule_can_have() -> None:
+    weak = {"gain_margin_db": 1.0, "phase_margin_deg": 5.0, "sensitivity_max": 10.0}
+    schedule = tune(small_config(actuator_lag_s=[0.002], relaxation_length_m=[0.0], **weak))
+    assert max(schedule.integral_gain) == INTEGRAL_GAIN_MAX
 
 
 def test_beyond_the_grid_the_gains_are_held_even_if_insufficient() -> None:
