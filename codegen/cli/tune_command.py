@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid", "tightening")
 """Tables of the configuration from which a map is solved. Storing other ones in the map would misdescribe it."""
 
+MARGINS = ("gain_margin_db", "phase_margin_deg", "sensitivity")
+DEMANDS = ("gain_margin_db", "phase_margin_deg", "sensitivity_max")
+
 GAIN_COLUMNS = {
     "speed km/h": "{speed_km_h:g}",
     "Kp s": "{proportional_gain_s:.4g}",
@@ -36,7 +39,8 @@ GAIN_COLUMNS = {
     "phase margin deg": "{phase_margin_deg:.2f}",
     "sensitivity": "{sensitivity:.2f}",
     "cars": "{cars}",
-    "nearest to a demand": "{limiting}",
+    "slow cars": "{slow}",
+    "nearest to a demand, without slow cars": "{limiting}",
 }
 RESPONSE_COLUMNS = {
     "speed km/h": "{speed_km_h:g}",
@@ -228,10 +232,18 @@ def _trim_text(told: dict[str, Any]) -> str:
 def _rows(made: Design) -> list[dict[str, Any]]:
     columns = {key: value for key, value in made.schedule.model_dump().items() if value is not None}
     rows = [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
-    for row, counted, limiting in zip(rows, made.counted, made.limiting, strict=True):
+    for row, counted, limiting, slow in zip(rows, made.counted, made.limiting, made.slow, strict=True):
         row["cars"] = counted
         row["limiting"] = dataclasses.asdict(limiting)
+        row["slow"] = None if slow is None else dict(zip(MARGINS, slow, strict=True))
     return rows
+
+
+def _slow_text(margins: Mapping[str, float] | None) -> str:
+    if margins is None:
+        return "-"
+    gain, phase, peak = margins.values()
+    return f"{gain:.2f} dB, {phase:.2f} deg, {peak:.2f}"
 
 
 def _to_dict(config: Config, made: Design, least: Weakest) -> dict[str, Any]:
@@ -239,10 +251,8 @@ def _to_dict(config: Config, made: Design, least: Weakest) -> dict[str, Any]:
 
     tuning = config.tuning
     return {
-        "demands": {key: getattr(tuning, key) for key in ("gain_margin_db", "phase_margin_deg", "sensitivity_max")},
-        "demands_on_slow": {
-            key: getattr(tuning, f"slow_{key}") for key in ("gain_margin_db", "phase_margin_deg", "sensitivity_max")
-        },
+        "demands": {key: getattr(tuning, key) for key in DEMANDS},
+        "demands_on_slow": {key: getattr(tuning, f"slow_{key}") for key in DEMANDS},
         "delay_samples": config.designed_delay_samples,
         "family": made.family_size,
         **({"family_from": told} if (told := origin(config)) else {}),
@@ -259,8 +269,8 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
     console.say(
         f"{output}: {made.family_size} cars, delay of {config.designed_delay_samples} samples; required: at least "
         f"{tuning.gain_margin_db:g} dB, {tuning.phase_margin_deg:g} deg, and a peak sensitivity of at most "
-        f"{tuning.sensitivity_max:g}; with twice the lag and a relaxation length {tuning.slow_gain_margin_db:g} dB, "
-        f"{tuning.slow_phase_margin_deg:g} deg and {tuning.slow_sensitivity_max:g}"
+        f"{tuning.sensitivity_max:g}; slow cars, with twice the lag and a relaxation length, "
+        f"{tuning.slow_gain_margin_db:g} dB, {tuning.slow_phase_margin_deg:g} deg and {tuning.slow_sensitivity_max:g}"
     )
     console.say(*(f"family: {told}" for told in (origin(config),) if told))
     if config.top_speed_km_h > config.grid.last_speed_km_h:
@@ -270,7 +280,8 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
         )
     console.say(f"The design ends at {config.top_speed_km_h:g} km/h. At higher speeds the C holds the last gains.")
     rows = zip(_rows(made), made.limiting, strict=True)
-    console.say(_table(GAIN_COLUMNS, ({**row, "limiting": limiting} for row, limiting in rows)))
+    shown = ({**row, "limiting": limiting, "slow": _slow_text(row["slow"])} for row, limiting in rows)
+    console.say(_table(GAIN_COLUMNS, shown))
     console.say(
         f"the configured car: at least {least.gain_margin_db:.1f} dB (at {least.gain_margin_speed / KM_H:.0f} km/h) "
         f"and {least.phase_margin_deg:.1f} deg (at {least.phase_margin_speed / KM_H:.0f} km/h)"

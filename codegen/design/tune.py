@@ -24,7 +24,7 @@ from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config, Schedule
 from codegen.configuration.controller import SCHEDULE_POINTS_MAX
 from codegen.design.family import Member, measured_keys, members, nominal
-from codegen.design.margins import concatenate, worst_of
+from codegen.design.margins import Margins, worst_of
 from codegen.design.sampled import SampledCar, frequency_grid, sample
 from codegen.design.search import Cars, Demands, Shortfall, best_gains
 from codegen.errors import ConfigError
@@ -72,13 +72,15 @@ class Design:
     Attributes:
         schedule: gains and the worst margins of the counted cars that are not slow (`Member.is_slow`), or of the configured
             car where none counts.
-        limiting: the counted car that is nearest to one of the demands, or misses it most.
+        limiting: the counted car that is not slow and nearest to one of its demands, or misses it most.
+        slow: worst margins of the counted slow cars in dB and deg, and their peak sensitivity; None where none counts.
         counted: number of members that meet the demands; 0 beyond the grid where no gains were found.
         family_size: number of members.
     """
 
     schedule: Schedule
     limiting: tuple[Member, ...]
+    slow: tuple[tuple[float, ...] | None, ...]
     counted: tuple[int, ...]
     family_size: int
 
@@ -249,17 +251,21 @@ class _Designer:
 
     def result(self) -> Design:
         """Return the schedule with the margins at its breakpoints."""
-        found, limiting, counted = [], [], []
+        found, limiting, slow, counted = [], [], [], []
         for place, point in enumerate(self.points):
             if point.counted == Counted.NOBODY:
                 point.kp, point.ki = self.points[place - 1].kp, self.points[place - 1].ki
             cars = self.cars((point.speed_km_h,), max(point.counted, Counted.CONFIGURED), point.beyond)
-            margins = cars.margins(point.kp, point.ki)
-            others = [place for place, member in enumerate(cars.members) if not member.is_slow]
-            found.append(worst_of(cars.pick(others).margins(point.kp, point.ki))[0])
-            limiting.append(cars.members[int(Demands.of(self.config.tuning, cars.members).score(margins).argmin())])
+            quick, late = (
+                cars.pick([place for place, member in enumerate(cars.members) if member.is_slow == is_slow])
+                for is_slow in (False, True)
+            )
+            margins = quick.margins(point.kp, point.ki)
+            found.append(_rounded(worst_of(margins)[0]))
+            limiting.append(quick.members[int(Demands.of(self.config.tuning, quick.members).score(margins).argmin())])
+            slow.append(_rounded(worst_of(late.margins(point.kp, point.ki))[0]) if len(late) else None)
             counted.append(len(cars) if point.counted else 0)
-        gain, phase, peak = (np.round(np.minimum(x, UNBOUNDED), 2).tolist() for x in concatenate(found).figures())
+        gain, phase, peak = (list(column) for column in zip(*found, strict=True))
         schedule = Schedule(
             speed_km_h=[point.speed_km_h for point in self.points],
             proportional_gain_s=[point.kp for point in self.points],
@@ -268,7 +274,12 @@ class _Designer:
             phase_margin_deg=phase,
             sensitivity=peak,
         )
-        return Design(schedule, tuple(limiting), tuple(counted), len(self.family))
+        return Design(schedule, tuple(limiting), tuple(slow), tuple(counted), len(self.family))
+
+
+def _rounded(margins: Margins) -> tuple[float, ...]:
+    """Return margins (1,) as a file holds them."""
+    return tuple(float(np.round(np.minimum(value[0], UNBOUNDED), 2)) for value in margins.figures())
 
 
 def _unmet(config: Config, short: Shortfall, ends: tuple[float, float] | None = None) -> ConfigError:

@@ -17,7 +17,14 @@ import numpy as np
 from codegen import configuration
 from codegen.arrays import FloatArray
 from codegen.configuration import KM_H
-from codegen.design.margins import gains_of, margin_range_km_h, nominal_margins
+from codegen.design.margins import (
+    WARN_GAIN_MARGIN_DB,
+    WARN_PHASE_MARGIN_DEG,
+    family_margins,
+    gains_of,
+    margin_range_km_h,
+    nominal_margins,
+)
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.total import RULE_TEXT, Rule
 from codegen.files import write_atomically
@@ -204,27 +211,28 @@ def margins() -> Figure:
         ("kind pi, the paper's fixed gains", look.VERMILION, nominal_margins(paper, speed, *constant)),
         ("kind tracking, scheduled", look.BLUE, nominal_margins(recommended, speed, *gains_of(schedule)(speed))),
     )
-    tuning = recommended.tuning
+    designed = np.array(schedule.speed_km_h)
+    families = [
+        family_margins(recommended, designed * KM_H, *gains_of(schedule)(designed * KM_H), slow=s)[0] for s in (False, True)
+    ]
     sides = (
-        ("Gain margin (dB)", "gain_margin_db", tuning.gain_margin_db, 6.0, schedule.gain_margin_db),
-        ("Phase margin (deg)", "phase_margin_deg", tuning.phase_margin_deg, 30.0, schedule.phase_margin_deg),
+        ("Gain margin (dB)", "gain_margin_db", WARN_GAIN_MARGIN_DB),
+        ("Phase margin (deg)", "phase_margin_deg", WARN_PHASE_MARGIN_DEG),
     )
+    groups = (("", "v", look.BLUE, "all but slow cars"), ("slow_", "^", look.ORANGE, "slow cars"))
     with look.style():
         figure = look.new_figure(WIDTH, 3.6)
-        for axes, (label, field, demand, warning, worst) in zip(figure.subplots(1, 2), sides, strict=True):
+        for axes, (label, field, warning) in zip(figure.subplots(1, 2), sides, strict=True):
             for name, colour, found in lines:
                 axes.plot(speed_km_h, getattr(found, field), color=colour, label=f"{name}: the car itself")
-            axes.plot(
-                schedule.speed_km_h,
-                worst,
-                "v",
-                color=look.BLUE,
-                markerfacecolor=look.WHITE,
-                label="worst of the family, designed",
-            )
-            axes.axhline(demand, color=look.GREEN, linestyle="--", linewidth=1.1, label="required of every car")
+            for (prefix, marker, colour, whose), found in zip(groups, families, strict=True):
+                worst, demand = getattr(found, field), getattr(recommended.tuning, f"{prefix}{field}")
+                axes.plot(
+                    designed, worst, marker, color=colour, markerfacecolor=look.WHITE, label=f"worst of {whose}, designed"
+                )
+                axes.axhline(demand, color=colour, linestyle="--", linewidth=1.1, label=f"required of {whose}")
             axes.axhline(warning, color=look.GREY, linestyle=":", linewidth=1.1, label="a build warns below")
-            axes.set(xlabel=look.SPEED_LABEL, ylabel=label, xlim=(speed_km_h[0], speed_km_h[-1]), ylim=(0.0, None))
+            axes.set(xlabel=look.SPEED_LABEL, ylabel=label, xlim=(speed_km_h[0] - 4.0, speed_km_h[-1] + 4.0), ylim=(0.0, None))
             axes.grid(True)
         handles = axes.get_legend_handles_labels()[0]
         figure.legend(handles=handles, loc="outside lower center", ncols=2)

@@ -202,3 +202,7 @@ def test_beyond_the_grid_the_gains_are_held_even_if_insufficient() -> None:
     assert schedule.gain_margin_db[-1] == pytest.approx(float(own.gain_margin_db[0]), abs=0.006)
     assert schedule.gain_margin_db[-1] < config.tuning.gain_margin_db
     assert made.limiting[-1] == nominal(config)
+    # Its family has one slow car, whose margins are not among those of the schedule.
+    slow = [member for member in members(config) if member.is_slow]
+    assert made.slow[-1] is None and made.slow[0] == pytest.approx(worst(config, slow, schedule, 15.0), abs=0.015)
+    assert not any(member.is_slow for member in made.limiting)

@@ -75,7 +75,9 @@ def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
         f"Margins of the yaw-rate loop over speed, delay {first.designed_delay_samples} sample(s). Both are zero where it "
         "is unstable; a line ends where no change of gain, or of phase, would make it so. "
         f"Level: {asked.gain_margin_db:g} dB and {asked.phase_margin_deg:g} deg that `codegen tune` designs for (dashed), "
-        f"{WARN_GAIN_MARGIN_DB:g} dB and {WARN_PHASE_MARGIN_DEG:g} deg below which a build warns (dotted)."
+        f"{WARN_GAIN_MARGIN_DB:g} dB and {WARN_PHASE_MARGIN_DEG:g} deg below which a build warns (dotted). The worst of "
+        "the family is without cars that have both at least twice the lag and a relaxation length, which need "
+        f"{asked.slow_gain_margin_db:g} dB and {asked.slow_phase_margin_deg:g} deg."
     )
     return Chart("margins", {"data": data, "layout": look}, caption, f"Margins over speed of {', '.join(shown)}.", 560)
 
