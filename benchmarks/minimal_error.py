@@ -23,13 +23,8 @@ from codegen.units import KM_H
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, two_track
 from codegen.vehicle.tyre import slip_bounds
 from hil_sim.metrics.run import column
-<<<<<<< HEAD
 from hil_sim.suite.cells import STEER_TIME, Cell, cells, ideal
-from hil_sim.suite.subjects import DELAY_SAMPLES, Subject, recommended
-=======
-from hil_sim.suite.cells import STEER_TIME, Cell, cells
 from hil_sim.suite.subjects import Subject, recommended
->>>>>>> 1467ad17 (Delay of the bus: design, tuning, judgement, suites, campaigns and the reference model take it from the plant)
 
 SPEEDS_KM_H, QUICK_SHARES = (80.0, 100.0, 120.0), (0.75,)
 AFTER_S = 2.0
@@ -228,13 +223,8 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     notes = (
         "Errors in deg/s, rms, against the map at the front angle of each instant, "
         f"over {AFTER_S:g} s from the beginning of the steering; t90 in s; rear angle in deg, below zero where it is opposite.",
-<<<<<<< HEAD
         "The plant is the ideal one, without relaxation and roll, with an actuator of first order without backlash.",
-        f"The build's command acts {DELAY_SAMPLES} sample after its measurement, as in the suite; "
-        "the optimum measures nothing.",
-=======
         "The build's command acts as late as in the suite; the optimum measures nothing.",
->>>>>>> 1467ad17 (Delay of the bus: design, tuning, judgement, suites, campaigns and the reference model take it from the plant)
     )
     return CountReport((("Yaw-rate error against the control with the smallest one", header, tuple(rows)),), notes)
 

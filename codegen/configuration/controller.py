@@ -331,23 +331,14 @@ class Tuning(Section):
         NotEmpty(),
         Meaning("relaxation lengths of all tyres"),
     ] = Field(default_factory=lambda: [0.0, 0.3, 0.6])
-<<<<<<< HEAD
-    delay_samples: Annotated[int, Meaning("between the computation of a command and its effect")] = Field(
-        default=1, ge=0, le=20
-    )
+    delay_samples: Annotated[
+        int, Meaning("between the computation of a command and its effect; at least `plant.command_delay_samples` is used")
+    ] = Field(default=1, ge=0, le=20)
     gain_margin_db: Annotated[float, Range(1.0, 40.0, "dB"), Meaning("minimum for every member but slow ones")] = 8.0
     phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("minimum for every member but slow ones")] = 45.0
     sensitivity_max: Annotated[
         float, Range(1.05, 10.0), Meaning("largest peak of the sensitivity of any member but slow ones")
     ] = 1.8
-=======
-    delay_samples: Annotated[
-        int, Meaning("between the computation of a command and its effect; at least `plant.command_delay_samples` is used")
-    ] = Field(default=1, ge=0, le=20)
-    gain_margin_db: Annotated[float, Range(1.0, 40.0, "dB"), Meaning("minimum for every member")] = 8.0
-    phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("minimum for every member")] = 45.0
-    sensitivity_max: Annotated[float, Range(1.05, 10.0), Meaning("largest peak of the sensitivity of any member")] = 1.8
->>>>>>> 1467ad17 (Delay of the bus: design, tuning, judgement, suites, campaigns and the reference model take it from the plant)
     # Left out of files that do not set them, so that existing maps and builds do not change.
     slow_gain_margin_db: Annotated[
         float, Range(1.0, 40.0, "dB"), Meaning("the same for a slow member: at least twice the lag *and* a relaxation length")

@@ -63,8 +63,8 @@ SIDESLIP_RETURN, SIDESLIP_SHARE_OF_LEAD, SIDESLIP_GAIN = 0.4, 3.0, 2.0
 0.5 deg wrong. Healthy cars lead their lateral acceleration with little sideslip out of the turn."""
 
 ESTIMATE_FACTOR = 1.25
-"""Factor of kind "tracking" on a friction estimate from outside: 0.4 demands the turn of 0.5. The demand falls in proportion to the
-friction, and the map leaves a part of the grip unused. Without the factor an exact estimate would turn the car less than none."""
+"""Factor of kind "tracking" on a friction estimate from outside: 0.4 demands the turn of 0.5. The demand falls in proportion to
+the friction, and the map leaves a part of the grip unused. Without it an exact estimate would turn the car less than none."""
 
 REFERENCE_OVERSHOOT = 1.15
 """Largest yaw rate of the reference model, as a multiple of the yaw rate that the assumed friction allows."""
