@@ -24,7 +24,7 @@ from codegen.units import KM_H
 
 TRIM_WARNING_FACTOR = 2.0
 """Warn when the trim exceeds this multiple of the required trim; extra trim increases overshoot."""
-MARGIN_TOLERANCE_DB, MARGIN_TOLERANCE_DEG = 0.05, 0.2
+MARGIN_TOLERANCE_DB, MARGIN_TOLERANCE_DEG, SENSITIVITY_TOLERANCE = 0.05, 0.2, 0.02
 """`codegen tune` rounds gains to four digits."""
 AHEAD_TOLERANCE = 0.02
 RECORD_BYTES_MAX = 2**24
@@ -131,11 +131,17 @@ def family_warnings(config: Config, margins: Margins, *, slow: bool = False) -> 
     prefix, cars = ("slow_", "the slow cars of the family") if slow else ("", "the family of cars")
     least_db, least_deg = (getattr(config.tuning, f"{prefix}{key}") for key in ("gain_margin_db", "phase_margin_deg"))
     gain, phase = float(margins.gain_margin_db.min()), float(margins.phase_margin_deg.min())
+    peak, peak_max = float(margins.sensitivity.max()), getattr(config.tuning, f"{prefix}sensitivity_max")
     if gain < least_db - MARGIN_TOLERANCE_DB or phase < least_deg - MARGIN_TOLERANCE_DEG:
         kept = f"{distinct(gain, least_db)} dB and {distinct(phase, least_deg)} deg"
         yield (
             f"over {cars} the gains keep {kept if margins.stable.all() else 'no margin (a car is unstable)'}, less "
             f"than the {least_db:g} dB and {least_deg:g} deg of [tuning]; run `codegen tune`"
+        )
+    elif peak > peak_max + SENSITIVITY_TOLERANCE:
+        yield (
+            f"over {cars} the sensitivity of the loop has a peak of {distinct(peak, peak_max)}, more than the {peak_max:g} of "
+            "[tuning]; run `codegen tune`"
         )
 
 

@@ -11,13 +11,14 @@ import pytest
 
 from codegen.cli.check_commands import check
 from codegen.configuration import Config, preset
+from codegen.design.margins import Margins
 from codegen.emit.from_files import prepare
 from codegen.errors import CheckFailed, CodegenError
 from codegen.judgement.check import Found, check_path
 from codegen.judgement.model import of_map
 from codegen.map_file import map as npz
 from codegen.optimum.solve import solve_case
-from codegen.plausibility.build import margins_line, schedule_warnings
+from codegen.plausibility.build import family_warnings, margins_line, schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings, distinct
 from codegen.plausibility.map import MapFacts, axis_warnings, beyond_grip, map_warnings
 from hil_sim.suite.cars import TEST_SEED, random_cars
@@ -176,6 +177,17 @@ def test_a_gain_schedule_of_another_car_is_found() -> None:
     tracking = {"schedule": {**schedule.model_dump(mode="json"), **tripled}}
     (text,) = schedule_warnings(config.replace({"controller": {"tracking": tracking}}))
     assert re.match("over the family of cars the gains keep no margin .a car is unstable., less than the 8 dB and 45 deg", text)
+
+
+@pytest.mark.parametrize(
+    ("slow", "peak", "limit"), [(False, 1.95, "1.8"), (True, 2.3, "2.1"), (True, 1.95, ""), (False, 1.81, "")]
+)
+def test_a_peak_of_the_sensitivity_is_found_with_enough_margin(slow: bool, peak: float, limit: str) -> None:
+    config = npz.load(GENERATED / "4ws2.npz").config
+    assert config is not None
+    margins = Margins(np.array([9.0]), np.array([50.0]), np.array([peak]), np.array([True]))
+    found = list(family_warnings(config, margins, slow=slow))
+    assert len(found) == bool(limit) and all(f"more than the {limit} of [tuning]" in text for text in found)
 
 
 def test_wrong_units_and_a_transposed_table_are_named() -> None:
