@@ -58,7 +58,7 @@ ACTUATOR_SAMPLES_MAX = 60_000
 REST_MIN = 0.01
 """Smallest denominator of the law "proportional", in m. That of a stable car exceeds the distance of its front axle."""
 
-SIDESLIP_RETURN, SIDESLIP_SHARE_OF_LEAD, SIDESLIP_GAIN = 0.4, 3.0, 2.0
+SIDESLIP_RETURN, LEAD_LOSS, SIDESLIP_GAIN = 0.4, 3.0, 2.0
 """Of kind "tracking", in 1/s, - and 1/s. An offset of the acceleration of 0.1 m/s^2 at 100 km/h makes the observed sideslip
 0.5 deg wrong. Healthy cars lead their lateral acceleration with little sideslip out of the turn."""
 
@@ -99,7 +99,7 @@ class ControllerView:
     reference_overshoot: float
     estimate_factor: float
     sideslip_return: str
-    sideslip_share_of_lead: str
+    lead_loss: str
     sideslip_gain: str
     known: tuple[str, ...]
     selftest_tolerance: str
@@ -242,7 +242,7 @@ def controller_view(
         reference_overshoot=REFERENCE_OVERSHOOT,
         estimate_factor=ESTIMATE_FACTOR,
         sideslip_return=literal(SIDESLIP_RETURN, precision),
-        sideslip_share_of_lead=literal(SIDESLIP_SHARE_OF_LEAD, precision),
+        lead_loss=literal(LEAD_LOSS, precision),
         sideslip_gain=literal(SIDESLIP_GAIN, precision),
         known=_known_values(total, lookup, precision),
         selftest_tolerance=literal(SELFTEST_TOLERANCE, precision),

@@ -83,7 +83,7 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
         of_key(
             "yaw_rate_tolerance",
             "yaw_rate_tolerance_deg_s",
-            "rad/s, largest difference from the expected yaw rate",
+            "rad/s, by which a yaw rate may exceed the limit of every road",
             DEGREE,
             20.0,
         ),
@@ -91,7 +91,7 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
         of_key(
             "yaw_rate_frozen",
             "yaw_rate_frozen_deg_s",
-            "rad/s, difference of yaw rate and front angle at which one that is constant to the bit counts as frozen",
+            "rad/s, more deviation from the expected yaw rate, at which a signal that is constant to the bit counts as frozen",
             DEGREE,
             20.0,
         ),
@@ -124,9 +124,9 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "yaw_rate_correction_share",
             period / inputs.yaw_rate_correction_time_s,
-            "share of a correction of the yaw rate that is removed in a sample",
+            "share of an offset, of a correction of the yaw rate, or of a wrong speed that is removed in a sample",
             1e-6,
-            1.0,
+            0.25,
             key="controller.inputs.yaw_rate_correction_time_s",
             to_key=lambda share: period / share,
         ),

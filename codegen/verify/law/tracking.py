@@ -14,10 +14,10 @@ from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.controller_view import (
     ESTIMATE_FACTOR,
+    LEAD_LOSS,
     REFERENCE_OVERSHOOT,
     SIDESLIP_GAIN,
     SIDESLIP_RETURN,
-    SIDESLIP_SHARE_OF_LEAD,
 )
 from codegen.emit.dynamics_view import tabulate
 from codegen.sil.software import Measurement
@@ -313,7 +313,7 @@ class SecondTracking(SecondController):
         bound = p("trim_share") * abs(sample.yaw_rate)
         missing = clip(sample.yaw_rate - own, -bound, bound)
         self.trim = self.trim + p("trim_rate") * self.period * (missing - self.trim)
-        share = clip(real(1.0) - real(SIDESLIP_SHARE_OF_LEAD) * outward, real(0.0), real(1.0))
+        share = clip(real(1.0) - real(LEAD_LOSS) * outward, real(0.0), real(1.0))
         ahead = share * abs(own * m.speed - self.state[3])
         turn = abs(m.lateral_acceleration) + ahead + max(p("turn_margin_rate") * m.speed, p("turn_margin"))
         limit = real(1.0) / m.speed * min(real(REFERENCE_OVERSHOOT) * sample.lateral_acceleration, turn)

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xBD1231C7u
+#define ARS_CAN_BUILD 0xB554C030u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

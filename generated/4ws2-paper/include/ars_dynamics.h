@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xBD1231C7u
+#define ARS_DYNAMICS_BUILD 0xB554C030u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

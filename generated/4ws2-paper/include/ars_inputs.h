@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xBD1231C7u
+#define ARS_INPUTS_BUILD 0xB554C030u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -53,15 +53,15 @@ typedef struct {
     float wheelbase;                    /* m, linear car */
     float understeer_coefficient;       /* s^2/m, linear car */
     float expected_share;               /* weight of the steady yaw rate in the low-pass filter of the expected one */
-    float yaw_rate_tolerance;           /* rad/s, largest difference from the expected yaw rate */
+    float yaw_rate_tolerance;           /* rad/s, by which a yaw rate may exceed the limit of every road */
     float lateral_acceleration_max;     /* m/s^2, range, and bound for any road */
-    float yaw_rate_frozen;              /* rad/s, difference of yaw rate and front angle at which one that is constant to the bit counts as frozen */
+    float yaw_rate_frozen;              /* rad/s, increase of the deviation from the expected yaw rate at which a signal that is constant to the bit counts as frozen */
     float speed_agreement;              /* m/s, added to a quarter of the replacement: a rejected speed within this distance is accepted again */
     float yaw_rate_agreement;           /* rad/s, the same for a front angle or yaw rate, in a turn of at least twice as much */
     float straight_yaw_rate;            /* rad/s, largest yaw rate by the front wheels that counts as straight */
     float yaw_rate_offset_max;          /* rad/s, largest offset that is learned */
     float lateral_acceleration_offset_max;/* m/s^2, the same of the lateral acceleration */
-    float yaw_rate_correction_share;    /* share of a correction of the yaw rate that is removed in a sample */
+    float yaw_rate_correction_share;    /* share of an offset, of a correction of the yaw rate, or of a wrong speed that is removed in a sample */
     float speed_fall;                   /* m/s, decrease of a lost speed in a sample */
     float friction_recovery;            /* increase of a lost estimate in a sample */
     uint16_t missing_samples_max;       /* missing samples, less good ones, before a signal is replaced */
@@ -109,6 +109,7 @@ typedef struct {
     bool lateral_is_wrong;     /* not used */
     bool lateral_is_known;   /* a lateral acceleration was measured at least once */
     bool lateral_is_proven;  /* the lateral acceleration agreed with the yaw rate in the last turn */
+    bool turn_is_confirmed;  /* it did so in the present one */
 } ars_inputs_t;
 
 /* Return whether every parameter is finite, in range and consistent with the others; false for NaN. */

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xBD1231C7u
+#define ARS_LIMITER_BUILD 0xB554C030u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

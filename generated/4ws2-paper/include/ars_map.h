@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xBD1231C7u
+#define ARS_MAP_BUILD 0xB554C030u
 
 /* Numbers of breakpoints. */
 enum {

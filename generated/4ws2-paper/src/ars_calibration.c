@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xBD1231C7u
+#if ARS_CONSTANTS_BUILD != 0xB554C030u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xBD1231C7u
+#if ARS_CONTROLLER_BUILD != 0xB554C030u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xBD1231C7u
+#if ARS_MAP_BUILD != 0xB554C030u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -61,7 +61,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         .yaw_rate_agreement = 0.029670598f,
         .straight_yaw_rate = 0.0052359877f,
         .yaw_rate_offset_max = 0.008726646f,
-        .lateral_acceleration_offset_max = 0.5f,
+        .lateral_acceleration_offset_max = 0.8f,
         .yaw_rate_correction_share = 0.01f,
         .speed_fall = 0.005f,
         .friction_recovery = 0.001f,
@@ -79,9 +79,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "BD1231C7";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "B554C030";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xEBC42F69u;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xD833348Fu;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xBD1231C7u
+#if ARS_CAN_BUILD != 0xB554C030u
 #error "ars_can.h and this source come from different builds"
 #endif
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xD9EEAE06u
+#define ARS_CAN_BUILD 0x1CD9E3FCu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xD9EEAE06u
+#define ARS_DYNAMICS_BUILD 0x1CD9E3FCu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -14,7 +14,7 @@
 
 #include "ars_parameters.h"
 
-#if ARS_PARAMETERS_BUILD != 0xD9EEAE06u
+#if ARS_PARAMETERS_BUILD != 0x1CD9E3FCu
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_GRIP_BUILD 0xD9EEAE06u
+#define ARS_GRIP_BUILD 0x1CD9E3FCu
 
 /* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {
@@ -34,8 +34,9 @@ typedef struct {
 void ars_grip_init(ars_grip_t *self);
 
 /*
- * Return the friction coefficient for the control law: the lower of the given estimate, raised to parameters->friction_min where it
- * is less, and the friction that corresponds to the grip.
+ * Return the friction coefficient for the control law: the lower of 1.25 times the given estimate, which counts as at least
+ * parameters->friction_min, and the friction that corresponds to the grip. The map leaves a part of the grip unused: the estimate
+ * lowers the demand near to what the road carries, and the grip finds the rest.
  *
  * estimate: peak friction coefficient, any number; with NaN the grip alone decides.
  */

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xD9EEAE06u
+#define ARS_LIMITER_BUILD 0x1CD9E3FCu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

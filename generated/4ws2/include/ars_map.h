@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xD9EEAE06u
+#define ARS_MAP_BUILD 0x1CD9E3FCu
 
 /* Numbers of breakpoints. */
 enum {

@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xD9EEAE06u
+#if ARS_INPUTS_BUILD != 0x1CD9E3FCu
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -34,6 +34,12 @@ ARS_SECTION_CONST static const float lateral_step_max = 2.0f;
 
 /* m/s^2. Every car with turned front wheels reaches more, also on ice. */
 ARS_SECTION_CONST static const float turn_acceleration_least = 1.0f;
+
+/* Share of the yaw rate of a turn. A measured one below it is another turn. */
+ARS_SECTION_CONST static const float short_share = 0.75f;
+
+/* m/s^2 per sample. A road that banks as fast is learned; where a car starts to slide, the difference grows faster. */
+ARS_SECTION_CONST static const float bank_step = 0.006f;
 
 /* Share of an offset that is learned where a turn would look the same, relative to one that only one signal shows. */
 ARS_SECTION_CONST static const float ambiguous_share = 0.0625f;
@@ -200,7 +206,7 @@ ARS_SECTION_CODE bool ars_inputs_parameters_valid(const ars_inputs_parameters_t 
         && is_between(parameters->straight_yaw_rate, 0.0f, 1.0f)
         && is_between(parameters->yaw_rate_offset_max, 0.0f, 1.0f)
         && is_between(parameters->lateral_acceleration_offset_max, 0.0f, 10.0f)
-        && is_between(parameters->yaw_rate_correction_share, 1.0e-06f, 1.0f)
+        && is_between(parameters->yaw_rate_correction_share, 1.0e-06f, 0.25f)
         && is_between(parameters->speed_fall, 0.0f, 1.0f)
         && is_between(parameters->friction_recovery, 1.0e-05f, 1.0f)
         && (parameters->missing_samples_max <= 100u)
@@ -234,6 +240,7 @@ ARS_SECTION_CODE void ars_inputs_init(ars_inputs_t *self, bool is_trusted)
     self->lateral_is_wrong = false;
     self->lateral_is_known = false;
     self->lateral_is_proven = false;
+    self->turn_is_confirmed = false;
 }
 
 ARS_SECTION_CODE static ars_quality_t quality_of(const ars_inputs_t *self, bool has_missing)
@@ -444,8 +451,34 @@ ARS_SECTION_CODE static bool take_front_angle(
     return is_missing;
 }
 
+/* Return whether a yaw rate falls short of that of a turn, or has the opposite sign. */
+ARS_SECTION_CODE static bool falls_short(const ars_inputs_parameters_t *parameters, float yaw_rate, float turn_yaw_rate)
+{
+    return ((yaw_rate * turn_yaw_rate) < (short_share * (turn_yaw_rate * turn_yaw_rate)))
+        && !is_within(yaw_rate - turn_yaw_rate, 2.0f * parameters->yaw_rate_agreement);
+}
+
+/* Return whether a yaw rate contradicts both the steering angles and the lateral acceleration: it falls short of the turn of both. On a
+ * slippery road a sliding car does so too. Where the yaw rate agreed with the lateral acceleration earlier in the turn, it therefore has
+ * to have the opposite sign to both. */
+ARS_SECTION_CODE static bool contradicts(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, const lateral_t *lateral)
+{
+    const float expected_yaw_rate = self->expected_yaw_rate;
+
+    if (agrees(parameters, measured, lateral->yaw_rate)) {
+        self->turn_is_confirmed = true;
+    } else if (is_within(lateral->yaw_rate, parameters->yaw_rate_agreement)) {
+        self->turn_is_confirmed = false;
+    } else {
+        /* the same turn */
+    }
+    return falls_short(parameters, measured, expected_yaw_rate) && falls_short(parameters, measured, lateral->yaw_rate)
+        && (!self->turn_is_confirmed || (((measured * expected_yaw_rate) < 0.0f) && ((measured * lateral->yaw_rate) < 0.0f)));
+}
+
 /* Check the yaw rate. It may exceed what the grip of the road allows by a tolerance, for a spinning car. It is wrong if it is frozen, or
- * if for recovery_samples it has the opposite sign to both the steering angles and the lateral acceleration.
+ * if for recovery_samples it contradicts the other signals.
  * net_steering_angle: rad, front minus rear angle. */
 ARS_SECTION_CODE static bool take_yaw_rate(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float net_steering_angle, const lateral_t *lateral)
@@ -453,7 +486,6 @@ ARS_SECTION_CODE static bool take_yaw_rate(
     ars_signal_t *const signal = &self->yaw_rate;
     const float speed = magnitude(self->speed.value);
     const float expected_yaw_rate = self->expected_yaw_rate;
-    const float turn_yaw_rate_min = 2.0f * parameters->yaw_rate_agreement;
     const bool is_available = is_within(measured, parameters->yaw_rate_max)
         && is_within(speed * measured, parameters->lateral_acceleration_max + (speed * parameters->yaw_rate_tolerance));
     bool is_missing = false;
@@ -464,8 +496,7 @@ ARS_SECTION_CODE static bool take_yaw_rate(
     } else if (is_available) {
         const bool has_frozen = is_frozen(signal, parameters, measured, magnitude(measured - expected_yaw_rate), &self->least);
 
-        if (((measured * expected_yaw_rate) < 0.0f) && ((measured * lateral->yaw_rate) < 0.0f) && !is_within(measured, turn_yaw_rate_min)
-            && !is_within(lateral->yaw_rate, turn_yaw_rate_min)) {
+        if (contradicts(self, parameters, measured, lateral)) {
             signal->good++;
         } else {
             signal->good = 0u;
@@ -489,8 +520,8 @@ ARS_SECTION_CODE static bool take_yaw_rate(
 }
 
 /* Learn the offsets of yaw rate and lateral acceleration. On a straight both are compared with the expected yaw rate; a difference
- * above the largest offset is no offset but a disturbance. What both show alike is a turn, unless it lasts: it is learned slowly. So is
- * the difference of both in a turn, for a banked road. */
+ * above the largest offset is no offset but a disturbance. What both show alike is a turn, unless it lasts: it is learned slowly.
+ * In a turn the yaw rate teaches the acceleration: a banked road changes that alone, and would look like a loss of grip. */
 ARS_SECTION_CODE static void learn_offsets(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_yaw_rate, float expected_yaw_rate,
     const lateral_t *lateral)
@@ -505,7 +536,8 @@ ARS_SECTION_CODE static void learn_offsets(
         /* too slow */
     } else if (!is_within(front_yaw_rate, parameters->straight_yaw_rate)) {
         if (lateral->is_there) {
-            offset += (slow_share * self->speed.value) * (lateral->yaw_rate - (self->yaw_rate.value - self->yaw_rate_offset));
+            offset += bounded(
+                self->speed.value * (lateral->yaw_rate - (self->yaw_rate.value - self->yaw_rate_offset)), bank_step);
         }
     } else if (is_within(difference, parameters->yaw_rate_offset_max) && (lateral->is_there || !self->lateral_is_known)) {
         float common = yaw_rate_error;
@@ -622,7 +654,7 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     checked->yaw_rate = self->yaw_rate.value;
     if (self->yaw_rate.source == ARS_SIGNAL_MEASURED) {
         self->beyond_linear = 0.0f;
-        if (!has_missing) {
+        if (!has_missing && !measured->inhibit) {
             learn_offsets(self, parameters, gain * self->front_angle.value, expected_yaw_rate, &lateral);
         }
         checked->yaw_rate = bounded(self->yaw_rate.value - self->yaw_rate_offset, parameters->yaw_rate_max);

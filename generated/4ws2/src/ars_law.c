@@ -10,13 +10,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xD9EEAE06u
+#if ARS_CONSTANTS_BUILD != 0x1CD9E3FCu
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0xD9EEAE06u
+#if ARS_LAW_BUILD != 0x1CD9E3FCu
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xD9EEAE06u
+#if ARS_MAP_BUILD != 0x1CD9E3FCu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -86,8 +86,8 @@ ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
 /* Rate in 1/s at which the observed sideslip returns to that of the model: it forgets what an offset of the acceleration integrates to. */
 ARS_SECTION_CONST static const float sideslip_return = 0.4f;
 
-/* Share of sideslip_max at which the reference no longer leads the acceleration. */
-ARS_SECTION_CONST static const float sideslip_share_of_lead = 3.0f;
+/* The lead of the reference over the acceleration falls by so many times the share of sideslip_max: to none at a third of it. */
+ARS_SECTION_CONST static const float lead_loss = 3.0f;
 
 /* Yaw rate for each rad of sideslip beyond sideslip_max, in 1/s, by which the reference falls. */
 ARS_SECTION_CONST static const float sideslip_gain = 2.0f;
@@ -216,7 +216,7 @@ ARS_SECTION_CODE static float reachable_yaw_rate(
     const float trim_max = parameters->trim_share * magnitude(map->yaw_rate);
     const float trim_demand = bounded(map->yaw_rate - self->model.yaw_rate, trim_max);
     const float lead = magnitude((self->model.yaw_rate * sample->speed) - self->model.lateral_acceleration);
-    const float lead_share = clamp(1.0f - (sideslip_share_of_lead * outward), 0.0f, 1.0f);
+    const float lead_share = clamp(1.0f - (lead_loss * outward), 0.0f, 1.0f);
     const float margin = parameters->turn_margin_rate * sample->speed;
     const float turn_max = (magnitude(sample->lateral_acceleration) + (lead_share * lead))
         + ((margin > parameters->turn_margin) ? margin : parameters->turn_margin);

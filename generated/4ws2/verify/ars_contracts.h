@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0xD9EEAE06u
+#if ARS_MAP_BUILD != 0x1CD9E3FCu
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xD9EEAE06u
+#if ARS_TASK_BUILD != 0x1CD9E3FCu
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -117,7 +117,7 @@ static inline bool ars_inputs_parameters_holds(const ars_inputs_parameters_t *va
         && lies_between(value->straight_yaw_rate, 0.0f, 1.0f)
         && lies_between(value->yaw_rate_offset_max, 0.0f, 1.0f)
         && lies_between(value->lateral_acceleration_offset_max, 0.0f, 10.0f)
-        && lies_between(value->yaw_rate_correction_share, 1.0e-06f, 1.0f)
+        && lies_between(value->yaw_rate_correction_share, 1.0e-06f, 0.25f)
         && lies_between(value->speed_fall, 0.0f, 1.0f)
         && lies_between(value->friction_recovery, 1.0e-05f, 1.0f)
         && (value->missing_samples_max <= 100u)
@@ -213,7 +213,8 @@ static inline bool ars_inputs_holds(const ars_inputs_t *value)
         && (value->lateral_against <= 20000u)
         && is_flag(value->lateral_is_known)
         && is_flag(value->lateral_is_proven)
-        && is_flag(value->lateral_is_wrong);
+        && is_flag(value->lateral_is_wrong)
+        && is_flag(value->turn_is_confirmed);
     return holds;
 }
 
