@@ -31,6 +31,8 @@ MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid", "tightening")
 MARGINS = ("gain_margin_db", "phase_margin_deg", "sensitivity")
 DEMANDS = ("gain_margin_db", "phase_margin_deg", "sensitivity_max")
 
+DECIMALS_MAX = 6
+"""Decimals beyond which a figure counts as equal to its limit."""
 GAIN_COLUMNS = {
     "speed km/h": "{speed_km_h:g}",
     "Kp s": "{proportional_gain_s:.4g}",
@@ -187,11 +189,28 @@ def _target_note(responses: Sequence[Response]) -> str:
     missed = [one for one in responses if not one.is_on_target]
     if not missed:
         return ""
-    figures = ", ".join(f"{one.speed_km_h:g} km/h: {one.overshoot_percent:.2g} % and {one.settling_s:.2f} s" for one in missed)
+    figures = ", ".join(
+        f"{one.speed_km_h:g} km/h: {_above(one.overshoot_percent, OVERSHOOT_PERCENT, 1)} % and "
+        f"{_above(one.settling_s, SETTLING_S, 2)} s"
+        for one in missed
+    )
+    beyond = [
+        f"{one.speed_km_h:g}"
+        for one in missed
+        if one.overshoot_percent > OVERSHOOT_MAX_PERCENT or one.settling_s > SETTLING_MAX_S
+    ]
+    exceeded = f", and exceeded at {', '.join(beyond)} km/h" if beyond else ""
     return (
         f"the step responses miss their target of at most {OVERSHOOT_PERCENT:g} % overshoot and {SETTLING_S:g} s settling time "
-        f"({figures}); up to {OVERSHOOT_MAX_PERCENT:g} % and {SETTLING_MAX_S:g} s are acceptable"
+        f"({figures}); up to {OVERSHOOT_MAX_PERCENT:g} % and {SETTLING_MAX_S:g} s are acceptable{exceeded}"
     )
+
+
+def _above(value: float, limit: float, digits: int) -> str:
+    """Return a number with so many decimals, and more where rounding would hide that it is above a limit."""
+    while value > limit and float(f"{value:.{digits}f}") <= limit and digits < DECIMALS_MAX:
+        digits += 1
+    return f"{value:.{digits}f}"
 
 
 def _trim_facts(made: Tuned, before: float) -> dict[str, Any]:
