@@ -271,7 +271,7 @@ class Choices(Outputs):
     type=click.Choice(["two-track", "roll"]),
     default="two-track",
     show_default=True,
-    help="The simulated car; roll adds roll motion, different tyres, actuator backlash, sensor bias and jitter.",
+    help="The simulated car; roll has other tyres, roll and backlash of its own, and sensors with bias and jitter.",
 )
 @click.option("--can", "through_can", is_flag=True, help="Run through the task and its CAN frames, without a bus.")
 @drift_options
