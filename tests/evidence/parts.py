@@ -78,7 +78,16 @@ SIL = ("codegen/sil/*", "codegen/verify/law/*", "tests/sil/*")
 GENERATOR = ("templates/**/*", "codegen/emit/**/*", *MAPS, *SIL)
 VERIFY = ("codegen/verify/**/*", "templates/verify/*")
 BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*", *C, *CONFIG, *SIL)
-DRIVEN = ("codegen/sweep/**/*", "codegen/report/paper.py", "hil_sim/**/*", "generated/4ws2*/src/*", *TUNING, *CONFIG, *SIL)
+DRIVEN = (
+    "benchmarks/*.py",
+    "codegen/sweep/**/*",
+    "codegen/report/paper.py",
+    "hil_sim/**/*",
+    "generated/4ws2*/src/*",
+    *TUNING,
+    *CONFIG,
+    *SIL,
+)
 IDENTIFIED = ("codegen/identify/*", "templates/identify/*", "tests/identify/*", "hil_sim/**/*", *MAPS, *SIL)
 PAGES = ("codegen/report/**/*", "codegen/explore/**/*", "templates/report/*", "templates/explore/*", *TUNING, *CONFIG)
 INSTALLED = ("pyproject.toml", "requirements*.lock", "ars_codegen/*", "Makefile", "scripts/**/*", "ars_codegen/*")
