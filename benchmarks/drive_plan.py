@@ -209,8 +209,8 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     )
     notes = (
         f"The recommended car, ideal but for a relaxation length of {RELAXATION_LENGTH_M:g} m, {DURATION:g} s on the bench "
-        f"with the noise and resolution of `[sensors]`, {count} runs of each programme; naive: each manoeuvre of the library in "
-        f"turn at {NAIVE_KM_H:g} km/h.",
+        f"with the noise and resolution of `[sensors]`, {count} runs of each programme; naive: each manoeuvre of the library "
+        f"in turn at {NAIVE_KM_H:g} km/h.",
         "Predicted and estimated: standard deviations before and after the drives. Scatter: that of the results. The mean "
         "error is not a part of the prediction.",
         f'"all": root mean square of the ratios, required {RATIO[0]:g} to {RATIO[1]:g}, and geometric mean of the gains, the '
