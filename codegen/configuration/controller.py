@@ -273,7 +273,7 @@ class Tracking(Section):
         float,
         Range(0.05, 60.0, "s"),
         Meaning("time for which a reached lateral acceleration counts; the assumed grip is never below it"),
-    ] = 1.0
+    ] = 3.0
     grip_recovery_m_s3: Annotated[
         float, Range(0.01, 100.0, "m/s^3"), Meaning("rate at which the assumed grip recovers in a turn")
     ] = 0.5

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xB554C030u
+#define ARS_CAN_BUILD 0xCE976F6Au
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

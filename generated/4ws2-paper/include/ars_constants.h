@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0xB554C030u
+#define ARS_CONSTANTS_BUILD 0xCE976F6Au
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady one that the constraints allow */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xB554C030u
+#define ARS_DYNAMICS_BUILD 0xCE976F6Au
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

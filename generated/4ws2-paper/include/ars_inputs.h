@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xB554C030u
+#define ARS_INPUTS_BUILD 0xCE976F6Au
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -55,7 +55,7 @@ typedef struct {
     float expected_share;               /* weight of the steady yaw rate in the low-pass filter of the expected one */
     float yaw_rate_tolerance;           /* rad/s, by which a yaw rate may exceed the limit of every road */
     float lateral_acceleration_max;     /* m/s^2, range, and bound for any road */
-    float yaw_rate_frozen;              /* rad/s, increase of the deviation from the expected yaw rate at which a signal that is constant to the bit counts as frozen */
+    float yaw_rate_frozen;              /* rad/s, more deviation from the expected yaw rate, at which a signal that is constant to the bit counts as frozen */
     float speed_agreement;              /* m/s, added to a quarter of the replacement: a rejected speed within this distance is accepted again */
     float yaw_rate_agreement;           /* rad/s, the same for a front angle or yaw rate, in a turn of at least twice as much */
     float straight_yaw_rate;            /* rad/s, largest yaw rate by the front wheels that counts as straight */

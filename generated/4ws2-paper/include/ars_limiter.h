@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xB554C030u
+#define ARS_LIMITER_BUILD 0xCE976F6Au
 
 enum { ARS_LIMITER_POINTS = 6 };
 

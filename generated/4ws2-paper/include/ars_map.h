@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xB554C030u
+#define ARS_MAP_BUILD 0xCE976F6Au
 
 /* Numbers of breakpoints. */
 enum {

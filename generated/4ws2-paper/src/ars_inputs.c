@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xB554C030u
+#if ARS_INPUTS_BUILD != 0xCE976F6Au
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

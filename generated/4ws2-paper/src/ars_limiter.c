@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xB554C030u
+#if ARS_LIMITER_BUILD != 0xCE976F6Au
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x1CD9E3FCu
+#define ARS_CAN_BUILD 0x88696869u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0x1CD9E3FCu
+#define ARS_CONSTANTS_BUILD 0x88696869u
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady one that the constraints allow */

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x1CD9E3FCu
+#define ARS_LIMITER_BUILD 0x88696869u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

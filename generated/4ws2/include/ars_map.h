@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x1CD9E3FCu
+#define ARS_MAP_BUILD 0x88696869u
 
 /* Numbers of breakpoints. */
 enum {

@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x1CD9E3FCu
+#if ARS_CONSTANTS_BUILD != 0x88696869u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x1CD9E3FCu
+#if ARS_CONTROLLER_BUILD != 0x88696869u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x1CD9E3FCu
+#if ARS_MAP_BUILD != 0x88696869u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -32,8 +32,8 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .schedule_speed = { 4.1666665f, 5.5555553f, 8.333333f, 11.805555f, 16.666666f, 22.222221f, 27.777779f, 33.333332f },
     .proportional_gain = { 0.0f, 0.003533f, 0.04131f, 0.05558f, 0.06328f, 0.07364f, 0.07906f, 0.08409f },
     .integral_gain = { 1.707f, 1.498f, 1.245f, 0.9549f, 0.6884f, 0.5125f, 0.3512f, 0.253f },
-    .lead_time = { 0.0088f, 0.0088f, 0.0088f, -0.0125f, -0.0088f, -0.005f, -0.0075f, 0.02f },
-    .response_gain = { 0.65f, 0.65f, 0.65f, 0.33f, 0.11f, 0.14f, 0.01f, 0.06f },
+    .lead_time = { 0.0088f, 0.0088f, 0.0088f, -0.0125f, -0.0088f, -0.005f, 0.0037f, 0.02f },
+    .response_gain = { 0.65f, 0.65f, 0.65f, 0.42f, 0.11f, 0.14f, 0.07f, 0.06f },
     .lead_smoothing = 0.48658288f,
     .lead_angle_max = 0.008726646f,
     .response_samples = 6.0f,
@@ -47,7 +47,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .grip_shortfall = 0.4f,
     .grip_shortfall_share = 0.25f,
     .grip_loss_rate = 20.0f,
-    .grip_forgetting = 1.0f,
+    .grip_forgetting = 0.33333334f,
     .grip_recovery = 0.5f,
     .grip_recovery_idle = 4.0f,
     .rear_angle_error_max = 0.034906585f,
@@ -98,9 +98,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "1CD9E3FC";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "88696869";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xA81997E3u;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xA02614F4u;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x1CD9E3FCu
+#if ARS_INPUTS_BUILD != 0x88696869u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
