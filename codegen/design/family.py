@@ -26,8 +26,6 @@ ELLIPSOID_SHARE = 0.99
 SLOW_LAG_FACTOR = 2.0 - 1e-9
 """Factor on the configured lag from which an actuator is slow."""
 
-DEVIATIONS = ("actuator_lag_factor", "actuator_lag_s", "mass_percent", "stiffness_percent", "relaxation_length_m")
-
 
 @dataclass(frozen=True)
 class Member:
@@ -95,16 +93,9 @@ def members(config: Config) -> tuple[Member, ...]:
     those of `config.tuning`.
 
     Raises:
-        ConfigError: a list of deviations is empty, there are more than MEMBERS_MAX combinations, or the measured correlations
-            contradict each other.
+        ConfigError: there are more than MEMBERS_MAX combinations, or the measured correlations contradict each other.
     """
     tuning = config.tuning
-    for key in DEVIATIONS:
-        if getattr(tuning, key) == []:
-            unchanged = 1 if key.endswith("factor") else 0
-            raise ConfigError(
-                "an empty list", where=f"tuning.{key}", remedy=f"list at least one value, {unchanged} for no deviation"
-            )
     factors = [tuple(1.0 + value / 100.0 for value in values) for values in (tuning.mass_percent, tuning.stiffness_percent)]
     axes = {
         "actuator_lag": config.actuator_lags_s,

@@ -68,6 +68,6 @@ def test_errors_of_the_sensors_reach_the_controller() -> None:
 
 def test_a_car_that_cannot_be_tuned_is_reported() -> None:
     config = random_cars(DEVELOPMENT_SEED, 1)[0]
-    result = examine(7, config.replace({"tuning": {"mass_percent": []}, "grid": {"speed_points": 5}}), Limits())
-    assert not result.passed and "an empty list" in result.error and result.title.startswith("car 7: ")
+    result = examine(7, config.replace({"tuning": {"sensitivity_max": 1.05}, "grid": {"speed_points": 5}}), Limits())
+    assert not result.passed and "no gains" in result.error and result.title.startswith("car 7: ")
     assert not replace(result, error="").requirements

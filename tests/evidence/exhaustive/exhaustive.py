@@ -58,6 +58,7 @@ OTHERS: Mapping[str, str] = {
             "turn_of_lateral",
             "check_speed",
             "compare_with_lateral",
+            "contradicts",
         )
     },
     **{f"inputs: {name}": SEVERAL for name in ("take_yaw_rate", "learn_offsets", "@_inputs_step")},
