@@ -115,7 +115,7 @@ class Invariants(Conditions):
         claims += [self.within("value->lateral_acceleration", self.high("lateral_acceleration_max"))]
         claims += [self.between("value->least_of_lateral", 0.0, LATERAL_DEVIATION_MAX_RAD_S)]
         claims += [f"(value->lateral_against <= {5 * RECOVERY_SAMPLES_MAX}u)"]
-        flags = ("lateral_is_known", "lateral_is_proven", "lateral_is_wrong", "turn_is_confirmed")
+        flags = ["lateral_is_known", "lateral_is_proven", "lateral_is_wrong", *(["turn_is_confirmed"] if self.model else [])]
         claims += [f"is_flag(value->{name})" for name in flags]
         return Invariant(self.own("inputs_t"), tuple(claims))
 

@@ -109,7 +109,7 @@ class SecondInputs:
             self._judge_lateral(m.lateral_acceleration)
         taken.append(self._take_front_angle(m.front_angle, gain, rear))
         driven = self._expect(gain, rear, model)
-        taken.append(self._take_yaw_rate(m.yaw_rate, rear))
+        taken.append(self._take_yaw_rate(m.yaw_rate, rear, model is not None))
         if self.front_angle.source is self.yaw_rate.source is Source.WRONG:
             self.front_angle.source = self.yaw_rate.source = Source.LOST
         if not self.yaw_rate.is_measured:
@@ -256,7 +256,7 @@ class SecondInputs:
             self.offset = self._within(self.offset, p("yaw_rate_offset_max"))
         self.lateral_offset = self._within(lateral_offset, p("lateral_acceleration_offset_max"))
 
-    def _take_yaw_rate(self, measured: Any, rear: Any) -> bool:
+    def _take_yaw_rate(self, measured: Any, rear: Any, has_model: bool) -> bool:
         p, speed = self.parameter, abs(self.speed.value)
         witness = self._witness()
         apart = abs(measured - self.expected)
@@ -268,7 +268,7 @@ class SecondInputs:
         elif is_possible:
             self.least = apart if measured != self.yaw_rate.value else min(self.least, apart)
             is_frozen = apart - self.least > p("yaw_rate_frozen")
-            against = self._contradicts(measured)
+            against = self._contradicts(measured) if has_model else self._is_opposite(measured)
             is_frozen = is_frozen or self.against + against >= self.p.recovery_samples
         self.against = self.against + 1 if against and not is_frozen else 0
         step = self.real(-1.0) if is_frozen else p("yaw_rate_step")
@@ -293,6 +293,12 @@ class SecondInputs:
             self.turn_is_confirmed = True
         to_the_other_side = self.lateral is not None and all(yaw_rate * turn < 0.0 for turn in turns)
         return (to_the_other_side or not self.turn_is_confirmed) and all(self._falls_short(yaw_rate, turn) for turn in turns)
+
+    def _is_opposite(self, yaw_rate: Any) -> bool:
+        """Return whether front angle and lateral acceleration both show a turn to the other side."""
+        if self.lateral is None or yaw_rate * self.expected >= 0.0 or yaw_rate * self.lateral >= 0.0:
+            return False
+        return bool(min(abs(yaw_rate), abs(self.lateral)) > self.real(2.0) * self.parameter("yaw_rate_agreement"))
 
     def _falls_short(self, yaw_rate: Any, turn: Any) -> bool:
         """Return whether a yaw rate is much less than that of a turn."""

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xCE976F6Au
+#define ARS_CAN_BUILD 0xAC510F14u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

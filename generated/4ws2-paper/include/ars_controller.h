@@ -22,16 +22,16 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0xCE976F6Au
+#if ARS_INPUTS_BUILD != 0xAC510F14u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0xCE976F6Au
+#if ARS_LAW_BUILD != 0xAC510F14u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xCE976F6Au
+#if ARS_LIMITER_BUILD != 0xAC510F14u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xCE976F6Au
+#if ARS_PARAMETERS_BUILD != 0xAC510F14u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -39,7 +39,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0xCE976F6Au
+#define ARS_CONTROLLER_BUILD 0xAC510F14u
 
 /* Status of the last step. The command is finite and within its limits in every status. */
 typedef enum {

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xCE976F6Au
+#define ARS_DYNAMICS_BUILD 0xAC510F14u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

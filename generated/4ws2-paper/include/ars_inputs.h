@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xCE976F6Au
+#define ARS_INPUTS_BUILD 0xAC510F14u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -109,7 +109,6 @@ typedef struct {
     bool lateral_is_wrong;     /* not used */
     bool lateral_is_known;   /* a lateral acceleration was measured at least once */
     bool lateral_is_proven;  /* the lateral acceleration agreed with the yaw rate in the last turn */
-    bool turn_is_confirmed;  /* it did so in the present one */
 } ars_inputs_t;
 
 /* Return whether every parameter is finite, in range and consistent with the others; false for NaN. */

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xCE976F6Au
+#define ARS_LIMITER_BUILD 0xAC510F14u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xCE976F6Au
+#define ARS_MAP_BUILD 0xAC510F14u
 
 /* Numbers of breakpoints. */
 enum {

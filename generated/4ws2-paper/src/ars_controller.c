@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xCE976F6Au
+#if ARS_CONTROLLER_BUILD != 0xAC510F14u
 #error "ars_controller.h and this source come from different builds"
 #endif
 

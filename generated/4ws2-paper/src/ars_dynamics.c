@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xCE976F6Au
+#if ARS_DYNAMICS_BUILD != 0xAC510F14u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

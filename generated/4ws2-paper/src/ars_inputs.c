@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xCE976F6Au
+#if ARS_INPUTS_BUILD != 0xAC510F14u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -34,9 +34,6 @@ ARS_SECTION_CONST static const float lateral_step_max = 2.0f;
 
 /* m/s^2. Every car with turned front wheels reaches more, also on ice. */
 ARS_SECTION_CONST static const float turn_acceleration_least = 1.0f;
-
-/* Share of the yaw rate of a turn. A measured one below it is another turn. */
-ARS_SECTION_CONST static const float short_share = 0.75f;
 
 /* m/s^2 per sample. A road that banks as fast is learned; where a car starts to slide, the difference grows faster. */
 ARS_SECTION_CONST static const float bank_step = 0.006f;
@@ -225,7 +222,6 @@ ARS_SECTION_CODE void ars_inputs_init(ars_inputs_t *self, bool is_trusted)
     self->lateral_is_wrong = false;
     self->lateral_is_known = false;
     self->lateral_is_proven = false;
-    self->turn_is_confirmed = false;
 }
 
 ARS_SECTION_CODE static ars_quality_t quality_of(const ars_inputs_t *self, bool has_missing)
@@ -436,30 +432,15 @@ ARS_SECTION_CODE static bool take_front_angle(
     return is_missing;
 }
 
-/* Return whether a yaw rate falls short of that of a turn, or has the opposite sign. */
-ARS_SECTION_CODE static bool falls_short(const ars_inputs_parameters_t *parameters, float yaw_rate, float turn_yaw_rate)
-{
-    return ((yaw_rate * turn_yaw_rate) < (short_share * (turn_yaw_rate * turn_yaw_rate)))
-        && !is_within(yaw_rate - turn_yaw_rate, 2.0f * parameters->yaw_rate_agreement);
-}
-
-/* Return whether a yaw rate contradicts both the steering angles and the lateral acceleration: it falls short of the turn of both. On a
- * slippery road a sliding car does so too. Where the yaw rate agreed with the lateral acceleration earlier in the turn, it therefore has
- * to have the opposite sign to both. */
+/* Return whether a yaw rate contradicts both the steering angles and the lateral acceleration: it has the opposite sign to both. A smaller
+ * one is no contradiction, because the tyres of the car may give less than those of the linear vehicle. */
 ARS_SECTION_CODE static bool contradicts(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, const lateral_t *lateral)
+    const ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, const lateral_t *lateral)
 {
-    const float expected_yaw_rate = self->expected_yaw_rate;
+    const float turn_yaw_rate_min = 2.0f * parameters->yaw_rate_agreement;
 
-    if (agrees(parameters, measured, lateral->yaw_rate)) {
-        self->turn_is_confirmed = true;
-    } else if (is_within(lateral->yaw_rate, parameters->yaw_rate_agreement)) {
-        self->turn_is_confirmed = false;
-    } else {
-        /* the same turn */
-    }
-    return falls_short(parameters, measured, expected_yaw_rate) && falls_short(parameters, measured, lateral->yaw_rate)
-        && (!self->turn_is_confirmed || (((measured * expected_yaw_rate) < 0.0f) && ((measured * lateral->yaw_rate) < 0.0f)));
+    return ((measured * self->expected_yaw_rate) < 0.0f) && ((measured * lateral->yaw_rate) < 0.0f)
+        && !is_within(measured, turn_yaw_rate_min) && !is_within(lateral->yaw_rate, turn_yaw_rate_min);
 }
 
 /* Check the yaw rate. It may exceed what the grip of the road allows by a tolerance, for a spinning car. It is wrong if it is frozen, or

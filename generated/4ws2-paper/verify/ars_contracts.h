@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0xCE976F6Au
+#if ARS_MAP_BUILD != 0xAC510F14u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xCE976F6Au
+#if ARS_TASK_BUILD != 0xAC510F14u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -189,8 +189,7 @@ static inline bool ars_inputs_holds(const ars_inputs_t *value)
         && (value->lateral_against <= 20000u)
         && is_flag(value->lateral_is_known)
         && is_flag(value->lateral_is_proven)
-        && is_flag(value->lateral_is_wrong)
-        && is_flag(value->turn_is_confirmed);
+        && is_flag(value->lateral_is_wrong);
     return holds;
 }
 

@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0xCE976F6Au
+#if ARS_TASK_BUILD != 0xAC510F14u
 #error "ars_task.h and this source come from different builds"
 #endif
 

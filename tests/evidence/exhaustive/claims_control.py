@@ -7,6 +7,7 @@ from itertools import chain
 import numpy as np
 
 from codegen.emit.inputs_view import SHORT_SHARE, inputs_parameters
+from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from codegen.units import KM_H
 from tests.evidence.exhaustive.claim import Claim, Source, edges, exact, number
@@ -220,8 +221,9 @@ def _inputs(source: Source) -> Iterator[Claim]:
     text = "true near the turn, if there is one; false for NaN"
     given = {"turns": turns, "agreement": agreement}
     yield Claim("inputs", "agrees", text, AGREES, edges(*turns), setup, values=given)
-    text = "true for another turn: less than a share of it, or to the other side; false for NaN"
-    yield Claim("inputs", "falls_short", text, FALLS_SHORT, edges(*turns), values={**given, "share": SHORT_SHARE})
+    if law_of(source.config).uses_reference_model:
+        text = "true for another turn: less than a share of it, or to the other side; false for NaN"
+        yield Claim("inputs", "falls_short", text, FALLS_SHORT, edges(*turns), values={**given, "share": SHORT_SHARE})
     setup = "static const {{ p }}_inputs_parameters_t right_parameters = { .speed_agreement = {{ agreement }} };"
     speeds = ["0.0f", "-0.5f", "1.0f", "-1.0f", "16.0f", "100.0f"]
     given = {"replaced": speeds, "agreement": values["speed_agreement"]}
