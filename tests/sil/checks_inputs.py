@@ -554,7 +554,7 @@ def check_offset_of_yaw_rate_and_lateral_acceleration(built: Built) -> None:
     """Check that the offsets are learned from each other, up to their bounds, and subtracted.
 
     What both show alike is learned slowly, and a difference above the largest offset not at all. Nor is one while a signal is
-    missing or another system brakes the wheels.
+    missing or another system inhibits the law.
     """
     settings = {"yaw_rate_correction_share": 0.125, "straight_yaw_rate": 0.0625, "yaw_rate_max": 0.5}
     settings |= {"yaw_rate_offset_max": 0.25, "lateral_acceleration_offset_max": 4.0, "missing_samples_max": 2}

@@ -83,8 +83,9 @@ def histories(config: Config) -> Iterator[Rows]:
     }
     losses: Parts = ((1, start), (6, {}), (1, {"speed": math.nan}), (1, {}), (1, {"yaw_rate": math.nan}), (2, {}))
     yield _rows(apart | {"lateral_acceleration": -0.5}, losses)
-    # Straight ahead the offsets are learned, here of an acceleration that contradicts the yaw rate.
-    straight = {"speed": 6.0, "front_angle": 0.0005, "yaw_rate": 0.005, "rear_angle": math.nan, "lateral_acceleration": 0.74}
+    # Straight ahead the offsets are learned up to their bounds, here of an acceleration that contradicts the yaw rate.
+    straight = {"speed": 6.0, "front_angle": 0.0005, "yaw_rate": 0.005, "rear_angle": math.nan}
+    straight["lateral_acceleration"] = 1.5 * inputs.lateral_acceleration_offset_max_m_s2
     yield _rows(straight, ((1, start), (60, {})))
     acceleration = config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2
     angle_max = config.rear_actuator.angle_max
