@@ -61,7 +61,7 @@ class ControlUnits(Conditions):
         start, step = ((own("reference_model_start"),), (own("reference_model_step"),)) if self.model else ((), ())
         angle = Claim("rear_angle is in range", self.within("rear_angle", REAR_ANGLE_MAX_RAD))
         arguments: tuple[Argument, ...] = (self.argument("self", "law_t", "new"), self.scalar("rear_angle"))
-        yield Unit(own("law_init"), unit, arguments, requires=(angle,), callees=start)
+        yield Unit(own("law_init"), unit, arguments, requires=(angle,))
         arguments = (
             self.argument("self", "law_t", "state"),
             self.argument("parameters", "parameters_t", "parameter"),

@@ -206,7 +206,7 @@ class SecondTracking(SecondController):
         # A little above the quotient: full grip is never less than the map's own road.
         self.friction_per_grip = real(road.friction / road.lateral_acceleration_cap * (1.0 + 4.0 * float(np.finfo(real).eps)))
         self.grip = self.full_grip
-        self.state = self.car_state(0.0, 0.0)
+        self.state = tuple(real(0.0) for _ in self.car_state(0.0, 0.0))  # straight ahead, whatever the rear angle
         self.previous_model_yaw_rate = self.state[1]
         self.sideslip = real(0.0)
         half_peak_slip = 0.5 * min(AxleTyres.from_config(config).rear.peak_slip, SLIP_SEARCH_MAX)

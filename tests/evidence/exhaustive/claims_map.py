@@ -111,7 +111,7 @@ CURVE_START = "{{ axle }}_block = 0xFFFFFFFFu;"
 CURVE = """
     const {{ "float" if is_relaxed else "curve_t" }} got = {{ function }}(x);
 
-    if (size_of(bits) < bits_of(1e6f)) {
+    if (size_of(bits) < bits_of({{ "1e3f" if is_relaxed else "1e6f" }})) {
         const double value = {{ axle }}_exact(bits, x);
 {%- if is_relaxed %}
 
