@@ -52,6 +52,9 @@ INPUT_NUMBERS = (
 )
 """Real numbers in the state of the monitoring of the inputs; the last one only where the signal exists."""
 
+REWRITTEN = ("yaw_rate_reference",)
+"""Real numbers in the state of the controller that a step writes before it reads them."""
+
 ACTUATOR_SAMPLES_MAX = 60_000
 """Largest value of `actuator_samples_max`. The counter reaches one more and must not overflow."""
 
@@ -204,7 +207,7 @@ def controller_view(
     law_state = list(law_fields)
     state = [Field(f"{prefix}_law_t", "law", "the control law"), *_STATE]
     numbers = [f"law.{field.name}" for field in law_fields if field.kind == "real"]
-    numbers += [field.name for field in _STATE if field.kind == "real"]
+    numbers += [field.name for field in _STATE if field.kind == "real" and field.name not in REWRITTEN]
     if law.uses_reference_model:
         law_state.insert(0, Field(f"{prefix}_reference_model_t", "model", "of the car"))
         state.insert(1, Field(f"{prefix}_grip_t", "grip", "of the road"))
@@ -212,7 +215,7 @@ def controller_view(
         numbers += [f"grip.{field.name}" for field in _GRIP_STATE]
     signals = {signal.role for signal in config.can.measured if signal.is_extra}
     numbers += [f"inputs.{name}" for name in INPUT_NUMBERS if name != "longitudinal_acceleration" or name in signals]
-    numbers += [f"limiter.{name}" for name in ("rear_angle", "speed", "front_angle")]
+    numbers.append("limiter.rear_angle")  # a step rewrites the others before it reads them
     state.append(Field(f"{prefix}_measurement_t", "sample", "last sample after monitoring"))
     state.append(Field(f"{prefix}_inputs_t", "inputs", "first in the chain"))
     state.append(Field(f"{prefix}_limiter_t", "limiter", "last in the chain"))

@@ -127,10 +127,14 @@ def check_unsound_memory(built: Built) -> None:
         assert commands[-1].status in (Status.TRACKING, Status.LIMITED), case
 
 
+REWRITTEN = (("yaw_rate_reference",), ("limiter", "speed"), ("limiter", "front_angle"))
+"""Numbers that each step writes before it reads them."""
+
+
 def _numbers(ffi: Any, struct: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     """Yield the paths of the numbers in a state, except those that each step recomputes."""
     for name, field in ffi.typeof(struct).fields if path else ffi.typeof(struct).item.fields:
-        if field.type.cname in ("float", "double"):
+        if field.type.cname in ("float", "double") and (*path, name) not in REWRITTEN:
             yield (*path, name)
         elif field.type.kind == "struct" and name != "sample":
             yield from _numbers(ffi, getattr(struct, name), (*path, name))
