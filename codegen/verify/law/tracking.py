@@ -110,6 +110,11 @@ class TableCurve:
         steep = rise * (self.compression / real(cells) * (cells_per_x * cells_per_x))
         return np.where(x < 0.0, -value, value), np.where(rise > 0.0, steep, real(0.0))
 
+    def level(self, x: Any) -> Any:
+        """Return the value, and for infinity and NaN the last one."""
+        value, last = self(x)[0], self.values[-2] + (self.values[-1] - self.values[-2])
+        return np.where(np.isnan(value), np.where(x < 0.0, -last, last), value)
+
 
 class SecondReferenceModel:
     """States (sideslip, yaw rate, rear angle, lateral acceleration) and inputs (speed, front angle, rear angle, friction).
@@ -171,8 +176,8 @@ class SecondReferenceModel:
         arguments = walk(self.arguments, [x, u])
         curves = zip(self.curves, arguments, strict=True)
         if self.is_relaxed:
+            curved: list[Any] = [[curve.level(argument) for curve, argument in curves]]
             lagging = [within(argument, self.real(ARGUMENT_MAX)) for argument in arguments]
-            curved: list[Any] = [[curve(argument)[0] for curve, argument in zip(self.curves, lagging, strict=True)]]
         else:
             curved = [*zip(*(curve(argument) for curve, argument in curves), strict=True)]  # values and slopes
         change = walk(self.change, [x, u, *curved])
