@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xAC510F14u
+#define ARS_CAN_BUILD 0xC06BFD0Cu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -22,16 +22,16 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0xAC510F14u
+#if ARS_INPUTS_BUILD != 0xC06BFD0Cu
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0xAC510F14u
+#if ARS_LAW_BUILD != 0xC06BFD0Cu
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xAC510F14u
+#if ARS_LIMITER_BUILD != 0xC06BFD0Cu
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xAC510F14u
+#if ARS_PARAMETERS_BUILD != 0xC06BFD0Cu
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -39,7 +39,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0xAC510F14u
+#define ARS_CONTROLLER_BUILD 0xC06BFD0Cu
 
 /* Status of the last step. The command is finite and within its limits in every status. */
 typedef enum {

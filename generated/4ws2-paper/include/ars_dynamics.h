@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xAC510F14u
+#define ARS_DYNAMICS_BUILD 0xC06BFD0Cu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xAC510F14u
+#define ARS_INPUTS_BUILD 0xC06BFD0Cu
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

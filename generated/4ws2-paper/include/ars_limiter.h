@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xAC510F14u
+#define ARS_LIMITER_BUILD 0xC06BFD0Cu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xAC510F14u
+#define ARS_MAP_BUILD 0xC06BFD0Cu
 
 /* Numbers of breakpoints. */
 enum {

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xAC510F14u
+#if ARS_CONTROLLER_BUILD != 0xC06BFD0Cu
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -173,7 +173,6 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
 
     squares += self->law.integral * self->law.integral;
     squares += self->rear_angle * self->rear_angle;
-    squares += self->yaw_rate_reference * self->yaw_rate_reference;
     squares += self->yaw_rate_error * self->yaw_rate_error;
     squares += self->inputs.speed.value * self->inputs.speed.value;
     squares += self->inputs.front_angle.value * self->inputs.front_angle.value;
@@ -188,8 +187,6 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->inputs.beyond_linear * self->inputs.beyond_linear;
     squares += self->inputs.friction * self->inputs.friction;
     squares += self->limiter.rear_angle * self->limiter.rear_angle;
-    squares += self->limiter.speed * self->limiter.speed;
-    squares += self->limiter.front_angle * self->limiter.front_angle;
     return (self->initialised == initialised) && (squares <= squares_max); /* false for NaN */
 }
 

@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0xAC510F14u
+#if ARS_LAW_BUILD != 0xC06BFD0Cu
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xAC510F14u
+#if ARS_MAP_BUILD != 0xC06BFD0Cu
 #error "ars_map.h and this source come from different builds"
 #endif
 

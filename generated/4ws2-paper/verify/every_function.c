@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0xAC510F14u
+#if ARS_TASK_BUILD != 0xC06BFD0Cu
 #error "ars_task.h and this source come from different builds"
 #endif
 

@@ -23,19 +23,19 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_GRIP_BUILD != 0x88696869u
+#if ARS_GRIP_BUILD != 0x14045B25u
 #error "ars_grip.h and this source come from different builds"
 #endif
-#if ARS_INPUTS_BUILD != 0x88696869u
+#if ARS_INPUTS_BUILD != 0x14045B25u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0x88696869u
+#if ARS_LAW_BUILD != 0x14045B25u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x88696869u
+#if ARS_LIMITER_BUILD != 0x14045B25u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x88696869u
+#if ARS_PARAMETERS_BUILD != 0x14045B25u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -43,7 +43,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x88696869u
+#define ARS_CONTROLLER_BUILD 0x14045B25u
 
 /* Status of the last step. The command is finite and within its limits in every status. */
 typedef enum {

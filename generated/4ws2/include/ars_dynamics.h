@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x88696869u
+#define ARS_DYNAMICS_BUILD 0x14045B25u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

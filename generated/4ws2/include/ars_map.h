@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x88696869u
+#define ARS_MAP_BUILD 0x14045B25u
 
 /* Numbers of breakpoints. */
 enum {

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x88696869u
+#if ARS_CHECKSUM_BUILD != 0x14045B25u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x88696869u
+#if ARS_CONTROLLER_BUILD != 0x14045B25u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -180,7 +180,6 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->law.previous_model_yaw_rate * self->law.previous_model_yaw_rate;
     squares += self->law.yaw_rate * self->law.yaw_rate;
     squares += self->rear_angle * self->rear_angle;
-    squares += self->yaw_rate_reference * self->yaw_rate_reference;
     squares += self->yaw_rate_error * self->yaw_rate_error;
     squares += self->law.model.sideslip_angle * self->law.model.sideslip_angle;
     squares += self->law.model.yaw_rate * self->law.model.yaw_rate;
@@ -203,8 +202,6 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->inputs.beyond_linear * self->inputs.beyond_linear;
     squares += self->inputs.friction * self->inputs.friction;
     squares += self->limiter.rear_angle * self->limiter.rear_angle;
-    squares += self->limiter.speed * self->limiter.speed;
-    squares += self->limiter.front_angle * self->limiter.front_angle;
     return (self->initialised == initialised) && (squares <= squares_max); /* false for NaN */
 }
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x88696869u
+#if ARS_DYNAMICS_BUILD != 0x14045B25u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x88696869u
+#if ARS_INPUTS_BUILD != 0x14045B25u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -593,7 +593,7 @@ ARS_SECTION_CODE static float expect(
     if (self->speed.value < lateral_speed_least) {
         with_feedback = follow_linear_vehicle(self, parameters, gain * net_steering_angle);
     } else {
-        const float without_feedback = bounded(model->yaw_rate, parameters->yaw_rate_max);
+        const float without_feedback = model->yaw_rate;
         const float yaw_rate = self->yaw_rate.value;
 
         with_feedback = bounded(without_feedback - (gain * (rear_angle - model->rear_angle)), parameters->yaw_rate_max);

@@ -10,13 +10,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x88696869u
+#if ARS_CONSTANTS_BUILD != 0x14045B25u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0x88696869u
+#if ARS_LAW_BUILD != 0x14045B25u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x88696869u
+#if ARS_MAP_BUILD != 0x14045B25u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -143,7 +143,13 @@ ARS_SECTION_CODE static gains_t gains_at(const ars_parameters_t *parameters, flo
 
 ARS_SECTION_CODE void ars_law_init(ars_law_t *self, float rear_angle)
 {
-    ars_reference_model_start(&self->model, 0.0f, 0.0f, rear_angle);
+    (void)rear_angle; /* the model starts straight ahead: the first sample under control starts it anew from the motion of the car */
+    self->model.sideslip_angle = 0.0f;
+    self->model.yaw_rate = 0.0f;
+    self->model.rear_angle = 0.0f;
+    self->model.lateral_acceleration = 0.0f;
+    self->model.front_argument = 0.0f;
+    self->model.rear_argument = 0.0f;
     self->trim = 0.0f;
     self->sideslip = 0.0f;
     self->integral = 0.0f;
@@ -206,27 +212,33 @@ ARS_SECTION_CODE static void observe_sideslip(ars_law_t *self, const ars_measure
     self->sideslip = bounded(self->sideslip + (sampling_time * rate), sideslip_bound);
 }
 
+/* Return the value, or 0 for a negative one. */
+ARS_SECTION_CODE static float not_negative(float value)
+{
+    return (value > 0.0f) ? value : 0.0f;
+}
+
 /* Yaw rate that the car can reach now: that of the model plus a bounded trim, which moves slowly towards the map. It leads the turn that
  * the measured lateral acceleration gives by no more than the model does, and a margin: where the tyres give no more force, a higher
- * yaw rate is only sideslip. outward: sideslip out of the turn, as a share of sideslip_max. */
+ * yaw rate is only sideslip. outward: sideslip out of the turn, as a share of sideslip_max; 0 for one into the turn. share: 1 - outward. */
 ARS_SECTION_CODE static float reachable_yaw_rate(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_map_reference_t *map,
-    const ars_measurement_t *sample, float slowness, float outward)
+    const ars_measurement_t *sample, float slowness, float outward, float share)
 {
     const float trim_max = parameters->trim_share * magnitude(map->yaw_rate);
     const float trim_demand = bounded(map->yaw_rate - self->model.yaw_rate, trim_max);
     const float lead = magnitude((self->model.yaw_rate * sample->speed) - self->model.lateral_acceleration);
-    const float lead_share = clamp(1.0f - (lead_loss * outward), 0.0f, 1.0f);
+    const float lead_share = not_negative(1.0f - (lead_loss * outward));
     const float margin = parameters->turn_margin_rate * sample->speed;
     const float turn_max = (magnitude(sample->lateral_acceleration) + (lead_share * lead))
         + ((margin > parameters->turn_margin) ? margin : parameters->turn_margin);
     const float road_max = reference_overshoot * map->lateral_acceleration_max;
     float yaw_rate_max = slowness * ((road_max < turn_max) ? road_max : turn_max);
 
-    if (outward > 1.0f) {
-        const float reduced_yaw_rate = yaw_rate_max - ((sideslip_gain * parameters->sideslip_max) * (outward - 1.0f));
+    if (share < 0.0f) {
+        const float reduced_yaw_rate = yaw_rate_max + ((sideslip_gain * parameters->sideslip_max) * share);
 
-        yaw_rate_max = (reduced_yaw_rate > 0.0f) ? reduced_yaw_rate : 0.0f;
+        yaw_rate_max = not_negative(reduced_yaw_rate);
     }
 
     self->trim += (parameters->trim_rate * sampling_time) * (trim_demand - self->trim);
@@ -238,12 +250,11 @@ ARS_SECTION_CODE static float reachable_yaw_rate(
  * lose force. The direction of the turn is taken from two samples, so that a single wrong sign releases neither side. */
 ARS_SECTION_CODE static range_t feedback_range(
     const ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, float feedforward,
-    float rear_slip_max, float slowness, float outward)
+    float rear_slip_max, float slowness, float share)
 {
     const float straight_rear_slip = self->sideslip - (ars_constants.rear_arm * (sample->yaw_rate * slowness));
-    const float share = clamp(1.0f - outward, 0.0f, 1.0f);
     const float increasing_max
-        = parameters->yaw_increasing_max + (share * (parameters->yaw_increasing_wide - parameters->yaw_increasing_max));
+        = parameters->yaw_increasing_max + (not_negative(share) * (parameters->yaw_increasing_wide - parameters->yaw_increasing_max));
     /* Limit the distance between demand and measured angle: a stuck or slow actuator must not wind up the integral. */
     range_t range = {
         bounded(sample->rear_angle - parameters->rear_angle_error_max, parameters->rear_angle_max),
@@ -276,6 +287,7 @@ ARS_SECTION_CODE static ars_law_output_t track(
     const float rear_slip_max = ars_constants.rear_slip_least + (friction * ars_constants.rear_slip_per_friction);
     const float command_step_max = command_step(parameters);
     float outward;
+    float share;
     float reference;
     float error;
     float proportional;
@@ -287,12 +299,13 @@ ARS_SECTION_CODE static ars_law_output_t track(
     bool limited = false;
 
     observe_sideslip(self, sample, slowness);
-    outward = ((self->model.yaw_rate > 0.0f) ? -self->sideslip : self->sideslip) / parameters->sideslip_max;
-    reference = reachable_yaw_rate(self, parameters, &map, sample, slowness, outward);
+    outward = not_negative((self->model.yaw_rate > 0.0f) ? -self->sideslip : self->sideslip) / parameters->sideslip_max;
+    share = 1.0f - outward;
+    reference = reachable_yaw_rate(self, parameters, &map, sample, slowness, outward, share);
     /* Without a new sample the last error is kept: the car is assumed to move with the model. */
     error = (phase == ARS_LAW_PREDICTS) ? yaw_rate_error : (reference - sample->yaw_rate);
     proportional = gains.proportional * error;
-    range = feedback_range(self, parameters, sample, map.rear_angle, rear_slip_max, slowness, outward);
+    range = feedback_range(self, parameters, sample, map.rear_angle, rear_slip_max, slowness, share);
     output.yaw_rate_reference = reference;
     if (phase == ARS_LAW_STARTS) {
         self->integral = rear_angle - map.rear_angle; /* bumpless: the first demand is the present command */

@@ -12,13 +12,13 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x88696869u
+#if ARS_CHECKSUM_BUILD != 0x14045B25u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_CONSTANTS_BUILD != 0x88696869u
+#if ARS_CONSTANTS_BUILD != 0x14045B25u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x88696869u
+#if ARS_MAP_BUILD != 0x14045B25u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -210,10 +210,11 @@ ARS_SECTION_CODE ars_map_reference_t ars_map_reference(
     const float yaw_rate = uncapped_yaw_rate(&place);
     ars_map_reference_t reference;
 
-    reference.yaw_rate = capped(yaw_rate, speed, &road);
+    reference.yaw_rate = yaw_rate;
     reference.rear_angle = rear_angle_of_table(&place);
     reference.lateral_acceleration_max = road.lateral_acceleration_max;
-    if (yaw_rate > reference.yaw_rate) {
+    if ((yaw_rate * speed) > road.lateral_acceleration_max) { /* capped as in the other look-ups */
+        reference.yaw_rate = road.lateral_acceleration_max / speed;
         reference.rear_angle
             = capped_rear_angle(reference.rear_angle, yaw_rate - reference.yaw_rate, reference.yaw_rate, speed);
     }

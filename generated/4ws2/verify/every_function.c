@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x88696869u
+#if ARS_TASK_BUILD != 0x14045B25u
 #error "ars_task.h and this source come from different builds"
 #endif
 
