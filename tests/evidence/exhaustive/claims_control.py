@@ -41,6 +41,9 @@ TOWARD_ZERO = """
 
     SAME("one step", toward_zero(x, {{ step }}), (bits > 0x7FFFFFFFu) ? -left : left);
 """
+NOT_NEGATIVE = """
+    SAME("itself above zero; zero for the others, NaN too", not_negative(x), (x > 0.0f) ? number_of(bits) : 0.0f);
+"""
 KNOWN_FRICTION = """
     SAME("at least the smallest; NaN stays NaN", known_friction(&known_parameters, x),
         is_nan(bits) ? NAN : held(bits, {{ least }}, INFINITY));
@@ -177,6 +180,8 @@ def claims(source: Source) -> Iterator[Claim]:
     text = "on from the upper speed, off below the lower; unchanged between them and for NaN"
     values: Mapping[str, object] = {"low": low, "high": high}
     yield Claim("controller", "choose_by_speed", text, CHOOSE_BY_SPEED, edges(low, high), setup, values=values)
+    if tracking:
+        yield Claim("law", "not_negative", "zero for a negative number and NaN", NOT_NEGATIVE, edges("0.0f"))
     least = number(config.controller.friction_min)
     setup = "static const {{ p }}_parameters_t known_parameters = { .friction_min = {{ least }} };"
     if source.subject.kind == "tracking":
