@@ -111,7 +111,7 @@ def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
         case("drop-4", "4 samples lost: one too many", safe, "drop", 4),
         case("drop-50", "50 samples lost", safe, "drop", 50),
         case("drop-motion", f"50 frames of {motion} lost", safe, "drop", 50, message=motion),
-        case("drop-conditions", f"50 frames of {conditions} lost", fine, "drop", 50, message=conditions),
+        case("drop-conditions", f"50 frames of {conditions} lost", held, "drop", 50, message=conditions),
         case("drop-command", f"50 frames of {command} lost", safe, "drop", 50, message=command),
         case("delay-2", "frames 2 cycles late for 50 samples", held, "delay", 50, cycles=2),
         case("delay-6", "frames 6 cycles late for 50 samples", safe, "delay", 50, cycles=6),
@@ -160,6 +160,7 @@ def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
         case("plant", "the car's node without power for 50 samples", safe, "plant-restart", 50),
         case("bus-2", "nothing gets through for 2 samples", held, "bus-down", 2),
         case("bus-50", "nothing gets through for 50 samples", safe, "bus-down", 50),
+        case("bus-200", "nothing gets through for 200 samples", safe, "bus-down", 200),
     )
 
 
@@ -205,8 +206,8 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
 
     It follows from the rate limits; without any, from the feedback for the largest error of the run; for a feedforward
     without a rate limit, from its range. If commands are lost, the controller continues meanwhile, up to its distance from
-    the measured rear angle. If its samples are lost too, it predicts for a few samples, and then follows the fail-safe's
-    ramp.
+    the measured rear angle. If its samples are lost too, it predicts for a few samples; after the fail-safe it starts from
+    the measured rear angle.
     """
     controller, code = config.controller, math.degrees(config.can.rear_steer_command.real("rear_angle").factor)
     limits = [rate for rate in (controller.rear_rate_max_deg_s, config.limiter.rear_rate_max_deg_s) if rate != "off"]
@@ -229,9 +230,8 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
         bound += controller.rear_angle_error_max_deg
     silent = sum(fault.duration for fault in case.faults if fault.kind in ("bus-down", "plant-restart"))
     predicted = min(round(silent / controller.sampling_time_s), controller.fail_safe.degraded_samples_max)
-    ramp = controller.fail_safe.rate_deg_s * (silent - predicted * controller.sampling_time_s)
     # A command is rounded to its code: a step between two of them is off by one code at most.
-    return bound * (1 + predicted) + ramp + code
+    return bound * (1 + predicted) + code
 
 
 def _violations(outcome: FaultOutcome, config: Config) -> Iterable[str]:

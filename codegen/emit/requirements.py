@@ -205,6 +205,20 @@ REQUIREMENTS = (
         ("hil_sim/test_codec.py",),
     ),
     Requirement(
+        "ARS-SUP-1",
+        "After a silence that led to the fail-safe, commands start from the measured rear angle, or the last measured one.",
+        ("controller_place",),
+        ("law", "sanitizers"),
+        ("hil_sim/test_task_events.py",),
+    ),
+    Requirement(
+        "ARS-SUP-2",
+        "Without valid conditions, with a stuck actuator or a late task, the integrator is held and the status is not TRACKING.",
+        (),
+        ("law",),
+        ("hil_sim/test_task_events.py",),
+    ),
+    Requirement(
         "ARS-CAL-1",
         "The self-test detects a changed map, parameter or tyre curve.",
         (),

@@ -13,13 +13,15 @@ from codegen.sil.software import Software, Status
 from hil_sim import manoeuvres
 from hil_sim.bench import run_in_process, run_through_can
 from hil_sim.clocks import FREE_RUNNING
-from hil_sim.codec import DIAGNOSTICS
+from hil_sim.codec import DIAGNOSTICS, Codec, frame_of
 from hil_sim.faults import Fault
+from hil_sim.manoeuvres import Settings
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import SCENARIOS, Scenario, find
 from tests import builds
 
+CONDITIONS = builds.CONFIG.can.vehicle_conditions.name
 BIT = {name: 1 << bit for bit, (name, _) in DIAGNOSTICS.items()}
 LATE, INTERMITTENT, STUCK = BIT["TASK_LATE"], BIT["INTERMITTENT"], BIT["ACTUATOR_STUCK"]
 
@@ -47,6 +49,55 @@ def check_healthy_car(lag: float, scenarios: Iterable[str]) -> None:
             node = PlantNode(config, replace(scenario, clocks=FREE_RUNNING))
             seen = int(np.bitwise_or.reduce(run_in_process(node, software).diagnostics))
             assert not seen & (LATE | INTERMITTENT | STUCK), name
+
+
+def held_turn(*faults: Fault, duration: float = 4.0) -> Scenario:
+    """Return a slow turn with a large rear angle."""
+    drive = manoeuvres.step(0.5, front_angle_deg=8.0)
+    return replace(step_steer(duration, *faults), drive=drive, settings=Settings(speed_km_h=30.0))
+
+
+@pytest.mark.parametrize("measures", [True, False])
+def test_after_a_silence_the_command_starts_from_the_actuator(software: Software, measures: bool) -> None:
+    """The actuator holds its angle while the bus is down. Without a new measurement the last measured angle counts."""
+    missing = () if measures else (Fault("not-a-number", 1.5, 2.5, message=CONDITIONS, signal="rear_angle"),)
+    result = run_through_can(software, held_turn(Fault("bus-down", 1.5, 1.5), *missing))
+    sent, rear = column(result.record, "rear_angle_command_rad"), column(result.record, "rear_angle_rad")
+    assert abs(rear[299]) > np.radians(1.0)  # else the test shows nothing
+    assert (column(result.record, "status")[300:308] == Status.FAIL_SAFE).all()
+    controller, code = software.config.controller, software.config.can.rear_steer_command.real("rear_angle").factor
+    step = np.radians(controller.fail_safe.rate_deg_s) * controller.sampling_time_s + code  # two rounded commands
+    first = 300 + int(np.argmax(sent[300:] != sent[299]))
+    assert abs(sent[first] - rear[first - 1 if measures else 149]) <= step + code  # and a rounded measurement
+    assert first < 312 and np.abs(np.diff(sent[first:320])).max() <= step
+
+
+@pytest.mark.parametrize(
+    "impaired",
+    [
+        held_turn(Fault("drop", 1.0, 2.0, message=CONDITIONS)),
+        held_turn(Fault("stuck-value", 0.4, 3.5, message=CONDITIONS, signal="rear_angle")),
+    ],
+    ids=["conditions lost", "actuator stuck"],
+)
+def test_an_impaired_loop_is_degraded(software: Software, impaired: Scenario) -> None:
+    """From the tenth cycle after the loss, and after the time of the stuck actuator, until the end of the fault."""
+    status = column(run_through_can(software, impaired).record, "status")
+    assert (status[200:290] == Status.DEGRADED).all()
+    assert (status[:40][status[:40] != Status.STANDBY] != Status.DEGRADED)[5:].all()
+
+
+def test_a_late_task_is_degraded(software: Software) -> None:
+    """The task runs in every second cycle."""
+    node, task, seen = PlantNode(software.config, held_turn(duration=1.0)), software.task(), []
+    for cycle in range(node.cycles):
+        for frame in node.outgoing(cycle):
+            task.on_can_frame(frame.id, frame.data)
+        if cycle % 2:
+            answer = frame_of(node.can, *task.run())
+            seen.append(Codec(node.can, software.precision).decode(answer.id, answer.data).status)
+            node.receive(answer)
+    assert set(seen[-20:]) == {Status.DEGRADED}
 
 
 LAGS = (0.02, 0.1)

@@ -72,9 +72,9 @@ class _CountingTask(SecondTask):
 
     lost: int = field(default=0, init=False)
 
-    def _sample(self, motion: Any, conditions: Any) -> Any:
+    def _sample(self, motion: Any, conditions: Any, is_impaired: bool) -> Any:
         self.lost += not (motion.is_usable and conditions.is_usable)
-        return super()._sample(motion, conditions)
+        return super()._sample(motion, conditions, is_impaired)
 
 
 @dataclass
@@ -155,7 +155,7 @@ def _cycles_after_start(built: Built, parameters: Any, rng: np.random.Generator,
     for number, frames in enumerate(_OtherNodes(can, codec, rng, life).cycles(), 1):
         count, complete, states = {first: 0, second: 0}, False, []
         for frame in frames:
-            if frame.id in count and len(frame.data) == FRAME_BYTES:
+            if frame.id in count:
                 count[frame.id] += 1
                 complete = count[first] > 0 if frame.id == second else complete
             states.append(complete)
@@ -257,21 +257,23 @@ def check_task(built: Built, known: list[Traffic]) -> None:
 
 
 def check_zeroed_task(built: Built) -> None:
-    """Check that a zeroed task equals one that was started with the default parameters, and that an inhibit ends with its
-    message."""
+    """Check that memory of any content starts with the default parameters, and that a lost inhibit holds the law."""
     software, function = built.software, built.software.function
-    task, started = software.new("task"), software.new("task")
+    task, filled, started = (software.new("task") for _ in range(3))
+    memory = software.ffi.buffer(filled)
+    memory[:] = b"\xa5" * len(memory)
     data, other = software.ffi.new("uint8_t[8]"), software.ffi.new("uint8_t[8]")
     parameters = software.parameters()
     function("task_init")(started, parameters)
     for each, sent in ((task, data), (started, other)):
         function("task_10ms")(each, sent)
     assert task.parameters != software.ffi.NULL and bytes(data) == bytes(other)
-    assert (task.cycles, task.early_cycles) == (started.cycles, started.early_cycles) == (1, 1)
-    for window, inhibits in ((0xFFFF, True), (0, False)):  # valid so far, and not
-        task.conditions.inhibit, supervision = True, task.conditions_input.supervision
+    function("task_10ms")(filled, other)
+    assert bytes(data) == bytes(other)
+    assert {(each.cycles, each.early_cycles) for each in (task, filled, started)} == {(1, 1)}
+    for inhibit, window, inhibits in ((True, 0xFFFF, True), (False, 0xFFFF, False), (False, 0, True)):  # valid so far, and not
+        task.conditions.inhibit, supervision = inhibit, task.conditions_input.supervision
         supervision.state, supervision.window = 2, window
         function("task_10ms")(task, data)
         assert task.controller.sample.inhibit == inhibits
-    function("task_10ms")(task, data)
-    assert task.cycles == 4 and not task.controller.sample.inhibit
+    assert task.cycles == 4

@@ -99,9 +99,11 @@ class ControlUnits(Conditions):
         grip = ("init", "friction", "update", "recover") if self.model else ()
         init = tuple(own(each) for each in ("inputs_init", "limiter_init", "law_init", *(f"grip_{name}" for name in grip[:1])))
         bound = self.within("self->rear_angle", self.controller.actuator_angle_max)
+        placed = (self.argument("self", "controller_t", "state"), self.scalar("rear_angle"))
         arguments: tuple[Argument, ...] = (self.argument("self", "controller_t", "new"), self.scalar("rear_angle"))
         started = Claim("|rear_angle| is at most the actuator's largest angle", bound)
         yield Unit(own("controller_init"), unit, arguments, ensures=(started,), callees=init)
+        yield Unit(own("controller_place"), unit, placed, ensures=(started,), callees=(own("limiter_init"),))
         arguments = (
             self.argument("self", "controller_t", "state"),
             self.argument("parameters", "parameters_t", "parameter"),

@@ -197,9 +197,13 @@ class FrameUnits(Conditions):
             "self.parameters = &parameters;",
             f"CONTRACT_ASSUME({own('parameters_holds')}(&parameters));",
         )
-        more["callees"] = (init, own("controller_step"))
+        more["callees"] = (init, own("controller_place"), own("controller_step"))
         data, length = self.frame("bytes in"), Argument("length", "uint8_t")
-        yield Unit(own("task_on_can_frame"), unit, (state, Argument("id", "uint32_t"), data, length), **more)
+        last = f"(id != (uint32_t){self.upper}_CAN_ID_VEHICLE_CONDITIONS)"
+        closes = "self->conditions_close == (self_before->motion_input.frames > 0u)"
+        complete = Claim("the set is complete after the conditions of a cycle with the motion", f"{last} || ({closes})")
+        arguments = (state, Argument("id", "uint32_t"), data, length)
+        yield Unit(own("task_on_can_frame"), unit, arguments, ensures=(complete,), **more)
         identifier = f"result == (uint32_t){self.upper}_CAN_ID_REAR_STEER_COMMAND"
         crc = f"{own('e2e_crc')}((uint16_t){self.upper}_CAN_DATA_ID_REAR_STEER_COMMAND, data) == {self.can.e2e.received_crc}"
         before = "(uint32_t)self_before->counter"

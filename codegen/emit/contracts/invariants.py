@@ -170,4 +170,6 @@ class Invariants(Conditions):
         yield f"((value->backlog <= {TASK_COUNT_MAX}u) && (value->disturbance <= {TASK_COUNT_MAX}u))"
         yield f"(value->actuator_samples <= {ACTUATOR_SAMPLES_MAX + 1}u)"
         yield self.within("value->expected_angle", self.high("rear_angle_max"))
-        yield from (f"is_flag(value->{name})" for name in ("conditions.inhibit", "conditions_close", "started"))
+        yield self.within("value->measured_angle", self.high("rear_angle_max"))
+        flags = ("conditions.inhibit", "conditions_close", "started", "has_measured")
+        yield from (f"is_flag(value->{name})" for name in flags)

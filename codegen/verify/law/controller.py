@@ -97,14 +97,20 @@ class SecondController(ABC):
         real = self.real
         period, actuator_max = config.controller.sampling_time_s, float(real(config.rear_actuator.angle_max))
         self.period = real(period)
-        self.angle = real(0.0) if math.isnan(angle) else real(min(max(angle, -actuator_max), actuator_max))
+        self.actuator_max = actuator_max
+        self.place(angle)
         self.inputs = SecondInputs(parameters.inputs, real, period, lookup.strongest_braking)
-        self.limiter = SecondLimiter(parameters.limiter, period, real, self.angle)
         self.status = Status.STANDBY
         self.above_enabling_speed = False
         self.missed = 0
         self.quality = Quality.GOOD
         self.error = real(0.0)
+
+    def place(self, angle: float) -> None:
+        """Go on from the angle in rad that the actuator holds."""
+        within = min(max(angle, -self.actuator_max), self.actuator_max)
+        self.angle = self.real(0.0) if math.isnan(angle) else self.real(within)
+        self.limiter = SecondLimiter(self.p.limiter, float(self.period), self.real, self.angle)
 
     def start(self, m: Measurement) -> None:  # noqa: B027 - most laws have no state to start
         """Start the law without a jump from the commanded angle."""

@@ -9,7 +9,7 @@ from typing import Any
 
 from codegen.configuration.can import Can
 from codegen.configuration.e2e_profiles import DataId
-from codegen.sil.software import Measurement
+from codegen.sil.software import Measurement, Status
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.inputs import Quality
 from hil_sim.codec import DIAGNOSTICS, Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
@@ -43,10 +43,10 @@ class _Input:
 
     def receive(self, data: bytes) -> bool:
         """Return whether the frame is good. A frame of wrong length is damaged and does not advance the counter."""
+        self.frames += 1
         if len(data) != self.receiver.frame_bytes:
             self.causes.add("WRONG_CRC")
             return False
-        self.frames += 1
         status = self.receiver.check(self.data_id, data)
         self.advance += _ADVANCE.get(status, 0)
         if status not in _ADVANCE:
@@ -90,6 +90,8 @@ class SecondTask:
     make: Callable[[float], SecondController]
     _started: bool = False
     _samples_without_angle: int = 0
+    _silence: int = 0
+    _measured: float | None = None
     _counter: int = 0
     _cycles: int = 0
     _backlog: int = 0
@@ -114,13 +116,18 @@ class SecondTask:
         for frame in frames:
             self._receive(frame)
         motion, conditions = self._inputs.values()
+        self._end_of_silence(motion.frames + conditions.frames > 0)
         diagnostics = self._rhythm(motion.advance) | self._of_bus(motion.has_returned() or conditions.has_returned())
         diagnostics |= motion.close() | conditions.close()
         is_good = motion.is_usable and conditions.is_usable
         if self._started:
             diagnostics |= self._of_actuator(conditions.contents.rear_angle if is_good else None)
-        sample = self._sample(motion, conditions)  # may restart the controller
+        impairing = _BITS["TASK_LATE"] | _BITS["ACTUATOR_STUCK"]
+        is_impaired = bool(diagnostics & impairing) or conditions.supervision.state is not E2eState.VALID
+        sample = self._sample(motion, conditions, is_impaired)  # may restart the controller
         command = self._controller.step(sample)
+        if is_impaired and command.status in (Status.TRACKING, Status.LIMITED):
+            command = replace(command, status=Status.DEGRADED)
         diagnostics |= self._of_controller(is_good)
         sent = (command.rear_angle, command.yaw_rate_reference) if self._started else (math.nan, math.nan)
         message = self.can.rear_steer_command
@@ -158,27 +165,48 @@ class SecondTask:
             self._samples_off = min(self._samples_off, most) + 1 if is_off else max(self._samples_off - 1, 0)
         return _BITS["ACTUATOR_STUCK"] if self._samples_off > most else 0
 
-    def _sample(self, motion: _Input, conditions: _Input) -> Measurement:
-        """Return the measurement for the controller; missing values are not available."""
+    def _sample(self, motion: _Input, conditions: _Input, is_impaired: bool) -> Measurement:
+        """Return the measurement for the controller; missing values are not available, and an impaired loop is inhibited."""
         car = motion.contents if motion.is_usable else VehicleMotion(math.nan, math.nan, math.nan)
         last: VehicleConditions = conditions.contents or VehicleConditions()
-        inhibit = last.inhibit and conditions.supervision.state is E2eState.VALID
+        inhibit = last.inhibit or is_impaired
         state = replace(last, inhibit=inhibit) if conditions.is_usable else VehicleConditions(inhibit=inhibit)
-        if motion.is_usable and conditions.is_usable and not self._started:
-            self._start(state.rear_angle)
+        is_good = motion.is_usable and conditions.is_usable
+        if not self._started:
+            self._start(state.rear_angle if is_good else None)
+        if is_good and self._is_plausible(state.rear_angle):
+            self._measured = state.rear_angle
         return Measurement(**vars(car), **vars(state))
 
-    def _start(self, rear_angle: float) -> None:
-        """Start control from the measured rear angle, not from an impossible one, and from zero if it is not measured."""
-        if abs(rear_angle) <= self.parameters.inputs.rear_angle_max:
+    def _is_plausible(self, rear_angle: float) -> bool:
+        return abs(rear_angle) <= self.parameters.inputs.rear_angle_max
+
+    def _end_of_silence(self, has_frames: bool) -> None:
+        """Send no command after a silence that led to the fail-safe, until the rear angle is known again."""
+        if has_frames and self._silence > self.parameters.inputs.missing_samples_max and self._measured is not None:
+            self._started, self._samples_without_angle = False, 0
+        self._silence = 0 if has_frames else self._silence + 1
+
+    def _start(self, rear_angle: float | None) -> None:
+        """Start control from the measured rear angle (None: no good sample), not from an impossible one.
+
+        A car that does not measure it starts from zero. After a silence, one that did measure it goes on from the last one.
+        """
+        was_measured = self._measured is not None
+        if rear_angle is not None and self._is_plausible(rear_angle):
             self._started = True
-        elif math.isnan(rear_angle):
+        elif was_measured or (rear_angle is not None and math.isnan(rear_angle)):
             self._samples_without_angle += 1
             self._started = self._samples_without_angle > self.parameters.inputs.recovery_samples
-        else:
+            rear_angle = self._measured if was_measured else rear_angle
+        elif rear_angle is not None:
             self._samples_without_angle = 0
         if self._started:
-            self._controller = self.make(rear_angle)
+            assert rear_angle is not None
+            if was_measured:
+                self._controller.place(rear_angle)
+            else:
+                self._controller = self.make(rear_angle)
             self._expected = self._controller.angle
 
     def _of_controller(self, is_good: bool) -> int:

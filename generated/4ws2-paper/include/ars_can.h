@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xC06BFD0Cu
+#define ARS_CAN_BUILD 0xBE04D6C5u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xC06BFD0Cu
+#define ARS_DYNAMICS_BUILD 0xBE04D6C5u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

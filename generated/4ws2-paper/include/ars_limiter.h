@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xC06BFD0Cu
+#define ARS_LIMITER_BUILD 0xBE04D6C5u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xC06BFD0Cu
+#define ARS_MAP_BUILD 0xBE04D6C5u
 
 /* Numbers of breakpoints. */
 enum {

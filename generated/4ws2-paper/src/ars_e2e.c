@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0xC06BFD0Cu
+#if ARS_E2E_BUILD != 0xBE04D6C5u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

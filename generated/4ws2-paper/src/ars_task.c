@@ -8,16 +8,16 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xC06BFD0Cu
+#if ARS_CAN_BUILD != 0xBE04D6C5u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xC06BFD0Cu
+#if ARS_CONTROLLER_BUILD != 0xBE04D6C5u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xC06BFD0Cu
+#if ARS_E2E_BUILD != 0xBE04D6C5u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xC06BFD0Cu
+#if ARS_TASK_BUILD != 0xBE04D6C5u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -69,14 +69,18 @@ ARS_SECTION_CODE static void input_disturb(ars_task_input_t *self, uint32_t caus
     self->disturbed = true;
 }
 
+ARS_SECTION_CODE static void input_count(ars_task_input_t *self)
+{
+    if (self->frames < UINT8_MAX) {
+        self->frames++;
+    }
+}
+
 /* Check a received frame. Returns whether its data may be used. */
 ARS_SECTION_CODE static bool input_receive(ars_task_input_t *self, uint16_t data_id, const uint8_t *data)
 {
     uint8_t advance = 0u;
 
-    if (self->frames < UINT8_MAX) {
-        self->frames++;
-    }
     switch (ars_e2e_check(&self->receiver, data_id, data)) {
     case ARS_E2E_OK:
     case ARS_E2E_INITIAL:
@@ -150,9 +154,12 @@ ARS_SECTION_CODE void ars_task_init(ars_task_t *self, const ars_parameters_t *pa
     self->disturbance = 0u;
     self->actuator_samples = 0u;
     self->expected_angle = 0.0f;
+    self->measured_angle = 0.0f;
+    self->has_measured = false;
     self->conditions_close = false;
     self->started = false;
     self->samples_without_angle = 0u;
+    self->silent_calls = 0u;
     self->cycles = 0u;
     self->late_cycles = 0u;
     self->early_cycles = 0u;
@@ -164,6 +171,14 @@ ARS_SECTION_CODE void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const
     const bool is_motion = id == (uint32_t)ARS_CAN_ID_VEHICLE_MOTION;
     const bool is_conditions = id == (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS;
 
+    if (is_motion) {
+        input_count(&self->motion_input);
+    } else if (is_conditions) {
+        self->conditions_close = self->motion_input.frames > 0u;
+        input_count(&self->conditions_input);
+    } else {
+        /* a frame of another node */
+    }
     if ((is_motion || is_conditions) && (length != (uint8_t)ARS_CAN_LENGTH)) {
         /* The data are not read: the frame counts as damaged and does not update the counter check. */
         if (is_motion) {
@@ -176,12 +191,11 @@ ARS_SECTION_CODE void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const
             ars_can_unpack_vehicle_motion(data, &self->motion);
         }
     } else if (is_conditions) {
-        self->conditions_close = self->motion_input.frames > 0u;
         if (input_receive(&self->conditions_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_CONDITIONS, data)) {
             ars_can_unpack_vehicle_conditions(data, &self->conditions);
         }
     } else {
-        /* a frame of another node */
+        /* ignored */
     }
 }
 
@@ -266,30 +280,64 @@ ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_good)
     return (samples > parameters->actuator_samples_max) ? (uint32_t)ARS_DIAGNOSTICS_ACTUATOR_STUCK : 0u;
 }
 
-/* Start control from the angle that the actuator holds. Wait while the angle is out of range. An angle that is not available for
- * recovery_samples samples means a car that does not measure it; control then starts from zero. */
-ARS_SECTION_CODE static void start(ars_task_t *self)
+/* Detect the end of a silence in which the controller entered the fail-safe. The actuator may have missed the commands too and still
+ * hold an old angle: no command is sent until the rear angle is measured again. */
+ARS_SECTION_CODE static void check_silence(ars_task_t *self)
+{
+    if ((self->motion_input.frames == 0u) && (self->conditions_input.frames == 0u)) {
+        if (self->silent_calls < UINT8_MAX) {
+            self->silent_calls++;
+        }
+    } else {
+        if ((self->silent_calls > self->parameters->inputs.missing_samples_max) && self->has_measured) {
+            self->started = false;
+            self->samples_without_angle = 0u;
+        }
+        self->silent_calls = 0u;
+    }
+}
+
+/* Start control from the angle that the actuator holds. Before the first start, wait while the angle is out of range; an angle that is
+ * not available for recovery_samples samples means a car that does not measure it, and control starts from zero. After a silence, an
+ * angle that is not measured for as many calls is replaced by the last measured one. */
+ARS_SECTION_CODE static void start(ars_task_t *self, bool is_good, bool is_measured)
 {
     const float rear_angle = self->conditions.rear_angle;
-    const float plausible_angle_max = self->parameters->inputs.rear_angle_max;
 
-    if (magnitude(rear_angle) <= plausible_angle_max) {
+    if (is_measured) {
         self->started = true;
-    } else if (magnitude(rear_angle) > plausible_angle_max) {
+    } else if (is_good && !self->has_measured && (magnitude(rear_angle) > self->parameters->inputs.rear_angle_max)) {
         self->samples_without_angle = 0u;
-    } else {
+    } else if (is_good || self->has_measured) {
         self->samples_without_angle++;
         self->started = self->samples_without_angle > self->parameters->inputs.recovery_samples;
+    } else {
+        /* no good sample yet */
     }
     if (self->started) {
-        ars_controller_init(&self->controller, rear_angle);
+        if (self->has_measured) {
+            ars_controller_place(&self->controller, is_measured ? rear_angle : self->measured_angle);
+        } else {
+            ars_controller_init(&self->controller, rear_angle);
+        }
         self->expected_angle = self->controller.rear_angle;
     }
 }
 
-/* Run the controller. Signals of a missing message are passed as not available. The inhibit is held over single lost frames. */
-ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool is_good)
+/* Return whether the feedback loop is impaired: the task is late, the actuator does not follow, or it is unknown whether another system
+ * inhibits the law. */
+ARS_SECTION_CODE static bool is_impaired(const ars_task_t *self, uint32_t diagnostics)
 {
+    const uint32_t impairing = (uint32_t)ARS_DIAGNOSTICS_TASK_LATE | (uint32_t)ARS_DIAGNOSTICS_ACTUATOR_STUCK;
+
+    return ((diagnostics & impairing) != 0u) || (self->conditions_input.supervision.state != ARS_E2E_STATE_VALID);
+}
+
+/* Run the controller. Signals of a missing message are passed as not available. The inhibit is held over single lost frames; an impaired
+ * loop is inhibited too, and its status is at least degraded. */
+ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool is_good, bool impaired)
+{
+    ars_command_t command;
     const bool motion_usable = self->motion_input.usable;
     const bool conditions_usable = self->conditions_input.usable;
     const float not_available = ars_can_not_available();
@@ -300,17 +348,26 @@ ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool is_good)
         .rear_angle = conditions_usable ? self->conditions.rear_angle : not_available,
         .friction = conditions_usable ? self->conditions.friction : not_available,
         .lateral_acceleration = conditions_usable ? self->conditions.lateral_acceleration : not_available,
-        .inhibit = self->conditions.inhibit && (self->conditions_input.supervision.state == ARS_E2E_STATE_VALID)
+        .inhibit = self->conditions.inhibit || impaired
     };
+
+    const bool is_measured = is_good && (magnitude(self->conditions.rear_angle) <= self->parameters->inputs.rear_angle_max);
 
     if (!is_good) {
         self->lost_samples++;
-    } else if (!self->started) {
-        start(self);
-    } else {
-        /* control is running */
     }
-    return ars_controller_step(&self->controller, self->parameters, &measurement);
+    if (!self->started) {
+        start(self, is_good, is_measured);
+    }
+    if (is_measured) {
+        self->has_measured = true;
+        self->measured_angle = self->conditions.rear_angle;
+    }
+    command = ars_controller_step(&self->controller, self->parameters, &measurement);
+    if (impaired && ((command.status == ARS_STATUS_TRACKING) || (command.status == ARS_STATUS_LIMITED))) {
+        command.status = ARS_STATUS_DEGRADED;
+    }
+    return command;
 }
 
 /* Diagnostics of the controller: replaced signals, and a signal that is not available in a good sample. */
@@ -341,9 +398,10 @@ ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
     ars_command_t command;
     bool is_good;
 
-    if (self->controller.initialised == 0u) { /* not initialised by ars_task_init() */
+    if (self->controller.initialised != (uint32_t)ARS_CONTROLLER_INITIALISED) { /* not initialised by ars_task_init() */
         ars_task_init(self, &ars_parameters_default);
     }
+    check_silence(self);
     diagnostics = check_rhythm(self);
     diagnostics |= check_bus(self);
     diagnostics |= input_close(&self->motion_input);
@@ -353,9 +411,9 @@ ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
     if (self->started) {
         diagnostics |= check_actuator(self, is_good);
     }
-    command = step(self, is_good);
+    command = step(self, is_good, is_impaired(self, diagnostics));
     diagnostics |= causes_of_controller(self, is_good);
-    /* Before the first good sample the rear angle is unknown: no command is better than a wrong one. */
+    /* Before the start, and after a silence, the rear angle is unknown: no command is better than a wrong one. */
     signals.rear_angle = self->started ? command.rear_angle : ars_can_not_available();
     signals.yaw_rate_reference = self->started ? command.yaw_rate_reference : ars_can_not_available();
     signals.status = (uint8_t)command.status;

@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0xC06BFD0Cu
+#if ARS_TASK_BUILD != 0xBE04D6C5u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -127,6 +127,9 @@ static void call_controller(void)
 
             measurement.inhibit = any != 0;
             (void)ars_controller_step(&controller, &parameters, &measurement);
+            if (any != 0) {
+                ars_controller_place(&controller, any_number);
+            }
         }
     }
 }

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x14045B25u
+#define ARS_DYNAMICS_BUILD 0x2F147E13u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

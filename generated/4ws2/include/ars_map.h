@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x14045B25u
+#define ARS_MAP_BUILD 0x2F147E13u
 
 /* Numbers of breakpoints. */
 enum {

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x14045B25u
+#if ARS_CONTROLLER_BUILD != 0x2F147E13u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -21,9 +21,6 @@
 
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
 ARS_SECTION_CONST static const float actuator_angle_max = 0.061086524f; /* rad */
-
-/* Mark of a state that ars_controller_init() has initialised. Not zero, so that cleared memory does not look initialised. */
-ARS_SECTION_CONST static const uint32_t initialised = 0x41525331u;
 
 /* Above every sum of squares of a valid state. */
 ARS_SECTION_CONST static const float squares_max = 1.0e+12f;
@@ -140,30 +137,35 @@ ARS_SECTION_CODE static void limit(
     self->rear_angle = limited_angle;
 }
 
-ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_angle)
+ARS_SECTION_CODE void ars_controller_place(ars_controller_t *self, float rear_angle)
 {
-    float initial_angle = 0.0f;
+    float held_angle = 0.0f;
 
     if ((rear_angle > 0.0f) || (rear_angle < 0.0f)) { /* false for NaN */
-        initial_angle = bounded(rear_angle, actuator_angle_max);
+        held_angle = bounded(rear_angle, actuator_angle_max);
     }
-    self->rear_angle = initial_angle;
+    self->rear_angle = held_angle;
+    ars_limiter_init(&self->limiter, held_angle);
+}
+
+ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_angle)
+{
+    ars_controller_place(self, rear_angle);
     self->yaw_rate_reference = 0.0f;
     self->yaw_rate_error = 0.0f;
     self->sample.speed = 0.0f;
     self->sample.front_angle = 0.0f;
     self->sample.yaw_rate = 0.0f;
-    self->sample.rear_angle = initial_angle;
+    self->sample.rear_angle = self->rear_angle;
     self->sample.friction = 0.0f;
     self->sample.lateral_acceleration = 0.0f;
     self->sample.inhibit = true;
     self->enabled = false;
     self->quality = ARS_QUALITY_GOOD;
     self->status = ARS_STATUS_STANDBY;
-    self->initialised = initialised;
+    self->initialised = (uint32_t)ARS_CONTROLLER_INITIALISED;
     ars_inputs_init(&self->inputs, true);
-    ars_limiter_init(&self->limiter, initial_angle);
-    ars_law_init(&self->law, initial_angle);
+    ars_law_init(&self->law, self->rear_angle);
     ars_grip_init(&self->grip);
 }
 
@@ -202,7 +204,7 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->inputs.beyond_linear * self->inputs.beyond_linear;
     squares += self->inputs.friction * self->inputs.friction;
     squares += self->limiter.rear_angle * self->limiter.rear_angle;
-    return (self->initialised == initialised) && (squares <= squares_max); /* false for NaN */
+    return (self->initialised == (uint32_t)ARS_CONTROLLER_INITIALISED) && (squares <= squares_max); /* false for NaN */
 }
 
 ARS_SECTION_CODE ars_command_t ars_controller_step(

@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x14045B25u
+#if ARS_INPUTS_BUILD != 0x2F147E13u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x14045B25u
+#if ARS_MAP_BUILD != 0x2F147E13u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x14045B25u
+#if ARS_TASK_BUILD != 0x2F147E13u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -319,9 +319,11 @@ static inline bool ars_task_holds(const ars_task_t *value)
         && ((value->backlog <= 64u) && (value->disturbance <= 64u))
         && (value->actuator_samples <= 60001u)
         && lies_within(value->expected_angle, 0.7853982f)
+        && lies_within(value->measured_angle, 0.7853982f)
         && is_flag(value->conditions.inhibit)
         && is_flag(value->conditions_close)
-        && is_flag(value->started);
+        && is_flag(value->started)
+        && is_flag(value->has_measured);
     return holds;
 }
 
@@ -814,6 +816,22 @@ static inline void ars_controller_init_ensures(const ars_controller_t *self, flo
     CONTRACT_ENSURE(lies_within(self->rear_angle, 0.061086524f), "|rear_angle| is at most the actuator's largest angle");
 }
 
+static inline void ars_controller_place_requires(const ars_controller_t *self, float rear_angle)
+{
+    (void)self;
+    (void)rear_angle;
+    CONTRACT_REQUIRE(ars_controller_holds(self), "ars_controller_place requires: self is within its invariant");
+}
+
+static inline void ars_controller_place_ensures(const ars_controller_t *self, float rear_angle, const ars_controller_t *self_before)
+{
+    (void)self;
+    (void)rear_angle;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_controller_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(lies_within(self->rear_angle, 0.061086524f), "|rear_angle| is at most the actuator's largest angle");
+}
+
 static inline void ars_controller_step_requires(const ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
     (void)self;
@@ -1078,6 +1096,7 @@ static inline void ars_task_on_can_frame_ensures(const ars_task_t *self, uint32_
     (void)length;
     (void)self_before;
     CONTRACT_ENSURE(ars_task_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE((id != (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS) || (self->conditions_close == (self_before->motion_input.frames > 0u)), "the set is complete after the conditions of a cycle with the motion");
 }
 
 static inline void ars_task_10ms_requires(const ars_task_t *self, const uint8_t data[8])

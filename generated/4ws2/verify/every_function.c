@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x14045B25u
+#if ARS_TASK_BUILD != 0x2F147E13u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -142,6 +142,9 @@ static void call_controller(void)
 
             measurement.inhibit = any != 0;
             (void)ars_controller_step(&controller, &parameters, &measurement);
+            if (any != 0) {
+                ars_controller_place(&controller, any_number);
+            }
         }
     }
 }
