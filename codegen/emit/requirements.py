@@ -213,7 +213,7 @@ REQUIREMENTS = (
     ),
     Requirement(
         "ARS-SUP-2",
-        "Without valid conditions, with a stuck actuator or a late task, the integrator is held and the status is not TRACKING.",
+        "Without valid conditions, with a stuck actuator or late task, the integrator is held and the status is not TRACKING.",
         (),
         ("law",),
         ("hil_sim/test_task_events.py",),

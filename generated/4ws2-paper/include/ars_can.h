@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xBE04D6C5u
+#define ARS_CAN_BUILD 0x720B33C3u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xBE04D6C5u
+#define ARS_DYNAMICS_BUILD 0x720B33C3u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

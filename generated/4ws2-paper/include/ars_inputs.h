@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xBE04D6C5u
+#define ARS_INPUTS_BUILD 0x720B33C3u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xBE04D6C5u
+#define ARS_LIMITER_BUILD 0x720B33C3u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

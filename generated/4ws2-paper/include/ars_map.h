@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xBE04D6C5u
+#define ARS_MAP_BUILD 0x720B33C3u
 
 /* Numbers of breakpoints. */
 enum {

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xBE04D6C5u
+#if ARS_CHECKSUM_BUILD != 0x720B33C3u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xBE04D6C5u
+#if ARS_DYNAMICS_BUILD != 0x720B33C3u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

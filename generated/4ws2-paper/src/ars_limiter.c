@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xBE04D6C5u
+#if ARS_LIMITER_BUILD != 0x720B33C3u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

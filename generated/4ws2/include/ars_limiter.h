@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x2F147E13u
+#define ARS_LIMITER_BUILD 0xABAB6DB2u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

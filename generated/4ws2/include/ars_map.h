@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x2F147E13u
+#define ARS_MAP_BUILD 0xABAB6DB2u
 
 /* Numbers of breakpoints. */
 enum {

@@ -8,16 +8,16 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x2F147E13u
+#if ARS_CAN_BUILD != 0xABAB6DB2u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x2F147E13u
+#if ARS_CONTROLLER_BUILD != 0xABAB6DB2u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x2F147E13u
+#if ARS_E2E_BUILD != 0xABAB6DB2u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x2F147E13u
+#if ARS_TASK_BUILD != 0xABAB6DB2u
 #error "ars_task.h and this source come from different builds"
 #endif
 

@@ -191,7 +191,8 @@ def claims(source: Source) -> Iterator[Claim]:
         text = "at least the smallest plausible friction; NaN stays NaN"
         yield Claim("controller", "known_friction", text, KNOWN_FRICTION, edges(least), setup, values={"least": least})
     text = "starts within the actuator's range; NaN becomes zero"
-    yield Claim("controller", "@_controller_init", text, CONTROLLER_INIT, edges(angle), values={"limit": angle})
+    for name in ("@_controller_init", "@_controller_place"):
+        yield Claim("controller", name, text, CONTROLLER_INIT, edges(angle), values={"limit": angle})
     yield Claim("limiter", "@_limiter_init", "starts within a radian; anything else becomes zero", LIMITER_INIT, edges("1.0f"))
     # The bounds of a build may all be equal; these decrease with speed and test more.
     speeds = [speed * KM_H for speed in opposite_phase_speeds_km_h(config)]
