@@ -277,3 +277,18 @@ def check_zeroed_task(built: Built) -> None:
         function("task_10ms")(task, data)
         assert task.controller.sample.inhibit == inhibits
     assert task.cycles == 4
+
+
+def check_silence(built: Built) -> None:
+    """Check that the first frame after a silence of any length stops the commands, even if it has a wrong length."""
+    software, function = built.software, built.software.function
+    for calls, stops in ((0, False), (3, False), (4, True), (300, True)):  # longer than the count of silent calls can tell
+        task, data, parameters = software.new("task"), software.ffi.new("uint8_t[8]"), software.parameters()
+        function("task_init")(task, parameters)
+        task.started = task.has_measured = True
+        for _ in range(calls):
+            function("task_10ms")(task, data)
+        assert task.started and task.silent_calls == min(calls, 255)
+        function("task_on_can_frame")(task, software.config.can.vehicle_motion.id, data, 7)
+        function("task_10ms")(task, data)
+        assert (task.started, task.silent_calls, task.early_cycles) == (not stops, 0, calls)

@@ -216,7 +216,12 @@ UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
     "e2e": lambda kind: [RECEIVER, *_inits(kind)],
     "task": lambda kind: [
         TASK,
-        *_of_built(answers_task.check_backlog, answers_task.check_zeroed_task, answers_task.check_actuator_is_followed),
+        *_of_built(
+            answers_task.check_backlog,
+            answers_task.check_zeroed_task,
+            answers_task.check_silence,
+            answers_task.check_actuator_is_followed,
+        ),
         *_inits(kind),
     ],
     "selftest": lambda _: [Judge("stand-ins", check_selftest, of_single=True)],

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x720B33C3u
+#define ARS_CAN_BUILD 0x34C804EBu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0x720B33C3u
+#define ARS_CONSTANTS_BUILD 0x34C804EBu
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady one that the constraints allow */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x720B33C3u
+#define ARS_DYNAMICS_BUILD 0x34C804EBu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x720B33C3u
+#define ARS_INPUTS_BUILD 0x34C804EBu
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

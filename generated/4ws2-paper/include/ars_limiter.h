@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x720B33C3u
+#define ARS_LIMITER_BUILD 0x34C804EBu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x720B33C3u
+#define ARS_MAP_BUILD 0x34C804EBu
 
 /* Numbers of breakpoints. */
 enum {

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x720B33C3u
+#if ARS_CHECKSUM_BUILD != 0x34C804EBu
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

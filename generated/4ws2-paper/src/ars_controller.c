@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x720B33C3u
+#if ARS_CONTROLLER_BUILD != 0x34C804EBu
 #error "ars_controller.h and this source come from different builds"
 #endif
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x720B33C3u
+#if ARS_DYNAMICS_BUILD != 0x34C804EBu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

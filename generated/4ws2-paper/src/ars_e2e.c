@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x720B33C3u
+#if ARS_E2E_BUILD != 0x34C804EBu
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

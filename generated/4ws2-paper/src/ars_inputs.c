@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x720B33C3u
+#if ARS_INPUTS_BUILD != 0x34C804EBu
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

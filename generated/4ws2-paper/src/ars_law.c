@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0x720B33C3u
+#if ARS_LAW_BUILD != 0x34C804EBu
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x720B33C3u
+#if ARS_MAP_BUILD != 0x34C804EBu
 #error "ars_map.h and this source come from different builds"
 #endif
 

@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x720B33C3u
+#if ARS_TASK_BUILD != 0x34C804EBu
 #error "ars_task.h and this source come from different builds"
 #endif
 

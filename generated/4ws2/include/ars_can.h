@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xABAB6DB2u
+#define ARS_CAN_BUILD 0x04CC1E8Au
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

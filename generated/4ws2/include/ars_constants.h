@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0xABAB6DB2u
+#define ARS_CONSTANTS_BUILD 0x04CC1E8Au
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady one that the constraints allow */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xABAB6DB2u
+#define ARS_DYNAMICS_BUILD 0x04CC1E8Au
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

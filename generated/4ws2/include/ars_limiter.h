@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xABAB6DB2u
+#define ARS_LIMITER_BUILD 0x04CC1E8Au
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xABAB6DB2u
+#define ARS_MAP_BUILD 0x04CC1E8Au
 
 /* Numbers of breakpoints. */
 enum {

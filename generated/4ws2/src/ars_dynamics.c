@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xABAB6DB2u
+#if ARS_DYNAMICS_BUILD != 0x04CC1E8Au
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -9,10 +9,10 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xABAB6DB2u
+#if ARS_CONSTANTS_BUILD != 0x04CC1E8Au
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_GRIP_BUILD != 0xABAB6DB2u
+#if ARS_GRIP_BUILD != 0x04CC1E8Au
 #error "ars_grip.h and this source come from different builds"
 #endif
 

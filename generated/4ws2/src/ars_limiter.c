@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xABAB6DB2u
+#if ARS_LIMITER_BUILD != 0x04CC1E8Au
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -8,16 +8,16 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xABAB6DB2u
+#if ARS_CAN_BUILD != 0x04CC1E8Au
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xABAB6DB2u
+#if ARS_CONTROLLER_BUILD != 0x04CC1E8Au
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xABAB6DB2u
+#if ARS_E2E_BUILD != 0x04CC1E8Au
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xABAB6DB2u
+#if ARS_TASK_BUILD != 0x04CC1E8Au
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -306,13 +306,13 @@ ARS_SECTION_CODE static void start(ars_task_t *self, bool is_good, bool is_measu
 
     if (is_measured) {
         self->started = true;
-    } else if (is_good && !self->has_measured && (magnitude(rear_angle) > self->parameters->inputs.rear_angle_max)) {
+    } else if (!is_good && !self->has_measured) {
+        /* no good sample yet */
+    } else if (!self->has_measured && (magnitude(rear_angle) > self->parameters->inputs.rear_angle_max)) {
         self->samples_without_angle = 0u;
-    } else if (is_good || self->has_measured) {
+    } else {
         self->samples_without_angle++;
         self->started = self->samples_without_angle > self->parameters->inputs.recovery_samples;
-    } else {
-        /* no good sample yet */
     }
     if (self->started) {
         if (self->has_measured) {
