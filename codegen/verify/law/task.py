@@ -179,7 +179,7 @@ class SecondTask:
         return Measurement(**vars(car), **vars(state))
 
     def _is_plausible(self, rear_angle: float) -> bool:
-        return abs(rear_angle) <= self.parameters.inputs.rear_angle_max
+        return bool(abs(rear_angle) <= self.parameters.inputs.rear_angle_max)
 
     def _end_of_silence(self, has_frames: bool) -> None:
         """Send no command after a silence that led to the fail-safe, until the rear angle is known again."""
