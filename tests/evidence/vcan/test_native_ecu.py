@@ -154,7 +154,10 @@ def random_set(rng: np.random.Generator, car: Car) -> list[tuple[int, bytes]]:
     if rng.random() < 0.2:
         frames.insert(0, frames[1])
     if rng.random() < 0.1:
-        frames.insert(0, (int(rng.choice([MOTION, CONDITIONS])), rng.bytes(int(rng.integers(8)))))
+        wrong_length = rng.bytes(int(rng.integers(8)))
+        # Either counts as received: conditions would end the set after the motion, and start none before it.
+        place, identifier = (0, CONDITIONS) if rng.random() < 0.5 else (len(frames) - 1, MOTION)
+        frames.insert(place, (identifier, wrong_length))
     return frames
 
 

@@ -36,8 +36,8 @@ COUNTERS = (
     ("include/ars_controller.h", "    bool enabled; ", "    uint32_t count;\n    bool enabled; "),
     (
         "src/ars_controller.c",
-        "    self->initialised = initialised;\n",
-        "    self->initialised = initialised;\n    self->count = 0u;\n",
+        "    self->enabled = false;\n    self->quality",
+        "    self->enabled = false;\n    self->count = 0u;\n    self->quality",
     ),
     (
         "src/ars_controller.c",
