@@ -322,7 +322,8 @@ def _failures(drawn: Sequence[CarFigures]) -> list[str]:
 def _notes() -> tuple[str, ...]:
     return (
         f"Plants: {TWO_TRACK} is the car of the configuration; roll is the third plant, with other tyres, relaxation and "
-        "sensor errors. The passive car is driven on the same plant. Commands act a sample late. C1 and the displacement are "
+        "sensor errors. The passive car is driven on the same plant. Commands act "
+        "`plant.command_delay_samples` late, and at least one sample. C1 and the displacement are "
         f"the worst of the tuned controller and of {FEEDFORWARD} alone.",
         "Passive car of the map's rows: steady turns of the nonlinear car with straight rear wheels, up to 90 % of the slip of "
         "peak force. Yaw rates are those of the table of the ECU with its cap; the cap of these rows is 95 % of the smaller "

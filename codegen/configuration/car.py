@@ -359,7 +359,7 @@ class Plant(Section):
     command_delay_samples: Annotated[
         int,
         Meaning("control samples between the computation of a command and its effect"),
-    ] = Field(default=0, ge=0, le=100)
+    ] = Field(default=0, ge=0, le=20)
 
 
 class Sensor(Section):

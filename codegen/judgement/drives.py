@@ -217,10 +217,10 @@ def drive_sines(bench: Bench, map_speed: FloatArray) -> SineFigures | None:
 
 def _dwells(bench: Bench, amplitude: FloatArray, **changes: Any) -> tuple[SineWithDwell, Runs]:
     scenario: Scenario = SCENARIOS["sine-with-dwell"]
-    plant = bench.software.config
+    car = bench.config  # the angle is measured on the car that is driven
     # The inputs of the scenario at 80 km/h are for one run; a run's factor of the speed is one.
     runs = bench.run(
-        scenario.inputs(plant),
+        scenario.inputs(car),
         scenario.steer_time,
         COLUMNS,
         speed=np.ones(amplitude.size),

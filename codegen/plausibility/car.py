@@ -81,7 +81,7 @@ def _beyond(value: float, limits: tuple[float, float]) -> str:
 
 def car_warnings(config: Config) -> tuple[str, ...]:
     """Return a warning for each implausible value and for each pair of keys that contradict each other."""
-    return (*_vehicle(config), *_tyres(config), *_actuator(config), *_controller(config))
+    return (*_vehicle(config), *_tyres(config), *_actuator(config), *_plant(config), *_controller(config))
 
 
 def _vehicle(config: Config) -> Iterator[str]:
@@ -151,6 +151,20 @@ def _actuator(config: Config) -> Iterator[str]:
                 f"{key} = {rate:g} is above rear_actuator.rate_max_deg_s = {actuator.rate_max_deg_s:g}: "
                 "the controller commands a rate that the actuator cannot follow"
             )
+
+
+def _plant(config: Config) -> Iterator[str]:
+    plant, tuning = config.plant, config.tuning
+    if plant.rear_relaxation_factor != 1.0 and plant.relaxation_length_m == 0.0:
+        yield (
+            f"plant.rear_relaxation_factor = {plant.rear_relaxation_factor:g} has no effect: it multiplies "
+            "plant.relaxation_length_m, which is 0; set the length, or remove the factor"
+        )
+    if "delay_samples" in tuning.model_fields_set and tuning.delay_samples < plant.command_delay_samples:
+        yield (
+            f"tuning.delay_samples = {tuning.delay_samples} has no effect: it is below plant.command_delay_samples = "
+            f"{plant.command_delay_samples}, which counts; remove it"
+        )
 
 
 def _controller(config: Config) -> Iterator[str]:

@@ -249,7 +249,7 @@ def overview_figure(result: SuiteResult) -> Figure:
             for level, text in levels:
                 place = {"xytext": (4, -4), "textcoords": "offset points", "va": "top", "fontsize": 8.5}
                 axes.annotate(text, (axes.get_xlim()[0], level), **place)
-        panels[-2, 0].set_title("Margins of the car itself (thin), and the worst of the family of cars")
+        panels[-2, 0].set_title("Margins of the car itself (thin), and the worst of the family without slow cars")
         for column in panels[:-1].T:
             figure.align_ylabels(column)
         below = panels[-1, 0].get_gridspec()[-1, :]  # the roads need the whole width

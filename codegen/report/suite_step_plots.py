@@ -56,13 +56,14 @@ def name_handles(result: SuiteResult, looks: Mapping[str, Mapping[str, Any]]) ->
 
 
 def margins_figure(result: SuiteResult) -> Figure:
-    """Draw gain margin, phase margin and peak sensitivity over speed, of the configured car and the worst of the family."""
+    """Draw gain margin, phase margin and peak sensitivity over speed, of the configured car and the worst of the family
+    without its slow cars (`family_margins`)."""
     with style.style():
         figure = style.new_figure(11.0, 4.4)
         panels = figure.subplots(1, 3)
         for axes, panel in zip(panels, MARGIN_PANELS, strict=True):
             draw_margins(axes, result, *panel)
-        figure.suptitle("Margins of the feedback: of the configured car, and the worst of the family of cars")
+        figure.suptitle("Margins of the feedback: of the configured car, and the worst of the family without slow cars")
         handles = _margin_handles(result)
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
     return figure
@@ -107,7 +108,7 @@ FAMILY: Mapping[str, dict[str, Any]] = {
 
 def _margin_handles(result: SuiteResult) -> list[Any]:
     looks = lines_of(result)
-    kinds = (("itself", "the car itself"), ("worst", "worst of the family"))
+    kinds = (("itself", "the car itself"), ("worst", "worst of the family without slow cars"))
     handles: list[Any] = [
         style.line_handle(label=f"{style.plain(name)}: {text}", **{**looks[name], **FAMILY[kind]})
         for name in _with_feedback(result)

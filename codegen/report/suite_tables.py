@@ -266,9 +266,11 @@ def c1_table(result: SuiteResult) -> str:
 
 
 def margin_table(result: SuiteResult) -> str:
-    """Return the margins of the controller under test and the paper's: the configured car, and the worst of the family."""
+    """Return the margins of the controller under test and the paper's: the configured car, and the worst of the family without
+    its slow cars (`family_margins`)."""
     names = [name for name in dict.fromkeys((result.tested, BASELINE)) if name in result.margins]
-    header = ["", *(text for name in names for text in (f"{name}: the car itself", f"{name}: worst of the family"))]
+    whose = ("the car itself", "worst of the family without slow cars")
+    header = ["", *(f"{name}: {text}" for name in names for text in whose)]
     rows = []
     for place, point in enumerate(result.margins[names[0]].points):
         row = [f"{point.speed_km_h:g} km/h"]

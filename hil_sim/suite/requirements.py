@@ -25,6 +25,10 @@ Seconds = Annotated[float, Range(0.0, 60.0, "s")]
 Degrees = Annotated[float, Range(0.0, 90.0, "deg")]
 
 
+STEP_INSTRUCTIONS_MAX = 1_320
+"""Instructions of the longest step of kind `tracking` with the limiter, of one map on even axes."""
+
+
 class Limits(Section):
     """Limits of `codegen sil --suite`, keys of the file of `--limits`. Each description gives the reason."""
 
@@ -55,7 +59,9 @@ class Limits(Section):
     snow_spins_without_estimate: Annotated[int, Field(ge=0, le=100)] = Field(
         default=1, description="on friction 0.4 without an estimate"
     )
-    instructions: Annotated[int, Field(ge=1, le=100_000)] = Field(default=1_320, description="worst step with the limiter")
+    instructions: Annotated[int, Field(ge=1, le=100_000)] = Field(
+        default=STEP_INSTRUCTIONS_MAX, description="worst step with the limiter"
+    )
     timing_factor: Annotated[float, Range(1.0, 10.0)] = Field(
         default=1.05, description="of the error with frames in step, and one code"
     )

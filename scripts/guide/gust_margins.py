@@ -59,7 +59,7 @@ def respond(config: Config, member: Member, gust: Gust, speed: FloatArray, kp: F
     step = matrix_exponential(whole * period)
     state = np.zeros((*np.broadcast_shapes(kp.shape, ki.shape), size + 4))
     integral = np.zeros(state.shape[:-1])
-    waiting = [integral] * config.tuning.delay_samples
+    waiting = [integral] * config.designed_delay_samples
     for k in range(round((gust.duration + gust.read_after) / period)):
         integral = integral + period * state[..., YAW_RATE]
         waiting.append(kp * state[..., YAW_RATE] + ki * integral)
@@ -81,7 +81,7 @@ def figure() -> Figure:
     designed = speed <= config.top_speed_km_h * KM_H
     tuning = config.tuning
     kinds = (
-        ("worst of the family", False, look.BLUE, (tuning.gain_margin_db, tuning.phase_margin_deg)),
+        ("worst of the family without slow cars", False, look.BLUE, (tuning.gain_margin_db, tuning.phase_margin_deg)),
         ("worst of its slow cars", True, look.VERMILION, (tuning.slow_gain_margin_db, tuning.slow_phase_margin_deg)),
     )
     sides = (

@@ -174,7 +174,7 @@ ROWS: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
         "sine of 1 Hz at 120 km/h: gain over the map's, phase",
         lambda of: f"{_number(of['sine_gain'], 2)}, {_number(of['sine_phase_deg'], 0, ' deg')}",
     ),
-    ("margins, worst of the family, 20 to 120 km/h", _margins),
+    ("margins, worst of the family without slow cars, 20 to 120 km/h", _margins),
 )
 
 
@@ -203,7 +203,7 @@ def missed() -> str:
 
 
 def _measured(value: float | None) -> str:
-    return "none" if value is None else f"{value:.3g}"
+    return "none" if value is None else f"{value:,.0f}" if abs(value) >= 1_000.0 else f"{value:.3g}"
 
 
 def paths() -> str:

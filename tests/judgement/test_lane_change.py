@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from codegen.judgement.bench import Bench
+from codegen.judgement.drives import drive_dwells
 from codegen.judgement.lane_change import (
     COLUMNS,
     DRIVERS,
@@ -43,6 +44,16 @@ def test_a_driver_of_a_batch_is_the_driver_of_a_single_run(software: BatchSoftwa
         record = loop.run_stepped(scenario.inputs(config), driver.steer)
         one = sideslips_if_passed(Runs.of_record(record, 2.0), scenario, config)
         assert sideslip == pytest.approx(one[0], rel=2e-3, nan_ok=True)
+
+
+def test_the_sine_with_dwell_is_that_of_the_driven_car_whatever_the_batch_was_compiled_with(software: BatchSoftware) -> None:
+    """A batch is compiled once for all cars with the same parts: its own car must not set the angle for 0.3 g."""
+    other = software.config.replace({"vehicle.mass_kg": 1.2 * software.config.vehicle.mass_kg})
+    folder = builds.of_kind("feedforward").folder
+    own = compile_batch(folder.files, folder.manifest, other)
+    found, expected = (drive_dwells(Bench(batch, other)).displacement_m for batch in (software, own))
+    assert found == pytest.approx(expected, rel=1e-12)
+    assert found != pytest.approx(drive_dwells(Bench(software, software.config)).displacement_m, rel=1e-3)
 
 
 def test_a_driver_passes_the_lane_change_only_when_slow_enough(software: BatchSoftware) -> None:

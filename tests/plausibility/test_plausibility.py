@@ -304,6 +304,21 @@ def test_a_limit_above_that_of_the_actuator_is_reported_once(tmp_path: Path) -> 
     assert "limits.rear_angle_max_deg = 5 is above rear_actuator.angle_max_deg = 3.5" in text
 
 
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("[plant]\nrear_relaxation_factor = 0.7\n", ["plant.rear_relaxation_factor = 0.7 has no effect"]),
+        ("[plant]\nrear_relaxation_factor = 0.7\nrelaxation_length_m = 0.4\n", []),
+        ("[plant]\ncommand_delay_samples = 2\n", []),
+        ("[plant]\ncommand_delay_samples = 2\n[tuning]\ndelay_samples = 1\n", ["tuning.delay_samples = 1 has no effect"]),
+        ("[plant]\ncommand_delay_samples = 2\n[tuning]\ndelay_samples = 2\n", []),
+    ],
+)
+def test_keys_of_the_plant_without_effect_are_found(tmp_path: Path, text: str, found: list[str]) -> None:
+    warnings = check_path(configured(tmp_path, GRID + text)).warnings
+    assert [text.partition(":")[0] for text in warnings] == found
+
+
 def test_lags_that_do_not_follow_the_car_are_one_note(tmp_path: Path) -> None:
     older = check_path(configured(tmp_path, f"{GRID}[tuning]\nactuator_lag_s = [0.02, 0.05, 0.1]\n"))
     (note,) = [text for text in older.notes if "actuator_lag_factor" in text]

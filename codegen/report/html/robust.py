@@ -41,7 +41,8 @@ def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
             continue
         shown.append(name)
         colour = next(colours)
-        for count, dash, whose in ((POINTS, "solid", "the car itself"), (FAMILY_POINTS, "dash", "worst of the family")):
+        lines = (POINTS, "solid", "the car itself"), (FAMILY_POINTS, "dash", "worst of the family without slow cars")
+        for count, dash, whose in lines:
             ends = margin_range_km_h(config) if count == POINTS else family_range_km_h(config)
             speed = np.linspace(*ends, count) * KM_H
             if count == POINTS:
