@@ -217,7 +217,8 @@ def drive_sines(bench: Bench, map_speed: FloatArray) -> SineFigures | None:
 
 def _dwells(bench: Bench, amplitude: FloatArray, **changes: Any) -> tuple[SineWithDwell, Runs]:
     scenario: Scenario = SCENARIOS["sine-with-dwell"]
-    car = bench.config  # the angle is measured on the car that is driven
+    # The angle is that of the driven car, in steps of the batch, whose own car may be another with the same parts.
+    car = bench.config.unchecked({"plant.sampling_time_s": bench.software.config.plant.sampling_time_s})
     # The inputs of the scenario at 80 km/h are for one run; a run's factor of the speed is one.
     runs = bench.run(
         scenario.inputs(car),
