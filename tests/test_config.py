@@ -417,7 +417,7 @@ def test_other_values_make_another_configuration() -> None:
         ),
         ({"plant.roll_deg_per_g": -1.0}, "plant.roll_deg_per_g: -1 is outside 0.1 to 15 deg/g and not 0;"),
         ({"plant.command_delay_samples": -1}, "plant.command_delay_samples: -1 is below 0, the smallest value;"),
-        ({"plant.command_delay_samples": 101}, "plant.command_delay_samples: 101 is above 100, the largest value;"),
+        ({"plant.command_delay_samples": 21}, "plant.command_delay_samples: 21 is above 20, the largest value;"),
         ({"plant.command_delay_samples": 1.5}, "plant.command_delay_samples: a whole number is needed, not 1.5"),
     ],
 )

@@ -108,7 +108,7 @@ FAMILY: Mapping[str, dict[str, Any]] = {
 
 def _margin_handles(result: SuiteResult) -> list[Any]:
     looks = lines_of(result)
-    kinds = (("itself", "the car itself"), ("worst", "worst of the family without slow cars"))
+    kinds = (("itself", "the car itself"), ("worst", "worst of the family"))
     handles: list[Any] = [
         style.line_handle(label=f"{style.plain(name)}: {text}", **{**looks[name], **FAMILY[kind]})
         for name in _with_feedback(result)

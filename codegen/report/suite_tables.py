@@ -39,7 +39,10 @@ def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
     yield from condition_tables(result)
     yield "The paper's step, C1", c1_table(result)
     if result.margins:
-        yield "Margins over speed: gain (dB) / phase (deg) / peak sensitivity", margin_table(result)
+        yield (
+            "Margins over speed, the worst of the family without slow cars: gain (dB) / phase (deg) / peak sensitivity",
+            margin_table(result),
+        )
     if result.rise_times:
         yield "Rise time to 90 % over the amplitudes, mean / largest (s)", rise_table(result)
     yield "Sine at the steering wheel, 10 % of the largest front angle: gain over the map's / phase (deg)", sine_table(result)
@@ -269,7 +272,7 @@ def margin_table(result: SuiteResult) -> str:
     """Return the margins of the controller under test and the paper's: the configured car, and the worst of the family without
     its slow cars (`family_margins`)."""
     names = [name for name in dict.fromkeys((result.tested, BASELINE)) if name in result.margins]
-    whose = ("the car itself", "worst of the family without slow cars")
+    whose = ("the car itself", "worst of the family")
     header = ["", *(f"{name}: {text}" for name in names for text in whose)]
     rows = []
     for place, point in enumerate(result.margins[names[0]].points):

@@ -194,8 +194,8 @@ const plots = (() => {
     }
     const { family } = data.margins;
     if (family) {
-      traces.push(line(family.speed_km_h, family.gain_db, "worst of the family without slow cars", "family"));
-      traces.push(line(family.speed_km_h, family.phase_deg, "worst of the family without slow cars", "family", { yaxis: "y2" }));
+      traces.push(line(family.speed_km_h, family.gain_db, "worst of the family", "family"));
+      traces.push(line(family.speed_km_h, family.phase_deg, "worst of the family", "family", { yaxis: "y2" }));
     }
     traces.push(line(ends, [now.asked_gain_db, now.asked_gain_db], "required", "limit"));
     traces.push(line(ends, [now.asked_phase_deg, now.asked_phase_deg], "required", "limit", { yaxis: "y2" }));

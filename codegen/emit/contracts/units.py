@@ -6,6 +6,7 @@ a state before the call, `<argument>_before`; `->` leads from an argument to its
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,18 @@ from codegen.emit.contracts.frames import FrameUnits
 from codegen.emit.contracts.invariants import Invariants
 from codegen.emit.contracts.maps import MapUnits
 
+PLACES: Mapping[str, tuple[str, ...]] = {
+    "controller_t": ("",),
+    "law_t": ("law",),
+    "reference_model_t": ("law.model",),
+    "grip_t": ("grip",),
+    "inputs_t": ("inputs",),
+    "limiter_t": ("limiter",),
+}
+"""Struct -> where the state of the controller has it; "" for that state itself."""
+BOUNDED = re.compile(r"\blies_(?:within|between)\(value->([\w.]+),")
+REWRITTEN_FIRST = re.compile(r"sample\.|yaw_rate_reference$|limiter\.(speed|front_angle)$")
+
 
 @dataclass(frozen=True)
 class Contracts:
@@ -26,6 +39,18 @@ class Contracts:
     invariants: dict[str, Invariant]
     lemmas: tuple[Lemma, ...]
     units: tuple[Unit, ...]
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """Paths of the real numbers with a bound in the state of the controller, but for those that a step writes first."""
+        types = {path: ctype for ctype in self.invariants for path in PLACES.get(ctype.partition("_")[2], ())}
+        found = (
+            f"{path}.{name}" if path else name
+            for path, ctype in types.items()
+            for condition in self.invariants[ctype].claims
+            for name in BOUNDED.findall(condition)
+        )
+        return tuple(name for name in dict.fromkeys(found) if not REWRITTEN_FIRST.match(name))
 
     def of(self, function: str) -> Unit:
         """Return the contract of a function."""

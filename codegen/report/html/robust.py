@@ -41,8 +41,7 @@ def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
             continue
         shown.append(name)
         colour = next(colours)
-        lines = (POINTS, "solid", "the car itself"), (FAMILY_POINTS, "dash", "worst of the family without slow cars")
-        for count, dash, whose in lines:
+        for count, dash, whose in ((POINTS, "solid", "the car itself"), (FAMILY_POINTS, "dash", "worst of the family")):
             ends = margin_range_km_h(config) if count == POINTS else family_range_km_h(config)
             speed = np.linspace(*ends, count) * KM_H
             if count == POINTS:

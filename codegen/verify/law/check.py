@@ -27,6 +27,7 @@ from codegen.verify import traffic
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import GAPS, Thresholds, drawn, drives_of, measurements_of, recorded
 from codegen.verify.law import parameters as sets
+from codegen.verify.law import states
 from codegen.verify.law.controller import Road, SecondController
 from codegen.verify.law.drive_cycle import LIFE, cycles_of, drive
 from codegen.verify.law.kinds import SECOND, second_controller
@@ -38,8 +39,9 @@ from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
 from hil_sim.codec import Codec
 
 SHOWS = (
-    "Every command, reference yaw rate, status and frame equals that of a second implementation of the law, bit for bit; the "
-    "default parameters are those of the configuration"
+    "Every command, reference yaw rate, status and frame equals that of a second implementation of the law, bit for bit; an "
+    "unsound state restarts, an initialisation leaves nothing as it was, and the default parameters are "
+    "those of the configuration"
 )
 LIMITS = (
     "The second implementation has the same authors and the same specification, so a common misreading is not detected. "
@@ -121,6 +123,8 @@ class _Comparison:
         """Run all comparisons."""
         where = f"src/{self._subject.prefix}_calibration.c"
         findings = [f"{where}: {line}" for line in sets.differences(self._software)]
+        findings += [*states.initialisation_findings(self._software)]
+        findings += [*states.soundness_findings(self._software, self._drive_cycle(0))]
         runs = samples = cycles = long_drives = 0
         for name, pair, measurements in self._runs():
             runs, samples = runs + 1, samples + len(measurements)

@@ -31,6 +31,22 @@ def test_a_build_equals_its_second_implementation() -> None:
     assert min(found.figures["statuses"].values()) > 0
 
 
+@pytest.mark.usefixtures("few_drives")
+@pytest.mark.parametrize(
+    ("path", "removed", "finding"),
+    [
+        ("controller.c", "    squares += self->law.integral * self->law.integral;\n", "a step goes on with law.integral = nan"),
+        ("controller.c", "    squares += self->inputs.speed.value * self->inputs.speed.value;\n", "inputs.speed.value = "),
+        ("controller.c", "    self->yaw_rate_error = 0.0f;\n    self->sample", "yaw_rate_error is not initialised"),
+        ("task.c", "    self->late_cycles = 0u;\n", "ars_task_init: late_cycles is not initialised"),
+    ],
+)
+def test_stale_initialisations_and_unsound_numbers_are_found(path: str, removed: str, finding: str) -> None:
+    kept = "    self->sample" if removed.endswith("sample") else ""
+    files = builds.with_text(PI, f"src/ars_{path}", removed, kept)
+    assert any(finding in line for line in checked(Subject("planted", files, PI.manifest)).findings)
+
+
 COUNTERS = (
     # The fail-safe is left at one sample.
     ("include/ars_controller.h", "    bool enabled; ", "    uint32_t count;\n    bool enabled; "),
