@@ -110,6 +110,7 @@ PARTS = (
     Part("uncertain", MAPS, "uncertain.share"),
     Part("drives", DRIVEN),
     Part("foreign", IDENTIFIED, "foreign.plants"),
+    Part("gaps", BENCH, "gaps.gaps"),
     Part("loaders", COMMANDS, "loaders.cases"),
     Part("logs", COMMANDS, "logs.cases"),
     Part("install", INSTALLED, tools=("git", "bash", "fish", "zsh")),
