@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -175,7 +176,7 @@ def _step_cells(config: Config, map_speed: FloatArray, reference_map: ReferenceM
     usable = np.minimum(turns.largest, config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2)
     angle = turns.front_angle_at(np.outer(usable, STEP_SHARES))
     if reference_map is not None:
-        angle = np.hstack([angle, [_angles_of(reference_map, each) for each in speed]])
+        angle = np.hstack([angle, [angles_at(reference_map, each, OWN_SHARES) for each in speed]])
     angle = np.minimum(angle, config.steering.front_angle_stop)
     is_known: BoolArray = np.isfinite(angle) & (angle > 0.0)
     speeds, angles = np.repeat(speed, angle.shape[1])[is_known.ravel()], angle[is_known]
@@ -187,15 +188,15 @@ def _step_cells(config: Config, map_speed: FloatArray, reference_map: ReferenceM
     return np.append(base.speed, speeds), np.append(own, angles)
 
 
-def _angles_of(reference_map: ReferenceMap, speed: float) -> FloatArray:
-    """Return the front angles (k,) in rad at which a map has OWN_SHARES of its largest yaw rate at a speed; NaN for none."""
+def angles_at(reference_map: ReferenceMap, speed: float, shares: Sequence[float]) -> FloatArray:
+    """Return the front angles (k,) in rad at which a map has shares (k,) of its largest yaw rate at a speed; NaN for none."""
     row = int(np.argmin(np.abs(reference_map.speed - speed)))
     known = reference_map.feasible[row]
     if not known.any():
-        return np.full(len(OWN_SHARES), np.nan)
+        return np.full(len(shares), np.nan)
     yaw_rate = np.maximum.accumulate(np.append(0.0, reference_map.yaw_rate[row, known]))
     angles = np.append(0.0, reference_map.front_angle[known])
-    found: FloatArray = np.interp(np.array(OWN_SHARES) * yaw_rate[-1], yaw_rate, angles)
+    found: FloatArray = np.interp(np.array(shares) * yaw_rate[-1], yaw_rate, angles)
     return found
 
 

@@ -19,15 +19,15 @@ from codegen.emit.contracts.frames import FrameUnits
 from codegen.emit.contracts.invariants import Invariants
 from codegen.emit.contracts.maps import MapUnits
 
-PLACES: Mapping[str, tuple[str, ...]] = {
-    "controller_t": ("",),
-    "law_t": ("law",),
-    "reference_model_t": ("law.model",),
-    "grip_t": ("grip",),
-    "inputs_t": ("inputs",),
-    "limiter_t": ("limiter",),
+PLACES: Mapping[str, str] = {
+    "controller_t": "",
+    "law_t": "law.",
+    "reference_model_t": "law.model.",
+    "grip_t": "grip.",
+    "inputs_t": "inputs.",
+    "limiter_t": "limiter.",
 }
-"""Struct -> where the state of the controller has it; "" for that state itself."""
+"""Struct -> path to it in the state of the controller."""
 BOUNDED = re.compile(r"\blies_(?:within|between)\(value->([\w.]+),")
 REWRITTEN_FIRST = re.compile(r"sample\.|yaw_rate_reference$|limiter\.(speed|front_angle)$")
 
@@ -43,11 +43,11 @@ class Contracts:
     @property
     def numbers(self) -> tuple[str, ...]:
         """Paths of the real numbers with a bound in the state of the controller, but for those that a step writes first."""
-        types = {path: ctype for ctype in self.invariants for path in PLACES.get(ctype.partition("_")[2], ())}
         found = (
-            f"{path}.{name}" if path else name
-            for path, ctype in types.items()
-            for condition in self.invariants[ctype].claims
+            f"{PLACES[struct]}{name}"
+            for ctype, invariant in self.invariants.items()
+            if (struct := ctype.partition("_")[2]) in PLACES
+            for condition in invariant.claims
             for name in BOUNDED.findall(condition)
         )
         return tuple(name for name in dict.fromkeys(found) if not REWRITTEN_FIRST.match(name))
