@@ -88,7 +88,7 @@ def test_an_impaired_loop_is_degraded(software: Software, impaired: Scenario) ->
 
 
 def test_a_late_task_is_degraded(software: Software) -> None:
-    """The task runs in every second cycle."""
+    """The task runs in every second cycle. Its state, which measurement systems read, has the status of each frame."""
     node, task, seen = PlantNode(software.config, held_turn(duration=1.0)), software.task(), []
     for cycle in range(node.cycles):
         for frame in node.outgoing(cycle):
@@ -97,6 +97,7 @@ def test_a_late_task_is_degraded(software: Software) -> None:
             answer = frame_of(node.can, *task.run())
             seen.append(Codec(node.can, software.precision).decode(answer.id, answer.data).status)
             node.receive(answer)
+            assert seen[-1] == task.state.controller.status
     assert set(seen[-20:]) == {Status.DEGRADED}
 
 

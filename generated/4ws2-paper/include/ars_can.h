@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x34C804EBu
+#define ARS_CAN_BUILD 0x94097CE4u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

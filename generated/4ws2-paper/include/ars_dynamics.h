@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x34C804EBu
+#define ARS_DYNAMICS_BUILD 0x94097CE4u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

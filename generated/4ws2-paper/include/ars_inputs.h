@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x34C804EBu
+#define ARS_INPUTS_BUILD 0x94097CE4u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x34C804EBu
+#define ARS_LIMITER_BUILD 0x94097CE4u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

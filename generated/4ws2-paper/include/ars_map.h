@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x34C804EBu
+#define ARS_MAP_BUILD 0x94097CE4u
 
 /* Numbers of breakpoints. */
 enum {

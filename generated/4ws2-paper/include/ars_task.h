@@ -25,13 +25,13 @@
 #include "ars_controller.h"
 #include "ars_e2e.h"
 
-#if ARS_CAN_BUILD != 0x34C804EBu
+#if ARS_CAN_BUILD != 0x94097CE4u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x34C804EBu
+#if ARS_CONTROLLER_BUILD != 0x94097CE4u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x34C804EBu
+#if ARS_E2E_BUILD != 0x94097CE4u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 
@@ -39,7 +39,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0x34C804EBu
+#define ARS_TASK_BUILD 0x94097CE4u
 
 /* Bits of the signal "Diagnostics": events since the previous call. Both messages MISSING: the task
  * ran early, or the bus is silent. */

@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x34C804EBu
+#if ARS_INPUTS_BUILD != 0x94097CE4u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

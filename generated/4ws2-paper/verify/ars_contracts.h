@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x34C804EBu
+#if ARS_MAP_BUILD != 0x94097CE4u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x34C804EBu
+#if ARS_TASK_BUILD != 0x94097CE4u
 #error "ars_task.h and this source come from different builds"
 #endif
 

@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x34C804EBu
+#if ARS_TASK_BUILD != 0x94097CE4u
 #error "ars_task.h and this source come from different builds"
 #endif
 

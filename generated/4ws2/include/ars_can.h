@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x04CC1E8Au
+#define ARS_CAN_BUILD 0x6676B7ABu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x04CC1E8Au
+#define ARS_LIMITER_BUILD 0x6676B7ABu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x04CC1E8Au
+#define ARS_MAP_BUILD 0x6676B7ABu
 
 /* Numbers of breakpoints. */
 enum {

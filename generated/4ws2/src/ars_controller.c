@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x04CC1E8Au
+#if ARS_CONTROLLER_BUILD != 0x6676B7ABu
 #error "ars_controller.h and this source come from different builds"
 #endif
 

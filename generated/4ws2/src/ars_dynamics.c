@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x04CC1E8Au
+#if ARS_DYNAMICS_BUILD != 0x6676B7ABu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x04CC1E8Au
+#if ARS_INPUTS_BUILD != 0x6676B7ABu
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

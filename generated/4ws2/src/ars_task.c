@@ -8,16 +8,16 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x04CC1E8Au
+#if ARS_CAN_BUILD != 0x6676B7ABu
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x04CC1E8Au
+#if ARS_CONTROLLER_BUILD != 0x6676B7ABu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x04CC1E8Au
+#if ARS_E2E_BUILD != 0x6676B7ABu
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x04CC1E8Au
+#if ARS_TASK_BUILD != 0x6676B7ABu
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -366,6 +366,7 @@ ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool is_good, bool 
     command = ars_controller_step(&self->controller, self->parameters, &measurement);
     if (impaired && ((command.status == ARS_STATUS_TRACKING) || (command.status == ARS_STATUS_LIMITED))) {
         command.status = ARS_STATUS_DEGRADED;
+        self->controller.status = command.status; /* a measurement of the state shows what is sent */
     }
     return command;
 }

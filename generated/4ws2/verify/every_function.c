@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x04CC1E8Au
+#if ARS_TASK_BUILD != 0x6676B7ABu
 #error "ars_task.h and this source come from different builds"
 #endif
 
