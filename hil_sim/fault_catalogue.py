@@ -15,6 +15,7 @@ import numpy.typing as npt
 from codegen.configuration import Config
 from codegen.configuration.can import Can
 from codegen.emit.laws import law_of
+from codegen.emit.supervision import CAUSES, Cause, status_of
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim import manoeuvres
 from hil_sim.bench import BenchResult
@@ -42,15 +43,21 @@ class FaultCase:
     Attributes:
         name, what: texts of the table.
         faults: injected faults.
-        worst: worst status that must be reached; LIMITED includes TRACKING: no sample is lost.
+        cause: most urgent cause of the supervision that must be reached; its status is the worst one. None: the ECU is healthy,
+            and the actuator, which receives no command, enters its own fail-safe.
         clocks: clocks of car and ECU during the whole run.
     """
 
     name: str
     what: str
     faults: tuple[Fault, ...]
-    worst: Status
+    cause: Cause | None
     clocks: Clocks = IN_STEP
+
+    @property
+    def worst(self) -> Status:
+        """Worst status that must be reached, by the table of the supervision; LIMITED includes TRACKING."""
+        return Status.FAIL_SAFE if self.cause is None else status_of(CAUSES[self.cause].leads_to, is_limited=True)
 
     @property
     def end(self) -> float:
@@ -96,49 +103,56 @@ def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
     """Return all cases for the message names of a configuration. Faults last multiples of `sampling_time` (s)."""
     motion, conditions, command = (message.name for message in can.messages().values())
 
-    def case(name: str, what: str, worst: Status, kind: FaultKind, samples: int, **more: object) -> FaultCase:
+    def case(name: str, what: str, cause: Cause | None, kind: FaultKind, samples: int, **more: object) -> FaultCase:
         fault = Fault(kind=kind, start=START, duration=sampling_time * samples)
-        return FaultCase(name, what, (replace(fault, **more),), worst)  # type: ignore[arg-type]
+        return FaultCase(name, what, (replace(fault, **more),), cause)  # type: ignore[arg-type]
 
-    fine, held, safe = Status.LIMITED, Status.DEGRADED, Status.FAIL_SAFE
+    missing, lost, replaced, disturbed = (
+        Cause.SAMPLE_MISSING,
+        Cause.SAMPLE_LOST,
+        Cause.SIGNAL_REPLACED,
+        Cause.BUS_INTERMITTENT,
+    )
     # Of two frames in the wrong order, the first is three counters after the last one of the pair before. A receiver that
     # synchronises the counter waits for frames in sequence.
     is_newer_accepted = not can.e2e.definition.has_synchronisation and can.e2e.max_delta_counter >= 3
-    reordered = held if is_newer_accepted else safe
+    reordered = missing if is_newer_accepted else lost
     return (
-        case("drop-1", "1 sample of the car lost", held, "drop", 1),
-        case("drop-3", "3 samples lost: as many as are held", held, "drop", 3),
-        case("drop-4", "4 samples lost: one too many", safe, "drop", 4),
-        case("drop-50", "50 samples lost", safe, "drop", 50),
-        case("drop-motion", f"50 frames of {motion} lost", safe, "drop", 50, message=motion),
-        case("drop-conditions", f"50 frames of {conditions} lost", held, "drop", 50, message=conditions),
-        case("drop-command", f"50 frames of {command} lost", safe, "drop", 50, message=command),
-        case("delay-2", "frames 2 cycles late for 50 samples", held, "delay", 50, cycles=2),
-        case("delay-6", "frames 6 cycles late for 50 samples", safe, "delay", 50, cycles=6),
-        case("duplicate", "each frame twice for 50 samples", fine, "duplicate", 50),
+        case("drop-1", "1 sample of the car lost", missing, "drop", 1),
+        case("drop-3", "3 samples lost: as many as are held", missing, "drop", 3),
+        case("drop-4", "4 samples lost: one too many", lost, "drop", 4),
+        case("drop-50", "50 samples lost", lost, "drop", 50),
+        case("drop-motion", f"50 frames of {motion} lost", lost, "drop", 50, message=motion),
+        case("drop-conditions", f"50 frames of {conditions} lost", Cause.CONDITIONS_UNKNOWN, "drop", 50, message=conditions),
+        case("drop-command", f"50 frames of {command} lost", None, "drop", 50, message=command),
+        case("delay-2", "frames 2 cycles late for 50 samples", disturbed, "delay", 50, cycles=2),
+        case("delay-6", "frames 6 cycles late for 50 samples", lost, "delay", 50, cycles=6),
+        case("duplicate", "each frame twice for 50 samples", disturbed, "duplicate", 50),
         case("reorder", "each frame after its successor for 50 samples", reordered, "reorder", 50),
-        case("burst", "frames two by two: none in a cycle and both in the next, for 50 samples", held, "burst", 50),
-        FaultCase("clocks", "two clocks, 100 ppm apart, jitter 0.7 ms", (), held, FREE_RUNNING),
-        case("corrupt-3", "a bit flipped in 3 samples", held, "corrupt", 3),
-        case("corrupt-50", "a bit flipped in 50 samples", safe, "corrupt", 50),
-        case("corrupt-command", f"a bit flipped in 50 frames of {command}", safe, "corrupt", 50, message=command),
-        case("freeze-3", "the counters stand still for 3 samples", held, "freeze-counter", 3),
-        case("freeze-50", "the counters stand still for 50 samples", safe, "freeze-counter", 50),
-        case("stuck", "the yaw rate stands still for 50 samples", held, "stuck-value", 50, message=motion, signal="yaw_rate"),
-        case("nan-3", "NaN into the encoder for 3 samples", held, "not-a-number", 3, message=motion, signal="yaw_rate"),
-        case("nan-50", "NaN into the encoder for 50 samples", held, "not-a-number", 50, message=motion, signal="yaw_rate"),
-        case("inf-50", "infinity into the encoder for 50 samples", held, "infinity", 50, message=motion, signal="speed"),
+        case("burst", "frames two by two: none in a cycle and both in the next, for 50 samples", disturbed, "burst", 50),
+        FaultCase("clocks", "two clocks, 100 ppm apart, jitter 0.7 ms", (), missing, FREE_RUNNING),
+        case("corrupt-3", "a bit flipped in 3 samples", missing, "corrupt", 3),
+        case("corrupt-50", "a bit flipped in 50 samples", lost, "corrupt", 50),
+        case("corrupt-command", f"a bit flipped in 50 frames of {command}", None, "corrupt", 50, message=command),
+        case("freeze-3", "the counters stand still for 3 samples", missing, "freeze-counter", 3),
+        case("freeze-50", "the counters stand still for 50 samples", lost, "freeze-counter", 50),
+        case(
+            "stuck", "the yaw rate stands still for 50 samples", replaced, "stuck-value", 50, message=motion, signal="yaw_rate"
+        ),
+        case("nan-3", "NaN into the encoder for 3 samples", missing, "not-a-number", 3, message=motion, signal="yaw_rate"),
+        case("nan-50", "NaN into the encoder for 50 samples", replaced, "not-a-number", 50, message=motion, signal="yaw_rate"),
+        case("inf-50", "infinity into the encoder for 50 samples", replaced, "infinity", 50, message=motion, signal="speed"),
         case(
             "nan-rear",
             "rear angle not available for 50 samples",
-            fine,
+            Cause.NONE,
             "not-a-number",
             50,
             message=conditions,
             signal="rear_angle",
         ),
-        case("foreign", "the bus full of foreign frames for 50 samples", fine, "foreign-traffic", 50),
-        case("ecu", "the ECU without power for 50 samples", safe, "ecu-restart", 50),
+        case("foreign", "the bus full of foreign frames for 50 samples", Cause.NONE, "foreign-traffic", 50),
+        case("ecu", "the ECU without power for 50 samples", Cause.ANGLE_UNKNOWN, "ecu-restart", 50),
         FaultCase(
             "ecu-angle",
             "the same, and the rear angle not available when it is back",
@@ -146,7 +160,7 @@ def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
                 Fault("ecu-restart", START, 50 * sampling_time),
                 Fault("not-a-number", START, 55 * sampling_time, message=conditions, signal="rear_angle"),
             ),
-            safe,
+            Cause.ANGLE_UNKNOWN,
         ),
         FaultCase(
             "ecu-wrong-angle",
@@ -155,12 +169,12 @@ def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
                 Fault("ecu-restart", START, 50 * sampling_time),
                 Fault("infinity", START, 70 * sampling_time, message=conditions, signal="rear_angle"),
             ),
-            safe,
+            Cause.ANGLE_UNKNOWN,
         ),
-        case("plant", "the car's node without power for 50 samples", safe, "plant-restart", 50),
-        case("bus-2", "nothing gets through for 2 samples", held, "bus-down", 2),
-        case("bus-50", "nothing gets through for 50 samples", safe, "bus-down", 50),
-        case("bus-200", "nothing gets through for 200 samples", safe, "bus-down", 200),
+        case("plant", "the car's node without power for 50 samples", lost, "plant-restart", 50),
+        case("bus-2", "nothing gets through for 2 samples", missing, "bus-down", 2),
+        case("bus-50", "nothing gets through for 50 samples", lost, "bus-down", 50),
+        case("bus-200", "nothing gets through for 200 samples", lost, "bus-down", 200),
     )
 
 

@@ -20,8 +20,7 @@ STATUSES = {
     "TRACKING": "following the reference",
     "LIMITED": "following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's",
     "STANDBY": "too slow (with hysteresis), or reversing: the rear angle returns to zero",
-    "DEGRADED": "following, with one signal estimated or shortly predicted, "
-    "or with held integrator (lost conditions, late, stuck)",
+    "DEGRADED": "following, with one signal estimated or shortly predicted, or with held integrator: the loop is impaired",
     "FAIL_SAFE": "neither front angle nor yaw rate is valid: the rear angle returns to zero",
 }
 """Names of the controller's status, from code 0, with their meanings."""

@@ -6,7 +6,7 @@ Addresses are for `codegen a2l`, which reads them from an ELF; until then the sy
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from codegen.configuration.signals import STATUSES, signals_of
@@ -18,6 +18,7 @@ from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView, TableView
 from codegen.emit.parameters import Field, ParameterView
 from codegen.emit.render import unit as unit_before
+from codegen.emit.supervision import Cause, State
 from codegen.emit.text import NONE, UNITS, Precision, Unit, unit_of_comment
 
 REAL_FORMAT, COUNT_FORMAT = "%12.6", "%10.0"
@@ -33,6 +34,8 @@ CHECKED = tuple((each.role, each.unit) for each in signals_of("vehicle_motion"))
 """Signals of a sample that the monitoring of the inputs checks and may replace, with their units."""
 OF_THE_ANGLE = ("rear_angle_max", "opposite_phase_max")
 """Parameters of the limiter that must not exceed the controller's own bound; `..._parameters_valid` checks it."""
+SUPERVISION = "supervision"
+"""Member of the task with the status that is sent. A controller without a task has a status of its own."""
 INSTANCE = "task"
 """Name of the task's object after the prefix; the links of the measurements begin with it."""
 _BYTES = {"UBYTE": 1, "UWORD": 2, "ULONG": 4, "FLOAT32_IEEE": 4, "FLOAT64_IEEE": 8}
@@ -107,13 +110,22 @@ class Group:
 
 
 @dataclass(frozen=True)
+class Enumeration:
+    """A COMPU_METHOD that names the values of a whole number."""
+
+    name: str
+    text: str
+    values: tuple[tuple[int, str], ...]
+
+
+@dataclass(frozen=True)
 class A2lView:
     """Objects and conversions of the A2L."""
 
     units: tuple[tuple[str, str, str], ...]
     conversions: tuple[tuple[str, str, str], ...]
     scales: tuple[Scale, ...]
-    statuses: tuple[tuple[int, str], ...]
+    enumerations: tuple[Enumeration, ...]
     real: str
     measured: tuple[Measured, ...]
     axes: tuple[Axis, ...]
@@ -140,7 +152,7 @@ def a2l_view(
     monitoring = lists.parameters(inputs.parameters, f"{prefix}.inputs", f"{default}.inputs", ())
     limits = lists.parameters(bounded, f"{prefix}.limiter", f"{default}.limiter", points)
     numbers, checksum = lists.map(map_view), lists.checksum()
-    measured = (*lists.state(controller), *lists.received(can), *lists.counters())
+    measured = (*lists.state(controller), *lists.supervision(), *lists.received(can), *lists.counters())
     groups = (
         Group(f"{prefix}.parameters", "parameters of the controller", tuple(each.name for each in parameters)),
         Group(f"{prefix}.inputs", "parameters of the monitoring of the inputs", tuple(each.name for each in monitoring)),
@@ -163,7 +175,11 @@ def a2l_view(
             (lists.count, "", COUNT_FORMAT),
         ),
         scales=scales,
-        statuses=tuple(enumerate(STATUSES)),
+        enumerations=(
+            Enumeration("status", "what the last step did", tuple(enumerate(STATUSES))),
+            Enumeration("state", "state of the supervision", tuple((each.value, each.name) for each in State)),
+            Enumeration("cause", "cause of the last sample", tuple((each.value, each.name) for each in Cause)),
+        ),
         real=real,
         measured=measured,
         axes=axes,
@@ -277,8 +293,7 @@ class _Lists:
         for field in controller.state:
             link = f"{prefix}_{INSTANCE}.controller.{field.name}"
             if field.name == "status":
-                top = str(len(STATUSES) - 1)
-                yield Measured(f"{prefix}.status", field.comment, "ULONG", f"{prefix}.is_status", "0", top, link)
+                yield self._enumerated("status", field.comment, STATUSES)
             elif field.name == "sample":
                 for name, unit in CHECKED:
                     yield self._measured(
@@ -289,6 +304,17 @@ class _Lists:
                     yield from self._field(each, f"{field.name}.{each.name}", f"{link}.{each.name}")
             else:
                 yield from self._field(field, field.name, link)
+
+    def supervision(self) -> Iterator[Measured]:
+        """Yield state and cause of the supervision."""
+        yield self._enumerated("state", "state of the supervision", State.__members__)
+        yield self._enumerated("cause", "cause of the last sample", Cause.__members__)
+
+    def _enumerated(self, name: str, text: str, names: Collection[str]) -> Measured:
+        """Return a member of the supervision with a name for each of its values."""
+        prefix, top = self.prefix, str(len(names) - 1)
+        link = f"{prefix}_{INSTANCE}.{SUPERVISION}.{name}"
+        return Measured(f"{prefix}.{name}", text, "ULONG", f"{prefix}.is_{name}", "0", top, link)
 
     def _field(self, field: Field, name: str, link: str) -> Iterator[Measured]:
         """Yield a field of a state if it is a number or a flag."""

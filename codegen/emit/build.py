@@ -20,6 +20,7 @@ from codegen.design.margins import margin_range_km_h
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import Lookup, error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
+from codegen.emit import supervision
 from codegen.emit.a2l_view import a2l_view
 from codegen.emit.can_view import can_view, task_view
 from codegen.emit.checksum_view import ChecksumView, checksum_view
@@ -62,6 +63,7 @@ HEADERS = (
     "dynamics",
     "e2e",
     "can",
+    "supervision",
     "task",
 )
 SOURCES = ("calibration", *(header for header in HEADERS if header not in ("sections", "constants")), "selftest")
@@ -269,6 +271,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "measured": config.can.measured,
         "carried": CARRIED,
         "statuses": STATUSES,
+        "supervision": supervision.VIEW,
         "task": task_view(config),
         "xcp": xcp_view(config, task_view(config).function),
         "config": config,

@@ -16,10 +16,12 @@ from codegen import configuration
 from codegen.configuration import Config
 from codegen.configuration.budgets import KEY_OF_FUNCTION
 from codegen.ecu_map.total import Rule
+from codegen.emit.can_view import DIAGNOSTICS
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
 from codegen.emit.render import render
-from codegen.emit.requirements import HEADER
+from codegen.emit.requirements import HEADER, ON_THE_CAR
+from codegen.emit.supervision import CAUSES, EXCEPTIONS, STATES, causes_of_bit, reaction_of, status_text
 from codegen.errors import one_line
 from codegen.units import KM_H
 
@@ -116,6 +118,8 @@ def manual(record: Figures, manifest: Figures, titles: Mapping[str, str]) -> str
         "manifest": manifest,
         "checks": [_check(name, titles.get(name, name), found) for name, found in record["checks"].items()],
         "requirements": Table(HEADER, tuple(tuple(row.values()) for row in record["requirements"])),
+        "supervision": _supervision(),
+        "on_the_car": Table(("id", "requirement on the other nodes"), ON_THE_CAR),
         "counts": {verdict.replace(" ", "_"): count for verdict, count in record["counts"].items()},
         "map": _map(manifest),
         "law": LAWS[config.controller.kind],
@@ -141,6 +145,23 @@ def _check(name: str, title: str, found: Figures) -> CheckView:
         tools=_ascii(", ".join(_tool(*each) for each in found["tools"].items())),
         tables=tuple(table for table in formatted if table and table.rows),
     )
+
+
+def _supervision() -> dict[str, Table]:
+    """Return the table of the supervision by cause, by state and by bit of `Diagnostics`."""
+    causes = tuple(
+        (cause.name, row.text, row.leads_to.name, status_text(row.leads_to), reaction_of(cause))
+        for cause, row in CAUSES.items()
+    )
+    exceptions = tuple((state.name, cause.name, leads_to.name) for (state, cause), leads_to in EXCEPTIONS.items())
+    states = tuple((state.name, row.text, status_text(state), row.reaction.value) for state, row in STATES.items())
+    bits = tuple((each.name, ", ".join(cause.name for cause in causes_of_bit(each.name))) for each in DIAGNOSTICS)
+    return {
+        "causes": Table(("cause, the most urgent first", "meaning", "next state", "status", "reaction"), causes),
+        "exceptions": Table(("state", "cause", "next state"), exceptions),
+        "states": Table(("state", "when", "status", "reaction"), states),
+        "bits": Table(("bit of Diagnostics", "causes with which it is set"), bits),
+    }
 
 
 def _tool(name: str, version: str) -> str:

@@ -12,6 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from codegen.emit.supervision import CAUSES, reaction_of, status_text
+
 HEADER = ("id", "requirement", "engines", "harnesses", "tests", "result")
 NOT_RUN, SHOWN = "not run", "shown"
 RESULTS = ("failed", "open", NOT_RUN, SHOWN)
@@ -46,6 +48,20 @@ class Requirement:
     contracts: tuple[str, ...] = ()
     checks: tuple[str, ...] = ()
     tests: tuple[str, ...] = ()
+
+
+def _of_supervision() -> tuple[Requirement, ...]:
+    """Return a requirement for each cause of the supervision's table, with the number of the cause in its id."""
+    return tuple(
+        Requirement(
+            f"ARS-SUP-{10 + cause}",
+            f"Cause {cause.name} ({row.text}): {reaction_of(cause)}; the status is {status_text(row.leads_to)}.",
+            ("supervision_step",),
+            ("law",),
+            ("sil/answers_task.py", "hil_sim/test_task_events.py"),
+        )
+        for cause, row in CAUSES.items()
+    )
 
 
 _PACKED = ("can_pack_vehicle_motion", "can_pack_vehicle_conditions", "can_pack_rear_steer_command")
@@ -214,10 +230,32 @@ REQUIREMENTS = (
     Requirement(
         "ARS-SUP-2",
         "Without valid conditions, with a stuck actuator or late task, the integrator is held and the status is not TRACKING.",
-        (),
+        ("supervision_step",),
         ("law",),
         ("hil_sim/test_task_events.py",),
     ),
+    Requirement(
+        "ARS-SUP-3",
+        "Of several causes in a sample the first one of the list acts.",
+        (),
+        ("law", "sanitizers"),
+        ("sil/answers_task.py",),
+    ),
+    Requirement(
+        "ARS-SUP-4",
+        "Each bit of Diagnostics is set in the command of the sample in which its event was found, whatever the state.",
+        (),
+        ("law",),
+        ("sil/answers_task.py",),
+    ),
+    Requirement(
+        "ARS-SUP-5",
+        "The integrator is held while Inhibit is set, over single lost frames too, and while it is unknown.",
+        (),
+        ("law",),
+        ("sil/answers_task.py",),
+    ),
+    *_of_supervision(),
     Requirement(
         "ARS-CAL-1",
         "The self-test detects a changed map, parameter or tyre curve.",
@@ -253,6 +291,27 @@ REQUIREMENTS = (
         ("emit/test_deviations.py",),
     ),
 )
+
+
+ON_THE_CAR = (
+    (
+        "ARS-CAR-1",
+        "The sender of VehicleConditions sends it in every cycle, and sets Inhibit in each cycle in which ESC or ABS acts.",
+    ),
+    (
+        "ARS-CAR-2",
+        "The receiver of the command checks its E2E and its age, and holds the angle while RearAngleCommand is not available.",
+    ),
+    (
+        "ARS-CAR-3",
+        "The receiver reads Status: it warns the driver in DEGRADED, and in FAIL_SAFE also limits the speed.",
+    ),
+    (
+        "ARS-CAR-4",
+        "The receiver stores the bits of Diagnostics for the workshop and reads no reaction from them: Status has it.",
+    ),
+)
+"""Requirements on the nodes at the other end of the bus, by id."""
 
 
 def entries(checks: Mapping[str, Mapping[str, Any]], prefix: str) -> list[dict[str, str]]:

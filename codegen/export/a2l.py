@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Literal
 
-from codegen.emit.a2l_view import INSTANCE
+from codegen.emit.a2l_view import INSTANCE, SUPERVISION
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.text import comment_text
@@ -202,6 +202,8 @@ def _moved(link: str, prefix: str, instance: _Instance) -> str | None:
     inside = link.removeprefix(f"{prefix}_{INSTANCE}")
     if instance.what == "task":
         return instance.path + inside
+    if instance.what == "controller" and inside == f".{SUPERVISION}.status":
+        return f"{instance.path}.status"
     if instance.what == "controller" and inside.startswith(".controller."):
         return instance.path + inside.removeprefix(".controller")
     return None

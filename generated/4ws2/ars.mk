@@ -30,6 +30,7 @@ ARS_SOURCES := $(addprefix $(ARS_DIR), \
     src/ars_controller.c \
     src/ars_e2e.c \
     src/ars_can.c \
+    src/ars_supervision.c \
     src/ars_task.c \
     src/ars_selftest.c \
     src/ars_grip.c \

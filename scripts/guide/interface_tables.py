@@ -61,8 +61,24 @@ def can_matrix() -> str:
 def diagnostics() -> str:
     """The bits of `Diagnostics`."""
     from codegen.emit.can_view import DIAGNOSTICS
+    from codegen.emit.supervision import causes_of_bit
 
-    return table(("bit", "name", "set where"), [(f"{one.bit}", f"`{one.name}`", one.text) for one in DIAGNOSTICS])
+    rows = [
+        (f"{one.bit}", f"`{one.name}`", one.text, ", ".join(cause.name for cause in causes_of_bit(one.name)))
+        for one in DIAGNOSTICS
+    ]
+    return table(("bit", "name", "set where", "causes of the supervision"), rows)
+
+
+def supervision() -> str:
+    """The table of the supervision, by cause."""
+    from codegen.emit.supervision import CAUSES, reaction_of, status_text
+
+    rows = [
+        (f"`{cause.name}`", row.text, row.leads_to.name, status_text(row.leads_to), reaction_of(cause))
+        for cause, row in CAUSES.items()
+    ]
+    return table(("cause", "meaning", "next state", "status", "reaction"), rows)
 
 
 def run_columns() -> str:

@@ -23,6 +23,7 @@ REGIONS: Mapping[str, Callable[..., str]] = {
     "can-matrix": interface_tables.can_matrix,
     "commands": commands.markdown,
     "diagnostics": interface_tables.diagnostics,
+    "supervision": interface_tables.supervision,
     "evidence-details": evidence_tables.details,
     "evidence-summary": evidence_tables.summary,
     "exit-codes": interface_tables.exit_codes,

@@ -205,7 +205,7 @@ def test_the_byte_order_is_that_of_the_program(tracking: Linked) -> None:
 # --- other programs -----------------------------------------------------------------------------------------------------
 
 EMPTY = "int main(void) { return 0; }\n"
-TASKS = '#include "ars_task.h"\nars_task_t one, two[2];\nint main(void) { return one.started || two[1].started; }\n'
+TASKS = '#include "ars_task.h"\nars_task_t one, two[2];\nint main(void) { return one.has_measured || two[1].has_measured; }\n'
 
 
 UNSUITABLE: dict[str, Callable[[Path], Path]] = {

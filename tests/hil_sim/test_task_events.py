@@ -97,7 +97,7 @@ def test_a_late_task_is_degraded(software: Software) -> None:
             answer = frame_of(node.can, *task.run())
             seen.append(Codec(node.can, software.precision).decode(answer.id, answer.data).status)
             node.receive(answer)
-            assert seen[-1] == task.state.controller.status
+            assert seen[-1] == task.state.supervision.status
     assert set(seen[-20:]) == {Status.DEGRADED}
 
 

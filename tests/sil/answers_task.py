@@ -3,6 +3,7 @@
 The frames come from Python's own codec and protection, which share no code with the C.
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from codegen.configuration.can import FRAME_BYTES, Can
+from codegen.configuration.signals import Status
+from codegen.emit.supervision import Cause, State, next_state, status_of
 from codegen.verify.law.task import SecondTask
 from hil_sim.codec import DIAGNOSTICS, Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.e2e import next_counter, protect
@@ -72,9 +75,9 @@ class _CountingTask(SecondTask):
 
     lost: int = field(default=0, init=False)
 
-    def _sample(self, motion: Any, conditions: Any, is_impaired: bool) -> Any:
+    def _sample(self, motion: Any, conditions: Any, inhibit: bool) -> Any:
         self.lost += not (motion.is_usable and conditions.is_usable)
-        return super()._sample(motion, conditions, is_impaired)
+        return super()._sample(motion, conditions, inhibit)
 
 
 @dataclass
@@ -285,10 +288,25 @@ def check_silence(built: Built) -> None:
     for calls, stops in ((0, False), (3, False), (4, True), (300, True)):  # longer than the count of silent calls can tell
         task, data, parameters = software.new("task"), software.ffi.new("uint8_t[8]"), software.parameters()
         function("task_init")(task, parameters)
-        task.started = task.has_measured = True
+        task.supervision.state, task.supervision.has_command, task.has_measured = State.RUN, True, True
         for _ in range(calls):
             function("task_10ms")(task, data)
-        assert task.started and task.silent_calls == min(calls, 255)
+        assert (task.supervision.state, task.silent_calls) == (State.LOST if calls else State.RUN, min(calls, 255))
         function("task_on_can_frame")(task, software.config.can.vehicle_motion.id, data, 7)
         function("task_10ms")(task, data)
-        assert (task.started, task.silent_calls, task.early_cycles) == (not stops, 0, calls)
+        assert (task.supervision.state == State.RESYNCHRONISE, task.silent_calls, task.early_cycles) == (stops, 0, calls)
+
+
+def check_supervision(built: Built) -> None:
+    """Check each transition of the table with each status of the controller, and what state and cause mean for the task."""
+    software, function = built.software, built.software.function
+    supervision = software.new("supervision")
+    function("supervision_init")(supervision)
+    assert (supervision.state, supervision.cause, supervision.status) == (State.START, Cause.ANGLE_UNKNOWN, Status.FAIL_SAFE)
+    for state, cause, status in itertools.product(State, Cause, Status):
+        supervision.state, following = state, next_state(state, cause)
+        sent = function("supervision_step")(supervision, cause, status)
+        expected = status_of(following, status is Status.LIMITED)
+        assert (supervision.state, supervision.cause, sent, supervision.status) == (following, cause, expected, expected)
+        has_command = following not in (State.START, State.RESYNCHRONISE)
+        assert supervision.has_command == has_command

@@ -40,6 +40,7 @@ def check_init_sets_everything(built: Built) -> None:
         "law": lambda state: software.function("law_init")(state, 0.02),
         "limiter": lambda state: software.function("limiter_init")(state, 0.02),
         "e2e_receiver": software.function("e2e_receiver_init"),
+        "supervision": software.function("supervision_init"),
         "task": lambda state: software.function("task_init")(state, parameters),
     }
     if law_of(config_of(built)).uses_reference_model:
@@ -56,7 +57,7 @@ def check_init_sets_everything(built: Built) -> None:
     task = software.new("task")
     ffi.memmove(task, b"\xff" * ffi.sizeof(task[0]), ffi.sizeof(task[0]))
     software.function("task_init")(task, parameters)
-    zero = ("counter", "conditions_close", "started", "samples_without_angle", "cycles", "late_cycles", "early_cycles")
+    zero = ("counter", "conditions_close", "has_measured", "samples_without_angle", "cycles", "late_cycles", "early_cycles")
     zero += ("lost_samples", "backlog", "disturbance", "actuator_samples", "expected_angle")
     assert not any(getattr(task, field) for field in zero)
     assert not task.conditions.inhibit

@@ -214,6 +214,7 @@ UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
     "reference_model": _reference_model,
     "can": lambda _: [FRAMES],
     "e2e": lambda kind: [RECEIVER, *_inits(kind)],
+    "supervision": lambda kind: [*_of_built(answers_task.check_supervision), TASK, *_inits(kind)],
     "task": lambda kind: [
         TASK,
         *_of_built(

@@ -111,6 +111,10 @@ class Conditions:
         yield Claim("it rises by at most rear_rate_max, or to -rear_angle_max", rises)
         yield Claim("it falls by at most rear_rate_max, or to rear_angle_max", falls)
 
+    def held_by_actuator(self, angle: str) -> str:
+        """Return the angle that the actuator holds: within its range, and zero for NaN."""
+        return f"held_within({angle}, {self.controller.actuator_angle_max})"
+
     def lower_step(self) -> str:
         """Return the largest change in a sample at the lower rate of law and limiter."""
         own, limiter = "parameters->rear_rate_max", "parameters->limiter.rear_rate_max"

@@ -101,9 +101,12 @@ class ControlUnits(Conditions):
         bound = self.within("self->rear_angle", self.controller.actuator_angle_max)
         placed = (self.argument("self", "controller_t", "state"), self.scalar("rear_angle"))
         arguments: tuple[Argument, ...] = (self.argument("self", "controller_t", "new"), self.scalar("rear_angle"))
-        started = Claim("|rear_angle| is at most the actuator's largest angle", bound)
-        yield Unit(own("controller_init"), unit, arguments, ensures=(started,), callees=init)
-        yield Unit(own("controller_place"), unit, placed, ensures=(started,), callees=(own("limiter_init"),))
+        started = (
+            Claim("|rear_angle| is at most the actuator's largest angle", bound),
+            Claim("it starts from the given angle", f"self->rear_angle == {self.held_by_actuator('rear_angle')}"),
+        )
+        yield Unit(own("controller_init"), unit, arguments, ensures=started, callees=init)
+        yield Unit(own("controller_place"), unit, placed, ensures=started, callees=(own("limiter_init"),))
         arguments = (
             self.argument("self", "controller_t", "state"),
             self.argument("parameters", "parameters_t", "parameter"),

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
 from codegen.configuration.can import RealSignal
+from codegen.configuration.signals import Status
 from codegen.emit.can_view import Frame
 from codegen.emit.contracts.conditions import Conditions
 from codegen.emit.contracts.contract import Argument, Claim, Unit
+from codegen.emit.supervision import STATES, Cause, Reaction, State, next_state
+
+_WITHOUT_CONTROL = (Reaction.NOT_AVAILABLE, Reaction.RAMP)
 
 
 class FrameUnits(Conditions):
@@ -17,7 +21,7 @@ class FrameUnits(Conditions):
 
     def units(self) -> Iterator[Unit]:
         """Yield the contracts. The longest loop may be that over the bytes of a frame."""
-        for unit in (*self._e2e_units(), *self._can_units(), *self._task_units()):
+        for unit in (*self._e2e_units(), *self._can_units(), *self._supervision_units(), *self._task_units()):
             yield replace(unit, unwind=max(unit.unwind, self.can.frame_bytes + 1))
 
     def _e2e_units(self) -> Iterator[Unit]:
@@ -184,11 +188,41 @@ class FrameUnits(Conditions):
             if received:
                 yield Claim(f"{role} is received as its code says", received)
 
+    def _supervision_units(self) -> Iterator[Unit]:
+        own, unit, upper = self.own, self.own("supervision"), self.upper
+        new, state = (self.argument("self", "supervision_t", role) for role in ("new", "state"))
+        cause, status = Argument("cause", own("supervision_cause_t")), Argument("status", own("status_t"))
+        codes = (
+            Claim("cause is one of its enumerators", self.is_code("cause", len(Cause) - 1)),
+            Claim("status is one of its enumerators", self.is_code("status", len(Status) - 1)),
+        )
+        starts = Claim("it starts without a rear angle", f"self->state == {upper}_SUPERVISION_{State.START.name}")
+        yield Unit(own("supervision_init"), unit, (new,), ensures=(starts,))
+        arguments = (state, cause, status)
+        step = own("supervision_step")
+        yield Unit(step, unit, arguments, own("status_t"), requires=codes, ensures=tuple(self._transitions()))
+
+    def _transitions(self) -> Iterator[Claim]:
+        """Yield the table of the supervision: the next state for each state and cause, and the status of each state."""
+        upper = self.upper
+        for state in State:
+            was = f"(self_before->state == {upper}_SUPERVISION_{state.name})"
+            for cause in Cause:
+                follows = f"(self->state == {upper}_SUPERVISION_{next_state(state, cause).name})"
+                claim = f"!({was} && (cause == {upper}_CAUSE_{cause.name})) || {follows}"
+                yield Claim(f"from {state.name}, {cause.name} leads to {next_state(state, cause).name}", claim)
+        limited = f"((status == {upper}_STATUS_LIMITED) ? status : {upper}_STATUS_TRACKING)"
+        for state, row in STATES.items():
+            sent = limited if row.status is Status.TRACKING else f"{upper}_STATUS_{row.status.name}"
+            claim = f"(self->state != {upper}_SUPERVISION_{state.name}) || (result == {sent})"
+            yield Claim(f"in {state.name} the status is {row.status.name}", claim)
+        yield Claim("cause and status are kept", "(self->cause == cause) && (self->status == result)")
+
     def _task_units(self) -> Iterator[Unit]:
         own, unit, init = self.own, self.own("task"), self.own("controller_init")
         new, state = (self.argument("self", "task_t", role) for role in ("new", "state"))
         kept = Claim("the parameters are those given", "self->parameters == parameters")
-        frames = (own("e2e"), own("can"))
+        frames = (own("e2e"), own("can"), own("supervision"))
         more: dict[str, Any] = {"linked": frames, "conversions": False}
         parameters = self.argument("parameters", "parameters_t", "parameter")
         yield Unit(own("task_init"), unit, (new, parameters), ensures=(kept,), callees=(init,), **more)
@@ -212,5 +246,36 @@ class FrameUnits(Conditions):
             Claim("it is the frame of the command", identifier),
             Claim("the frame has the counter, and the counter advances", counted),
             Claim("the frame has the right CRC", crc),
+            *self._moved_command(),
         )
+        more["unwind"] = 26  # the bits of a signal are read one by one
         yield Unit(own(self.task.function), unit, (state, self.frame("bytes out")), "uint32_t", ensures=sent, **more)
+
+    def _moved_command(self) -> Iterator[Claim]:
+        """Yield how far the command moves in each state, from the measured rear angle after a silence."""
+        state, angle, before = f"{self.upper}_SUPERVISION", "self->controller.rear_angle", "self_before->controller.rear_angle"
+
+        def is_in(place: str, states: Iterable[State]) -> str:
+            return f"({' || '.join(f'({place}->supervision.state == {state}_{each.name})' for each in states)})"
+
+        silent, ramps = ([each for each, row in STATES.items() if row.reaction is reaction] for reaction in _WITHOUT_CONTROL)
+        is_long = "(self_before->silent_calls > self->parameters->inputs.missing_samples_max)"
+        heard = "((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u))"
+        restarts = f"({is_in('self_before', silent)} || ({is_long} && {heard} && self_before->has_measured))"
+        waits = "(!self->supervision.has_command)"
+        for claim in self.moved(angle, before, "self->parameters->limiter."):
+            yield Claim(f"from sample to sample, {claim.text}", f"{restarts} || {claim.condition}")
+        for claim in self.moved(angle, "self->expected_angle", "self->parameters->limiter."):
+            yield Claim(f"from the start angle, {claim.text}", f"!{restarts} || {waits} || {claim.condition}")
+        placed = f"(self->expected_angle == {self.held_by_actuator('self->measured_angle')})"
+        words = "the start angle is the measured one, or the last measured one"
+        yield Claim(words, f"!{restarts} || {waits} || !self->has_measured || {placed}")
+        shrinks = f"(magnitude_of({angle}) <= magnitude_of({before}))"
+        words = "where the table ramps, the magnitude of the command does not grow"
+        yield Claim(words, f"{restarts} || !{is_in('self', ramps)} || {shrinks}")
+        frame = next(each for each in self.can.messages if each.role == "rear_steer_command")
+        signal = next(each for each in frame.reals if each.definition.role == "rear_angle")
+        assert isinstance(signal.layout, RealSignal)
+        bits = f"{signal.layout.start_bit}u, {signal.layout.length}u, {str(signal.byte_order == 'motorola').lower()}"
+        absent = f"(code_in(data, {bits}) == ((uint32_t){signal.layout.raw_not_available} & 0x{signal.mask:X}u))"
+        yield Claim("without a known rear angle the frame has no command", f"!{waits} || {absent}")

@@ -17,6 +17,7 @@ from codegen.emit.contracts.contract import Invariant
 from codegen.emit.controller_view import ACTUATOR_SAMPLES_MAX
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
 from codegen.emit.parameters import ParameterView
+from codegen.emit.supervision import STATES, Cause, Reaction, State
 
 TASK_COUNT_MAX = 64
 """Bound of the counts of disturbances in the task."""
@@ -57,6 +58,12 @@ class Invariants(Conditions):
         states = (f"{own(f'e2e_{name}_holds')}(&value->{name})" for name in ("receiver", "supervision"))
         counts = (f"(value->causes <= {(1 << self.can.reception_bits) - 1}u)", "(value->advance <= 7u)")
         yield Invariant(own("task_input_t"), (*states, *counts, "is_flag(value->disturbed)", "is_flag(value->usable)"))
+        codes = {"state": len(State), "cause": len(Cause), "status": len(STATUSES)}
+        supervised = [self.is_code(f"value->{name}", count - 1) for name, count in codes.items()]
+        silent = [each for each, row in STATES.items() if row.reaction is Reaction.NOT_AVAILABLE]
+        known = " && ".join(f"(value->state != {self.upper}_SUPERVISION_{each.name})" for each in silent)
+        supervised += ["is_flag(value->has_command)", f"(value->has_command == ({known}))"]
+        yield Invariant(own("supervision_t"), tuple(supervised))
         yield Invariant(own("task_t"), tuple(self._task()))
 
     def _receiver(self) -> Iterator[str]:
@@ -171,5 +178,6 @@ class Invariants(Conditions):
         yield f"(value->actuator_samples <= {ACTUATOR_SAMPLES_MAX + 1}u)"
         yield self.within("value->expected_angle", self.high("rear_angle_max"))
         yield self.within("value->measured_angle", self.high("rear_angle_max"))
-        flags = ("conditions.inhibit", "conditions_close", "started", "has_measured")
+        yield f"{self.own('supervision_holds')}(&value->supervision)"
+        flags = ("conditions.inhibit", "conditions_close", "has_measured")
         yield from (f"is_flag(value->{name})" for name in flags)

@@ -25,6 +25,7 @@ def initialisation_findings(software: Software) -> Iterator[str]:
     parameters = software.parameters()
     inits: dict[str, Any] = {"controller": lambda state: software.function("controller_init")(state, 0.01)}
     if hasattr(software.compiled.lib, f"{software.prefix}_task_init"):
+        inits["supervision"] = software.function("supervision_init")
         inits["task"] = lambda state: software.function("task_init")(state, parameters)
     for name, init in inits.items():
         states = []

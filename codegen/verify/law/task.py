@@ -9,6 +9,7 @@ from typing import Any
 
 from codegen.configuration.can import Can
 from codegen.configuration.e2e_profiles import DataId
+from codegen.emit.supervision import CAUSES, STATES, Cause, Reaction, State, next_state, status_of
 from codegen.sil.software import Measurement, Status
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.inputs import Quality
@@ -88,7 +89,7 @@ class SecondTask:
     parameters: Any
     codec: Codec
     make: Callable[[float], SecondController]
-    _started: bool = False
+    _state: State = State.START
     _samples_without_angle: int = 0
     _silence: int = 0
     _measured: float | None = None
@@ -116,22 +117,26 @@ class SecondTask:
         for frame in frames:
             self._receive(frame)
         motion, conditions = self._inputs.values()
-        self._end_of_silence(motion.frames + conditions.frames > 0)
+        lacks_angle = self._lacks_angle(motion.frames + conditions.frames > 0)
         diagnostics = self._rhythm(motion.advance) | self._of_bus(motion.has_returned() or conditions.has_returned())
         diagnostics |= motion.close() | conditions.close()
         is_good = motion.is_usable and conditions.is_usable
-        if self._started:
+        if not lacks_angle:
             diagnostics |= self._of_actuator(conditions.contents.rear_angle if is_good else None)
-        impairing = _BITS["TASK_LATE"] | _BITS["ACTUATOR_STUCK"]
-        is_impaired = bool(diagnostics & impairing) or conditions.supervision.state is not E2eState.VALID
-        sample = self._sample(motion, conditions, is_impaired)  # may restart the controller
+        found = self._causes(diagnostics, conditions)
+        sample = self._sample(motion, conditions, any(CAUSES[each].holds_integrator for each in found))
+        if lacks_angle and not self._start(sample.rear_angle if is_good else None):
+            found.add(Cause.ANGLE_UNKNOWN)
+        if is_good and self._is_plausible(sample.rear_angle):
+            self._measured = sample.rear_angle
         command = self._controller.step(sample)
-        if is_impaired and command.status in (Status.TRACKING, Status.LIMITED):
-            command = replace(command, status=Status.DEGRADED)
+        found |= self._causes_of_controller(command.status)
+        self._state = next_state(self._state, min(found))
         diagnostics |= self._of_controller(is_good)
-        sent = (command.rear_angle, command.yaw_rate_reference) if self._started else (math.nan, math.nan)
-        message = self.can.rear_steer_command
-        contents = self.codec.encode(RearSteerCommand(*sent, command.status, diagnostics))
+        has_command = STATES[self._state].reaction is not Reaction.NOT_AVAILABLE
+        sent = (command.rear_angle, command.yaw_rate_reference) if has_command else (math.nan, math.nan)
+        message, status = self.can.rear_steer_command, status_of(self._state, command.status is Status.LIMITED)
+        contents = self.codec.encode(RearSteerCommand(*sent, status, diagnostics))
         data = protect(message.e2e_data_id, self._counter, contents, self.can.e2e.definition)
         self._counter = next_counter(self._counter, self.can.e2e.definition)
         return message.id, data
@@ -165,49 +170,66 @@ class SecondTask:
             self._samples_off = min(self._samples_off, most) + 1 if is_off else max(self._samples_off - 1, 0)
         return _BITS["ACTUATOR_STUCK"] if self._samples_off > most else 0
 
-    def _sample(self, motion: _Input, conditions: _Input, is_impaired: bool) -> Measurement:
-        """Return the measurement for the controller; missing values are not available, and an impaired loop is inhibited."""
+    def _causes(self, diagnostics: int, conditions: _Input) -> set[Cause]:
+        """Return the causes that are known before the step of the controller."""
+        there = {
+            Cause.NONE: True,
+            Cause.ACTUATOR_STUCK: diagnostics & _BITS["ACTUATOR_STUCK"],
+            Cause.TASK_LATE: diagnostics & _BITS["TASK_LATE"],
+            Cause.BUS_INTERMITTENT: diagnostics & _BITS["INTERMITTENT"],
+            Cause.CONDITIONS_UNKNOWN: conditions.supervision.state is not E2eState.VALID,
+            Cause.INHIBIT: conditions.contents is not None and conditions.contents.inhibit,
+        }
+        return {cause for cause, is_there in there.items() if is_there}
+
+    def _causes_of_controller(self, status: Status) -> set[Cause]:
+        """Return the causes that the status of the controller shows."""
+        degraded = Cause.SAMPLE_MISSING if self._controller.quality is Quality.MISSING else Cause.SIGNAL_REPLACED
+        shown = {Status.FAIL_SAFE: Cause.SAMPLE_LOST, Status.STANDBY: Cause.STANDBY, Status.DEGRADED: degraded}
+        return {shown[status]} if status in shown else set()
+
+    def _sample(self, motion: _Input, conditions: _Input, inhibit: bool) -> Measurement:
+        """Return the measurement for the controller; missing values are not available."""
         car = motion.contents if motion.is_usable else VehicleMotion(math.nan, math.nan, math.nan)
         last: VehicleConditions = conditions.contents or VehicleConditions()
-        inhibit = last.inhibit or is_impaired
         state = replace(last, inhibit=inhibit) if conditions.is_usable else VehicleConditions(inhibit=inhibit)
-        is_good = motion.is_usable and conditions.is_usable
-        if not self._started:
-            self._start(state.rear_angle if is_good else None)
-        if is_good and self._is_plausible(state.rear_angle):
-            self._measured = state.rear_angle
         return Measurement(**vars(car), **vars(state))
 
     def _is_plausible(self, rear_angle: float) -> bool:
         return bool(abs(rear_angle) <= self.parameters.inputs.rear_angle_max)
 
-    def _end_of_silence(self, has_frames: bool) -> None:
-        """Send no command after a silence that led to the fail-safe, until the rear angle is known again."""
-        if has_frames and self._silence > self.parameters.inputs.missing_samples_max and self._measured is not None:
-            self._started, self._samples_without_angle = False, 0
+    def _lacks_angle(self, has_frames: bool) -> bool:
+        """Return whether the rear angle is unknown: until the start, and after a silence that led to the fail-safe."""
+        is_over = has_frames and self._silence > self.parameters.inputs.missing_samples_max and self._measured is not None
+        if is_over:
+            self._samples_without_angle = 0
         self._silence = 0 if has_frames else self._silence + 1
+        return is_over or STATES[self._state].reaction is Reaction.NOT_AVAILABLE
 
-    def _start(self, rear_angle: float | None) -> None:
+    def _start(self, rear_angle: float | None) -> bool:
         """Start control from the measured rear angle (None: no good sample), not from an impossible one.
+
+        Returns whether it has started.
 
         A car that does not measure it starts from zero. After a silence, one that did measure it goes on from the last one.
         """
-        was_measured = self._measured is not None
+        was_measured, started = self._measured is not None, False
         if rear_angle is not None and self._is_plausible(rear_angle):
-            self._started = True
+            started = True
         elif was_measured or (rear_angle is not None and math.isnan(rear_angle)):
             self._samples_without_angle += 1
-            self._started = self._samples_without_angle > self.parameters.inputs.recovery_samples
+            started = self._samples_without_angle > self.parameters.inputs.recovery_samples
             rear_angle = self._measured if was_measured else rear_angle
         elif rear_angle is not None:
             self._samples_without_angle = 0
-        if self._started:
+        if started:
             assert rear_angle is not None
             if was_measured:
                 self._controller.place(rear_angle)
             else:
                 self._controller = self.make(rear_angle)
             self._expected = self._controller.angle
+        return started
 
     def _of_controller(self, is_good: bool) -> int:
         controller, found = self._controller, 0

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x94097CE4u
+#define ARS_DYNAMICS_BUILD 0xEF36BE4Au
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x94097CE4u
+#define ARS_INPUTS_BUILD 0xEF36BE4Au
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x94097CE4u
+#define ARS_LIMITER_BUILD 0xEF36BE4Au
 
 enum { ARS_LIMITER_POINTS = 6 };
 

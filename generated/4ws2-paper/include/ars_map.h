@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x94097CE4u
+#define ARS_MAP_BUILD 0xEF36BE4Au
 
 /* Numbers of breakpoints. */
 enum {

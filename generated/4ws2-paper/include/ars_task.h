@@ -24,22 +24,26 @@
 #include "ars_can.h"
 #include "ars_controller.h"
 #include "ars_e2e.h"
+#include "ars_supervision.h"
 
-#if ARS_CAN_BUILD != 0x94097CE4u
+#if ARS_CAN_BUILD != 0xEF36BE4Au
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x94097CE4u
+#if ARS_CONTROLLER_BUILD != 0xEF36BE4Au
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x94097CE4u
+#if ARS_E2E_BUILD != 0xEF36BE4Au
 #error "ars_e2e.h and this source come from different builds"
+#endif
+#if ARS_SUPERVISION_BUILD != 0xEF36BE4Au
+#error "ars_supervision.h and this source come from different builds"
 #endif
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0x94097CE4u
+#define ARS_TASK_BUILD 0xEF36BE4Au
 
 /* Bits of the signal "Diagnostics": events since the previous call. Both messages MISSING: the task
  * ran early, or the bus is silent. */
@@ -70,10 +74,11 @@ typedef struct {
     bool usable;                        /* in this sample: a good frame was received, and the message is valid */
 } ars_task_input_t;
 
-/* State of one task. The caller may read the counters at the end; the rest is private. */
+/* State of one task. The caller may read the supervision and the counters at the end; the rest is private. */
 typedef struct {
     const ars_parameters_t *parameters;
     ars_controller_t controller;
+    ars_supervision_t supervision;              /* its state and cause may be read */
     ars_task_input_t motion_input;
     ars_task_input_t conditions_input;
     ars_vehicle_motion_t motion;            /* last good one */
@@ -86,7 +91,6 @@ typedef struct {
     float measured_angle;                       /* rad, last measured and plausible rear angle */
     bool has_measured;                          /* there is one: the car measures the angle */
     bool conditions_close;                      /* conditions were received after the motion: the set is complete */
-    bool started;                               /* control runs from a known rear angle: commands are sent */
     uint16_t samples_without_angle;             /* samples without a rear angle before the start or after a silence */
     uint8_t silent_calls;                       /* consecutive calls without a frame */
     uint32_t cycles;                            /* calls; wraps around, as the other counters do */

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x94097CE4u
+#if ARS_E2E_BUILD != 0xEF36BE4Au
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

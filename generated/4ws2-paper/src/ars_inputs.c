@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x94097CE4u
+#if ARS_INPUTS_BUILD != 0xEF36BE4Au
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x6676B7ABu
+#define ARS_DYNAMICS_BUILD 0x30CA4C66u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x6676B7ABu
+#define ARS_MAP_BUILD 0x30CA4C66u
 
 /* Numbers of breakpoints. */
 enum {

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x6676B7ABu
+#if ARS_CONTROLLER_BUILD != 0x30CA4C66u
 #error "ars_controller.h and this source come from different builds"
 #endif
 

@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x6676B7ABu
+#if ARS_INPUTS_BUILD != 0x30CA4C66u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -8,16 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x6676B7ABu
+#if ARS_CAN_BUILD != 0x30CA4C66u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x6676B7ABu
+#if ARS_CONTROLLER_BUILD != 0x30CA4C66u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x6676B7ABu
+#if ARS_E2E_BUILD != 0x30CA4C66u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x6676B7ABu
+#if ARS_SUPERVISION_BUILD != 0x30CA4C66u
+#error "ars_supervision.h and this source come from different builds"
+#endif
+#if ARS_TASK_BUILD != 0x30CA4C66u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -157,7 +160,7 @@ ARS_SECTION_CODE void ars_task_init(ars_task_t *self, const ars_parameters_t *pa
     self->measured_angle = 0.0f;
     self->has_measured = false;
     self->conditions_close = false;
-    self->started = false;
+    ars_supervision_init(&self->supervision);
     self->samples_without_angle = 0u;
     self->silent_calls = 0u;
     self->cycles = 0u;
@@ -280,41 +283,43 @@ ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_good)
     return (samples > parameters->actuator_samples_max) ? (uint32_t)ARS_DIAGNOSTICS_ACTUATOR_STUCK : 0u;
 }
 
-/* Detect the end of a silence in which the controller entered the fail-safe. The actuator may have missed the commands too and still
- * hold an old angle: no command is sent until the rear angle is measured again. */
-ARS_SECTION_CODE static void check_silence(ars_task_t *self)
+/* Return whether the rear angle is unknown: until the start, and from the end of a silence in which the controller entered the
+ * fail-safe. The actuator may have missed the commands too and still hold an old angle. */
+ARS_SECTION_CODE static bool lacks_angle(ars_task_t *self)
 {
+    bool lacks = !self->supervision.has_command;
+
     if ((self->motion_input.frames == 0u) && (self->conditions_input.frames == 0u)) {
         if (self->silent_calls < UINT8_MAX) {
             self->silent_calls++;
         }
     } else {
         if ((self->silent_calls > self->parameters->inputs.missing_samples_max) && self->has_measured) {
-            self->started = false;
+            lacks = true;
             self->samples_without_angle = 0u;
         }
         self->silent_calls = 0u;
     }
+    return lacks;
 }
 
 /* Start control from the angle that the actuator holds. Before the first start, wait while the angle is out of range; an angle that is
  * not available for recovery_samples samples means a car that does not measure it, and control starts from zero. After a silence, an
- * angle that is not measured for as many calls is replaced by the last measured one. */
-ARS_SECTION_CODE static void start(ars_task_t *self, bool is_good, bool is_measured)
+ * angle that is not measured for as many calls is replaced by the last measured one. Returns whether control has started. */
+ARS_SECTION_CODE static bool start(ars_task_t *self, bool is_good, bool is_measured)
 {
     const float rear_angle = self->conditions.rear_angle;
+    bool started = is_measured;
 
-    if (is_measured) {
-        self->started = true;
-    } else if (!is_good && !self->has_measured) {
-        /* no good sample yet */
+    if (is_measured || (!is_good && !self->has_measured)) {
+        /* known, or no good sample yet */
     } else if (!self->has_measured && (magnitude(rear_angle) > self->parameters->inputs.rear_angle_max)) {
         self->samples_without_angle = 0u;
     } else {
         self->samples_without_angle++;
-        self->started = self->samples_without_angle > self->parameters->inputs.recovery_samples;
+        started = self->samples_without_angle > self->parameters->inputs.recovery_samples;
     }
-    if (self->started) {
+    if (started) {
         if (self->has_measured) {
             ars_controller_place(&self->controller, is_measured ? rear_angle : self->measured_angle);
         } else {
@@ -322,25 +327,60 @@ ARS_SECTION_CODE static void start(ars_task_t *self, bool is_good, bool is_measu
         }
         self->expected_angle = self->controller.rear_angle;
     }
+    return started;
 }
 
-/* Return whether the feedback loop is impaired: the task is late, the actuator does not follow, or it is unknown whether another system
- * inhibits the law. */
-ARS_SECTION_CODE static bool is_impaired(const ars_task_t *self, uint32_t diagnostics)
+/* Return the cause that is known before the step of the controller: feedback cannot be trusted, or the car inhibits it. */
+ARS_SECTION_CODE static ars_supervision_cause_t cause_of_loop(const ars_task_t *self, uint32_t diagnostics)
 {
-    const uint32_t impairing = (uint32_t)ARS_DIAGNOSTICS_TASK_LATE | (uint32_t)ARS_DIAGNOSTICS_ACTUATOR_STUCK;
+    ars_supervision_cause_t cause = ARS_CAUSE_NONE;
 
-    return ((diagnostics & impairing) != 0u) || (self->conditions_input.supervision.state != ARS_E2E_STATE_VALID);
+    if ((diagnostics & (uint32_t)ARS_DIAGNOSTICS_ACTUATOR_STUCK) != 0u) {
+        cause = ARS_CAUSE_ACTUATOR_STUCK;
+    } else if ((diagnostics & (uint32_t)ARS_DIAGNOSTICS_TASK_LATE) != 0u) {
+        cause = ARS_CAUSE_TASK_LATE;
+    } else if (self->conditions_input.supervision.state != ARS_E2E_STATE_VALID) {
+        cause = ARS_CAUSE_CONDITIONS_UNKNOWN;
+    } else if ((diagnostics & (uint32_t)ARS_DIAGNOSTICS_INTERMITTENT) != 0u) {
+        cause = ARS_CAUSE_BUS_INTERMITTENT;
+    } else if (self->conditions.inhibit) {
+        cause = ARS_CAUSE_INHIBIT;
+    } else {
+        /* nothing is wrong */
+    }
+    return cause;
 }
 
-/* Run the controller. Signals of a missing message are passed as not available. The inhibit is held over single lost frames; an impaired
- * loop is inhibited too, and its status is at least degraded. */
-ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool is_good, bool impaired)
+/* Return the most urgent cause of a sample. cause: of the loop; status: of the controller. */
+ARS_SECTION_CODE static ars_supervision_cause_t cause_of_sample(
+    const ars_task_t *self, ars_supervision_cause_t cause, ars_status_t status, bool has_angle)
+{
+    ars_supervision_cause_t found = cause;
+
+    if (!has_angle) {
+        found = ARS_CAUSE_ANGLE_UNKNOWN;
+    } else if (status == ARS_STATUS_FAIL_SAFE) {
+        found = ARS_CAUSE_SAMPLE_LOST;
+    } else if (status == ARS_STATUS_STANDBY) {
+        found = ARS_CAUSE_STANDBY;
+    } else if (status == ARS_STATUS_DEGRADED) {
+        found = (self->controller.quality == ARS_QUALITY_MISSING) ? ARS_CAUSE_SAMPLE_MISSING : ARS_CAUSE_SIGNAL_REPLACED;
+    } else {
+        /* the controller follows its reference */
+    }
+    return found;
+}
+
+/* Run the controller and the supervision. Signals of a missing message are passed as not available. The inhibit is held over single lost
+ * frames; an impaired loop holds the integrator too. */
+ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, uint32_t diagnostics, bool is_good, bool is_waiting)
 {
     ars_command_t command;
+    bool has_angle = true;
     const bool motion_usable = self->motion_input.usable;
     const bool conditions_usable = self->conditions_input.usable;
     const float not_available = ars_can_not_available();
+    const ars_supervision_cause_t cause = cause_of_loop(self, diagnostics);
     const ars_measurement_t measurement = {
         .speed = motion_usable ? self->motion.speed : not_available,
         .front_angle = motion_usable ? self->motion.front_angle : not_available,
@@ -348,26 +388,23 @@ ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool is_good, bool 
         .rear_angle = conditions_usable ? self->conditions.rear_angle : not_available,
         .friction = conditions_usable ? self->conditions.friction : not_available,
         .lateral_acceleration = conditions_usable ? self->conditions.lateral_acceleration : not_available,
-        .inhibit = self->conditions.inhibit || impaired
+        .inhibit = (((uint32_t)ARS_CAUSES_HOLDING >> (uint32_t)cause) & 1u) != 0u
     };
-
     const bool is_measured = is_good && (magnitude(self->conditions.rear_angle) <= self->parameters->inputs.rear_angle_max);
 
     if (!is_good) {
         self->lost_samples++;
     }
-    if (!self->started) {
-        start(self, is_good, is_measured);
+    if (is_waiting) {
+        has_angle = start(self, is_good, is_measured);
     }
     if (is_measured) {
         self->has_measured = true;
         self->measured_angle = self->conditions.rear_angle;
     }
     command = ars_controller_step(&self->controller, self->parameters, &measurement);
-    if (impaired && ((command.status == ARS_STATUS_TRACKING) || (command.status == ARS_STATUS_LIMITED))) {
-        command.status = ARS_STATUS_DEGRADED;
-        self->controller.status = command.status; /* a measurement of the state shows what is sent */
-    }
+    command.status = ars_supervision_step(
+        &self->supervision, cause_of_sample(self, cause, command.status, has_angle), command.status);
     return command;
 }
 
@@ -398,25 +435,26 @@ ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
     ars_rear_steer_command_t signals;
     ars_command_t command;
     bool is_good;
+    bool is_waiting;
 
     if (self->controller.initialised != (uint32_t)ARS_CONTROLLER_INITIALISED) { /* not initialised by ars_task_init() */
         ars_task_init(self, &ars_parameters_default);
     }
-    check_silence(self);
+    is_waiting = lacks_angle(self);
     diagnostics = check_rhythm(self);
     diagnostics |= check_bus(self);
     diagnostics |= input_close(&self->motion_input);
     diagnostics |= input_close(&self->conditions_input) << conditions_shift;
     self->conditions_close = false;
     is_good = self->motion_input.usable && self->conditions_input.usable;
-    if (self->started) {
+    if (!is_waiting) {
         diagnostics |= check_actuator(self, is_good);
     }
-    command = step(self, is_good, is_impaired(self, diagnostics));
+    command = step(self, diagnostics, is_good, is_waiting);
     diagnostics |= causes_of_controller(self, is_good);
     /* Before the start, and after a silence, the rear angle is unknown: no command is better than a wrong one. */
-    signals.rear_angle = self->started ? command.rear_angle : ars_can_not_available();
-    signals.yaw_rate_reference = self->started ? command.yaw_rate_reference : ars_can_not_available();
+    signals.rear_angle = self->supervision.has_command ? command.rear_angle : ars_can_not_available();
+    signals.yaw_rate_reference = self->supervision.has_command ? command.yaw_rate_reference : ars_can_not_available();
     signals.status = (uint8_t)command.status;
     signals.diagnostics = (uint16_t)diagnostics;
     ars_can_pack_rear_steer_command(&signals, data);

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x6676B7ABu
+#if ARS_MAP_BUILD != 0x30CA4C66u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x6676B7ABu
+#if ARS_TASK_BUILD != 0x30CA4C66u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -42,6 +42,12 @@ static inline bool lies_between(float value, float low, float high)
 static inline bool lies_within(float value, float largest)
 {
     return lies_between(value, -largest, largest);
+}
+
+/* Return the value within +-largest, and zero for NaN. */
+static inline float held_within(float value, float largest)
+{
+    return (value > largest) ? largest : ((value < -largest) ? -largest : ((value == value) ? value : 0.0f));
 }
 
 /* Return whether a number is the negative of another one; zero has no sign here. True for two NaN. */
@@ -304,6 +310,16 @@ static inline bool ars_task_input_holds(const ars_task_input_t *value)
     return holds;
 }
 
+static inline bool ars_supervision_holds(const ars_supervision_t *value)
+{
+    bool holds = ((uint32_t)value->state <= 7u)
+        && ((uint32_t)value->cause <= 10u)
+        && ((uint32_t)value->status <= 4u)
+        && is_flag(value->has_command)
+        && (value->has_command == ((value->state != ARS_SUPERVISION_START) && (value->state != ARS_SUPERVISION_RESYNCHRONISE)));
+    return holds;
+}
+
 static inline bool ars_task_holds(const ars_task_t *value)
 {
     bool holds = ars_controller_holds(&value->controller)
@@ -320,9 +336,9 @@ static inline bool ars_task_holds(const ars_task_t *value)
         && (value->actuator_samples <= 60001u)
         && lies_within(value->expected_angle, 0.7853982f)
         && lies_within(value->measured_angle, 0.7853982f)
+        && ars_supervision_holds(&value->supervision)
         && is_flag(value->conditions.inhibit)
         && is_flag(value->conditions_close)
-        && is_flag(value->started)
         && is_flag(value->has_measured);
     return holds;
 }
@@ -814,6 +830,7 @@ static inline void ars_controller_init_ensures(const ars_controller_t *self, flo
     (void)rear_angle;
     CONTRACT_ENSURE(ars_controller_holds(self), "self is within its invariant");
     CONTRACT_ENSURE(lies_within(self->rear_angle, 0.061086524f), "|rear_angle| is at most the actuator's largest angle");
+    CONTRACT_ENSURE(self->rear_angle == held_within(rear_angle, 0.061086524f), "it starts from the given angle");
 }
 
 static inline void ars_controller_place_requires(const ars_controller_t *self, float rear_angle)
@@ -830,6 +847,7 @@ static inline void ars_controller_place_ensures(const ars_controller_t *self, fl
     (void)self_before;
     CONTRACT_ENSURE(ars_controller_holds(self), "self is within its invariant");
     CONTRACT_ENSURE(lies_within(self->rear_angle, 0.061086524f), "|rear_angle| is at most the actuator's largest angle");
+    CONTRACT_ENSURE(self->rear_angle == held_within(rear_angle, 0.061086524f), "it starts from the given angle");
 }
 
 static inline void ars_controller_step_requires(const ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
@@ -1064,6 +1082,135 @@ static inline void ars_can_pack_rear_steer_command_ensures(const ars_rear_steer_
     (void)data;
 }
 
+static inline void ars_supervision_init_requires(const ars_supervision_t *self)
+{
+    (void)self;
+}
+
+static inline void ars_supervision_init_ensures(const ars_supervision_t *self)
+{
+    (void)self;
+    CONTRACT_ENSURE(ars_supervision_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(self->state == ARS_SUPERVISION_START, "it starts without a rear angle");
+}
+
+static inline void ars_supervision_step_requires(const ars_supervision_t *self, ars_supervision_cause_t cause, ars_status_t status)
+{
+    (void)self;
+    (void)cause;
+    (void)status;
+    CONTRACT_REQUIRE(ars_supervision_holds(self), "ars_supervision_step requires: self is within its invariant");
+    CONTRACT_REQUIRE(((uint32_t)cause <= 10u), "ars_supervision_step requires: cause is one of its enumerators");
+    CONTRACT_REQUIRE(((uint32_t)status <= 4u), "ars_supervision_step requires: status is one of its enumerators");
+}
+
+static inline void ars_supervision_step_ensures(const ars_supervision_t *self, ars_supervision_cause_t cause, ars_status_t status, ars_status_t result, const ars_supervision_t *self_before)
+{
+    (void)self;
+    (void)cause;
+    (void)status;
+    (void)result;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_supervision_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_START), "from START, ANGLE_UNKNOWN leads to START");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from START, SAMPLE_LOST leads to LOST");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from START, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from START, SAMPLE_MISSING leads to PREDICTED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from START, SIGNAL_REPLACED leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from START, ACTUATOR_STUCK leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_TASK_LATE)) || (self->state == ARS_SUPERVISION_DEGRADED), "from START, TASK_LATE leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_CONDITIONS_UNKNOWN)) || (self->state == ARS_SUPERVISION_DEGRADED), "from START, CONDITIONS_UNKNOWN leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_BUS_INTERMITTENT)) || (self->state == ARS_SUPERVISION_DEGRADED), "from START, BUS_INTERMITTENT leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from START, INHIBIT leads to INHIBITED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from START, NONE leads to RUN");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from RUN, ANGLE_UNKNOWN leads to RESYNCHRONISE");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from RUN, SAMPLE_LOST leads to LOST");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from RUN, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from RUN, SAMPLE_MISSING leads to PREDICTED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RUN, SIGNAL_REPLACED leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RUN, ACTUATOR_STUCK leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_TASK_LATE)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RUN, TASK_LATE leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_CONDITIONS_UNKNOWN)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RUN, CONDITIONS_UNKNOWN leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_BUS_INTERMITTENT)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RUN, BUS_INTERMITTENT leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from RUN, INHIBIT leads to INHIBITED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from RUN, NONE leads to RUN");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from PREDICTED, ANGLE_UNKNOWN leads to RESYNCHRONISE");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from PREDICTED, SAMPLE_LOST leads to LOST");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from PREDICTED, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from PREDICTED, SAMPLE_MISSING leads to PREDICTED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from PREDICTED, SIGNAL_REPLACED leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from PREDICTED, ACTUATOR_STUCK leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_TASK_LATE)) || (self->state == ARS_SUPERVISION_DEGRADED), "from PREDICTED, TASK_LATE leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_CONDITIONS_UNKNOWN)) || (self->state == ARS_SUPERVISION_DEGRADED), "from PREDICTED, CONDITIONS_UNKNOWN leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_BUS_INTERMITTENT)) || (self->state == ARS_SUPERVISION_DEGRADED), "from PREDICTED, BUS_INTERMITTENT leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from PREDICTED, INHIBIT leads to INHIBITED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from PREDICTED, NONE leads to RUN");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from DEGRADED, ANGLE_UNKNOWN leads to RESYNCHRONISE");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from DEGRADED, SAMPLE_LOST leads to LOST");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from DEGRADED, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from DEGRADED, SAMPLE_MISSING leads to PREDICTED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from DEGRADED, SIGNAL_REPLACED leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from DEGRADED, ACTUATOR_STUCK leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_TASK_LATE)) || (self->state == ARS_SUPERVISION_DEGRADED), "from DEGRADED, TASK_LATE leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_CONDITIONS_UNKNOWN)) || (self->state == ARS_SUPERVISION_DEGRADED), "from DEGRADED, CONDITIONS_UNKNOWN leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_BUS_INTERMITTENT)) || (self->state == ARS_SUPERVISION_DEGRADED), "from DEGRADED, BUS_INTERMITTENT leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from DEGRADED, INHIBIT leads to INHIBITED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from DEGRADED, NONE leads to RUN");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from LOST, ANGLE_UNKNOWN leads to RESYNCHRONISE");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from LOST, SAMPLE_LOST leads to LOST");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from LOST, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from LOST, SAMPLE_MISSING leads to PREDICTED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from LOST, SIGNAL_REPLACED leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from LOST, ACTUATOR_STUCK leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_TASK_LATE)) || (self->state == ARS_SUPERVISION_DEGRADED), "from LOST, TASK_LATE leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_CONDITIONS_UNKNOWN)) || (self->state == ARS_SUPERVISION_DEGRADED), "from LOST, CONDITIONS_UNKNOWN leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_BUS_INTERMITTENT)) || (self->state == ARS_SUPERVISION_DEGRADED), "from LOST, BUS_INTERMITTENT leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from LOST, INHIBIT leads to INHIBITED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from LOST, NONE leads to RUN");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from RESYNCHRONISE, ANGLE_UNKNOWN leads to RESYNCHRONISE");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from RESYNCHRONISE, SAMPLE_LOST leads to LOST");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from RESYNCHRONISE, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from RESYNCHRONISE, SAMPLE_MISSING leads to PREDICTED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RESYNCHRONISE, SIGNAL_REPLACED leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RESYNCHRONISE, ACTUATOR_STUCK leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_TASK_LATE)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RESYNCHRONISE, TASK_LATE leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_CONDITIONS_UNKNOWN)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RESYNCHRONISE, CONDITIONS_UNKNOWN leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_BUS_INTERMITTENT)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RESYNCHRONISE, BUS_INTERMITTENT leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from RESYNCHRONISE, INHIBIT leads to INHIBITED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from RESYNCHRONISE, NONE leads to RUN");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from STANDBY, ANGLE_UNKNOWN leads to RESYNCHRONISE");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from STANDBY, SAMPLE_LOST leads to LOST");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from STANDBY, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from STANDBY, SAMPLE_MISSING leads to PREDICTED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from STANDBY, SIGNAL_REPLACED leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from STANDBY, ACTUATOR_STUCK leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_TASK_LATE)) || (self->state == ARS_SUPERVISION_DEGRADED), "from STANDBY, TASK_LATE leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_CONDITIONS_UNKNOWN)) || (self->state == ARS_SUPERVISION_DEGRADED), "from STANDBY, CONDITIONS_UNKNOWN leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_BUS_INTERMITTENT)) || (self->state == ARS_SUPERVISION_DEGRADED), "from STANDBY, BUS_INTERMITTENT leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from STANDBY, INHIBIT leads to INHIBITED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from STANDBY, NONE leads to RUN");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from INHIBITED, ANGLE_UNKNOWN leads to RESYNCHRONISE");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from INHIBITED, SAMPLE_LOST leads to LOST");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from INHIBITED, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from INHIBITED, SAMPLE_MISSING leads to PREDICTED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from INHIBITED, SIGNAL_REPLACED leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from INHIBITED, ACTUATOR_STUCK leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_TASK_LATE)) || (self->state == ARS_SUPERVISION_DEGRADED), "from INHIBITED, TASK_LATE leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_CONDITIONS_UNKNOWN)) || (self->state == ARS_SUPERVISION_DEGRADED), "from INHIBITED, CONDITIONS_UNKNOWN leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_BUS_INTERMITTENT)) || (self->state == ARS_SUPERVISION_DEGRADED), "from INHIBITED, BUS_INTERMITTENT leads to DEGRADED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from INHIBITED, INHIBIT leads to INHIBITED");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from INHIBITED, NONE leads to RUN");
+    CONTRACT_ENSURE((self->state != ARS_SUPERVISION_START) || (result == ARS_STATUS_FAIL_SAFE), "in START the status is FAIL_SAFE");
+    CONTRACT_ENSURE((self->state != ARS_SUPERVISION_RUN) || (result == ((status == ARS_STATUS_LIMITED) ? status : ARS_STATUS_TRACKING)), "in RUN the status is TRACKING");
+    CONTRACT_ENSURE((self->state != ARS_SUPERVISION_PREDICTED) || (result == ARS_STATUS_DEGRADED), "in PREDICTED the status is DEGRADED");
+    CONTRACT_ENSURE((self->state != ARS_SUPERVISION_DEGRADED) || (result == ARS_STATUS_DEGRADED), "in DEGRADED the status is DEGRADED");
+    CONTRACT_ENSURE((self->state != ARS_SUPERVISION_LOST) || (result == ARS_STATUS_FAIL_SAFE), "in LOST the status is FAIL_SAFE");
+    CONTRACT_ENSURE((self->state != ARS_SUPERVISION_RESYNCHRONISE) || (result == ARS_STATUS_FAIL_SAFE), "in RESYNCHRONISE the status is FAIL_SAFE");
+    CONTRACT_ENSURE((self->state != ARS_SUPERVISION_STANDBY) || (result == ARS_STATUS_STANDBY), "in STANDBY the status is STANDBY");
+    CONTRACT_ENSURE((self->state != ARS_SUPERVISION_INHIBITED) || (result == ((status == ARS_STATUS_LIMITED) ? status : ARS_STATUS_TRACKING)), "in INHIBITED the status is TRACKING");
+    CONTRACT_ENSURE((self->cause == cause) && (self->status == result), "cause and status are kept");
+}
+
 static inline void ars_task_init_requires(const ars_task_t *self, const ars_parameters_t *parameters)
 {
     (void)self;
@@ -1116,6 +1263,13 @@ static inline void ars_task_10ms_ensures(const ars_task_t *self, const uint8_t d
     CONTRACT_ENSURE(result == (uint32_t)ARS_CAN_ID_REAR_STEER_COMMAND, "it is the frame of the command");
     CONTRACT_ENSURE(((data[1] & 0x0Fu) == (uint32_t)self_before->counter) && (self->counter == (((uint32_t)self_before->counter + 1u) % 15u)), "the frame has the counter, and the counter advances");
     CONTRACT_ENSURE(ars_e2e_crc((uint16_t)ARS_CAN_DATA_ID_REAR_STEER_COMMAND, data) == data[0], "the frame has the right CRC");
+    CONTRACT_ENSURE((((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (self->controller.rear_angle <= (self_before->controller.rear_angle + (self->parameters->limiter.rear_rate_max * 0.01f))) || (self->controller.rear_angle == -self->parameters->limiter.rear_angle_max), "from sample to sample, it rises by at most rear_rate_max, or to -rear_angle_max");
+    CONTRACT_ENSURE((((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || ((self_before->controller.rear_angle - (self->parameters->limiter.rear_rate_max * 0.01f)) <= self->controller.rear_angle) || (self->controller.rear_angle == self->parameters->limiter.rear_angle_max), "from sample to sample, it falls by at most rear_rate_max, or to rear_angle_max");
+    CONTRACT_ENSURE(!(((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (!self->supervision.has_command) || (self->controller.rear_angle <= (self->expected_angle + (self->parameters->limiter.rear_rate_max * 0.01f))) || (self->controller.rear_angle == -self->parameters->limiter.rear_angle_max), "from the start angle, it rises by at most rear_rate_max, or to -rear_angle_max");
+    CONTRACT_ENSURE(!(((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (!self->supervision.has_command) || ((self->expected_angle - (self->parameters->limiter.rear_rate_max * 0.01f)) <= self->controller.rear_angle) || (self->controller.rear_angle == self->parameters->limiter.rear_angle_max), "from the start angle, it falls by at most rear_rate_max, or to rear_angle_max");
+    CONTRACT_ENSURE(!(((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (!self->supervision.has_command) || !self->has_measured || (self->expected_angle == held_within(self->measured_angle, 0.061086524f)), "the start angle is the measured one, or the last measured one");
+    CONTRACT_ENSURE((((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || !((self->supervision.state == ARS_SUPERVISION_LOST) || (self->supervision.state == ARS_SUPERVISION_STANDBY)) || (magnitude_of(self->controller.rear_angle) <= magnitude_of(self_before->controller.rear_angle)), "where the table ramps, the magnitude of the command does not grow");
+    CONTRACT_ENSURE(!(!self->supervision.has_command) || (code_in(data, 16u, 16u, false) == ((uint32_t)-32768 & 0xFFFFu)), "without a known rear angle the frame has no command");
 }
 
 #endif /* ARS_CONTRACTS_H */
