@@ -138,7 +138,7 @@ REQUIREMENTS = (
     ),
     Requirement(
         "ARS-INP-2",
-        "A signal is not used after missing_samples_max missing samples, until there were recovery_samples good ones in a row.",
+        "A signal is not used after missing_samples_max missing samples, until recovery_samples good ones, less missing ones.",
         ("inputs_step",),
         ("law",),
         ("sil/checks_inputs.py",),

@@ -40,6 +40,30 @@ def test_three_of_four_samples_lost_end_in_the_fail_safe(software: Software) -> 
     assert (column(run_through_can(software, step_steer(3.0, *faults)).record, "status")[110:] == Status.FAIL_SAFE).all()
 
 
+def lost_in_ten(cycles: tuple[int, ...], message: str | None) -> Scenario:
+    """Return a step steer in which the frames of these cycles of every ten are lost from 1 s on; None: of both messages."""
+    starts = (start + 0.01 * cycle for start in np.arange(1.0, 4.0, 0.1) for cycle in cycles)
+    return step_steer(4.0, *(Fault("drop", start, 0.01, message=message) for start in starts))
+
+
+@pytest.mark.parametrize("message", [None, builds.CONFIG.can.vehicle_motion.name, CONDITIONS])
+@pytest.mark.parametrize("cycles", [(0, 3, 6), (0, 1, 2)], ids=["spread", "in a row"])
+def test_three_of_ten_frames_lost_are_degraded(software: Software, cycles: tuple[int, ...], message: str | None) -> None:
+    """Once the bus counts as intermittent, after a second at most, each sample is DEGRADED; none is FAIL_SAFE."""
+    status = column(run_through_can(software, lost_in_ten(cycles, message)).record, "status")
+    assert (status[110:] < Status.FAIL_SAFE).all() and (status[210:] == Status.DEGRADED).all()
+
+
+def test_frames_lost_at_random_end_the_fail_safe_of_a_long_loss(software: Software) -> None:
+    """With three of ten lost at random, four in a row lead to the fail-safe, and it ends without ten good ones in a row."""
+    rng = np.random.default_rng(1)
+    starts = (start + 0.01 * cycle for start in np.arange(1.0, 8.0, 0.1) for cycle in rng.choice(10, 3, replace=False))
+    status = column(
+        run_through_can(software, step_steer(8.0, *(Fault("drop", each, 0.01) for each in starts))).record, "status"
+    )
+    assert 0 < (status[110:] == Status.FAIL_SAFE).sum() < 70  # of 690; 4 to 40 for each loss of four
+
+
 def check_healthy_car(lag: float, scenarios: Iterable[str]) -> None:
     """Check that a car with an actuator of this lag (s) shows no event, with two clocks."""
     software = builds.of_kind("tracking").software

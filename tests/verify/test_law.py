@@ -39,7 +39,7 @@ def test_a_wrong_command_default_and_frame_are_found(monkeypatch: pytest.MonkeyP
     assert len(set(names)) == len(names)
     assert any(name.startswith("parameter set ") for name in names)
     monkeypatch.setattr(law, "drives_of", lambda thresholds, samples: ())
-    old, new = ".inhibit = self->conditions.inhibit", ".inhibit = false"
+    old, new = "(((uint32_t)ARS_CAUSES_HOLDING >> (uint32_t)cause) & 1u) != 0u", "false"
     found = checked(Subject("planted", builds.with_text(PI, "src/ars_task.c", old, new), PI.manifest))
     assert found.verdict is Verdict.FAILED
     assert all(": 0x" in line and "; by the law 0x" in line for line in found.findings)

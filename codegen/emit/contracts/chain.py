@@ -165,9 +165,12 @@ class ChainUnits(Conditions):
             counted = f"({after}.good == 0u) || ({available} && ({after}.good == ({before}.good + 1u)))"
             missed = f"({after}.missing == ({before}.missing + 1u))"
             kept = f"(!{used} || ({after}.missing <= parameters->missing_samples_max))"
-            words = "is used again only after recovery_samples good ones in a row"
+            lost = f"({before}.source == {self.upper}_SIGNAL_LOST)"
+            counted += f" || ({lost} && (({after}.good + 1u) == {before}.good))"
+            words = "is used again only after recovery_samples good ones, less missing ones"
             yield Claim(f"{name} {words}", f"{was} || !{used} || {back}")
-            yield Claim(f"without {name}, its count of good samples starts anew", f"{was} || {used} || {counted}")
+            words = "its count of good samples starts anew, or falls by one if it was lost"
+            yield Claim(f"without {name}, {words}", f"{was} || {used} || {counted}")
             yield Claim(f"{name} that is no longer used has no good sample", f"!{was} || {used} || ({after}.good == 0u)")
             yield Claim(
                 f"{name} is not used after missing_samples_max missing ones", f"!{was} || {available} || ({missed} && {kept})"

@@ -19,7 +19,7 @@ from codegen.emit.inputs_view import FRICTION_UNKNOWN
 from codegen.emit.parameters import ParameterView
 from codegen.emit.supervision import STATES, Cause, Reaction, State
 
-TASK_COUNT_MAX = 64
+TASK_COUNT_MAX = 80
 """Bound of the counts of disturbances in the task."""
 LATERAL_DEVIATION_MAX_RAD_S = 64.0
 """Bound of the difference between yaw rate and the turn by the lateral acceleration."""

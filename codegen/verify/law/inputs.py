@@ -122,7 +122,7 @@ class SecondInputs:
         self.beyond = self.real(0.0) if self.yaw_rate.is_measured else self.beyond
         for signal in signals:
             if all(taken) and signal.is_measured:
-                signal.missing = max(signal.missing - 1, 0)
+                signal.missing = max(signal.missing - 2, 0)
         quality = Quality.GOOD if all(signal.is_measured for signal in signals) else Quality.REPLACED
         if not all(taken):
             quality = Quality.MISSING
@@ -326,7 +326,9 @@ class SecondInputs:
 
     def _prove(self, signal: Signal, measured: Any, speaks_for_it: bool) -> None:
         if not speaks_for_it:
-            signal.good = 0
+            is_lost = signal.source is Source.LOST
+            counts = is_lost and signal.good is not None and 0 < signal.good < self.p.recovery_samples
+            signal.good = (signal.good or 0) - 1 if counts else 0
             return
         signal.good = None if signal.good is None else signal.good + 1
         if signal.good is None or signal.good >= self.p.recovery_samples:

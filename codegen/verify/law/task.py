@@ -22,7 +22,7 @@ _ADVANCE = {E2eStatus.OK: 1, E2eStatus.INITIAL: 1, E2eStatus.OK_SOME_LOST: 2}
 
 BACKLOG_MAX, FORGIVEN_EVERY = 3, 64
 """Steps that the calls may lag behind the sender, and the calls after which one is forgiven."""
-DISTURBANCE_WEIGHT, DISTURBANCE_MAX = 10, 40
+DISTURBANCE_WEIGHT, DISTURBANCE_MAX = 15, 60
 """Weight of a recovery after a disturbance, and the sum (minus one for each other call) above which the bus is
 intermittent."""
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xEF36BE4Au
+#define ARS_CAN_BUILD 0xE2ECAF26u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

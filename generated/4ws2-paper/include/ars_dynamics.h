@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xEF36BE4Au
+#define ARS_DYNAMICS_BUILD 0xE2ECAF26u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

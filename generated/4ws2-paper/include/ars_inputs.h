@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xEF36BE4Au
+#define ARS_INPUTS_BUILD 0xE2ECAF26u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -78,7 +78,7 @@ typedef enum {
 /* State of one signal. */
 typedef struct {
     float value;         /* last plausible measurement, or the estimate that replaces it */
-    uint16_t missing;    /* samples without it, less samples in which no signal is missing; at most one above the limit */
+    uint16_t missing;    /* samples without it, less two for each in which no signal is missing; at most one above the limit */
     uint16_t good;       /* consecutive samples that confirm it while it is replaced, or contradict it while it is measured */
     ars_signal_source_t source;
 } ars_signal_t;

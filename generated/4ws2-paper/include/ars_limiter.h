@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xEF36BE4Au
+#define ARS_LIMITER_BUILD 0xE2ECAF26u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

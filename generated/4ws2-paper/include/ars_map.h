@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xEF36BE4Au
+#define ARS_MAP_BUILD 0xE2ECAF26u
 
 /* Numbers of breakpoints. */
 enum {

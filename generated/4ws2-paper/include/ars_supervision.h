@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0xEF36BE4Au
+#if ARS_CONTROLLER_BUILD != 0xE2ECAF26u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0xEF36BE4Au
+#define ARS_SUPERVISION_BUILD 0xE2ECAF26u
 
 /* State of the supervision. */
 typedef enum {

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xEF36BE4Au
+#if ARS_CAN_BUILD != 0xE2ECAF26u
 #error "ars_can.h and this source come from different builds"
 #endif
 

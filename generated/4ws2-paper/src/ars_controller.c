@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xEF36BE4Au
+#if ARS_CONTROLLER_BUILD != 0xE2ECAF26u
 #error "ars_controller.h and this source come from different builds"
 #endif
 

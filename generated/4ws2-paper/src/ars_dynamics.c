@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xEF36BE4Au
+#if ARS_DYNAMICS_BUILD != 0xE2ECAF26u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0xEF36BE4Au
+#if ARS_E2E_BUILD != 0xE2ECAF26u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

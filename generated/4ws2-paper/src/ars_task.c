@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xEF36BE4Au
+#if ARS_CAN_BUILD != 0xE2ECAF26u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xEF36BE4Au
+#if ARS_CONTROLLER_BUILD != 0xE2ECAF26u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xEF36BE4Au
+#if ARS_E2E_BUILD != 0xE2ECAF26u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0xEF36BE4Au
+#if ARS_SUPERVISION_BUILD != 0xE2ECAF26u
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xEF36BE4Au
+#if ARS_TASK_BUILD != 0xE2ECAF26u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -39,9 +39,9 @@ ARS_SECTION_CONST static const uint32_t forgiven_every = 64u;
 ARS_SECTION_CONST static const uint8_t advance_max = 6u;
 
 /* Each recovery from a disturbance adds the weight, each call without one subtracts one. Above the limit the bus is intermittent; it
- * remains so while there is a disturbance in every ten calls. */
-ARS_SECTION_CONST static const uint32_t disturbance_weight = 10u;
-ARS_SECTION_CONST static const uint32_t disturbance_max = 40u;
+ * remains so while there is a disturbance in every fifteen calls. */
+ARS_SECTION_CONST static const uint32_t disturbance_weight = 15u;
+ARS_SECTION_CONST static const uint32_t disturbance_max = 60u;
 
 /* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)

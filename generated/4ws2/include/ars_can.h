@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x30CA4C66u
+#define ARS_CAN_BUILD 0x3910A621u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -26,7 +26,7 @@
 
 #include "ars_reference_model.h"
 
-#if ARS_REFERENCE_MODEL_BUILD != 0x30CA4C66u
+#if ARS_REFERENCE_MODEL_BUILD != 0x3910A621u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -34,7 +34,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x30CA4C66u
+#define ARS_INPUTS_BUILD 0x3910A621u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -85,7 +85,7 @@ typedef enum {
 /* State of one signal. */
 typedef struct {
     float value;         /* last plausible measurement, or the estimate that replaces it */
-    uint16_t missing;    /* samples without it, less samples in which no signal is missing; at most one above the limit */
+    uint16_t missing;    /* samples without it, less two for each in which no signal is missing; at most one above the limit */
     uint16_t good;       /* consecutive samples that confirm it while it is replaced, or contradict it while it is measured */
     ars_signal_source_t source;
 } ars_signal_t;

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x30CA4C66u
+#define ARS_MAP_BUILD 0x3910A621u
 
 /* Numbers of breakpoints. */
 enum {

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x30CA4C66u
+#if ARS_E2E_BUILD != 0x3910A621u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

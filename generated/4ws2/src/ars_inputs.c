@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x30CA4C66u
+#if ARS_INPUTS_BUILD != 0x3910A621u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -134,22 +134,24 @@ ARS_SECTION_CODE static bool follow(
     return is_missing;
 }
 
-/* Reduce the count of missing samples. To be called only if no signal is missing: if each count fell on its own, signals that are
- * missing alternately would be predicted forever. */
+/* Reduce the count of missing samples, by two: a signal that is there in most samples is predicted in the others. To be called only if no
+ * signal is missing: if each count fell on its own, signals that are missing alternately would be predicted forever. */
 ARS_SECTION_CODE static void forget(ars_signal_t *self)
 {
     if ((self->source == ARS_SIGNAL_MEASURED) && (self->missing > 0u)) {
-        self->missing--;
+        self->missing = (self->missing > 1u) ? (self->missing - 2u) : 0u;
     }
 }
 
-/* Check a replaced signal. It must be available for recovery_samples consecutive samples and, if it was wrong, be confirmed by the
- * other signals. */
+/* Check a replaced signal. If it was wrong, the other signals must confirm it for recovery_samples consecutive samples. If it was lost, its
+ * available samples must outnumber the missing ones by as many: on a bus that loses frames for long, they are never consecutive. */
 ARS_SECTION_CODE static void prove(
     ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_available, bool is_confirmed)
 {
     if (is_available && (is_confirmed || (self->source == ARS_SIGNAL_LOST))) {
         self->good++;
+    } else if ((self->source == ARS_SIGNAL_LOST) && (self->good > 0u) && (self->good < parameters->recovery_samples)) {
+        self->good--; /* more of them are those of a start, whose first sample counts alone */
     } else {
         self->good = 0u;
     }

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x30CA4C66u
+#if ARS_LIMITER_BUILD != 0x3910A621u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

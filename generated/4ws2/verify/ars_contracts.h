@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x30CA4C66u
+#if ARS_MAP_BUILD != 0x3910A621u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x30CA4C66u
+#if ARS_TASK_BUILD != 0x3910A621u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -332,7 +332,7 @@ static inline bool ars_task_holds(const ars_task_t *value)
         && ((value->conditions.friction != value->conditions.friction) || lies_between(value->conditions.friction, -0.01f, 2.55f))
         && ((value->conditions.lateral_acceleration != value->conditions.lateral_acceleration) || lies_between(value->conditions.lateral_acceleration, -32.768f, 32.768f))
         && (value->counter <= 14u)
-        && ((value->backlog <= 64u) && (value->disturbance <= 64u))
+        && ((value->backlog <= 80u) && (value->disturbance <= 80u))
         && (value->actuator_samples <= 60001u)
         && lies_within(value->expected_angle, 0.7853982f)
         && lies_within(value->measured_angle, 0.7853982f)
@@ -576,16 +576,16 @@ static inline void ars_inputs_step_ensures(const ars_inputs_t *self, const ars_i
     CONTRACT_ENSURE((result != ARS_QUALITY_GOOD) || ((self->speed.source == ARS_SIGNAL_MEASURED) && (self->front_angle.source == ARS_SIGNAL_MEASURED) && (self->yaw_rate.source == ARS_SIGNAL_MEASURED)), "a good sample has all signals");
     CONTRACT_ENSURE((result != ARS_QUALITY_REPLACED) || !(self->speed.source == ARS_SIGNAL_MEASURED) || !(self->front_angle.source == ARS_SIGNAL_MEASURED) || !(self->yaw_rate.source == ARS_SIGNAL_MEASURED), "a signal of a replaced sample is not used");
     CONTRACT_ENSURE((result != ARS_QUALITY_MISSING) || (self->speed.missing > 0u) || (self->front_angle.missing > 0u) || (self->yaw_rate.missing > 0u), "a signal of a missing sample is missing");
-    CONTRACT_ENSURE((self_before->speed.source == ARS_SIGNAL_MEASURED) || !(self->speed.source == ARS_SIGNAL_MEASURED) || (lies_within(measured->speed, parameters->speed_max) && ((self_before->speed.good + 1u) >= parameters->recovery_samples)), "speed is used again only after recovery_samples good ones in a row");
-    CONTRACT_ENSURE((self_before->speed.source == ARS_SIGNAL_MEASURED) || (self->speed.source == ARS_SIGNAL_MEASURED) || (self->speed.good == 0u) || (lies_within(measured->speed, parameters->speed_max) && (self->speed.good == (self_before->speed.good + 1u))), "without speed, its count of good samples starts anew");
+    CONTRACT_ENSURE((self_before->speed.source == ARS_SIGNAL_MEASURED) || !(self->speed.source == ARS_SIGNAL_MEASURED) || (lies_within(measured->speed, parameters->speed_max) && ((self_before->speed.good + 1u) >= parameters->recovery_samples)), "speed is used again only after recovery_samples good ones, less missing ones");
+    CONTRACT_ENSURE((self_before->speed.source == ARS_SIGNAL_MEASURED) || (self->speed.source == ARS_SIGNAL_MEASURED) || (self->speed.good == 0u) || (lies_within(measured->speed, parameters->speed_max) && (self->speed.good == (self_before->speed.good + 1u))) || ((self_before->speed.source == ARS_SIGNAL_LOST) && ((self->speed.good + 1u) == self_before->speed.good)), "without speed, its count of good samples starts anew, or falls by one if it was lost");
     CONTRACT_ENSURE(!(self_before->speed.source == ARS_SIGNAL_MEASURED) || (self->speed.source == ARS_SIGNAL_MEASURED) || (self->speed.good == 0u), "speed that is no longer used has no good sample");
     CONTRACT_ENSURE(!(self_before->speed.source == ARS_SIGNAL_MEASURED) || lies_within(measured->speed, parameters->speed_max) || ((self->speed.missing == (self_before->speed.missing + 1u)) && (!(self->speed.source == ARS_SIGNAL_MEASURED) || (self->speed.missing <= parameters->missing_samples_max))), "speed is not used after missing_samples_max missing ones");
-    CONTRACT_ENSURE((self_before->front_angle.source == ARS_SIGNAL_MEASURED) || !(self->front_angle.source == ARS_SIGNAL_MEASURED) || (lies_within(measured->front_angle, parameters->front_angle_max) && ((self_before->front_angle.good + 1u) >= parameters->recovery_samples)), "front_angle is used again only after recovery_samples good ones in a row");
-    CONTRACT_ENSURE((self_before->front_angle.source == ARS_SIGNAL_MEASURED) || (self->front_angle.source == ARS_SIGNAL_MEASURED) || (self->front_angle.good == 0u) || (lies_within(measured->front_angle, parameters->front_angle_max) && (self->front_angle.good == (self_before->front_angle.good + 1u))), "without front_angle, its count of good samples starts anew");
+    CONTRACT_ENSURE((self_before->front_angle.source == ARS_SIGNAL_MEASURED) || !(self->front_angle.source == ARS_SIGNAL_MEASURED) || (lies_within(measured->front_angle, parameters->front_angle_max) && ((self_before->front_angle.good + 1u) >= parameters->recovery_samples)), "front_angle is used again only after recovery_samples good ones, less missing ones");
+    CONTRACT_ENSURE((self_before->front_angle.source == ARS_SIGNAL_MEASURED) || (self->front_angle.source == ARS_SIGNAL_MEASURED) || (self->front_angle.good == 0u) || (lies_within(measured->front_angle, parameters->front_angle_max) && (self->front_angle.good == (self_before->front_angle.good + 1u))) || ((self_before->front_angle.source == ARS_SIGNAL_LOST) && ((self->front_angle.good + 1u) == self_before->front_angle.good)), "without front_angle, its count of good samples starts anew, or falls by one if it was lost");
     CONTRACT_ENSURE(!(self_before->front_angle.source == ARS_SIGNAL_MEASURED) || (self->front_angle.source == ARS_SIGNAL_MEASURED) || (self->front_angle.good == 0u), "front_angle that is no longer used has no good sample");
     CONTRACT_ENSURE(!(self_before->front_angle.source == ARS_SIGNAL_MEASURED) || lies_within(measured->front_angle, parameters->front_angle_max) || ((self->front_angle.missing == (self_before->front_angle.missing + 1u)) && (!(self->front_angle.source == ARS_SIGNAL_MEASURED) || (self->front_angle.missing <= parameters->missing_samples_max))), "front_angle is not used after missing_samples_max missing ones");
-    CONTRACT_ENSURE((self_before->yaw_rate.source == ARS_SIGNAL_MEASURED) || !(self->yaw_rate.source == ARS_SIGNAL_MEASURED) || (lies_within(measured->yaw_rate, parameters->yaw_rate_max) && ((self_before->yaw_rate.good + 1u) >= parameters->recovery_samples)), "yaw_rate is used again only after recovery_samples good ones in a row");
-    CONTRACT_ENSURE((self_before->yaw_rate.source == ARS_SIGNAL_MEASURED) || (self->yaw_rate.source == ARS_SIGNAL_MEASURED) || (self->yaw_rate.good == 0u) || (lies_within(measured->yaw_rate, parameters->yaw_rate_max) && (self->yaw_rate.good == (self_before->yaw_rate.good + 1u))), "without yaw_rate, its count of good samples starts anew");
+    CONTRACT_ENSURE((self_before->yaw_rate.source == ARS_SIGNAL_MEASURED) || !(self->yaw_rate.source == ARS_SIGNAL_MEASURED) || (lies_within(measured->yaw_rate, parameters->yaw_rate_max) && ((self_before->yaw_rate.good + 1u) >= parameters->recovery_samples)), "yaw_rate is used again only after recovery_samples good ones, less missing ones");
+    CONTRACT_ENSURE((self_before->yaw_rate.source == ARS_SIGNAL_MEASURED) || (self->yaw_rate.source == ARS_SIGNAL_MEASURED) || (self->yaw_rate.good == 0u) || (lies_within(measured->yaw_rate, parameters->yaw_rate_max) && (self->yaw_rate.good == (self_before->yaw_rate.good + 1u))) || ((self_before->yaw_rate.source == ARS_SIGNAL_LOST) && ((self->yaw_rate.good + 1u) == self_before->yaw_rate.good)), "without yaw_rate, its count of good samples starts anew, or falls by one if it was lost");
     CONTRACT_ENSURE(!(self_before->yaw_rate.source == ARS_SIGNAL_MEASURED) || (self->yaw_rate.source == ARS_SIGNAL_MEASURED) || (self->yaw_rate.good == 0u), "yaw_rate that is no longer used has no good sample");
     CONTRACT_ENSURE(!(self_before->yaw_rate.source == ARS_SIGNAL_MEASURED) || lies_within(measured->yaw_rate, parameters->yaw_rate_max) || ((self->yaw_rate.missing == (self_before->yaw_rate.missing + 1u)) && (!(self->yaw_rate.source == ARS_SIGNAL_MEASURED) || (self->yaw_rate.missing <= parameters->missing_samples_max))), "yaw_rate is not used after missing_samples_max missing ones");
 }
