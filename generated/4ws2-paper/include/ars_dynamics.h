@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xE2ECAF26u
+#define ARS_DYNAMICS_BUILD 0x9C61DDCDu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xE2ECAF26u
+#define ARS_LIMITER_BUILD 0x9C61DDCDu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xE2ECAF26u
+#define ARS_MAP_BUILD 0x9C61DDCDu
 
 /* Numbers of breakpoints. */
 enum {

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xE2ECAF26u
+#if ARS_CONTROLLER_BUILD != 0x9C61DDCDu
 #error "ars_controller.h and this source come from different builds"
 #endif
 

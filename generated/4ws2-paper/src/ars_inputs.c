@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xE2ECAF26u
+#if ARS_INPUTS_BUILD != 0x9C61DDCDu
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -121,7 +121,10 @@ ARS_SECTION_CODE static bool follow(
 ARS_SECTION_CODE static void forget(ars_signal_t *self)
 {
     if ((self->source == ARS_SIGNAL_MEASURED) && (self->missing > 0u)) {
-        self->missing = (self->missing > 1u) ? (self->missing - 2u) : 0u;
+        self->missing--;
+        if (self->missing > 0u) {
+            self->missing--;
+        }
     }
 }
 

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x3910A621u
+#define ARS_DYNAMICS_BUILD 0x9161D30Cu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

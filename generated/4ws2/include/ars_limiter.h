@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x3910A621u
+#define ARS_LIMITER_BUILD 0x9161D30Cu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x3910A621u
+#define ARS_MAP_BUILD 0x9161D30Cu
 
 /* Numbers of breakpoints. */
 enum {

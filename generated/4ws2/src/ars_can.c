@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x3910A621u
+#if ARS_CAN_BUILD != 0x9161D30Cu
 #error "ars_can.h and this source come from different builds"
 #endif
 

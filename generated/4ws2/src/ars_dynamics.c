@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x3910A621u
+#if ARS_DYNAMICS_BUILD != 0x9161D30Cu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 
