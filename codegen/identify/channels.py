@@ -205,17 +205,22 @@ def _parquet(path: Path, names: Names) -> Log:
         schema = parquet.read_schema(path)
         columns = list(schema.names)
     of_time, size = _time_column(columns, names, path)
-    is_date = pa.types.is_timestamp(schema.field(of_time).type)
+    kind = schema.field(of_time).type
+    in_nanoseconds = None
+    if pa.types.is_timestamp(kind):
+        in_nanoseconds = pa.timestamp("ns", tz=kind.tz)
+    elif pa.types.is_duration(kind):
+        in_nanoseconds = pa.duration("ns")
 
     def read_columns(indices: Sequence[int]) -> list[Samples]:
         with _damage(path, "Parquet file"):
             needed = dict.fromkeys(columns[index] for index in (of_time, *indices))
             found = parquet.read_table(path, columns=list(needed))
             time, *values = (found.column(columns[index]) for index in (of_time, *indices))
-            if is_date:
-                time = time.cast(pa.timestamp("ns")).cast(pa.int64())
+            if in_nanoseconds is not None:
+                time = time.cast(in_nanoseconds).cast(pa.int64())
             time, *values = (np.asarray(column.to_numpy(), dtype=np.float64) for column in (time, *values))
-        return [_present(time * (1e-9 if is_date else size), one) for one in values]
+        return [_present(time * (size if in_nanoseconds is None else 1e-9), one) for one in values]
 
     return Log(_columns(columns, of_time), read_columns)
 

@@ -129,8 +129,12 @@ def _read(
     read: dict[str, Conditioned] = {}
     flags = _sign_signals(log, names, chosen, path)
     samples = log.read([channel.place for channel in (*(channel for channel, _ in chosen.values()), *flags.values())])
-    flag_of = dict(zip(flags, samples[len(chosen) :], strict=True))
-    for (key, (channel, unit)), one in zip(chosen.items(), samples[: len(chosen)], strict=True):
+    flag_of = dict(zip(flags, samples[len(samples) - len(flags) :], strict=True))
+    for (key, (channel, unit)), one in zip(list(chosen.items()), samples[: len(samples) - len(flags)], strict=True):
+        if one.time.size < 2 and _is_optional(key, chosen):
+            findings.append(Finding(name, key, UNUSED, f"{channel.path} has {one.time.size} samples"))
+            del chosen[key]
+            continue
         if key in flag_of:
             one = _signed(one, flag_of[key], f"{path}: {flags[key].path}")
             channel = replace(channel, low=-channel.high, high=channel.high)
@@ -162,6 +166,11 @@ def _read(
     if empty is not None:
         raise CodegenError(f"{empty} has no usable value", where=f"{path}: {sources[empty].channel}", remedy="check the log")
     return drive, sources, merged(findings)
+
+
+def _is_optional(key: str, chosen: Mapping[str, object]) -> bool:
+    """Return whether a drive does without a quantity: it needs none of its group, or has another one of it."""
+    return not any(key in group and not any(other in chosen for other in group if other != key) for group in REQUIRED)
 
 
 def _sign_signals(log: Log, names: Names, chosen: Mapping[str, object], path: Path) -> dict[str, Channel]:
