@@ -348,6 +348,8 @@ def test_names_and_values_of_cases() -> None:
     [
         (b"[vehicle]\nmass_kg = \n", "line 2,"),
         (b"[vehicle]\nmass_kg = 2000\nmass_kg = 2000\n", "line 3,"),
+        (b"[vehicle]\nmass_kg = 3200,5 # kg\n", "line 2, column 15); write a decimal point: 3200.5"),
+        (b"[vehicle]\nmass_kg = 2\nmass_kg = 2\n[tyre]\n", "line 3, column 12); give each key once"),
         (b"# caf\xe9\n", "byte 5"),
         ("# mass\n".encode("utf-16"), "byte 0"),
         (b"[vehicle]\nmass_kg = 2.3\n", ": vehicle.mass_kg: 2.3 is outside"),

@@ -27,6 +27,7 @@ LEVELS = (
     ("codegen.optimum",),
     ("codegen.ecu_map", "codegen.design"),
     ("codegen.emit", "codegen.importing"),
+    ("codegen.logs",),
     ("codegen.plausibility", "codegen.sil"),
     ("codegen.tuning",),
     ("hil_sim",),

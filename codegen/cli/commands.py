@@ -10,6 +10,7 @@ from codegen.cli import (  # noqa: F401
     completion,
     exchange_commands,
     identify_command,
+    log_command,
     map_commands,
     show_commands,
     sil_command,

@@ -12,7 +12,15 @@ import click
 
 from codegen import console
 from codegen.cli.base import cli, example, json_option
-from codegen.cli.options import FileType, FiniteRange, configuration_file, folder_to_write, report_to_write
+from codegen.cli.options import (
+    FileType,
+    FiniteRange,
+    channel_option,
+    configuration_file,
+    database_option,
+    folder_to_write,
+    report_to_write,
+)
 from codegen.errors import CodegenError
 from codegen.text_table import text_table
 
@@ -53,14 +61,8 @@ DRIVE_ENDINGS = (".mf4", ".blf", ".asc", ".log", ".csv", ".tsv", ".txt", ".dat",
     metavar="FILE",
     help="A measured drive that is only predicted, to validate the result; may be repeated.",
 )
-@click.option(
-    "--dbc",
-    "databases",
-    multiple=True,
-    type=FileType((".dbc", ".arxml")),
-    metavar="FILE",
-    help="Database for the log of a bus, DBC or ARXML; may be repeated.",
-)
+@database_option
+@channel_option
 @click.option(
     "--signals",
     "names_path",
@@ -102,6 +104,7 @@ def identify(
     logs: tuple[Path, ...],
     held_out: tuple[Path, ...],
     databases: tuple[Path, ...],
+    channel: str | None,
     names_path: Path | None,
     output: Path | None,
     report_path: Path | None,
@@ -124,12 +127,19 @@ def identify(
     from codegen.emit.outputs import check_output
     from codegen.errors import ConfigError, within
     from codegen.files import read_text, write_together
-    from codegen.identify.names import load_names
+    from codegen.identify.names import Names, load_names
     from codegen.identify.reading import read_drives
 
     _check_options(
         plan_path is not None,
-        {"--log": logs, "--hold-out": held_out, "--dbc": databases, "--output": output, "--check": check_only},
+        {
+            "--log": logs,
+            "--hold-out": held_out,
+            "--dbc": databases,
+            "--channel": channel,
+            "--output": output,
+            "--check": check_only,
+        },
         {"--lateral-acceleration-max": lateral_acceleration_max, "--duration": duration},
     )
     for option, path in (("--output", output), ("--report", report_path)):
@@ -150,7 +160,9 @@ def identify(
         from codegen.report.html.page import require_plotly
 
         require_plotly("identify")
-    names = load_names(names_path) if names_path is not None else None
+    names = load_names(names_path) if names_path is not None else Names()
+    if channel is not None:
+        names = names.model_copy(update={"channel": channel})
     config = None if check_only or config_path is None else load(config_path)
     with console.status(f"reading {', '.join(path.name for path in (*logs, *held_out))}"):
         reading = read_drives([*logs, *held_out], databases, names)
@@ -160,7 +172,8 @@ def identify(
             return
         print_reading(reading)
         if names_path is None:
-            console.say("", "names.toml of these signals:", "", reading.names_toml.rstrip())
+            of_channel = [] if channel is None else [f'channel = "{channel}"']
+            console.say("", "names.toml of these signals:", "", *of_channel, reading.names_toml.rstrip())
         return
 
     from codegen.identify.findings import refuse_contradictions
@@ -313,13 +326,16 @@ def print_reading(reading: Reading) -> None:
 
 def reading_as_json(reading: Reading) -> dict[str, Any]:
     """Return the same facts for JSON."""
+    from codegen.logs.account import to_dict
+
     drives = [
         {
             "name": drive.name,
             "duration_s": float(drive.time[-1] - drive.time[0]),
             "step_s": float(drive.time[1] - drive.time[0]),
             "signals": {key: dataclasses.asdict(source) for key, source in sources.items()},
+            "account": None if account is None else to_dict(account),
         }
-        for drive, sources in zip(reading.drives, reading.sources, strict=True)
+        for drive, sources, account in zip(reading.drives, reading.sources, reading.accounts, strict=True)
     ]
     return {"drives": drives, "findings": [dataclasses.asdict(each) for each in reading.findings]}

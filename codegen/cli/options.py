@@ -232,6 +232,7 @@ picture_to_write = FileType((".png",), to_write=True)
 csv_to_write = FileType((".csv",), to_write=True)
 run_to_write = FileType((".mf4", ".parquet", ".mat", ".csv"), to_write=True)
 report_to_write = FileType((".html",), to_write=True)
+bus_log = FileType((".blf", ".asc", ".log", ".mf4"))
 log_to_write = FileType((".blf", ".asc", ".log", ".mf4"), to_write=True)
 
 
@@ -243,6 +244,17 @@ OUTPUT_HELP = "Write the run: .mf4, .parquet, .mat or .csv; may be repeated."
 
 build_option = click.option(
     "--build", "build_path", required=True, type=build_folder, metavar="DIR", help="A folder made by codegen build."
+)
+database_option = click.option(
+    "--dbc",
+    "databases",
+    multiple=True,
+    type=FileType((".dbc", ".arxml")),
+    metavar="FILE",
+    help="Database for the log of a bus, DBC or ARXML; may be repeated.",
+)
+channel_option = click.option(
+    "--channel", metavar="NAME", help="Use the frames of this channel of a log only, as the log names it: can0, 1."
 )
 bus_option = click.option(
     "--bus",

@@ -20,6 +20,7 @@ from codegen import console
 from codegen.cli.base import cli, example, json_option
 from codegen.cli.options import (
     build_folder,
+    channel_option,
     configuration_file,
     folder_to_write,
     map_file,
@@ -220,6 +221,7 @@ REPORT_EXAMPLE = (
     metavar="NAME|FILE",
     help="Scenario of the recordings, or scenario to simulate.",
 )
+@channel_option
 @click.option("--no-simulation", is_flag=True, help="Simulate nothing; show only the given files.")
 @click.option("-o", "--output", required=True, type=report_to_write, metavar="HTML", help="The report to write.")
 @json_option
@@ -229,6 +231,7 @@ def report(
     build_path: Path | None,
     runs: tuple[str, ...],
     scenario: str | None,
+    channel: str | None,
     no_simulation: bool,
     output: Path,
     as_json: bool,
@@ -246,7 +249,7 @@ def report(
 
     require_plotly("report")
     check_output(output, ".html", (map_path, *compare, *(named(argument)[1] for argument in runs)))
-    found = read(Request(map_path, compare, build_path, runs, scenario, simulate=not no_simulation))
+    found = read(Request(map_path, compare, build_path, runs, scenario, not no_simulation, channel))
     with console.progress("report") as progress:
         material = gather(found, progress)
         made = list(sections(material))

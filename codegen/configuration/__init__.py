@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import math
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from importlib import resources
@@ -478,10 +479,28 @@ def parse_toml(text: str, where: object, kind: type[CodegenError]) -> dict[str, 
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise kind(f"TOML syntax: {error}", where=where, remedy="correct that line") from None
+        raise kind(f"TOML syntax: {error}", where=where, remedy=_toml_remedy(str(error), text)) from None
     except (ValueError, RecursionError) as error:
         # Numbers of thousands of digits and thousands of nested brackets are valid TOML, but the parser rejects them.
         raise kind(f"cannot be read as TOML ({error})", where=where, remedy="correct the number or the nesting") from None
+
+
+_TOML_LINE = re.compile(r"\(at line (\d+), column \d+\)|\(at end of document\)")
+_DECIMAL_COMMA = re.compile(r"=\s*([+-]?\d+),(\d+)\s*(?:#.*)?\Z")
+
+
+def _toml_remedy(error: str, text: str) -> str:
+    """Return what to do about a line that is not TOML."""
+    match = _TOML_LINE.search(error)
+    lines = text.split("\n")
+    line = lines[int(match[1]) - 1] if match and match[1] else lines[-1]
+    if comma := _DECIMAL_COMMA.search(line.strip()):
+        return f"write a decimal point: {comma[1]}.{comma[2]}"
+    if "Cannot overwrite a value" in error:
+        return "give each key once; this line has one that is there already"
+    if "Cannot declare" in error and "twice" in error:
+        return "give each table once"
+    return "correct that line"
 
 
 def load(path: Path) -> Config:

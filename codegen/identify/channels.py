@@ -21,28 +21,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.arrays import BoolArray, FloatArray, IndexArray
+from codegen.arrays import FloatArray, IndexArray
 from codegen.errors import CodegenError, one_line
 from codegen.files import require_regular
-from codegen.identify.findings import CLOCK
+from codegen.identify.findings import CLOCK, REMARK
 from codegen.identify.names import Names
-from codegen.identify.stamps import blocks
 from codegen.importing import child, table
-from codegen.importing.bus_log import BYTES_MAX, LOGS, frames
 from codegen.importing.quantities import Name, take_apart, unit_of
 from codegen.importing.source import TABLE_BYTES_MAX, read, text_of
+from codegen.logs.account import BusLog, open_bus_log
+from codegen.logs.databases import BusKey, Databases, Defined
+from codegen.logs.reader import BYTES_MAX, LOGS
 from codegen.requirements import missing
 
 if TYPE_CHECKING:
-    from cantools.database.can import Database, Message, Signal
+    from cantools.database.can import Message, Signal
 
     from codegen.importing.mf4 import ChannelName
 
 TABLES = (".csv", ".tsv", ".txt", ".dat")
 ENDINGS = (*LOGS, *TABLES, ".parquet")
 """Extensions of logs."""
-DATABASE_ENDINGS = (".dbc", ".arxml")
-DATABASE_BYTES_MAX = 2**28
 KINDS = "give .mf4, .blf, .asc, .log (candump), .csv or .parquet"
 TIME_NAMES = re.compile(
     r"(time|t|times|timestamp|timestamps|zeit)(?:[\s_.]*[\[({]?\s*(s|sec|ms|us|ns)\s*[\])}]?)?\Z", re.IGNORECASE
@@ -108,12 +107,16 @@ class Log:
     Attributes:
         channels: all channels.
         read: returns the samples of channels at these places. Raises CodegenError.
-        remarks: kind, text and number of lost frames of what is wrong with the log as a whole.
+        remarks: kind, text and number of lost frames of what is not plain in the log as a whole.
+        conflicts: a text for each identifier that several messages have.
+        bus: the account, for the log of a bus.
     """
 
     channels: Sequence[Channel]
     read: Callable[[Sequence[Any]], list[Samples]]
     remarks: Sequence[tuple[str, str, int]] = ()
+    conflicts: Sequence[str] = ()
+    bus: BusLog | None = None
 
 
 def open_log(path: Path, databases: Databases, names: Names) -> Log:
@@ -121,7 +124,7 @@ def open_log(path: Path, databases: Databases, names: Names) -> Log:
 
     Args:
         databases: of the log of a bus.
-        names: column and unit of the time, for a table.
+        names: column and unit of the time, for a table; channel, for the log of a bus.
 
     Raises:
         CodegenError: the log or a database cannot be read, or a database is missing.
@@ -135,7 +138,7 @@ def open_log(path: Path, databases: Databases, names: Names) -> Log:
     if kind == ".parquet":
         return _parquet(path, names)
     measurement = _measurement(path) if kind == ".mf4" else None
-    return measurement or _bus_log(path, databases)
+    return measurement or _bus_log(path, databases, names.channel)
 
 
 # --- tables --------------------------------------------------------------------------------------------------------------
@@ -202,17 +205,22 @@ def _parquet(path: Path, names: Names) -> Log:
         schema = parquet.read_schema(path)
         columns = list(schema.names)
     of_time, size = _time_column(columns, names, path)
-    is_date = pa.types.is_timestamp(schema.field(of_time).type)
+    kind = schema.field(of_time).type
+    in_nanoseconds = None
+    if pa.types.is_timestamp(kind):
+        in_nanoseconds = pa.timestamp("ns", tz=kind.tz)
+    elif pa.types.is_duration(kind):
+        in_nanoseconds = pa.duration("ns")
 
     def read_columns(indices: Sequence[int]) -> list[Samples]:
         with _damage(path, "Parquet file"):
             needed = dict.fromkeys(columns[index] for index in (of_time, *indices))
             found = parquet.read_table(path, columns=list(needed))
             time, *values = (found.column(columns[index]) for index in (of_time, *indices))
-            if is_date:
-                time = time.cast(pa.timestamp("ns")).cast(pa.int64())
+            if in_nanoseconds is not None:
+                time = time.cast(in_nanoseconds).cast(pa.int64())
             time, *values = (np.asarray(column.to_numpy(), dtype=np.float64) for column in (time, *values))
-        return [_present(time * (1e-9 if is_date else size), one) for one in values]
+        return [_present(time * (size if in_nanoseconds is None else 1e-9), one) for one in values]
 
     return Log(_columns(columns, of_time), read_columns)
 
@@ -258,151 +266,75 @@ def _in_child(path: Path, function: str, *arguments: Any) -> Any:
 
 # --- logs of a bus -------------------------------------------------------------------------------------------------------
 
-BusKey = tuple[int, bool]
-"""Identifier of a message, and whether it is an extended one."""
 
-
-@dataclass(frozen=True)
-class Databases:
-    """DBC or ARXML files of one bus. They are read when the log of a bus needs them."""
-
-    paths: Sequence[Path]
-
-    @cached_property
-    def messages(self) -> dict[BusKey, Message]:
-        """Messages of all files. Raises CodegenError: a file cannot be read, or two have messages with the same identifier."""
-        found: dict[BusKey, Message] = {}
-        origin: dict[BusKey, Path] = {}
-        for path in self.paths:
-            for message in load_database(path).messages:
-                key = (message.frame_id, message.is_extended_frame)
-                if origin.setdefault(key, path) != path:
-                    what = f"the identifier 0x{message.frame_id:x} of {message.name} is in {origin[key].name} too"
-                    raise CodegenError(what, where=path, remedy="give the database of one bus, and the log of that bus")
-                if not message.is_container:
-                    found[key] = message
-        return found
-
-
-@dataclass
-class _Received:
-    """Frames of one message: number in the log, data, bus and whether the logger sent it."""
-
-    numbers: list[int]
-    data: list[bytes]
-    buses: list[object]
-    sent: list[bool]
-
-
-def _bus_log(path: Path, databases: Databases) -> Log:
+def _bus_log(path: Path, databases: Databases, channel: str | None) -> Log:
     if not databases.paths:
         raise CodegenError("the log of a bus needs its database", where=path, remedy="give the DBC or ARXML with --dbc")
-    messages = databases.messages
-    received: dict[BusKey, _Received] = {}
-    stamps: list[float] = []
-    for frame in frames(path):
-        if frame.is_error_frame or frame.is_remote_frame:
-            continue
-        key = (frame.arbitration_id, frame.is_extended_id)
-        if key in messages:
-            into = received.setdefault(key, _Received([], [], [], []))
-            into.numbers.append(len(stamps))
-            into.data.append(bytes(frame.data))
-            into.buses.append(frame.channel)
-            into.sent.append(not frame.is_rx)
-        stamps.append(frame.timestamp)
-    if not received:
+    log = open_bus_log(path, databases, channel)
+    found = log.allotment
+    keys = [*found.keys, *found.conflicts]
+    if not keys:
         named = ", ".join(each.name for each in databases.paths)
-        what = f"none of its {len(stamps)} frames is in {named}" if stamps else "it has no frame"
+        what = f"none of its {len(log.frames)} frames is in {named}" if len(log.frames) else "it has no frame"
+        what += f" ({log.findings[0]})" if log.file.skipped else ""
         raise CodegenError(what, where=path, remedy="give the database of this bus with --dbc")
-    time = np.array(stamps)
-    parts = blocks(time)
-    used = max(parts, key=len, default=np.array([], dtype=np.intp))
-    usable = np.zeros(time.size, dtype=bool)
-    usable[used] = True
-    lost = time.size - used.size
-    remark = ""
-    if len(parts) > 1:
-        remark = (
-            f"the clock restarts {len(parts) - 1} times; only the longest part is used, {lost} of {time.size} frames are lost"
-        )
-    elif lost:
-        remark = f"{lost} of {time.size} frames have an impossible time"
-    parts_of = {key: _Message(messages[key], one, time, usable) for key, one in received.items()}
+    parts = {(key, index): _Message(defined, log, key) for key in keys for index, defined in enumerate(databases.messages[key])}
     with _damage(path, "log with this database"):
-        channels = [channel for key, one in parts_of.items() for channel in one.channels(key)]
+        channels = [channel for key, one in parts.items() for channel in one.channels(key)]
 
-    def read_signals(places: Sequence[tuple[BusKey, str]]) -> list[Samples]:
+    def read_signals(places: Sequence[tuple[tuple[BusKey, int], str]]) -> list[Samples]:
         with _damage(path, "log with this database"):
-            return [parts_of[key].samples(name) for key, name in places]
+            return [parts[key].samples(name) for key, name in places]
 
-    return Log(channels, read_signals, ((CLOCK, remark, lost),) if remark else ())
-
-
-def load_database(path: Path) -> Database:
-    """Read a DBC or ARXML with cantools. Raises CodegenError."""
-    require_regular(path, DATABASE_BYTES_MAX, "give a DBC or ARXML")
-    if path.suffix.lower() not in DATABASE_ENDINGS:
-        raise CodegenError("not a database of a bus", where=path, remedy="give a .dbc or .arxml")
-    try:
-        from cantools import database
-    except ImportError:
-        raise missing("cantools", "reads databases of buses", path) from None
-    with _damage(path, "database of a CAN bus"):
-        # Not strict: databases in use have signals that overlap, or that are longer than their message.
-        found: Database = database.load_file(path, database_format=path.suffix.lower()[1:], strict=False)  # type: ignore[assignment]
-        if not found.messages:
-            raise CodegenError("it has no message", where=path, remedy="give the database of the bus")
-    return found
+    remarks = [(CLOCK, *found.clock)] if found.clock[0] else []
+    remarks += [(REMARK, text, 0) for text in (*log.findings, *log.message_findings)]
+    conflicts = [databases.conflicts[key] for key in keys if key in databases.conflicts]
+    return Log(channels, read_signals, remarks, conflicts, log)
 
 
 @dataclass(frozen=True)
 class _Message:
-    """A message of the database with its frames; time and usability of all frames of the log."""
+    """A message of the database with its frames in a log."""
 
-    message: Message
-    received: _Received
-    time: FloatArray
-    usable: BoolArray
+    defined: Defined
+    log: BusLog
+    key: BusKey
 
-    def channels(self, key: BusKey) -> Iterator[Channel]:
-        """Yield the channels of all signals."""
-        for signal in self.message.signals:
-            name = f"{self.message.name}.{signal.name}"
-            yield Channel(name, take_apart(signal.name), signal.unit or "", (key, signal.name), *_limits(signal))
+    def channels(self, place: object) -> Iterator[Channel]:
+        """Yield the channels of all signals, with the database in their names where two define a message of one name."""
+        message = self.defined.message
+        is_twice = self.log.databases.names_of(self.key).count(message.name) > 1
+        whole = f"{self.defined.path.stem}.{message.name}" if is_twice else message.name
+        for signal in message.signals:
+            name = f"{whole}.{signal.name}"
+            yield Channel(name, take_apart(signal.name), signal.unit or "", (place, signal.name), *_limits(signal))
 
     def samples(self, name: str) -> Samples:
-        """Return the samples of a signal."""
-        chosen, decoded, remark = self._decoded
-        reserved = _reserved(self.message.get_signal_by_name(name))
+        """Return the samples of a signal. Raises CodegenError if several senders send the message with different data."""
+        message = self.defined.message
+        where = f"{self.log.path}: {message.name}"
+        if self.key in self.log.allotment.conflicts:
+            what, remedy = self.log.allotment.conflicts[self.key]
+            raise CodegenError(what, where=where, remedy=remedy)
+        chosen, decoded = self._decoded
+        signal = message.get_signal_by_name(name)
+        reserved = _reserved(signal)
         has_value = np.array([name in sample for sample in decoded], dtype=bool)  # else the frame has another multiplexed one
         raw = [sample[name] for sample in decoded if name in sample]
         values = np.array([np.nan if value in reserved else value for value in raw], dtype=np.float64)
-        return Samples(self.time[chosen[has_value]], values, remark)
+        lost = int(np.count_nonzero(~has_value))
+        is_multiplexed = signal.multiplexer_ids is not None
+        failed = sum(not sample for sample in decoded)
+        remark = ""
+        if failed or (lost and not is_multiplexed):
+            remark = f"{failed if is_multiplexed else lost} of {len(decoded)} frames of {message.name} do not contain it"
+        return Samples(self.log.frames.time[chosen[has_value]], values, remark)
 
     @cached_property
-    def _decoded(self) -> tuple[IndexArray, list[Any], str]:
-        """Number in the log and signals of each frame that is used, and a remark about the others."""
-        numbers = np.array(self.received.numbers)
-        chosen, remark = _one_copy(self.received)
-        chosen &= self.usable[numbers]
-        decoded = [_decode(self.message, self.received.data[index]) for index in np.flatnonzero(chosen)]
-        return numbers[chosen], decoded, remark
-
-
-def _one_copy(received: _Received) -> tuple[BoolArray, str]:
-    """Return which frames to use if the log has copies of them, and a remark on it.
-
-    A node on some buses receives its own frames too; the time of sending counts. A gateway repeats frames on another bus.
-    """
-    sent = np.array(received.sent, dtype=bool)
-    chosen = sent if sent.any() else ~sent
-    counts = Counter(bus for bus, is_chosen in zip(received.buses, chosen, strict=True) if is_chosen)
-    if len(counts) < 2:
-        return chosen, ""
-    most, count = counts.most_common(1)[0]
-    chosen &= np.array([bus == most for bus in received.buses])
-    return chosen, f"on {len(counts)} buses; {count} frames of {most} are used"
+    def _decoded(self) -> tuple[IndexArray, list[Any]]:
+        """Number in the log and signals of each frame that is used."""
+        chosen = self.log.allotment.keys[self.key]
+        return chosen, [_decode(self.defined.message, self.log.frames.data[index]) for index in chosen.tolist()]
 
 
 def _decode(message: Message, data: bytes) -> Any:

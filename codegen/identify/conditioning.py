@@ -17,7 +17,7 @@ from codegen.identify.channels import Channel, Samples
 from codegen.identify.findings import CLOCK, GAP, IMPOSSIBLE, REMARK, RESERVED, SATURATED, Finding
 from codegen.identify.names import SignalChoice
 from codegen.identify.quantities import Quantity
-from codegen.identify.stamps import blocks, increasing
+from codegen.logs.stamps import blocks, increasing
 
 GAP_PERIODS = 2.5
 """A pause of more sampling times is a gap: at least two samples are lost. A single lost sample is bridged by interpolation."""

@@ -90,6 +90,10 @@ class Names(Section):
     time_unit: Annotated[
         Literal["s", "ms", "us", "ns"] | None, Meaning("unit of that column, if its name does not contain it; by default s")
     ] = None
+    channel: Annotated[
+        _Text | None,
+        Meaning("channel of the log of a bus whose frames are used, as the log names it: `can0`, `1`; by default all channels"),
+    ] = None
     without: Annotated[
         tuple[str, ...], Field(strict=False), Meaning("quantities that are not read, although a log has them")
     ] = ()

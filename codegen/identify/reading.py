@@ -11,7 +11,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, suggestion
-from codegen.identify.channels import Channel, Databases, Log, Samples, open_log
+from codegen.identify.channels import Channel, Log, Samples, open_log
 from codegen.identify.conditioning import Conditioned, condition
 from codegen.identify.cross_checks import cross_check, without_frozen, without_saturated
 from codegen.identify.drive import Drive
@@ -20,6 +20,8 @@ from codegen.identify.names import NO_SETTINGS, Names, SignalChoice, line_of
 from codegen.identify.quantities import QUANTITIES, REQUIRED, Quantity
 from codegen.identify.resampling import TIME_RESOLUTION_S, resample
 from codegen.importing.quantities import unit_of
+from codegen.logs.account import BusLog
+from codegen.logs.databases import Databases
 
 STEPS_MAX = 4_000_000
 """Largest number of steps of a drive: eleven hours at 10 ms."""
@@ -49,11 +51,19 @@ class Source:
 
 @dataclass(frozen=True)
 class Reading:
-    """Result of reading: drives, the sources of the signals of each drive by quantity, and all findings."""
+    """Result of reading.
+
+    Attributes:
+        drives: the drives.
+        sources: sources of the signals of each drive, by quantity.
+        findings: all findings.
+        accounts: logs of a bus with what became of their frames; None for other logs.
+    """
 
     drives: tuple[Drive, ...]
     sources: tuple[Mapping[str, Source], ...]
     findings: tuple[Finding, ...]
+    accounts: tuple[BusLog | None, ...]
 
     @property
     def names_toml(self) -> str:
@@ -81,17 +91,19 @@ def read_drives(logs: Sequence[Path], databases: Sequence[Path] = (), names: Nam
         CodegenError: a file cannot be read, a required quantity is not found or not clear, its unit is not known or impossible.
     """
     settings, of_bus = names or Names(), Databases(databases)
-    drives, sources, findings = [], [], []
+    drives, sources, findings, accounts = [], [], [], []
     missing: list[_MissingSignalError] = []
     for path, name in zip(logs, _drive_names(logs), strict=True):
-        drive, of_drive, found = _read(path, name, of_bus, settings, missing)
+        log = open_log(path, of_bus, settings)
+        drive, of_drive, found = _read(log, path, name, settings, missing)
+        accounts.append(log.bus)
         drives.append(drive)
         sources.append(of_drive)
         findings += found
     for error in missing:
         if not any(error.key in of_drive for of_drive in sources):
             raise error
-    return Reading(tuple(drives), tuple(sources), tuple(findings))
+    return Reading(tuple(drives), tuple(sources), tuple(findings), tuple(accounts))
 
 
 class _MissingSignalError(CodegenError):
@@ -110,16 +122,19 @@ def _drive_names(logs: Sequence[Path]) -> list[str]:
 
 
 def _read(
-    path: Path, name: str, databases: Databases, names: Names, missing: list[_MissingSignalError]
+    log: Log, path: Path, name: str, names: Names, missing: list[_MissingSignalError]
 ) -> tuple[Drive, dict[str, Source], list[Finding]]:
-    log = open_log(path, databases, names)
     findings = [Finding(name, "", *remark) for remark in log.remarks]
     chosen = _choose(log, names, name, path, findings, missing)
     read: dict[str, Conditioned] = {}
     flags = _sign_signals(log, names, chosen, path)
     samples = log.read([channel.place for channel in (*(channel for channel, _ in chosen.values()), *flags.values())])
-    flag_of = dict(zip(flags, samples[len(chosen) :], strict=True))
-    for (key, (channel, unit)), one in zip(chosen.items(), samples[: len(chosen)], strict=True):
+    flag_of = dict(zip(flags, samples[len(samples) - len(flags) :], strict=True))
+    for (key, (channel, unit)), one in zip(list(chosen.items()), samples[: len(samples) - len(flags)], strict=True):
+        if one.time.size < 2 and _is_optional(key, chosen):
+            findings.append(Finding(name, key, UNUSED, f"{channel.path} has {one.time.size} samples"))
+            del chosen[key]
+            continue
         if key in flag_of:
             one = _signed(one, flag_of[key], f"{path}: {flags[key].path}")
             channel = replace(channel, low=-channel.high, high=channel.high)
@@ -151,6 +166,11 @@ def _read(
     if empty is not None:
         raise CodegenError(f"{empty} has no usable value", where=f"{path}: {sources[empty].channel}", remedy="check the log")
     return drive, sources, merged(findings)
+
+
+def _is_optional(key: str, chosen: Mapping[str, object]) -> bool:
+    """Return whether a drive does without a quantity: it needs none of its group, or has another one of it."""
+    return not any(key in group and not any(other in chosen for other in group if other != key) for group in REQUIRED)
 
 
 def _sign_signals(log: Log, names: Names, chosen: Mapping[str, object], path: Path) -> dict[str, Channel]:
@@ -268,6 +288,8 @@ def _not_clear(group: Sequence[str], unclear: Mapping[str, Sequence[Channel]], l
     unit = None if example is not None and example.known_unit in quantity.units else quantity.si_unit
     line = line_of(key, [example.path if example else "NAME"], unit)
     offered = f"there is {names}{more}" if names else "there is none"
+    if several and log.conflicts:
+        offered += f" ({'; '.join(log.conflicts)})"
     return CodegenError(f"{what}; {offered}", where=path, remedy=f"put a line such as {line} into names.toml, for --signals")
 
 

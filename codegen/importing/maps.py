@@ -107,7 +107,8 @@ def import_map(path: Path, choices: Choices) -> ImportedMap:
     try:
         return _imported(source, found, choices, given)
     except CodegenError as error:
-        if choices.rows is not None or not _fits(source, found, replace(choices, rows="delta_f"), given):
+        is_asked = choices.rows is not None or "--rows" in error.remedy
+        if is_asked or not _fits(source, found, replace(choices, rows="delta_f"), given):
             raise
         remedy = f"{error.remedy}, or is it the other way round? --rows delta_f would fit"
         raise type(error)(error.what, where=error.where, remedy=remedy) from None
@@ -213,7 +214,11 @@ def _from_matlab(source: Source, found: Contents, choices: Choices) -> RawMap:
         values = {key: array if key in ("vx", "delta_f") else array.T for key, array in values.items()}
         said.append(f"transposed: in the file the rows of {names['yaw_rate'].text} are delta_f")
     elif shape[0] == shape[1] and choices.rows is None:
-        said.append("as many speeds as front angles: its rows are taken for vx (--rows delta_f for the other way round)")
+        raise ImportFault(
+            f"as many speeds as front angles, {shape[0]}: the table does not show what its rows are",
+            where=f"{source.path}: {names['yaw_rate'].text}",
+            remedy="give --rows vx if it has a row for each speed, else --rows delta_f",
+        )
     return RawMap(values, names, said)
 
 

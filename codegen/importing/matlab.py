@@ -29,6 +29,9 @@ def read(data: bytes, limit: int) -> tuple[dict[str, npt.NDArray[Any]], list[str
         if kind in BYTES_PER_NUMBER and not name.startswith("__"):  # internal names of SciPy and MATLAB
             size += BYTES_PER_NUMBER[kind] * length
             wanted.append(name)
+        elif kind == "sparse" and not name.startswith("__"):
+            size += BYTES_PER_NUMBER["double"] * length
+            wanted.append(name)
         elif kind == "struct" and length == 1:
             wanted.append(name)
     if size > limit:
@@ -44,6 +47,8 @@ def read(data: bytes, limit: int) -> tuple[dict[str, npt.NDArray[Any]], list[str
 def _inside(variables: Mapping[str, Any], wanted: list[str]) -> Iterator[tuple[str, npt.NDArray[Any]]]:
     for name in wanted:
         value = variables[name]
+        if hasattr(value, "toarray"):  # a sparse matrix: what it does not store is zero
+            value = value.toarray()
         if value.dtype.names is None:
             inside = {name: value}
         else:

@@ -11,18 +11,27 @@ from typing import Any
 import numpy as np
 from asammdf import MDF
 
-from codegen.arrays import FloatArray
+from codegen.arrays import AnyArray, FloatArray
 
 
 def columns(path: Path, names: Sequence[str]) -> list[FloatArray] | None:
-    """Return the samples of the named channels; None for the log of a bus.
+    """Return the physical values of the named channels; None for the log of a bus.
+
+    A channel whose values are texts, as those of a status are, gives its numbers.
 
     Raises whatever asammdf raises for a damaged file.
     """
     with MDF(path) as mdf:
         if "CAN_DataFrame" in mdf.channels_db:
             return None
-        return [mdf.get(name, raw=True).samples.astype(np.float64) for name in names]
+        return [_column(mdf, name) for name in names]
+
+
+def _column(mdf: MDF, name: str) -> FloatArray:
+    samples: AnyArray = mdf.get(name).samples
+    if samples.dtype.kind not in "biuf":
+        samples = mdf.get(name, raw=True).samples
+    return np.array(samples, dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -344,6 +344,28 @@ END
         assert read_set(tmp_path / "set.cdfx", loaded().layout) == {DISABLE: np.float32(3.25)}
 
 
+@pytest.mark.parametrize(("category", "text"), [("BOOLEAN", "<VT>true</VT>"), ("DEPENDENT_VALUE", "<V>1</V>")])
+def test_values_of_other_categories_are_read(category: str, text: str, tmp_path: Path) -> None:
+    held = f"<SW-VALUE-CONT><SW-VALUES-PHYS>{text}</SW-VALUES-PHYS></SW-VALUE-CONT>"
+    value = f"<SW-INSTANCE><SHORT-NAME>{DISABLE}</SHORT-NAME><CATEGORY>{category}</CATEGORY>{held}</SW-INSTANCE>"
+    (tmp_path / "set.cdfx").write_text(f"<MSRSW><CATEGORY>CDF20</CATEGORY>{value}</MSRSW>", encoding="ascii")
+    assert read_set(tmp_path / "set.cdfx", loaded().layout) == {DISABLE: np.float32(1.0)}
+
+
+def test_a_value_in_a_block_that_is_not_supported_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "set.dcm").write_text(
+        f"KONSERVIERUNG_FORMAT 2.0\nFESTWERTEBLOCK {DISABLE} 1\n  WERT 1\nEND\n", encoding="ascii"
+    )
+    with pytest.raises(
+        CodegenError, match=f"line 2: {DISABLE} is a FESTWERTEBLOCK, which is not supported; export it as one of"
+    ):
+        read_set(tmp_path / "set.dcm", loaded().layout)
+    value = f"<SW-INSTANCE><SHORT-NAME>{DISABLE}</SHORT-NAME><CATEGORY>VAL_BLK</CATEGORY></SW-INSTANCE>"
+    (tmp_path / "set.cdfx").write_text(f"<MSRSW><CATEGORY>CDF20</CATEGORY>{value}</MSRSW>", encoding="ascii")
+    with pytest.raises(CodegenError, match=f"{DISABLE}: is of category VAL_BLK; export it as one of VALUE"):
+        read_set(tmp_path / "set.cdfx", loaded().layout)
+
+
 # --- conversion ---------------------------------------------------------------------------------------------------------
 
 

@@ -233,9 +233,11 @@ def test_frames_that_a_gateway_repeats_are_read_once(tmp_path: Path) -> None:
     for frame in made:
         frame.channel = 0
     reading = read_bus(tmp_path, sorted([*made, *copies], key=lambda frame: frame.timestamp))
-    assert kinds(reading) == [("delta_r", REMARK)]
-    assert "on 2 buses; 400 frames of 0 are used" in reading.findings[0].text
+    assert kinds(reading) == [("", REMARK)]
+    text = "Rear: 397 frames (channel 2, received) copy those of channel 1, received, 4 ms later"
+    assert reading.findings[0].text == text
     assert reading.sources[0]["delta_r"].period == pytest.approx(0.02)
+    assert reading.sources[0]["delta_r"].samples == 400
 
 
 def test_a_node_that_hears_itself_counts_once(tmp_path: Path) -> None:

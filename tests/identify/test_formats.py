@@ -153,3 +153,28 @@ def test_a_command_is_held_and_a_measurement_is_not(tmp_path: Path) -> None:
     command, angle = signals["delta_r_command"], signals["delta_r"]
     np.testing.assert_array_equal(command[1:-1:2], command[0:-2:2])
     assert np.all(np.abs(angle[1:-1:2] - 0.5 * (angle[0:-2:2] + angle[2::2])) < 1e-12)
+
+
+def test_a_line_of_units_with_that_of_the_time(tmp_path: Path) -> None:
+    lines = ["time,VehicleSpeed,YawRate,SteeringWheelAngle", "ms,km/h,deg/s,deg"]
+    lines += [f"{10 * k},72,{0.1 * k},{k}" for k in range(50)]
+    (tmp_path / "drive.csv").write_text("\n".join(lines), encoding="ascii")
+    reading = read_drives([tmp_path / "drive.csv"])
+    assert reading.sources[0]["vx"].period == pytest.approx(0.01)
+    np.testing.assert_allclose(reading.drives[0].signals["vx"], 20.0)
+
+
+def test_durations_in_parquet(tmp_path: Path) -> None:
+    table = made.table()
+    table = table.assign(time=pd.to_timedelta(table["time_s"], unit="s")).drop(columns="time_s")
+    table.to_parquet(tmp_path / "drive.parquet")
+    assert read_drives([tmp_path / "drive.parquet"]).sources[0]["vx"].period == pytest.approx(0.01)
+
+
+def test_an_optional_channel_without_samples_is_left_out(tmp_path: Path) -> None:
+    lines = ["time_s,vx_m_s,yaw_rate_rad_s,delta_f_rad,lateral_acceleration_m_s2"]
+    lines += [f"{0.01 * k:g},20,0.1,0.01," for k in range(50)]
+    (tmp_path / "drive.csv").write_text("\n".join(lines), encoding="ascii")
+    reading = read_drives([tmp_path / "drive.csv"])
+    assert "lateral_acceleration" not in reading.sources[0]
+    assert [finding.text for finding in reading.findings] == ["lateral_acceleration_m_s2 has 0 samples"]

@@ -98,8 +98,13 @@ def test_a_check_rejects_files_that_it_would_not_write(refused: Refused, option:
     assert f"codegen identify {option}: it cannot be combined with --check, which writes no file; leave one out" in told
 
 
-def test_two_databases_with_one_identifier_are_rejected(refused: Refused, tmp_path: Path) -> None:
+def test_two_databases_that_differ_in_an_identifier_are_rejected_if_it_is_needed(refused: Refused, tmp_path: Path) -> None:
     write_bus(tmp_path / "drive.blf", frames(duration=1.0))
-    (tmp_path / "second.dbc").write_bytes((tmp_path / "car.dbc").read_bytes())
+    text = (tmp_path / "car.dbc").read_text(encoding="ascii")
     logs = ("--log", "drive.blf", "--dbc", "car.dbc", "--dbc", "second.dbc")
-    assert "the identifier 0x120 of Motion is in car.dbc too" in refused("identify", "--check", *logs)
+    for old, new, message in (
+        ("(0.001,0)", "(0.002,0)", "several signals may be vx"),
+        ("Motion: 8", "Other: 8", "the identifier 0x120 is in Motion (car.dbc) and Other (second.dbc)"),
+    ):
+        (tmp_path / "second.dbc").write_text(text.replace(old, new), encoding="ascii")
+        assert message in refused("identify", "--check", *logs)

@@ -278,3 +278,29 @@ def test_messages_for_bad_matlab_variables(matlab: Callable[..., Path]) -> None:
         ({"vx": V[::-1]}, None, "vx[1]: 15 is not above the breakpoint before it"),
     ):
         assert expected in message(matlab(**{**good, **changes}), UNITS, rows)
+
+
+def test_a_square_table_needs_its_rows(tmp_path: Path) -> None:
+    """Nothing in the file shows whether its rows are speeds or angles."""
+    from scipy.io import savemat
+
+    speed, angle = np.linspace(5.0, 30.0, 6), np.linspace(0.01, 0.06, 6)
+    yaw_rate = speed[:, np.newaxis] * angle / (2.9 + 0.004 * speed[:, np.newaxis] ** 2)
+    savemat(tmp_path / "map.mat", {"vx": speed, "delta_f": angle, "yaw_rate": yaw_rate.T})
+    units = "vx=m/s,delta_f=rad,yaw_rate=rad/s"
+    with pytest.raises(ImportFault, match=r"as many speeds as front angles, 6: .*; give --rows vx if .*, else --rows delta_f$"):
+        import_map(tmp_path / "map.mat", Choices({}, units))
+    np.testing.assert_array_equal(
+        import_map(tmp_path / "map.mat", Choices({}, units, "delta_f")).reference_map.yaw_rate, yaw_rate
+    )
+
+
+def test_a_sparse_table_is_read(tmp_path: Path) -> None:
+    from scipy.io import savemat
+    from scipy.sparse import csc_matrix
+
+    speed, angle = np.linspace(5.0, 30.0, 6), np.linspace(0.01, 0.05, 5)
+    yaw_rate = speed[:, np.newaxis] * angle / (2.9 + 0.004 * speed[:, np.newaxis] ** 2)
+    savemat(tmp_path / "map.mat", {"vx": speed, "delta_f": angle, "yaw_rate": csc_matrix(yaw_rate)})
+    made = import_map(tmp_path / "map.mat", Choices({}, "vx=m/s,delta_f=rad,yaw_rate=rad/s"))
+    np.testing.assert_array_equal(made.reference_map.yaw_rate, yaw_rate)

@@ -16,7 +16,15 @@ from codegen.errors import CodegenError
 from codegen.export.calibration.labels import READ_REMEDY, Label, number_text
 from codegen.export.calibration.layout import CalibrationObject, Kind, Layout, Numbers, Values
 
-_KINDS: dict[str, Kind] = {"VALUE": "VALUE", "COM_AXIS": "AXIS", "CURVE": "CURVE", "MAP": "MAP"}
+_BOOLEANS = {"true": "1", "false": "0"}
+_KINDS: dict[str, Kind] = {
+    "VALUE": "VALUE",
+    "BOOLEAN": "VALUE",
+    "DEPENDENT_VALUE": "VALUE",
+    "COM_AXIS": "AXIS",
+    "CURVE": "CURVE",
+    "MAP": "MAP",
+}
 _CATEGORIES = {kind: category for category, kind in _KINDS.items()}
 _DOCTYPE = (
     '<!DOCTYPE MSRSW PUBLIC "-//ASAM//DTD CALIBRATION DATA FORMAT:V2.0.0:LAI:IAI:XML:CDF200.XSD//EN" "cdf_v2.0.0.sl.dtd">\n'
@@ -30,9 +38,13 @@ def read(content: bytes, path: Path, start: str) -> Iterator[Label]:
     if root.tag != "MSRSW" or not _text(root, "CATEGORY").startswith("CDF2"):
         raise CodegenError("no MSRSW of category CDF20", where=path, remedy=READ_REMEDY)
     for instance in root.iter("SW-INSTANCE"):
-        kind = _KINDS.get(_text(instance, "CATEGORY"))
-        if kind is not None and _text(instance, "SHORT-NAME").startswith(start):
-            yield _label(instance, kind, path)
+        category, name = _text(instance, "CATEGORY"), _text(instance, "SHORT-NAME")
+        if not name.startswith(start):
+            continue
+        if category not in _KINDS:
+            what = f"is of category {category or 'none'}"
+            raise CodegenError(what, where=f"{path}: {name}", remedy=f"export it as one of {', '.join(_KINDS)}")
+        yield _label(instance, _KINDS[category], path)
 
 
 def _parsed(content: bytes, path: Path) -> ElementTree.Element:
@@ -80,7 +92,8 @@ def _label(instance: ElementTree.Element, kind: Kind, path: Path) -> Label:
 def _numbers(element: ElementTree.Element) -> list[str]:
     """Return the texts of all numbers below SW-VALUES-PHYS; those of groups, the rows of a map, one after the other."""
     found = element.find("SW-VALUES-PHYS")
-    return [] if found is None else [(each.text or "").strip() for each in found.iter() if each.tag in ("V", "VT")]
+    texts = [] if found is None else [(each.text or "").strip() for each in found.iter() if each.tag in ("V", "VT")]
+    return [_BOOLEANS.get(text.lower(), text) for text in texts]
 
 
 def _size(content: ElementTree.Element, kind: Kind) -> tuple[int, ...]:

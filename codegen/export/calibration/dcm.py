@@ -23,7 +23,8 @@ _WRITTEN: dict[Kind, str] = {
     "CURVE": "GRUPPENKENNLINIE",
     "MAP": "GRUPPENKENNFELD",
 }
-_BLOCKS = (*_KINDS, "FUNKTIONEN", "VARIANTENKODIERUNG", "FESTWERTEBLOCK", "TEXTSTRING")
+_OTHER_VALUES = ("FESTWERTEBLOCK", "TEXTSTRING")
+_BLOCKS = (*_KINDS, "FUNKTIONEN", "VARIANTENKODIERUNG", *_OTHER_VALUES)
 _WORDS = re.compile(r'"(?:[^"]|"")*"|[^\s"]+')
 _SHARED_AXIS = re.compile(r"\*SST([XY])\s+(\S+)")
 _IGNORED = ("LANGNAME", "DISPLAYNAME", "FUNKTION", "VAR")
@@ -32,8 +33,8 @@ _PER_LINE = 6
 
 
 def read(content: bytes, path: Path, start: str) -> Iterator[Label]:
-    """Yield the values, axes, curves and maps of a file whose names begin with `start`; other blocks are skipped, whatever they
-    contain. Raises CodegenError: it is damaged."""
+    """Yield the values, axes, curves and maps of a file whose names begin with `start`; other names are skipped, whatever they
+    contain. Raises CodegenError: it is damaged, or such a name is in a block of another kind."""
     lines = enumerate(decoded(content, path).splitlines(), start=1)
     first = next((words for _, line in lines if (words := _words(line))), [])
     if first != ["KONSERVIERUNG_FORMAT", "2.0"]:
@@ -45,6 +46,9 @@ def read(content: bytes, path: Path, start: str) -> Iterator[Label]:
         place = f"{path}, line {number}"
         if words[0] in _KINDS and (len(words) == 1 or words[1].startswith(start)):
             yield _label(words, lines, path, place)
+        elif words[0] in _OTHER_VALUES and len(words) > 1 and words[1].startswith(start):
+            remedy = f"export it as one of {', '.join(_KINDS)}"
+            raise CodegenError(f"{words[1]} is a {words[0]}, which is not supported", where=place, remedy=remedy)
         elif words[0] in _BLOCKS:
             _skip(words, lines, place)
         else:

@@ -24,6 +24,8 @@ def bus_blocks(logs: Sequence[BusTimes]) -> Iterator[Block]:
         yield Text(f"{log.name}: period of the frames (nominal {log.cycle:g} ms), and time from a sample to its command.")
         if log.is_simulated:
             yield Text("These times are simulated. They do not measure the timing of the ECU.", "notice")
+        for text in log.findings:
+            yield Text(f"{text}.", "notice")
         yield Gallery(list(_histograms(log, number)))
         rows = [_times_row(f"{name}, period", values) for name, values in log.periods.items()]
         if log.answers.size:

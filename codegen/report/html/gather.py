@@ -46,6 +46,7 @@ class Request:
         build: folder of its C. runs: arguments of `--run`. scenario: recorded or to be simulated; None selects the default, or
         that of the recordings.
         simulate: whether to simulate a build without recordings, and to test its faults.
+        channel: the bus of the logs that is used; None for all.
     """
 
     map_path: Path
@@ -54,6 +55,7 @@ class Request:
     runs: Sequence[str] = ()
     scenario: str | None = None
     simulate: bool = True
+    channel: str | None = None
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def read(request: Request) -> Read:
     for path in request.compare:
         taken = {request.map_path.stem, *(other.name for other in others)}
         others.append(NamedMap(path.stem if path.stem not in taken else str(path), npz.load(path)))
-    files = read_files(request.runs, config.can)
+    files = read_files(request.runs, config.can, request.channel)
     scenario = None
     if files.runs:
         scenario = _scenario_of(files, request, config)
@@ -106,7 +108,7 @@ def read(request: Request) -> Read:
         scenario=scenario if files.runs else None,
         logs=files.logs,
         faults=files.faults,
-        notes=notes,
+        notes=[*notes, *(f"{log.name}: {text}." for log in files.logs for text in log.findings)],
     )
     return Read(request, material, scenario)
 

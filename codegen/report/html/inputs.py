@@ -15,7 +15,9 @@ from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
 from codegen.files import read_file, require_regular
 from codegen.importing import child
-from codegen.importing.bus_log import LOGS, frames
+from codegen.logs.account import findings, open_bus_log
+from codegen.logs.databases import Identifiers
+from codegen.logs.reader import LOGS
 from codegen.report.bus_tables import FaultEntry, FaultFile
 from codegen.requirements import missing
 from codegen.sil.software import RECORD_COLUMNS
@@ -37,12 +39,14 @@ class BusTimes:
         periods: name of a message -> time from each of its frames to the next.
         answers: time from each motion frame to the next command.
         cycle: nominal period.
+        findings: what is not plain about the log.
     """
 
     name: str
     periods: dict[str, FloatArray]
     answers: FloatArray
     cycle: float
+    findings: tuple[str, ...] = ()
 
     @property
     def is_simulated(self) -> bool:
@@ -50,30 +54,32 @@ class BusTimes:
         return bool(self.periods) and all(bool(np.all(np.abs(values - self.cycle) < 1e-3)) for values in self.periods.values())
 
 
-def read_log(path: Path, can: Can, name: str) -> BusTimes:
+def read_log(path: Path, can: Can, name: str, channel: str | None = None) -> BusTimes:
     """Read the times of the frames of a log.
 
     Args:
         path: `.blf`, `.asc`, `.log` or `.mf4`.
         can: messages of the build, found by their ids.
         name: name in the report.
+        channel: the bus that is used, as the log names it; None for all.
 
     Raises:
-        CodegenError: see `frames`; or it contains no frame of the build.
+        CodegenError: see `open_bus_log`; it contains no frame of the build; or several senders send a message.
     """
     messages = (can.vehicle_motion, can.vehicle_conditions, can.rear_steer_command)
-    sent: dict[int, list[float]] = {message.id: [] for message in messages}
-    received: dict[int, list[float]] = {message.id: [] for message in messages}
-    for frame in frames(path):
-        is_configured = (frame.is_extended_id, frame.is_fd) == (can.extended_ids, can.is_fd)
-        if frame.arbitration_id in sent and is_configured and not frame.is_error_frame:
-            (received if frame.is_rx else sent)[frame.arbitration_id].append(frame.timestamp)
-    # On some buses, such as udp_multicast, a node also receives its own frames; the time of sending counts.
-    times = {key: sent[key] or received[key] for key in sent}
-    if not any(times.values()):
+    keys = {message.name: (message.id, can.extended_ids) for message in messages}
+    log = open_bus_log(path, Identifiers({key: name for name, key in keys.items()}), channel)
+    frames, found = log.frames, log.allotment
+    for name, key in keys.items():
+        if key in found.conflicts:
+            what, remedy = found.conflicts[key]
+            raise CodegenError(what, where=f"{path}: {name}", remedy=remedy)
+    used = {name: found.keys.get(key, np.array([], dtype=np.intp)) for name, key in keys.items()}
+    used = {name: indices[frames.is_fd[indices] == can.is_fd] for name, indices in used.items()}
+    if not any(indices.size for indices in used.values()):
         known = ", ".join(f"0x{message.id:x}" for message in messages)
         raise CodegenError(f"no frame with an id of the build ({known})", where=path, remedy="name its build with --build")
-    stamps = {message.name: np.sort(np.array(times[message.id])) for message in messages}
+    stamps = {name: np.sort(frames.time[indices]) for name, indices in used.items()}
     motion, command = stamps[can.vehicle_motion.name], stamps[can.rear_steer_command.name]
     cycle = float(can.vehicle_motion.cycle_time_ms or 10.0)
     # In simulated time the answer has the time of its sample.
@@ -84,7 +90,7 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
     delay = command[following[answered]] - motion[answered]
     own = command[following[answered]] < ends[answered]
     periods = {key: 1e3 * np.diff(values) for key, values in stamps.items() if values.size > 1}
-    return BusTimes(name, periods, 1e3 * delay[own], cycle)
+    return BusTimes(name, periods, 1e3 * delay[own], cycle, tuple(findings(log)))
 
 
 @dataclass(frozen=True)
@@ -111,12 +117,13 @@ def named(argument: str) -> tuple[str, Path]:
     return Path(argument).stem, Path(argument)
 
 
-def read_files(arguments: Sequence[str], can: Can) -> Files:
+def read_files(arguments: Sequence[str], can: Can, channel: str | None = None) -> Files:
     """Read all files, each by its format.
 
     Args:
         arguments: values of `--run`.
         can: messages of the build, for logs.
+        channel: see `read_log`.
 
     Raises:
         CodegenError: a file cannot be read or has another content, or a name is used twice.
@@ -136,7 +143,7 @@ def read_files(arguments: Sequence[str], can: Can) -> Files:
         elif kind in RECORDINGS and (record := RECORDINGS[kind](path)) is not None:
             runs[name], paths[name] = record, path
         elif kind in LOGS:
-            logs.append(read_log(path, can, name))
+            logs.append(read_log(path, can, name, channel))
         else:
             raise CodegenError("not an input of a report", where=path, remedy=f"give {KINDS}")
     return Files(runs, paths, logs, faults)

@@ -219,6 +219,21 @@ def test_fault_markers_and_run_names(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.usefixtures("in_this_process")
+def test_a_scaled_channel_has_physical_values(tmp_path: Path) -> None:
+    from asammdf import MDF, Signal
+
+    count = 5
+    columns = {name: np.zeros(count) for name in RECORD_COLUMNS} | {"time_s": 0.01 * np.arange(count)}
+    signals = [Signal(values, columns["time_s"], name=name) for name, values in columns.items() if name != "speed_m_s"]
+    raw = np.full(count, 2000, np.uint16)
+    signals.append(Signal(raw, columns["time_s"], name="speed_m_s", conversion={"a": 0.01, "b": 0.0}))
+    with MDF(version="4.10") as mdf:
+        mdf.append(signals)
+        mdf.save(tmp_path / "run.mf4")
+    speed = read_files([str(tmp_path / "run.mf4")], CAN).runs["run"][:, RECORD_COLUMNS.index("speed_m_s")]
+    np.testing.assert_allclose(speed, 20.0)
+
+
 def test_messages_for_files_of_another_kind(tmp_path: Path) -> None:
     exported.save(np.vstack([record(), np.where(np.arange(12) == 0, np.inf, 0.0)]), tmp_path / "endless.csv")
     structs = pa.array([{"x": 1.0}] * 2)

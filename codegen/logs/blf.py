@@ -1,0 +1,164 @@
+"""Frames of a BLF, Vector's binary log.
+
+This module walks the headers of the objects, counts the frames, and hands python-can the objects that it can read, in
+containers of whole objects. python-can alone ignores objects outside of containers, objects whose header it does not know, and
+an object that the end of the file cuts.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from codegen.errors import CodegenError
+from codegen.logs.frames import REMEDY, Collector
+
+FILE_HEADER = struct.Struct("<4sL")
+FILE_HEADER_BYTES = 144
+OBJECT_HEADER = struct.Struct("<4sHHLL")
+"""Signature, size of the header, version of the header, size and type of the object."""
+CONTAINER_HEADER = struct.Struct("<H6xL4x")
+"""Compression, size of the content."""
+CONTAINER, NOT_COMPRESSED, DEFLATE = 10, 0, 2
+CONTAINER_BYTES_MAX = 2**26
+"""Largest unpacked container. Tools write 128 KiB."""
+HEADER_VERSIONS = (1, 2)
+PADDING_MAX = 8
+BATCH_OBJECTS = 1000
+READ = (1, 86, 73, 100, 101)
+"""Types of objects that python-can reads: CAN messages, error frames, messages of CAN FD. Numbers: Vector's binlog API."""
+UNREAD_FRAMES = {2: "an error frame of the old kind", 3: "an overload frame", 104: "an error frame of CAN FD"}
+OTHER_NAMES = {
+    4: "statistics of CAN",
+    5: "application trigger",
+    6: "environment variable",
+    31: "status of a CAN controller",
+    65: "event comment",
+    96: "global marker",
+    72: "application text",
+    115: "end of a packet",
+}
+
+
+def read(path: Path) -> tuple[Collector, str]:
+    """Read a BLF. Returns the frames and the meaning of the stamps.
+
+    Raises:
+        CodegenError: damaged, or cut short.
+        Exception: whatever python-can raises for a damaged object.
+    """
+    from can import BLFReader
+
+    into = Collector("BLF")
+    with path.open("rb") as file:
+        head = file.read(FILE_HEADER.size)
+        if len(head) < FILE_HEADER.size or head[:4] != b"LOGG":
+            raise CodegenError("not a readable log of a CAN bus: a BLF begins with LOGG", where=path, remedy=REMEDY)
+        head += file.read(max(FILE_HEADER.unpack(head)[1], FILE_HEADER_BYTES) - len(head))
+        with BLFReader(io.BytesIO(head)) as reader:
+            size, start = reader.file_size, reader.start_timestamp
+        if path.stat().st_size < size:
+            what = f"it ends early: {path.stat().st_size} of {size} bytes"
+            raise CodegenError(what, where=path, remedy="copy it again, or let the tool that writes it close it")
+        for objects in _batches(file, path, into):
+            with BLFReader(io.BytesIO(head + _container(b"".join(objects)))) as reader:
+                messages = list(reader)
+            if len(messages) != len(objects):
+                what = f"damaged: {len(messages)} of {len(objects)} frames can be read"
+                raise CodegenError(what, where=f"{path}, before frame {into.in_file}", remedy=REMEDY)
+            for message in messages:
+                into.add(message, message.timestamp, str(int(str(message.channel)) + 1), str(path))
+    return into, "Unix time" if start else "time from the start of the log"
+
+
+def _container(objects: bytes) -> bytes:
+    """Return objects in a container that is not compressed."""
+    size = OBJECT_HEADER.size + CONTAINER_HEADER.size + len(objects)
+    head = OBJECT_HEADER.pack(b"LOBJ", OBJECT_HEADER.size, 1, size, CONTAINER)
+    return head + CONTAINER_HEADER.pack(NOT_COMPRESSED, len(objects)) + objects
+
+
+def _batches(file: BinaryIO, path: Path, into: Collector) -> Iterator[list[bytes]]:
+    """Yield the objects that python-can reads, some at a time. Counts all frames."""
+    tail, number = b"", 0
+    whole: list[bytes] = []
+    for chunk in _chunks(file, path):
+        data, position = tail + chunk, 0
+        while True:
+            start = data.find(b"LOBJ", position, position + PADDING_MAX + 4)
+            if start < 0 and len(data) - position >= PADDING_MAX + 4:
+                raise CodegenError("no object where one should begin", where=f"{path}, object {number}", remedy=REMEDY)
+            if start < 0 or start + OBJECT_HEADER.size > len(data):
+                break
+            _, _, version, size, kind = OBJECT_HEADER.unpack_from(data, start)
+            if size < OBJECT_HEADER.size:
+                raise CodegenError(f"an object has the size {size}", where=f"{path}, object {number}", remedy=REMEDY)
+            if start + size > len(data):
+                break  # it continues in the next container
+            if _is_readable(kind, version, into, number):
+                whole.append(data[start : start + size] + bytes(-size % 4))
+            position = start + size
+            number += 1
+        tail = data[position:]
+        if len(whole) >= BATCH_OBJECTS:
+            yield whole
+            whole = []
+    if whole:
+        yield whole
+    if tail.strip(b"\0"):
+        raise CodegenError("it ends inside an object", where=f"{path}, object {number}", remedy="copy it again")
+
+
+def _is_readable(kind: int, version: int, into: Collector, number: int) -> bool:
+    """Count an object, and return whether python-can reads it."""
+    if kind not in READ and kind not in UNREAD_FRAMES:
+        into.others[OTHER_NAMES.get(kind, f"object of type {kind}")] += 1
+        return False
+    into.in_file += 1
+    if kind in UNREAD_FRAMES:
+        into.skip(f"{UNREAD_FRAMES[kind]} (type {kind})", f"object {number}")
+    elif version not in HEADER_VERSIONS:
+        into.skip(f"object header of version {version}, which is not known", f"object {number}")
+    else:
+        return True
+    return False
+
+
+def _chunks(file: BinaryIO, path: Path) -> Iterator[bytes]:
+    """Yield the unpacked contents of containers, and each object outside of a container."""
+    while head := file.read(OBJECT_HEADER.size):
+        if not head.strip(b"\0"):
+            continue  # padding at the end
+        if len(head) < OBJECT_HEADER.size:
+            yield head
+            return
+        signature, _, _, size, kind = OBJECT_HEADER.unpack(head)
+        if signature != b"LOBJ" or size < OBJECT_HEADER.size:
+            what = f"an object has the size {size}" if signature == b"LOBJ" else "no object where one should begin"
+            raise CodegenError(what, where=f"{path}, byte {file.tell() - len(head)}", remedy=REMEDY)
+        content = file.read(size - OBJECT_HEADER.size)
+        if len(content) < size - OBJECT_HEADER.size:
+            yield head + content
+            return
+        file.read(size % 4)  # as tools pad containers
+        yield _unpacked(content, path) if kind == CONTAINER else head + content
+
+
+def _unpacked(content: bytes, path: Path) -> bytes:
+    method, size = CONTAINER_HEADER.unpack_from(content)
+    packed = content[CONTAINER_HEADER.size :]
+    if method == NOT_COMPRESSED:
+        return packed
+    if method != DEFLATE:
+        raise CodegenError(f"a container is packed with method {method}, not known", where=path, remedy=REMEDY)
+    if size > CONTAINER_BYTES_MAX:
+        raise CodegenError(f"a container of {size} bytes", where=path, remedy=REMEDY)
+    unpacker = zlib.decompressobj()
+    data = unpacker.decompress(packed, CONTAINER_BYTES_MAX)
+    if unpacker.unconsumed_tail:
+        raise CodegenError(f"a container of more than {CONTAINER_BYTES_MAX} bytes", where=path, remedy=REMEDY)
+    return data

@@ -1,0 +1,302 @@
+"""Databases of a bus, DBC or ARXML: messages by identifier, and what was not plain in the files.
+
+A statement of a DBC that breaks the grammar is left out, with a finding, for it may be one that no drive needs.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from codegen.errors import CodegenError, one_line
+from codegen.files import read_file, require_regular
+from codegen.logs import library_warnings
+from codegen.requirements import missing
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database, Message
+
+DATABASE_ENDINGS = (".dbc", ".arxml")
+DATABASE_BYTES_MAX = 2**28
+LEFT_OUT_MAX, ATTEMPTS_MAX = 1000, 60
+"""Largest number of lines of a DBC that are left out, and of attempts: cantools reports one line in each."""
+LEFT_OUT_SHOWN = 3
+
+BusKey = tuple[int, bool]
+"""Identifier of a message, and whether it is an extended one."""
+PGN_MASK, SOURCE_MASK = 0x03FF_FF00, 0xFF
+"""J1939: parameter group and data page in an identifier, without priority and source address."""
+PDU2_FORMAT = 0xF0
+"""J1939: from this PDU format on, the byte below it belongs to the parameter group; else it is the destination address."""
+ANY_SOURCE = 0xFE
+"""J1939: the null address, which databases give to a message of any source."""
+
+
+@dataclass(frozen=True)
+class Defined:
+    """A message and the file that defines it."""
+
+    message: Message
+    path: Path
+
+
+class Directory(Protocol):
+    """What the account of a log needs to know about messages."""
+
+    @property
+    def files(self) -> Sequence[Loaded]:
+        """The databases."""
+
+    @property
+    def findings(self) -> Sequence[str]:
+        """What is not plain in the databases."""
+
+    @property
+    def conflicts(self) -> Mapping[BusKey, str]:
+        """Text about each identifier that several different messages have."""
+
+    def key_of(self, identifier: int, is_extended: bool) -> BusKey | None:
+        """Return the key of the messages with an identifier; None if there is none."""
+
+    def names_of(self, key: BusKey) -> Sequence[str]:
+        """Return the names of the messages with a key."""
+
+
+@dataclass(frozen=True)
+class Identifiers:
+    """A directory of known identifiers, without databases. names: key -> name of the message."""
+
+    names: Mapping[BusKey, str]
+    files: Sequence[Loaded] = ()
+    findings: Sequence[str] = ()
+    conflicts: Mapping[BusKey, str] = field(default_factory=dict)
+
+    def key_of(self, identifier: int, is_extended: bool) -> BusKey | None:
+        """Return the key of the message with an identifier; None if there is none."""
+        return (identifier, is_extended) if (identifier, is_extended) in self.names else None
+
+    def names_of(self, key: BusKey) -> Sequence[str]:
+        """Return the name of the message with a key."""
+        return (self.names[key],)
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A file: its content, what was not plain in it, and the lines of statements that were left out."""
+
+    path: Path
+    database: Database
+    findings: Sequence[str]
+    left_out: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Databases:
+    """DBC or ARXML files of one bus. They are read when the log of a bus needs them."""
+
+    paths: Sequence[Path]
+
+    @cached_property
+    def files(self) -> Sequence[Loaded]:
+        """The files. Raises CodegenError: one cannot be read."""
+        return [load_database(path) for path in self.paths]
+
+    @cached_property
+    def messages(self) -> Mapping[BusKey, Sequence[Defined]]:
+        """Messages by identifier: one, or several different ones in a conflict. Raises CodegenError: a file cannot be read."""
+        found: defaultdict[BusKey, list[Defined]] = defaultdict(list)
+        for each in self.files:
+            for message in each.database.messages:
+                into = found[message.frame_id, message.is_extended_frame]
+                if not message.is_container and not any(_are_equal(message, other.message) for other in into):
+                    into.append(Defined(message, each.path))
+        return {key: defined for key, defined in found.items() if defined}
+
+    @property
+    def findings(self) -> list[str]:
+        """What is not plain in the files: statements that are left out, warnings of the library."""
+        return [f"{each.path.name}: {text}" for each in self.files for text in each.findings]
+
+    @cached_property
+    def conflicts(self) -> Mapping[BusKey, str]:
+        """Text about each identifier that several different messages have."""
+        return {
+            key: f"the identifier 0x{key[0]:X} is in "
+            + " and ".join(f"{each.message.name} ({each.path.name})" for each in defined)
+            for key, defined in self.messages.items()
+            if len(defined) > 1
+        }
+
+    @cached_property
+    def _any_source(self) -> Mapping[int, BusKey]:
+        """Parameter group -> key, for messages of J1939 that any address may send."""
+        return {_group(key[0]): key for key in self.messages if key[1] and key[0] & SOURCE_MASK == ANY_SOURCE}
+
+    def key_of(self, identifier: int, is_extended: bool) -> BusKey | None:
+        """Return the key of the messages with an identifier; of J1939, also with another source address than the null one."""
+        key = identifier, is_extended
+        if key in self.messages:
+            return key
+        return self._any_source.get(_group(identifier)) if is_extended else None
+
+    def names_of(self, key: BusKey) -> Sequence[str]:
+        """Return the names of the messages with a key."""
+        return [each.message.name for each in self.messages[key]]
+
+
+def _group(identifier: int) -> int:
+    is_addressed = (identifier >> 16) & 0xFF < PDU2_FORMAT
+    return identifier & PGN_MASK & ~(0xFF00 if is_addressed else 0)
+
+
+def _are_equal(one: Message, other: Message) -> bool:
+    """Return whether two messages have the same name and the same signals."""
+
+    def facts(message: Message) -> object:
+        return message.name, sorted(
+            (
+                signal.name,
+                signal.start,
+                signal.length,
+                signal.byte_order,
+                signal.is_signed,
+                signal.is_float,
+                signal.scale,
+                signal.offset,
+                str(signal.unit),
+                str(signal.multiplexer_ids),
+                str(signal.choices),
+            )
+            for signal in message.signals
+        )
+
+    return facts(one) == facts(other)
+
+
+def load_database(path: Path) -> Loaded:
+    """Read a DBC or ARXML with cantools. Raises CodegenError."""
+    require_regular(path, DATABASE_BYTES_MAX, "give a DBC or ARXML")
+    kind = path.suffix.lower()
+    if kind not in DATABASE_ENDINGS:
+        raise CodegenError("not a database of a bus", where=path, remedy="give a .dbc or .arxml")
+    try:
+        from cantools import database
+    except ImportError:
+        raise missing("cantools", "reads databases of buses", path) from None
+    findings: list[str] = []
+    left_out: list[str] = []
+    try:
+        with library_warnings.collected() as warnings:
+            # Not strict: databases in use have signals that overlap, or that are longer than their message.
+            if kind == ".dbc":
+                found, left_out = _load_dbc(path, findings)
+            else:
+                found = database.load_file(path, database_format="arxml", strict=False)  # type: ignore[assignment]
+    except CodegenError:
+        raise
+    except Exception as error:  # readers may raise anything
+        what = f"not a readable database of a CAN bus ({_reason(error)})"
+        raise CodegenError(what, where=path, remedy="export or copy it again") from None
+    if not found.messages:
+        raise CodegenError("it has no message", where=path, remedy="give the database of the bus")
+    if left_out:
+        shown = "; ".join(left_out[:LEFT_OUT_SHOWN])
+        more = f"; and {len(left_out) - LEFT_OUT_SHOWN} more" if len(left_out) > LEFT_OUT_SHOWN else ""
+        findings.append(f"{len(left_out)} lines that break the rules of a DBC are left out: {shown}{more}")
+    return Loaded(path, found, (*findings, *warnings), left_out)
+
+
+def _reason(error: Exception) -> str:
+    return one_line(error).removeprefix("DBC: ").strip('"') or type(error).__name__
+
+
+# --- DBC -----------------------------------------------------------------------------------------------------------------
+
+SYNTAX = re.compile(r"Invalid syntax at line (\d+), column (\d+)")
+UNFINISHED = re.compile(r"\s*(?:CM_|VAL_|BA_)(?!.*;\s*\Z)")
+"""A statement without its semicolon: the next line is reported then."""
+UNUSED_VALUES = re.compile(r"VAL_ (\d+) (\w+)")
+MESSAGE = re.compile(r"\s*BO_ (\d+) ")
+REFERENCE = re.compile(r"((?:BO_|SG_|VAL_|SIG_GROUP_|SIG_VALTYPE_|BO_TX_BU_|SG_MUL_VAL_)\s+)(\d+)(?=\s)")
+STANDARD_MAX, EXTENDED_MAX, EXTENDED = 0x7FF, 0x1FFF_FFFF, 0x8000_0000
+"""Largest identifiers of 11 and 29 bits; mark of the latter in a DBC."""
+
+
+def _load_dbc(path: Path, findings: list[str]) -> tuple[Database, list[str]]:
+    """Read a DBC without the statements that cantools refuses, and return those. Raises what cantools raises."""
+    from cantools import database
+
+    data = read_file(path, DATABASE_BYTES_MAX, "give a DBC")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("cp1252", "replace")
+    lines = text.splitlines()
+    first: Exception | None = None
+    left_out: dict[int, str] = {}
+    for attempt in range(ATTEMPTS_MAX):
+        try:
+            return database.load_string("\n".join(lines) + "\n", "dbc", strict=False), [  # type: ignore[return-value]
+                f"line {number}: {line}" for number, line in sorted(left_out.items())
+            ]
+        except Exception as error:
+            first = first or error
+            if _mark_extended(str(error), lines, findings):
+                continue
+            bad = set(_refused(str(error), lines)) - left_out.keys()
+            if not bad or len(left_out) + len(bad) > LEFT_OUT_MAX or attempt == ATTEMPTS_MAX - 1:
+                raise first from None
+            for number in bad:
+                left_out[number] = one_line(lines[number - 1].strip(), 60)
+                lines[number - 1] = ""
+    raise AssertionError("the last attempt raises")
+
+
+def _mark_extended(error: str, lines: list[str], findings: list[str]) -> bool:
+    """Mark identifiers of 29 bits as extended, as no other kind can have them. Return whether there were any."""
+    if "is more than 11 bits" not in error:
+        return False
+    heads = filter(None, map(MESSAGE.match, lines))
+    unmarked = {head[1] for head in heads if STANDARD_MAX < int(head[1]) <= EXTENDED_MAX}
+    if not unmarked:
+        return False
+
+    def marked(match: re.Match[str]) -> str:
+        return match[1] + (str(int(match[2]) | EXTENDED) if match[2] in unmarked else match[2])
+
+    lines[:] = [REFERENCE.sub(marked, line) for line in lines]
+    findings.append(f"{len(unmarked)} identifiers of 29 bits are not marked as extended ones; they are read as such")
+    return True
+
+
+def _refused(error: str, lines: Sequence[str]) -> Iterable[int]:
+    """Yield the numbers of the lines, from 1, of the statements that an error of cantools is about."""
+    if match := SYNTAX.search(error):
+        number = int(match[1])
+        if number > len(lines):
+            return
+        before = next((above for above in range(number - 1, 0, -1) if lines[above - 1].strip()), 0)
+        is_open = before and UNFINISHED.match(lines[before - 1]) and lines[number - 1][: int(match[2]) - 1].strip() == ""
+        yield from _statement(before if is_open else number, lines)
+    elif "is more than 11 bits" in error:
+        for number, line in enumerate(lines, start=1):
+            if (head := MESSAGE.match(line)) and EXTENDED_MAX < int(head[1]) < EXTENDED:
+                yield from _statement(number, lines)
+    for identifier, name in UNUSED_VALUES.findall(error):
+        values = re.compile(rf"\s*VAL_ {identifier} {name}\s")
+        yield from (number for number, line in enumerate(lines, start=1) if values.match(line))
+
+
+def _statement(number: int, lines: Sequence[str]) -> Iterable[int]:
+    """Yield a line, and the signals below it if it begins a message."""
+    yield number
+    if MESSAGE.match(lines[number - 1]):
+        for below in range(number + 1, len(lines) + 1):
+            if not lines[below - 1].lstrip().startswith("SG_ "):
+                return
+            yield below

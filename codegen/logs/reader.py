@@ -1,0 +1,63 @@
+"""Reading of logs of a CAN bus (BLF, ASC, candump or MF4)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from codegen.errors import CodegenError, one_line
+from codegen.files import reason_of, require_regular
+from codegen.importing import child
+from codegen.logs import library_warnings
+from codegen.logs.frames import REMEDY, Collector, FileAccount, Frames
+from codegen.requirements import pip_install
+
+BYTES_MAX = 2**30
+
+
+def read_frames(path: Path) -> tuple[Frames, FileAccount]:
+    """Read the frames of a log, on one clock, and account for every frame of the file.
+
+    Raises:
+        CodegenError: not a regular file, over 1 GiB, damaged, cut short, or the package that reads it is missing.
+    """
+    require_regular(path, BYTES_MAX, "give a shorter log")
+    kind = path.suffix.lower()
+    try:
+        if kind == ".mf4":
+            found: tuple[Frames, FileAccount] = child.call("codegen.logs.mf4", "read", path, **child.LOG)
+            return found
+        with library_warnings.collected() as warnings:
+            into, clock = READERS[kind](path)
+        return into.finish(clock, warnings)
+    except CodegenError:
+        raise
+    except OSError as error:
+        raise CodegenError(f"cannot be read ({reason_of(error)})", where=path, remedy="check its permissions") from None
+    except ImportError as error:
+        what = f"the package that reads it is missing ({one_line(error)})"
+        raise CodegenError(what, where=path, remedy=pip_install("asammdf")) from None
+    except Exception as error:  # readers may raise anything for a damaged file
+        raise CodegenError(f"not a readable log of a CAN bus ({one_line(error)})", where=path, remedy=REMEDY) from None
+
+
+def _blf(path: Path) -> tuple[Collector, str]:
+    from codegen.logs import blf  # here, as python-can takes half a second
+
+    return blf.read(path)
+
+
+def _asc(path: Path) -> tuple[Collector, str]:
+    from codegen.logs import text
+
+    return text.read_asc(path)
+
+
+def _candump(path: Path) -> tuple[Collector, str]:
+    from codegen.logs import text
+
+    return text.read_candump(path)
+
+
+READERS = {".blf": _blf, ".asc": _asc, ".log": _candump}
+LOGS = (*READERS, ".mf4")
+"""Extensions of the formats."""

@@ -1,0 +1,256 @@
+"""Frames of text logs: ASC, Vector's text log, and the output of candump.
+
+The lines go to python-can one by one, through a file of `Lines`, which counts the frames and notes which of them python-can
+returns. Stamps are computed here: python-can takes relative ones for absolute ones, and skips negative ones.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from codegen.arrays import FloatArray
+from codegen.errors import CodegenError, one_line
+from codegen.logs.frames import REMEDY, Collector
+
+LINE_BYTES_MAX = 2**20
+COPY_AGAIN = "copy it again, or end that line if it is whole"
+DELTA_FRAMES_MIN = 10
+DELTA_BACK_MIN = 0.2
+"""Least fraction of stamps that do not increase, from which stamps are differences. Frames of several buses that a logger puts
+out of order do not come near it unless the stamps grow."""
+DELTA_GROWTH_MAX = 0.25
+"""Largest growth of differences from the first to the second half, as a fraction of their range. Times grow by half of it."""
+
+
+class Lines:
+    """A text file for python-can that gives it the lines of a log one by one.
+
+    Attributes:
+        number: line that was given last, from 1.
+        time: stamp of its frame, s.
+        channel: channel of its frame as the file has it.
+        is_frame: whether it has a frame that python-can has not returned yet.
+    """
+
+    def __init__(self, file: BinaryIO, path: Path, into: Collector) -> None:
+        self.path, self.into = path, into
+        self.number, self.time, self.channel, self.is_frame = 0, 0.0, "", False
+        self._file = file
+        self._given = self._lines()
+
+    def place(self) -> str:
+        """Return the file and the line that was given last."""
+        return f"{self.path}, line {self.number}"
+
+    def close(self) -> None:
+        """Do nothing: python-can closes its file at the end."""
+
+    def __iter__(self) -> Lines:
+        return self
+
+    def __next__(self) -> str:
+        self.settle("python-can does not read it")
+        return next(self._given)
+
+    def settle(self, reason: str) -> None:
+        """Account for the frame of the last line if python-can has not returned it."""
+        if self.is_frame:
+            self.is_frame = False
+            self.into.skip(reason, f"line {self.number}")
+
+    def frame(self, time: float, channel: str) -> None:
+        """Note that the line has a frame."""
+        self.into.in_file += 1
+        self.time, self.channel, self.is_frame = time, channel, True
+
+    def _lines(self) -> Iterator[str]:
+        raise NotImplementedError
+
+    def _texts(self) -> Iterator[str]:
+        """Yield the lines of the file: UTF-8, else Windows-1252. Raises CodegenError."""
+        while line := self._file.readline(LINE_BYTES_MAX + 1):
+            self.number += 1
+            if len(line) > LINE_BYTES_MAX:
+                raise CodegenError("not a log of a CAN bus: a line is over 1 MiB", where=self.path, remedy="give another log")
+            if b"\0" in line:
+                raise CodegenError("it has zero bytes, as a text log has not", where=self.place(), remedy=REMEDY)
+            if not line.endswith(b"\n") and re.search(rb"\d", line):  # "End TriggerBlock" contains no frame
+                raise CodegenError("it ends inside a line", where=self.place(), remedy=COPY_AGAIN)
+            try:
+                yield line.decode("utf-8-sig" if self.number == 1 else "utf-8")
+            except UnicodeDecodeError:
+                yield line.decode("cp1252", "replace")
+
+
+# --- ASC -----------------------------------------------------------------------------------------------------------------
+
+ASC_STAMP = re.compile(r"\s*([-+]?\d[\w.+-]*|[-+]?(?:nan|inf)\w*)\s+(.*)", re.ASCII | re.IGNORECASE | re.DOTALL)
+ASC_TIME = re.compile(r"-?\d+\.\d+", re.ASCII)
+ASC_FRAME = re.compile(
+    r"(?:(?P<channel>\d+)\s+(?:(?P<id>\S+)\s+(?P<direction>Rx|TxRq|Tx)\b|ErrorFrame\b)|CANFD\s+(?P<fd>\d+)\s)",
+    re.ASCII | re.IGNORECASE,
+)
+ASC_ID = re.compile(r"[0-9a-f]+x?", re.ASCII | re.IGNORECASE)
+ASC_HEADER = re.compile(r"\s*(?:date\s|base\s|//|(?:no\s+)?internal\s+events\s+logged)", re.IGNORECASE)
+ASC_RELATIVE = re.compile(r"\s*base\s+\w+\s+timestamps\s+relative", re.IGNORECASE)
+OTHER_WORDS = re.compile(r"(?:\d+\s+|CAN\s+\d+\s+)?([A-Za-z]\w*)")
+
+
+class AscLines(Lines):
+    """Lines of an ASC."""
+
+    is_relative = False
+
+    def _lines(self) -> Iterator[str]:
+        now, in_header = 0.0, True
+        for text in self._texts():
+            if in_header and not ASC_HEADER.match(text):
+                in_header = False
+                yield "\n"  # python-can's header ends with a line that it drops, even one with a frame
+            if ASC_RELATIVE.match(text):
+                self.is_relative = True
+            stamp = None if in_header else ASC_STAMP.match(text)
+            if stamp is None:
+                yield text
+                continue
+            word, rest = stamp.groups()
+            frame = ASC_FRAME.match(rest)
+            if not ASC_TIME.fullmatch(word):
+                if frame is None:
+                    yield text  # a comment that begins with a number
+                    continue
+                what = f"a frame has an invalid time, {one_line(word, 40)}"
+                raise CodegenError(what, where=self.place(), remedy=REMEDY)
+            now = float(word) + (now if self.is_relative else 0.0)  # every event counts, not only frames
+            if frame is None:
+                other = OTHER_WORDS.match(rest)
+                self.into.others[other[1] if other else "other event"] += 1
+                continue
+            if (frame["direction"] or "").lower() == "txrq":
+                self.into.others["transmit request"] += 1
+                continue
+            self.frame(now, frame["channel"] or frame["fd"])
+            if frame["id"] and not ASC_ID.fullmatch(frame["id"]):
+                self.settle("its identifier is a name; log numbers")
+                continue
+            yield text.replace(word, word.lstrip("-"), 1)
+
+
+def read_asc(path: Path) -> tuple[Collector, str]:
+    """Read an ASC. Returns the frames and the meaning of the stamps. Raises CodegenError."""
+    from can import ASCReader
+
+    into = Collector("ASC")
+    with path.open("rb") as file:
+        lines = AscLines(file, path, into)
+        _take(lines, ASCReader(lines))  # type: ignore[arg-type]
+    return into, "time from the event before" if lines.is_relative else "time from the start of the log"
+
+
+def _take(lines: Lines, reader: object) -> None:
+    """Take over the frames that python-can returns. Raises CodegenError."""
+    try:
+        for message in reader:  # type: ignore[attr-defined]
+            lines.is_frame = False
+            if not (message.is_remote_frame or message.is_error_frame) and len(message.data) < min(message.dlc, 8):
+                lines.into.skip("fewer bytes than its length", f"line {lines.number}")
+                continue
+            lines.into.add(message, lines.time, lines.channel, lines.place())
+    except CodegenError:
+        raise
+    except Exception as error:  # python-can may raise anything for a damaged line
+        what = f"not a readable log of a CAN bus ({one_line(error)})"
+        raise CodegenError(what, where=lines.place(), remedy=REMEDY) from None
+    lines.settle("python-can does not read it")
+
+
+# --- candump -------------------------------------------------------------------------------------------------------------
+
+LOG_LINE = re.compile(r"\s*\((?P<time>[^)]*)\)\s+(?P<channel>\S+)\s+[0-9A-Fa-f]+#\S*(?:\s+[RT])?\s*", re.ASCII)
+VIEW_LINE = re.compile(
+    r"\s*(?:\((?P<time>[^)]*)\)\s+)?(?P<channel>[A-Za-z]\S*)\s+(?:(?P<direction>RX|TX)(?:\s+\S){0,2}\s+)?(?P<id>[0-9A-Fa-f]{3,8})\s+"
+    r"\[(?P<length>\d+)\]\s*(?P<data>.*?)\s*",
+    re.ASCII | re.DOTALL,
+)
+BYTES = re.compile(r"((?:[0-9A-Fa-f]{2}(?:\s|$))*)", re.ASCII)
+DATE = re.compile(r"(\d{4})-(\d\d)-(\d\d) (\d\d):(\d\d):(\d\d\.\d+)", re.ASCII)
+NUMBER = re.compile(r"-?\d+(?:\.\d*)?", re.ASCII)
+
+
+class CandumpLines(Lines):
+    """Lines of candump, in the format of its logs (`-L`) or of its view."""
+
+    form = "candump"
+
+    def _lines(self) -> Iterator[str]:
+        for text in self._texts():
+            if not text.strip():
+                continue
+            log = LOG_LINE.fullmatch(text)
+            view = None if log else VIEW_LINE.fullmatch(text)
+            line = log or view
+            if line is None:
+                what = f"not a readable log of a CAN bus: no frame of candump, {one_line(text, 60)!r}"
+                raise CodegenError(what, where=self.place(), remedy=REMEDY)
+            if line["time"] is None:
+                raise CodegenError("its frames have no times", where=self.place(), remedy="log with candump -l, or -t a")
+            self.frame(_seconds(line["time"], self.place()), line["channel"])
+            yield text if view is None else self._as_log(view)
+
+    def _as_log(self, view: re.Match[str]) -> str:
+        """Return a line of the view as one of a log. In the view, a length of two digits belongs to CAN FD."""
+        self.form = "candump, view"
+        data = view["data"]
+        if data.startswith("remote request"):
+            content = f"#R{int(view['length'])}"
+        else:
+            found = BYTES.match(data)
+            words = found[1].split()[: int(view["length"])] if found else []
+            content = ("##0" if len(view["length"]) == 2 else "#") + "".join(words)
+            if len(words) < int(view["length"]):
+                raise CodegenError("a frame has fewer bytes than its length", where=self.place(), remedy=REMEDY)
+        return f"(0.0) {self.channel} {view['id']}{content} {(view['direction'] or 'R')[0]}\n"
+
+
+def _seconds(text: str, place: str) -> float:
+    """Return a stamp of candump: seconds, or with -t A a date. Raises CodegenError."""
+    date = DATE.fullmatch(text.strip())
+    if date:
+        from datetime import UTC, datetime
+
+        *whole, seconds = date.groups()
+        return datetime(*map(int, whole), tzinfo=UTC).timestamp() + float(seconds)  # type: ignore[misc,arg-type]
+    if not NUMBER.fullmatch(text.strip()):
+        raise CodegenError(f"a frame has an invalid time, {one_line(text, 40)}", where=place, remedy=REMEDY)
+    return float(text)
+
+
+def read_candump(path: Path) -> tuple[Collector, str]:
+    """Read the output of candump. Returns the frames and the meaning of the stamps. Raises CodegenError."""
+    from can import CanutilsLogReader
+
+    into = Collector("candump")
+    with path.open("rb") as file:
+        lines = CandumpLines(file, path, into)
+        _take(lines, CanutilsLogReader(lines))  # type: ignore[arg-type]
+    into.form = lines.form
+    time = np.array(into.times)
+    if are_differences(time):
+        into.times[:] = np.cumsum(time).tolist()
+        return into, "time from the frame before"
+    return into, "Unix time" if time.size and time[0] > 1e8 else "time from the start of the log"
+
+
+def are_differences(time: FloatArray) -> bool:
+    """Return whether stamps (n,) are times from one frame to the next: many do not increase, and they do not grow."""
+    if time.size < DELTA_FRAMES_MIN or time.min() < 0.0:
+        return False
+    back = np.count_nonzero(np.diff(time) <= 0.0) / (time.size - 1)
+    half = time.size // 2
+    growth = float(np.mean(time[half:]) - np.mean(time[:half]))
+    return bool(back >= DELTA_BACK_MIN and growth <= DELTA_GROWTH_MAX * float(np.ptp(time)))

@@ -1,0 +1,270 @@
+"""Every frame of a log is accounted for, and the frames of a message come from one sender."""
+
+import struct
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from codegen.errors import CodegenError
+from codegen.logs.account import BusLog, findings, open_bus_log, to_dict
+from codegen.logs.databases import Identifiers
+from codegen.logs.reader import LOGS, read_frames
+from codegen.logs.senders import Fate
+
+KNOWN = Identifiers({(0x100, False): "Motion", (0x101, False): "Steering"})
+
+
+def message(time: float, number: int, **options: object) -> can.Message:
+    """Return a frame of Motion whose data are a number."""
+    options = {"arbitration_id": 0x100, "is_extended_id": False, "is_rx": True, "channel": 0, **options}
+    return can.Message(timestamp=time, data=struct.pack("<q", number), **options)  # type: ignore[arg-type]
+
+
+def write(path: Path, messages: list[can.Message]) -> Path:
+    with can.Logger(path) as log:
+        for each in messages:
+            log.on_message_received(each)
+    return path
+
+
+def opened(path: Path, messages: list[can.Message], channel: str | None = None) -> BusLog:
+    return open_bus_log(write(path, sorted(messages, key=lambda each: each.timestamp)), KNOWN, channel)
+
+
+def fates(log: BusLog) -> dict[Fate, int]:
+    return {fate: count for fate in Fate if (count := int(np.count_nonzero(log.allotment.fate == fate)))}
+
+
+@pytest.mark.parametrize("ending", LOGS)
+def test_the_account_closes_in_every_format(ending: str, tmp_path: Path) -> None:
+    messages = [message(1.7e9 + 0.01 * k, k) for k in range(20)]
+    messages += [
+        message(1.7e9 + 0.2, 1, arbitration_id=0x77),
+        can.Message(timestamp=1.7e9 + 0.3, is_error_frame=True, channel=0),
+    ]
+    messages += [
+        can.Message(timestamp=1.7e9 + 0.4, arbitration_id=0x100, is_remote_frame=True, is_extended_id=False, channel=0)
+    ]
+    log = opened(tmp_path / f"drive{ending}", messages)
+    assert (log.file.in_file, log.file.read, dict(log.file.skipped)) == (23, 23, {})
+    assert fates(log) == {Fate.USED: 20, Fate.ERROR: 1, Fate.REMOTE: 1, Fate.UNKNOWN: 1}
+    assert findings(log) == []
+    assert to_dict(log)["frames"]["in_file"] == 23
+    assert sum(row["frames"] for row in to_dict(log)["channels"]) == 23
+
+
+# --- copies --------------------------------------------------------------------------------------------------------------
+
+
+def test_frames_that_a_tester_sends_do_not_replace_those_of_the_bus(tmp_path: Path) -> None:
+    messages = [message(0.01 * k, k) for k in range(1000)] + [message(k + 0.004, -1, is_rx=False) for k in range(10)]
+    log = opened(tmp_path / "drive.blf", messages)
+    assert fates(log) == {Fate.USED: 1000, Fate.OTHER_SENDER: 10}
+    assert not log.frames.is_sent[log.allotment.keys[0x100, False]].any()
+    assert "10 frames (channel 1, sent by the logger) have other data" in findings(log)[0]
+
+
+@pytest.mark.parametrize("first_is_late", [False, True])
+def test_of_a_frame_and_its_copy_the_first_counts(first_is_late: bool, tmp_path: Path) -> None:
+    """The delay of a gateway, 12 ms, is longer than the period, and the copies may be on the first channel."""
+    late, soon = (0, 1) if first_is_late else (1, 0)
+    messages = [message(0.01 * k, k, channel=soon) for k in range(100)]
+    messages += [message(0.01 * k + 0.012, k, channel=late) for k in range(100)]
+    log = opened(tmp_path / "drive.blf", messages)
+    assert fates(log) == {Fate.USED: 100, Fate.COPY: 100}
+    np.testing.assert_allclose(log.frames.time[log.allotment.keys[0x100, False]], 0.01 * np.arange(100), atol=1e-6)
+    assert "12 ms later" in findings(log)[0]
+
+
+def test_a_node_that_hears_itself_is_plain(tmp_path: Path) -> None:
+    messages = [message(0.01 * k + (0.001 if heard else 0.0), k, is_rx=heard) for k in range(50) for heard in (False, True)]
+    log = opened(tmp_path / "drive.blf", messages)
+    assert fates(log) == {Fate.USED: 50, Fate.COPY: 50}
+    assert log.frames.is_sent[log.allotment.keys[0x100, False]].all()
+    assert findings(log) == []
+
+
+def test_two_buses_with_one_identifier_need_a_choice(tmp_path: Path) -> None:
+    """Both are mostly at rest: equal data that do not change are no sign of a copy."""
+    rest = [message(0.01 * k, 0, channel=channel) for k in range(100) for channel in (0, 1)]
+    moving = [message(1.0 + 0.01 * k, k, channel=0) for k in range(20)] + [
+        message(1.0 + 0.01 * k, -k, channel=1) for k in range(40)
+    ]
+    log = opened(tmp_path / "drive.log", [*rest, *moving])
+    assert fates(log) == {Fate.CONFLICT: 260}
+    assert log.allotment.conflicts[0x100, False][1].startswith("choose a bus with --channel can1 or can0")
+    chosen = open_bus_log(tmp_path / "drive.log", KNOWN, "can0")
+    assert fates(chosen) == {Fate.USED: 120, Fate.OTHER_CHANNEL: 140}
+    with pytest.raises(CodegenError, match="no channel 'can2'; choose one of its channels with --channel: can0, can1"):
+        open_bus_log(tmp_path / "drive.log", KNOWN, "can2")
+
+
+# --- clocks --------------------------------------------------------------------------------------------------------------
+
+ASC_HEAD = "date Sat Jan 1 00:00:00.000 2000\nbase hex  timestamps {clock}\ninternal events logged\n"
+
+
+def asc(path: Path, lines: list[str], clock: str = "absolute") -> Path:
+    path.write_text(ASC_HEAD.format(clock=clock) + "".join(f"{line}\n" for line in lines), encoding="ascii")
+    return path
+
+
+def test_relative_stamps_of_an_asc_are_added_up(tmp_path: Path) -> None:
+    """They count from the event before, whatever it is."""
+    lines = [
+        "0.000000 Start of measurement",
+        "0.010000 1 100 Rx d 1 00",
+        "0.004000 1 Statistic: D 0",
+        "0.006000 1 100 Rx d 1 01",
+    ]
+    frames, account = read_frames(asc(tmp_path / "drive.asc", lines, "relative"))
+    np.testing.assert_allclose(frames.time, [0.01, 0.02])
+    assert account.clock == "time from the event before"
+    assert dict(account.others) == {"Start": 1, "Statistic": 1}
+
+
+def test_a_frame_before_the_start_of_the_measurement_is_read(tmp_path: Path) -> None:
+    frames, account = read_frames(asc(tmp_path / "drive.asc", ["-0.010000 1 100 Rx d 1 00", "0.010000 1 100 Rx d 1 01"]))
+    assert frames.time.tolist() == [-0.01, 0.01]
+    assert account.in_file == account.read == 2
+
+
+@pytest.mark.parametrize("view", [False, True])
+def test_differences_in_a_candump_are_added_up(view: bool, tmp_path: Path) -> None:
+    steps = [0.0] + [0.001, 0.019] * 10
+    form = " ({:010.6f})  can0  100   [1]  0{:X}\n" if view else "({:010.6f}) can0 100#0{:X}\n"
+    (tmp_path / "drive.log").write_text("".join(form.format(step, k % 16) for k, step in enumerate(steps)), encoding="ascii")
+    frames, account = read_frames(tmp_path / "drive.log")
+    np.testing.assert_allclose(frames.time, np.cumsum(steps))
+    assert account.clock == "time from the frame before"
+
+
+def test_frames_out_of_order_are_no_differences(tmp_path: Path) -> None:
+    """Two buses whose frames are written one after the other go back at every second frame."""
+    stamps = [1.7e9 + 0.01 * k + late for k in range(50) for late in (0.009, 0.0)]
+    text = "".join(f"({stamp:.6f}) can{k % 2} 100#00\n" for k, stamp in enumerate(stamps))
+    (tmp_path / "drive.log").write_text(text, encoding="ascii")
+    frames, account = read_frames(tmp_path / "drive.log")
+    assert account.clock == "Unix time"
+    np.testing.assert_allclose(frames.time, stamps)
+
+
+# --- text ----------------------------------------------------------------------------------------------------------------
+
+
+def test_the_view_of_candump_is_read(tmp_path: Path) -> None:
+    lines = [
+        " (1700000000.000000)  can0  100   [8]  20 1C 00 00 00 00 00 00   ' .......'",
+        " (2023-11-14 22:13:20.500000)  can0  TX - -  18F0090B   [2]  01 02",
+        " (1700000001.000000)  can1  100  [12]  00 01 02 03 04 05 06 07 08 09 0A 0B",
+        " (1700000002.000000)  can0  100   [4]  remote request",
+    ]
+    (tmp_path / "drive.log").write_text("\n".join(lines) + "\n", encoding="ascii")
+    frames, account = read_frames(tmp_path / "drive.log")
+    assert frames.time.tolist() == [1.7e9, 1.7e9 + 0.5, 1.7e9 + 1.0, 1.7e9 + 2.0]
+    assert frames.identifier.tolist() == [0x100, 0x18F0090B, 0x100, 0x100]
+    assert frames.is_sent.tolist() == [False, True, False, False]
+    assert frames.is_extended.tolist() == [False, True, False, False]
+    assert frames.is_fd.tolist() == [False, False, True, False]
+    assert [len(data) for data in frames.data] == [8, 2, 12, 0]
+    assert account.form == "candump, view"
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("  can0  100   [1]  20", "its frames have no times; log with candump -l, or -t a"),
+        ("(x) can0 100#00", "a frame has an invalid time, x"),
+        ("hello", "not a readable log of a CAN bus: no frame of candump, 'hello'"),
+    ],
+)
+def test_what_is_no_log_of_candump_is_refused_with_its_line(line: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "drive.log").write_text(f"(1.0) can0 100#00\n{line}\n", encoding="ascii")
+    with pytest.raises(CodegenError) as error:
+        read_frames(tmp_path / "drive.log")
+    assert message in str(error.value)
+    assert "drive.log, line 2" in str(error.value)
+
+
+def test_an_asc_in_windows_1252_is_read(tmp_path: Path) -> None:
+    path = asc(tmp_path / "drive.asc", ["0.01 1 100 Rx d 1 07"])
+    path.write_bytes(b"// Pr\xfcfstand \x80\n" + path.read_bytes())
+    assert read_frames(path)[0].data == [b"\x07"]
+
+
+def test_frames_that_python_can_does_not_return_are_counted(tmp_path: Path) -> None:
+    lines = ["0.01 1 EngineData Rx d 1 07", "0.02 1 100 Rx d 2 07", "0.03 1 100 Rx d 1 07", "0.03 1 100 TxRq d 1 07"]
+    frames, account = read_frames(asc(tmp_path / "drive.asc", lines))
+    assert (account.in_file, account.read, len(frames)) == (3, 1, 1)
+    assert dict(account.skipped) == {
+        "its identifier is a name; log numbers": (1, "line 4"),
+        "fewer bytes than its length": (1, "line 5"),
+    }
+    assert dict(account.others) == {"transmit request": 1}
+    log = open_bus_log(tmp_path / "drive.asc", KNOWN)
+    assert findings(log)[0] == "1 of 3 frames are not read: its identifier is a name; log numbers (first: line 4)"
+
+
+def test_the_first_line_of_an_asc_without_a_head_is_read(tmp_path: Path) -> None:
+    (tmp_path / "drive.asc").write_text("0.01 1 100 Rx d 1 07\n0.02 1 100 Rx d 1 08\n", encoding="ascii")
+    assert read_frames(tmp_path / "drive.asc")[1].read == 2
+
+
+# --- BLF -----------------------------------------------------------------------------------------------------------------
+
+
+def blf(path: Path, count: int = 5) -> tuple[bytes, bytes]:
+    """Write a BLF without compression; return its head and the objects of its container."""
+    with can.BLFWriter(path, compression_level=0) as log:
+        for k in range(count):
+            log.on_message_received(message(1.7e9 + k, k))
+    content = path.read_bytes()
+    return content[:144], content[144 + 32 :]
+
+
+def test_objects_with_an_unknown_header_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "drive.blf"
+    blf(path)
+    data = bytearray(path.read_bytes())
+    second = data.index(b"LOBJ", data.index(b"LOBJ", data.index(b"LOBJ") + 4) + 4)
+    data[second + 6 : second + 8] = struct.pack("<H", 3)  # version of the header
+    path.write_bytes(data)
+    frames, account = read_frames(path)
+    assert (account.in_file, account.read, len(frames)) == (5, 4, 4)
+    assert dict(account.skipped) == {"object header of version 3, which is not known": (1, "object 1")}
+
+
+def test_objects_outside_of_containers_are_read(tmp_path: Path) -> None:
+    head, objects = blf(tmp_path / "drive.blf")
+    (tmp_path / "drive.blf").write_bytes(head + objects)
+    size = struct.pack("<Q", len(head + objects))
+    (tmp_path / "drive.blf").write_bytes(head[:16] + size + head[24:] + objects)
+    frames, account = read_frames(tmp_path / "drive.blf")
+    assert account.read == 5
+    np.testing.assert_allclose(frames.time, 1.7e9 + np.arange(5), atol=1e-6)
+    assert frames.data == [struct.pack("<q", k) for k in range(5)]
+
+
+def test_an_object_over_two_containers_is_read(tmp_path: Path) -> None:
+    head, objects = blf(tmp_path / "drive.blf")
+    parts = [objects[:70], objects[70:]]
+    containers = b"".join(
+        struct.pack("<4sHHLLH6xL4x", b"LOBJ", 16, 1, 32 + len(part), 10, 0, len(part)) + part + bytes(len(part) % 4)
+        for part in parts
+    )
+    size = struct.pack("<Q", len(head + containers))
+    (tmp_path / "drive.blf").write_bytes(head[:16] + size + head[24:] + containers)
+    assert read_frames(tmp_path / "drive.blf")[1].read == 5
+
+
+def test_a_container_of_zeros_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
+    import zlib
+
+    head, _ = blf(tmp_path / "drive.blf")
+    packed = zlib.compress(bytes(2**27))
+    container = struct.pack("<4sHHLLH6xL4x", b"LOBJ", 16, 1, 32 + len(packed), 10, 2, 2**16) + packed
+    (tmp_path / "drive.blf").write_bytes(head[:16] + bytes(8) + head[24:] + container)
+    with pytest.raises(CodegenError, match="a container of more than 67108864 bytes"):
+        read_frames(tmp_path / "drive.blf")

@@ -1,0 +1,88 @@
+"""Databases as they are in use: encodings, lines that break the rules, identifiers that occur twice, addresses of J1939."""
+
+from pathlib import Path
+
+import pytest
+
+from codegen.errors import CodegenError
+from codegen.logs.databases import Databases, load_database
+
+DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: A
+BO_ 256 Motion: 8 A
+ SG_ YawRate : 16|16@1- (0.005,0) [0|0] "°/s" A
+BO_ 257 Other: 8 A
+ SG_ Level : 0|16@1- (0.005,0) [0|0] "" A
+"""
+
+
+def write(folder: Path, text: str, encoding: str = "utf-8") -> Path:
+    path = folder / "car.dbc"
+    path.write_text(text, encoding=encoding)
+    return path
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+def test_units_survive_every_encoding(encoding: str, tmp_path: Path) -> None:
+    found = load_database(write(tmp_path, DBC, encoding))
+    assert found.database.get_message_by_name("Motion").signals[0].unit == "°/s"
+    assert not found.findings
+
+
+@pytest.mark.parametrize(
+    ("line", "place"),
+    [
+        (' SG_ 0_COUNTER : 35|4@0+ (1,0) [0|255] "" A', 9),
+        ('CM_ SG_ 256 "no name of the signal";', 9),
+        ('CM_ "no end"', 9),
+        ('VAL_ 256 Nothing 1 "on" ;', 9),
+        ('BO_ 1073741824 Beyond: 8 A\n SG_ Any : 0|8@1+ (1,0) [0|0] "" A', 9),
+    ],
+)
+def test_a_line_that_breaks_the_rules_is_left_out_with_a_finding(line: str, place: int, tmp_path: Path) -> None:
+    found = load_database(write(tmp_path, f'{DBC}{line}\nCM_ "the end";\n'))
+    assert [message.name for message in found.database.messages] == ["Motion", "Other"]
+    assert found.left_out[0] == f"line {place}: {line.splitlines()[0].strip()}"
+    assert f"line {place}: " in found.findings[0]
+
+
+def test_what_is_no_dbc_is_refused_with_the_first_error(tmp_path: Path) -> None:
+    with pytest.raises(CodegenError, match="not a readable database of a CAN bus"):
+        load_database(write(tmp_path, "hello\nworld\n"))
+
+
+def test_unmarked_identifiers_of_29_bits_are_extended_ones(tmp_path: Path) -> None:
+    text = DBC.replace("257", "418119424") + 'VAL_ 418119424 Level 1 "on" ;\n'
+    databases = Databases([write(tmp_path, text)])
+    (other,) = databases.messages[418119424, True]
+    assert other.message.signals[0].choices == {1: "on"}
+    assert "1 identifiers of 29 bits are not marked" in databases.findings[0]
+
+
+def test_two_messages_with_one_identifier_are_both_offered(tmp_path: Path) -> None:
+    text = DBC + 'BO_ 256 MotionB: 8 A\n SG_ YawRate : 16|16@1- (0.01,0) [0|0] "°/s" A\n'
+    databases = Databases([write(tmp_path, text)])
+    assert databases.names_of((256, False)) == ["Motion", "MotionB"]
+    assert databases.conflicts == {(256, False): "the identifier 0x100 is in Motion (car.dbc) and MotionB (car.dbc)"}
+    assert "Overwriting message 'Motion' with 'MotionB'" in databases.findings[0]  # the library's warning
+
+
+def test_equal_messages_of_two_databases_are_one(tmp_path: Path) -> None:
+    first = write(tmp_path, DBC)
+    second = tmp_path / "second.dbc"
+    second.write_text(DBC, encoding="utf-8")
+    databases = Databases([first, second])
+    assert not databases.conflicts
+    assert databases.names_of((256, False)) == ["Motion"]
+
+
+def test_the_null_address_of_j1939_is_any_source(tmp_path: Path) -> None:
+    """EEC1 (PDU2), and TSC1 (PDU1), whose lower byte is a destination, of another priority."""
+    text = DBC.replace("256", str(0x8CF004FE)).replace("257", str(0x8C0000FE))
+    databases = Databases([write(tmp_path, text)])
+    assert databases.key_of(0x18F0040B, True) == (0x0CF004FE, True)
+    assert databases.key_of(0x0C00030B, True) == (0x0C0000FE, True)
+    assert databases.key_of(0x18F0050B, True) is None
+    assert databases.key_of(0x0CF004FE, False) is None
