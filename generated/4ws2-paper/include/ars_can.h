@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x9C61DDCDu
+#define ARS_CAN_BUILD 0x55768FEFu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x9C61DDCDu
+#define ARS_DYNAMICS_BUILD 0x55768FEFu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

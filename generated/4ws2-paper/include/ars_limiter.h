@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x9C61DDCDu
+#define ARS_LIMITER_BUILD 0x55768FEFu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

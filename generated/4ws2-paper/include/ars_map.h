@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x9C61DDCDu
+#define ARS_MAP_BUILD 0x55768FEFu
 
 /* Numbers of breakpoints. */
 enum {

@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0x9C61DDCDu
+#if ARS_CONTROLLER_BUILD != 0x55768FEFu
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0x9C61DDCDu
+#define ARS_SUPERVISION_BUILD 0x55768FEFu
 
 /* State of the supervision. */
 typedef enum {

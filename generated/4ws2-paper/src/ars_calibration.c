@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x9C61DDCDu
+#if ARS_CONSTANTS_BUILD != 0x55768FEFu
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x9C61DDCDu
+#if ARS_CONTROLLER_BUILD != 0x55768FEFu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x9C61DDCDu
+#if ARS_MAP_BUILD != 0x55768FEFu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -79,7 +79,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "9C61DDCD";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "55768FEF";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xD833348Fu;
 

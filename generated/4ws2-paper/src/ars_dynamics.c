@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x9C61DDCDu
+#if ARS_DYNAMICS_BUILD != 0x55768FEFu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

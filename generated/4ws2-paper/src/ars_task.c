@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x9C61DDCDu
+#if ARS_CAN_BUILD != 0x55768FEFu
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x9C61DDCDu
+#if ARS_CONTROLLER_BUILD != 0x55768FEFu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x9C61DDCDu
+#if ARS_E2E_BUILD != 0x55768FEFu
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0x9C61DDCDu
+#if ARS_SUPERVISION_BUILD != 0x55768FEFu
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x9C61DDCDu
+#if ARS_TASK_BUILD != 0x55768FEFu
 #error "ars_task.h and this source come from different builds"
 #endif
 

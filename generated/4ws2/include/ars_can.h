@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x9161D30Cu
+#define ARS_CAN_BUILD 0x8DDD4CE4u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -14,7 +14,7 @@
 
 #include "ars_parameters.h"
 
-#if ARS_PARAMETERS_BUILD != 0x9161D30Cu
+#if ARS_PARAMETERS_BUILD != 0x8DDD4CE4u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_GRIP_BUILD 0x9161D30Cu
+#define ARS_GRIP_BUILD 0x8DDD4CE4u
 
 /* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x9161D30Cu
+#define ARS_MAP_BUILD 0x8DDD4CE4u
 
 /* Numbers of breakpoints. */
 enum {

@@ -15,10 +15,10 @@
 #include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_INPUTS_BUILD != 0x9161D30Cu
+#if ARS_INPUTS_BUILD != 0x8DDD4CE4u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x9161D30Cu
+#if ARS_LIMITER_BUILD != 0x8DDD4CE4u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_PARAMETERS_BUILD 0x9161D30Cu
+#define ARS_PARAMETERS_BUILD 0x8DDD4CE4u
 
 enum { ARS_SCHEDULE_POINTS = 8 };
 

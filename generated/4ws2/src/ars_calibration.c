@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x9161D30Cu
+#if ARS_CONSTANTS_BUILD != 0x8DDD4CE4u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x9161D30Cu
+#if ARS_CONTROLLER_BUILD != 0x8DDD4CE4u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x9161D30Cu
+#if ARS_MAP_BUILD != 0x8DDD4CE4u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -98,7 +98,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "9161D30C";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "8DDD4CE4";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xA02614F4u;
 

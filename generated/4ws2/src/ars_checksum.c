@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x9161D30Cu
+#if ARS_CHECKSUM_BUILD != 0x8DDD4CE4u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

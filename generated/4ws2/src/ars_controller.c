@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x9161D30Cu
+#if ARS_CONTROLLER_BUILD != 0x8DDD4CE4u
 #error "ars_controller.h and this source come from different builds"
 #endif
 

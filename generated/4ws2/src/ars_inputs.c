@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x9161D30Cu
+#if ARS_INPUTS_BUILD != 0x8DDD4CE4u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -138,11 +138,10 @@ ARS_SECTION_CODE static bool follow(
  * signal is missing: if each count fell on its own, signals that are missing alternately would be predicted forever. */
 ARS_SECTION_CODE static void forget(ars_signal_t *self)
 {
-    if ((self->source == ARS_SIGNAL_MEASURED) && (self->missing > 0u)) {
-        self->missing--;
-        if (self->missing > 0u) {
-            self->missing--;
-        }
+    const uint32_t missing = self->missing;
+
+    if (self->source == ARS_SIGNAL_MEASURED) {
+        self->missing = (uint16_t)((missing > 1u) ? (missing - 2u) : 0u);
     }
 }
 

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x9161D30Cu
+#if ARS_MAP_BUILD != 0x8DDD4CE4u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x9161D30Cu
+#if ARS_TASK_BUILD != 0x8DDD4CE4u
 #error "ars_task.h and this source come from different builds"
 #endif
 
