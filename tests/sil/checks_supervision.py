@@ -104,7 +104,7 @@ def check_gaps(built: Built) -> None:
     assert Status.FAIL_SAFE not in {command.status for command in every_second}
     mostly = built.software.controller(0.0, parameters_of(built, STILL)).run([good] + [good, LOST, LOST, LOST] * len(gap))
     first = [command.status for command in mostly].index(Status.FAIL_SAFE)
-    assert 1 + 2 * len(gap) <= first + 1 <= 1 + 2 * len(gap) + 4, "three of four samples add one, one subtracts one"
+    assert first == 4 * (len(gap) - 1), "three of four samples add three, one subtracts two"
     in_turn = [replace(good, yaw_rate=math.nan), replace(good, front_angle=math.nan)] * (2 * len(gap) + 2)
     controller = built.software.controller(0.0, parameters_of(built, STILL))
     controller.run([good, *in_turn[: 2 * len(gap) + 1]])
