@@ -25,6 +25,9 @@ ERROR_FACTOR = 1.25
 """Error of the model in all drives over that in those that are predicted, which need not show the largest one. With it, the
 intervals of foreign cars contain the truth: `python -m benchmarks identify --plants foreign`."""
 
+ERROR_MAX = 0.9
+"""Largest error of the model that counts. With a larger one, nothing is predicted, and a doubt says so."""
+
 
 def model_error(validations: Sequence[Validation]) -> tuple[float, float]:
     """Return the error of the model, relative to its outputs, and that of the lateral acceleration alone.
@@ -34,7 +37,8 @@ def model_error(validations: Sequence[Validation]) -> tuple[float, float]:
     errors = model_errors(validations)
     largest = float(np.nanmax(errors)) if np.isfinite(errors).any() else 0.0
     acceleration = float(errors[OUTPUTS.index("lateral_acceleration")])
-    return ERROR_FACTOR * largest, acceleration if math.isfinite(acceleration) else largest
+    of_acceleration = acceleration if math.isfinite(acceleration) else largest
+    return min(ERROR_FACTOR * largest, ERROR_MAX), min(of_acceleration, ERROR_MAX)
 
 
 def with_model_error(found: Identification, error: float) -> Identification:

@@ -166,7 +166,7 @@ def axle_forces(fitted: Fit, grown: FloatArray, config: Config, error: float) ->
             slopes[index] = (limits[1] - limits[0]) / (ends[1] - ends[0])
         force, limit = 2.0 * load * driven.friction[axle], slip_limit(tyre, share, config)
         ends = [slip_limit(tyre, share, config, 1.0 + side * error) for side in (-1.0, 1.0)]
-        ends[1] = min(ends[1], max(driven.slip[axle], limit))  # the force at the largest slip was driven
+        ends[1] = np.fmin(ends[1], max(driven.slip[axle], limit))  # the force at the largest slip was driven
         of_limit = math.sqrt(max(float(slopes @ grown @ slopes), 0.0))
         axles.append(
             AxleForce(force, force * math.hypot(of_sensors, error), limit, math.hypot(of_limit, 0.5 * (ends[1] - ends[0])))

@@ -111,7 +111,8 @@ def reached_lines(outcome: Outcome) -> list[str]:
         lines.append(f"The {axle} tyres reached {slip / DEGREE:.1f} deg of slip and a friction of {friction:.2f}; {held}.")
         largest = f"{1e-3 * force.force:.2f} ± {1e-3 * CONFIDENCE * force.force_deviation:.2f} kN"
         limit = f"{force.slip_limit / DEGREE:.1f} ± {CONFIDENCE * force.slip_limit_deviation / DEGREE:.1f} deg"
-        lines.append(f"The largest force of the {axle} axle was {largest}; a map ends at a slip of {limit}.")
+        end = f"; a map ends at a slip of {limit}" if math.isfinite(force.slip_limit) else ""
+        lines.append(f"The largest force of the {axle} axle was {largest}{end}.")
     return lines
 
 

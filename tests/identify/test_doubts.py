@@ -103,6 +103,19 @@ def test_the_error_of_the_model_is_what_the_free_run_has_beyond_the_noise() -> N
     assert model_error([predicted(3.0 * NOISE)]) == (ERROR_FACTOR * error, error)
 
 
+def test_a_drive_with_the_other_sign_has_finite_deviations_and_a_doubt() -> None:
+    """The error is twice the yaw rate. A slip bound of the linear range has none without a departure."""
+    wrong = predicted(10.0 * DEGREE)
+    assert model_error([wrong]) == (0.9, 0.9)
+    assert any("check signs and units" in text for text in doubts(identified(), REACHED, [wrong]))
+    found = identified()
+    linear = found.config.replace({"limits": {"grip_use_max": None}})
+    for config in (found.config, linear):
+        grown = with_model_error(found, 0.9).vehicle.covariance
+        for each in axle_forces(found.vehicle, grown, config, 0.9):
+            assert all(math.isfinite(value) and value > 0.0 for value in dataclasses.astuple(each))
+
+
 def test_deviations_grow_by_the_error_of_the_model() -> None:
     """An error of 3 % is one of about 3 % in the force, and so in each stiffness; without sideslip, in their level more."""
     found = identified()
