@@ -283,10 +283,11 @@ def rows_of(results: list[Found]) -> Iterator[Row]:
 
 
 def run(quick: bool, say: Callable[[str], None]) -> CountReport:
-    """Identify forty cars; `quick` takes one of each group, and no multi-body car."""
+    """Identify forty cars; `quick` takes one of the first and of the last group, and no multi-body car."""
     with Background() as background:
         groups = [
-            background.call(rolling_cars, kind, seed, 1 if quick else count, limit) for kind, seed, count, limit in GROUPS
+            background.call(rolling_cars, kind, seed, 1 if quick else count, limit)
+            for kind, seed, count, limit in GROUPS[:: len(GROUPS) - 1 if quick else 1]
         ]
         bodies = (
             [] if quick else [background.call(multi_body_car, number, limit) for number in PUBLISHED for limit in (True, False)]
