@@ -25,6 +25,7 @@ SLIP_FACTOR_MAX = 1.01
 FREE_RUN_FACTOR_MAX = 1.0
 """Largest error of the free run over that of one step. For a correct model it is 0.71: both are noise. At one, the error
 of the model is as large as the noise."""
+TINY = float(np.finfo(np.float64).tiny)
 TURNING, FREE_RUN_SHARE_MAX = 1.0 * DEGREE, 0.15
 """Yaw rate (rms, rad/s) from which a drive shows whether it is predicted, and the fraction of it that is too large an error:
 4 % for a multi-body car that rolls."""
@@ -78,20 +79,29 @@ def _beyond_the_drives(found: Identification, limits: Reached) -> Iterator[str]:
 
 
 def _predictions(validations: Sequence[Validation]) -> Iterator[str]:
-    """Yield each drive that the identified car does not predict as well as the noise allows."""
+    """Yield what the identified car does not predict as well as the noise allows: one line of each kind, of its worst drive."""
+    lost: list[tuple[float, str]] = []
+    wrong: list[tuple[float, str]] = []
+    coloured: list[tuple[float, str]] = []
     for each in validations:
         run = each.identified
         error, size = run.yaw_rate_error, run.yaw_rate_size
+        ratio = error / max(run.one_step_error, TINY)
         if error > FREE_RUN_SHARE_MAX * max(size, TURNING):
-            yield (
+            text = (
                 f"{each.name}: the free run of the identified car has an error of {error / DEGREE:.3g} deg/s, where "
                 f"{size / DEGREE:.3g} deg/s were measured; check signs and units of all signals"
             )
+            lost.append((error, text))
             continue
-        if error > FREE_RUN_FACTOR_MAX * run.one_step_error:
-            yield (
-                f"{each.name}: the free run has {error / run.one_step_error:.2g} times the error of one step, where 0.71 times "
-                "is noise: the model is wrong by more than that"
+        if ratio > FREE_RUN_FACTOR_MAX:
+            text = f"{each.name}: the free run has {ratio:.2g} times the error of one step, where 0.71 times is noise"
+            wrong.append((ratio, f"{text}: the model is wrong by more than that"))
+        if names := [name.replace("_", " ") for name, test in each.whiteness.items() if not test.is_white]:
+            coloured.append(
+                (ratio, f"{each.name}: the errors of {', '.join(names)} are no white noise: they are errors of the model")
             )
-        if coloured := [name.replace("_", " ") for name, test in each.whiteness.items() if not test.is_white]:
-            yield f"{each.name}: the errors of {', '.join(coloured)} are no white noise: they are errors of the model"
+    for found in (lost, wrong, coloured):
+        if found:
+            more = f" (and {len(found) - 1} more drives)" if len(found) > 1 else ""
+            yield f"{max(found)[1]}{more}"

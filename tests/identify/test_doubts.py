@@ -85,6 +85,14 @@ def test_a_prediction_with_an_error_of_the_model_is_in_doubt() -> None:
     assert found.endswith("check signs and units of all signals")
 
 
+def test_a_kind_of_doubt_about_many_drives_is_one_line_with_the_worst() -> None:
+    """A file has room for a hundred doubts."""
+    many = [dataclasses.replace(predicted(size * NOISE), name=f"drive {size:g}") for size in (2.0, 3.0, 2.5)]
+    first, second = doubts(identified(), REACHED, many)
+    assert first.startswith("drive 3: the free run has 2.2 times the error of one step")
+    assert first.endswith("(and 2 more drives)") and second.endswith("(and 2 more drives)")
+
+
 def test_doubts_are_written_and_an_acceptance_of_earlier_ones_is_removed() -> None:
     text = preset_text("recommended") + '\n[identified]\ndoubts = ["old"]\ndoubts_accepted = true # by me\n'
     for found in ((), ("one", 'a "second" one')):
