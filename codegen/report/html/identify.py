@@ -103,7 +103,8 @@ def _spread(identified: Config) -> Iterator[Block]:
     look = layout(xaxis=axis("Front angle (deg)"), yaxis=axis("Yaw rate (deg/s)", rangemode="tozero"))
     caption = (
         f"Yaw rate of the case {spread.case}. Lines: the identified car. Bands: {100.0 * COVERAGE:g} % of "
-        f"{spread.cars} cars drawn from the values, standard deviations and correlations above. A line ends where its car has "
+        f"{spread.cars} cars drawn from the values, standard deviations and correlations above, no key with less than "
+        f"±{identified.identified.interval_floor_percent:g} %. A line ends where its car has "
         "no feasible turn, a band where half of the cars have none. The line need not lie in the middle: a limit that one car "
         "meets first is another one for another car."
     )
@@ -209,7 +210,8 @@ def _curves(found: Identification, identified: Config, one: Reached) -> list[Cha
         look = layout(xaxis=axis("Slip angle (deg)"), yaxis=axis("Side force (kN)", rangemode="tozero"), shapes=shapes)
         caption = f"Side force of the {axle} axle at static load. The dashed line is the largest slip of the drives."
         if drawn:
-            caption += " The band has the curves of 95 % of the cars that the drives leave possible, at each slip."
+            caption += " The band has the curves of 95 % of the cars drawn from [identified], at each slip."
+            caption += f" No key varies less than ±{identified.identified.interval_floor_percent:g} %."
         charts.append(Chart(f"curve-{axle}", {"data": data, "layout": look}, caption, caption))
     return charts
 
