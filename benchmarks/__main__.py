@@ -56,8 +56,12 @@ ON_REQUEST = (
 OPTIONS = {
     "better": ("cars", "seed", "plant"),
     "law": ("cars", "seed", "plant", "only", "shown", "maps", "changes", "straight"),
+    "identify": ("plants",),
 }
 """Options of a benchmark; without them it has defaults of its own."""
+PLANTS = ("foreign",)
+"""Values of --plants. The results of each have a section of their own."""
+SECTIONS = tuple(each for name in NAMES for each in (name, *(f"{name}-{plants}" for plants in PLANTS if name == "identify")))
 STRAIGHT_MAX_S = 600.0
 
 READING = "Times: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side."
@@ -113,6 +117,9 @@ def main() -> int:
         "--straight", type=_seconds, metavar="S", help="drive straight ahead for so long before the drives of row 7"
     )
     law.add_argument("--set", dest="changes", action="append", metavar="KEY=VALUE", help="change a key of ars.toml in all cars")
+    parser.add_argument(
+        "--plants", choices=PLANTS, help="identify: only cars that the model does not describe, and the coverage of intervals"
+    )
     parser.add_argument("--write", type=_page, metavar="FILE", help="put what is measured into this page, too")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in NAMES]
@@ -145,7 +152,8 @@ def main() -> int:
         print(f"\n{report}", flush=True)
         measured += 1
         if options.write is not None:
-            results.update(options.write, {name: results.section(name, report.markdown(), described)}, tuple(NAMES), READING)
+            title = "-".join(filter(None, (name, given.get("plants"))))
+            results.update(options.write, {title: results.section(title, report.markdown(), described)}, SECTIONS, READING)
         missed += sum(not comparison.met for comparison in report.comparisons)
     print(f"\n{READING}")
     print(f"At the beginning: {described}")

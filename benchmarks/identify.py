@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks import identify_foreign
 from benchmarks.tables import CountReport, Row
 from codegen.identify.drive import Drive
 from codegen.identify.parameters import BY_NAME
@@ -115,8 +116,10 @@ def foreign_row(name: str, sideslip: bool) -> Row:
     return Row((title, *figures, f"{found.identified.yaw_rate_size / DEGREE:.2f}"), is_better)
 
 
-def run(quick: bool, say: Callable[[str], None]) -> CountReport:
-    """Identify forty cars; `quick` takes four, and only the first of the foreign cars."""
+def run(quick: bool, say: Callable[[str], None], plants: str | None = None) -> CountReport:
+    """Identify forty cars; `quick` takes four, and only the first of the foreign cars. `plants`: see `identify_foreign`."""
+    if plants is not None:
+        return identify_foreign.run(quick, say)
     count = QUICK_CARS if quick else CARS
     names = list(FOREIGN)[: 1 if quick else None]
     with Background() as background:

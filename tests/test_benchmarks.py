@@ -212,6 +212,8 @@ def test_steps_of_a_flick_follow_each_other() -> None:
         ("minimal-error --cars 2", "--cars is an option of better and law"),
         ("better --plant wet", "--plant"),
         ("law --plant wet", "--plant"),
+        ("identify --plants wet", "--plants"),
+        ("law --plants foreign", "--plants is an option of identify"),
         ("law --only 5,99", "--only"),
         ("law --only 1 --cars 0", "--cars"),
         ("law --cars -1", "--cars"),

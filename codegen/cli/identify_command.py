@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,10 +26,8 @@ from codegen.text_table import text_table
 
 if TYPE_CHECKING:
     from codegen.identify.drive_plan import DrivePlan
-    from codegen.identify.reached import Reached
+    from codegen.identify.outcome import Outcome
     from codegen.identify.reading import Reading
-    from codegen.identify.run import Identification
-    from codegen.identify.validation import Validation
 
 ACCELERATION_DEFAULT, DURATION_DEFAULT = 4.0, 180.0
 """Limits of --plan: m/s^2, the range in which the car is about linear; and s."""
@@ -177,30 +175,26 @@ def identify(
         return
 
     from codegen.identify.findings import refuse_contradictions
-    from codegen.identify.reached import reached
+    from codegen.identify.outcome import identify_and_predict
     from codegen.identify.result import identified_toml
-    from codegen.identify.run import identify as identify_car
     from codegen.identify.summary import to_dict
-    from codegen.identify.validation import validate, validate_fitted
 
     refuse_contradictions(reading.findings)
     drives, others = reading.drives[: len(logs)], reading.drives[len(logs) :]
     with within(", ".join(map(str, logs))), console.status("identifying"):
-        found = identify_car(config, drives)
-    limits = reached(found.vehicle, config)
+        outcome = identify_and_predict(config, drives, others)
     text = read_text(config_path, CONFIG_BYTES_MAX, "name an ars.toml", ConfigError)
-    written = identified_toml(found, text, config_path)
-    validations = [validate(found, drive) for drive in others] if others else validate_fitted(found, drives)
+    written = identified_toml(outcome.found, text, config_path, outcome.doubts)
     contents = {output: written.encode("utf-8")}
     if report_path is not None:
         with console.status("writing the report"):
-            contents[report_path] = _report(written, output, reading, found, limits, validations, bool(others))
+            contents[report_path] = _report(written, output, reading, outcome)
     write_together(contents)
     if as_json:
         files = {"output": str(output), "report": None if report_path is None else str(report_path)}
-        console.print_json({**reading_as_json(reading), **to_dict(found, limits, validations), **files})
+        console.print_json({**reading_as_json(reading), **to_dict(outcome), **files})
         return
-    _print_result(reading, found, limits, validations, is_held_out=bool(others))
+    _print_result(reading, outcome, output)
     console.say("", f"written: {output}", *([] if report_path is None else [f"report: {report_path}"]))
 
 
@@ -276,26 +270,26 @@ def _report(
     text: str,
     path: Path,
     reading: Reading,
-    found: Identification,
-    limits: Reached,
-    validations: Sequence[Validation],
-    is_held_out: bool,
+    outcome: Outcome,
 ) -> bytes:
     """Return the report of a written `text`, the content of `path`."""
     from codegen.configuration import parse
     from codegen.report.html.identify import data_section, identify_sections
     from codegen.report.html.page import render
 
-    sections = identify_sections(found, parse(tomllib.loads(text), path), limits, validations, is_held_out=is_held_out)
+    sections = identify_sections(outcome, parse(tomllib.loads(text), path))
     return render("Identification", [*sections, data_section(reading)])
 
 
-def _print_result(
-    reading: Reading, found: Identification, limits: Reached, validations: Sequence[Validation], *, is_held_out: bool
-) -> None:
+def _print_result(reading: Reading, outcome: Outcome, output: Path) -> None:
     from codegen.identify import summary
 
-    console.warn(*(str(finding) for finding in reading.findings), *summary.doubts(validations))
+    found, validations = outcome.found, outcome.validations
+    console.warn(*(str(finding) for finding in reading.findings), *(f"in doubt: {doubt}" for doubt in outcome.doubts))
+    if outcome.doubts:
+        console.note(
+            f"tune, solve --uncertain and sweep --from refuse {output.name} until it has identified.doubts_accepted = true"
+        )
     console.note(*found.notes)
     rows = summary.quantity_rows(found)
     console.say(text_table(summary.QUANTITY_HEADER[:-1], [row[:-1] for row in rows]))
@@ -303,10 +297,10 @@ def _print_result(
         console.say("", *(f"{name}: {note}" for name, note in missing))
     if together := [direction.text for direction in found.directions if len(direction.components) > 1]:
         console.say("", "not told apart by these drives:", *(f"  {text}" for text in together))
-    console.say("", *summary.reached_lines(found, limits), "")
+    console.say("", *summary.reached_lines(outcome), "")
     console.say(text_table(summary.VALIDATION_HEADER, summary.validation_rows(validations), left=2))
     console.say(summary.whiteness_line(validations))
-    if not is_held_out:
+    if not outcome.is_held_out:
         console.note("no drive was held out; the errors are those of the drives that were fitted")
 
 

@@ -10,7 +10,9 @@ from pydantic import Field, model_validator
 from codegen.configuration.section import Meaning, Range, Section
 
 IDENTIFIED_MAX = 100
-"""Largest number of identified keys."""
+"""Largest number of identified keys, and of doubts."""
+INTERVAL_FLOOR_PERCENT = 5.0
+"""Default of the least half-width of a 95 % interval. Cars of one series differ by as much, and so do tyres with their age."""
 SYMMETRY = 1e-9
 """Largest difference between both halves of the correlation matrix, and of its diagonal from one."""
 
@@ -39,6 +41,26 @@ class Identified(Section):
     rear_grip_reached: Annotated[float, Range(0.05, 1.0), Meaning("the same of the rear axle")] = Field(
         default=1.0, exclude_if=lambda share: share == 1.0
     )
+
+    interval_floor_percent: Annotated[
+        float,
+        Range(0.0, 100.0, "%"),
+        Meaning("least half-width of a key's 95 % interval, of its value, in families of cars that come from this table"),
+    ] = Field(default=INTERVAL_FLOOR_PERCENT, exclude_if=lambda floor: floor == INTERVAL_FLOOR_PERCENT)
+    doubts: Annotated[
+        list[str], Meaning("reasons for which these values and deviations may be wrong, as `codegen identify` found them")
+    ] = Field(default_factory=list, max_length=IDENTIFIED_MAX, exclude_if=lambda doubts: not doubts)
+    doubts_accepted: Annotated[
+        bool,
+        Meaning(
+            "use the deviations in spite of `doubts`; without it, `codegen tune`, `solve --uncertain` and `sweep --from` refuse"
+        ),
+    ] = Field(default=False, exclude_if=lambda accepted: not accepted)
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether there are doubts that nobody accepted."""
+        return bool(self.doubts) and not self.doubts_accepted
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -82,7 +82,9 @@ MEASURABLE = {
 
 
 def measured_keys(config: Config) -> tuple[str, ...]:
-    """Return the keys of `[identified]` that give deviations of the family."""
+    """Return the keys of `[identified]` that give deviations of the family: none if they are in doubt."""
+    if config.identified.is_doubtful:
+        return ()
     return tuple(key for key in varying_keys(config) if key in MEASURABLE)
 
 

@@ -11,5 +11,5 @@ Each quantity has a weak prior around its configured value, whose spread also sc
 coloured residuals, and for the quantities that are not determined, which were free in the fit.
 
 Layers, lowest first: the reading of logs (`reading`, `names`, `quantities` and below), drive, parameters, model, simulate,
-shooting, start, estimate, identifiability, run, validation, result, summary.
+shooting, start, estimate, identifiability, run, validation, model_error, doubts, outcome, result, summary.
 """

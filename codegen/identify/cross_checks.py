@@ -55,6 +55,9 @@ ON_STRAIGHT = ("steering_wheel_angle", "delta_f", "delta_r")
 
 TURNING_M_S2 = 0.5
 """Standard deviation of the lateral acceleration from which signs and units can be compared."""
+SLOW_S = 1.0
+"""Time in s over which means of signals are compared. A car follows a sine of 2 Hz late, and turns less than it moves sideways:
+that contradicts no sign and no unit."""
 SLOPE_LOW, SLOPE_HIGH = 0.6, 1.7
 """Range of the ratio of lateral acceleration to speed times yaw rate. Roll adds some 10 %; transients and banked roads more."""
 SLOPE_FACTOR_MAX, AGREEMENT = 3.0, 0.8
@@ -229,8 +232,9 @@ def _signs(drive: Drive) -> Iterator[Finding]:
     turning = speed * yaw_rate
     lateral = drive.signals.get("lateral_acceleration")
     if lateral is not None:
-        both = np.isfinite(turning) & np.isfinite(lateral) & (np.abs(speed) > MOVING_M_S)
-        x, y = _centred(turning[both]), _centred(lateral[both])
+        turning, slowly = _slow(drive, turning), _slow(drive, lateral)
+        both = np.isfinite(turning) & np.isfinite(slowly) & (np.abs(speed) > MOVING_M_S)
+        x, y = _centred(turning[both]), _centred(slowly[both])
         if x.size and max(np.std(x), np.std(y)) > TURNING_M_S2 and np.std(x) > 0.0:
             slope = float(x @ y / (x @ x))
             if not SLOPE_LOW <= slope <= SLOPE_HIGH:
@@ -240,16 +244,28 @@ def _signs(drive: Drive) -> Iterator[Finding]:
                 text = f"it is {slope:.3g} times vx * yaw_rate, where about 1 is normal; check sign and unit of all three"
                 yield Finding(drive.name, "lateral_acceleration", CONTRADICTION if is_gross and is_clear else SIGN, text)
     for key in ("steering_wheel_angle", "delta_f"):
-        if key in drive.signals and _correlation(drive.signals[key], yaw_rate, speed > MOVING_M_S) < -CORRELATION:
+        if key in drive.signals and _correlation(drive, drive.signals[key], yaw_rate, speed > MOVING_M_S) < -CORRELATION:
             yield Finding(drive.name, key, SIGN, "the car turns against it; check the signs of it and of yaw_rate")
     for key, cause in PAIRS:
         moved, by = drive.signals.get(key), drive.signals.get(cause)
-        if moved is not None and by is not None and _correlation(moved, by, np.isfinite(speed)) < -CORRELATION:
+        if moved is not None and by is not None and _correlation(drive, moved, by, np.isfinite(speed)) < -CORRELATION:
             yield Finding(drive.name, key, SIGN, f"it moves against {cause}; check the signs of both")
 
 
-def _correlation(first: FloatArray, second: FloatArray, used: BoolArray) -> float:
-    """Return the correlation of two signals where both are known; zero if one is constant."""
+def _slow(drive: Drive, values: FloatArray) -> FloatArray:
+    """Return the mean of a signal (n,) over SLOW_S around each sample; NaN where half of that is unknown."""
+    count = min(2 * (_count(drive, SLOW_S) // 2) + 1, values.size)
+    known = np.isfinite(values)
+    window = np.ones(count)
+    number = np.convolve(known, window, "same")
+    total = np.convolve(np.where(known, values, 0.0), window, "same")
+    result: FloatArray = np.where(number >= 0.5 * count, total / np.maximum(number, 1.0), np.nan)
+    return result
+
+
+def _correlation(drive: Drive, first: FloatArray, second: FloatArray, used: BoolArray) -> float:
+    """Return the correlation of the slow parts of two signals where both are known; zero if one is constant."""
+    first, second = _slow(drive, first), _slow(drive, second)
     both = np.isfinite(first) & np.isfinite(second) & used
     x, y = _centred(first[both]), _centred(second[both])
     size = float(np.sqrt((x @ x) * (y @ y)))

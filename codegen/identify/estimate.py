@@ -348,6 +348,20 @@ def curvature(fitted: Fit, chosen: BoolArray) -> FloatArray:
     return result
 
 
+def information_of_outputs(fitted: Fit) -> tuple[FloatArray, FloatArray]:
+    """Return the curvature (outputs, f, f) of the data's cost by each output, in z of the free parameters, and the sum
+    (outputs,) of the squared measured outputs, without their means, over the squared noise."""
+    problem = fitted.problem
+    solver = _Solver(problem, fitted.free, fitted.values)
+    z = problem.prior.scaled(fitted.values)[fitted.free]
+    _, by_z, _ = solver.rows(solver.point(z, fitted.starts, fitted.noise), fitted.noise)
+    known = solver.known
+    noise = np.repeat(fitted.noise, np.diff(problem.segments.offsets), axis=0)
+    mean = np.where(known, problem.measured, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    size = np.where(known, (problem.measured - mean) / noise, 0.0)
+    return np.einsum("bof,bog->ofg", by_z, by_z), np.asarray((size**2).sum(axis=0), dtype=np.float64)
+
+
 def _first(solver: _Solver, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return z, initial states and noise from a bad start.
 

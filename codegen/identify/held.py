@@ -14,10 +14,8 @@ from codegen.arrays import BoolArray
 from codegen.configuration import Config
 from codegen.identify.estimate import Fit, curvature
 from codegen.identify.identifiability import Identifiability
-from codegen.identify.model import AXLES
-from codegen.identify.parameters import BY_NAME, CURVES
-from codegen.identify.reached import reached
-from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
+from codegen.identify.parameters import CURVES
+from codegen.identify.reached import reached, tyres_of
 
 
 def undetermined_curves(fitted: Fit, judged: Identifiability, config: Config) -> list[str]:
@@ -29,7 +27,7 @@ def undetermined_curves(fitted: Fit, judged: Identifiability, config: Config) ->
     names, values = fitted.problem.prior.names, fitted.named()
     departure = config.limits.slip_departure_percent / 100.0
     held: list[str] = []
-    for axle, curve, load, slip in zip(AXLES, CURVES, static_wheel_loads(config), reached(fitted, config).slip, strict=True):
+    for curve, tyre, slip in zip(CURVES, tyres_of(config, values), reached(fitted, config).slip, strict=True):
         peak, shape, curvature, sensitivity = curve
         free = {name for name in curve if fitted.free[names.index(name)]}
         if peak not in free or judged.is_identified[names.index(peak)]:
@@ -37,9 +35,7 @@ def undetermined_curves(fitted: Fit, judged: Identifiability, config: Config) ->
         if others := {shape, sensitivity} & free or {curvature} & free:
             held += sorted(others)
             continue
-        keys = {BY_NAME[name].key.rpartition(".")[2]: values[name] for name in (f"{axle}_stiffness", *curve)}
-        tyre = getattr(config.tyre, axle).model_copy(update={**keys, "stiffness_factor_b_per_rad": None})
-        if MagicFormulaTyre.from_config(tyre, load, config.road.friction).departure(slip) < departure:
+        if tyre.departure(slip) < departure:
             held.append(peak)
     return held
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Sequence
 from typing import Any
 
 import tomlkit
@@ -11,19 +12,15 @@ import tomlkit
 from codegen.configuration import Config, parse
 from codegen.errors import ConfigError
 from codegen.identify.model import AXLES
-from codegen.identify.parameters import BY_NAME, CURVES
-from codegen.identify.reached import reached
+from codegen.identify.reached import known_share, reached
 from codegen.identify.run import Identification
 from codegen.importing.source import ImportFault
 from codegen.importing.toml_edit import replace_values, whole
-from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
 REMARK = "codegen identify wrote into this table."
 DIGITS = 7
-PEAK_REACHED = 0.99
-"""Share of an axle's largest lateral force from which that force counts as reached."""
-GRIP_REACHED_MIN, GRIP_DIGITS = 0.05, 3
-"""Smallest written share, and its digits."""
+GRIP_DIGITS = 3
+"""Digits of a share of the grip."""
 _RENAMED = {"stiffness_factor_b_per_rad": "cornering_stiffness_n_per_rad"}
 
 
@@ -51,12 +48,13 @@ def _rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
 
 
-def identified_toml(found: Identification, text: str, where: object) -> str:
+def identified_toml(found: Identification, text: str, where: object, doubts: Sequence[str] = ()) -> str:
     """Return an ars.toml with the identified values.
 
     Args:
         text: the given ars.toml, whose comments stay.
         where: location for messages.
+        doubts: reasons for which values and deviations may be wrong. A key that accepted earlier ones is removed.
 
     Raises:
         ConfigError: the identified values contradict other values of the file.
@@ -80,8 +78,10 @@ def identified_toml(found: Identification, text: str, where: object) -> str:
         "correlations": matrix,
     }
     for axle, share in grip_reached(found).items():
-        is_limit = f"tyre.{axle}" in tables and share < PEAK_REACHED
-        tables["identified"][f"{axle}_grip_reached"] = round(max(share, GRIP_REACHED_MIN), GRIP_DIGITS) if is_limit else None
+        known = known_share(share)
+        is_limit = f"tyre.{axle}" in tables and known < 1.0
+        tables["identified"][f"{axle}_grip_reached"] = round(known, GRIP_DIGITS) if is_limit else None
+    tables["identified"] |= {"doubts": [*doubts] or None, "doubts_accepted": None}
     try:
         for table, values in {**tables, "identified": _rows(tables["identified"])}.items():
             text = replace_values(text, table, values, _RENAMED if table.startswith("tyre.") else {}, REMARK)
@@ -93,14 +93,7 @@ def identified_toml(found: Identification, text: str, where: object) -> str:
 
 def grip_reached(found: Identification) -> dict[str, float]:
     """Return for each axle the largest lateral force of the drives, over the peak of its identified tyres."""
-    config, shares = found.config, {}
-    for axle, curve, load, slip in zip(
-        AXLES, CURVES, static_wheel_loads(config), reached(found.vehicle, config).slip, strict=True
-    ):
-        values = {BY_NAME[name].key.rpartition(".")[2]: found.quantities[name].value for name in (f"{axle}_stiffness", *curve)}
-        tyre = getattr(config.tyre, axle).model_copy(update={**values, "stiffness_factor_b_per_rad": None})
-        shares[axle] = MagicFormulaTyre.from_config(tyre, load, config.road.friction).use_at_slip(slip)
-    return shares
+    return dict(zip(AXLES, reached(found.vehicle, found.config).share, strict=True))
 
 
 def _rows(values: dict[str, Any]) -> dict[str, Any]:

@@ -137,7 +137,7 @@ def identify(config: Config, drives: Sequence[Drive]) -> Identification:
     for name, low, high in zip(samples.names, samples.begin[:-1], samples.begin[1:], strict=True):
         if not ((used >= low) & (used < high)).any():
             notes.append(f"{name} is not used for the car: it has no second with speed, yaw rate, front and rear angle")
-    names, correlation = _correlation(found, (vehicle, *(() if actuator is None else (actuator,))))
+    names, correlation = correlation_of(found, (vehicle, *(() if actuator is None else (actuator,))))
     ordered = {parameter.name: found[parameter.name] for parameter in PARAMETERS}
     identified = [{each.parameter.title} for each in found.values() if each.is_identified]
     left = {frozenset(each.components): each for each in reversed(directions) if each.components.keys() not in identified}
@@ -333,7 +333,7 @@ def _same(first: Problem, second: Problem) -> bool:
     return first.substeps <= second.substeps and bool((first.constants == second.constants).all())
 
 
-def _correlation(found: dict[str, Quantity], fits: Sequence[Fit]) -> tuple[tuple[str, ...], FloatArray]:
+def correlation_of(found: dict[str, Quantity], fits: Sequence[Fit]) -> tuple[tuple[str, ...], FloatArray]:
     """Return names and correlation of the uncertain quantities; zero between quantities of different fits."""
     names = tuple(parameter.name for parameter in PARAMETERS if found[parameter.name].is_uncertain)
     result = np.eye(len(names))

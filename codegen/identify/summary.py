@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from codegen.identify.model import AXLES
+from codegen.identify.outcome import Outcome
 from codegen.identify.parameters import Parameter
-from codegen.identify.reached import Reached
 from codegen.identify.reading import Reading
 from codegen.identify.result import understeer_gradient
 from codegen.identify.run import Identification, Quantity
@@ -16,10 +17,6 @@ from codegen.units import DEGREE, KM_H
 
 CONFIDENCE = 1.96
 """Half of the width of a 95 % interval in standard deviations."""
-
-TURNING, DOUBT = 1.0 * DEGREE, 0.15
-"""Yaw rate (rms, rad/s) from which a drive shows whether it is predicted, and the fraction of it that is too large an error:
-4 % for a multi-body car that rolls."""
 
 ROUNDING = 1e-9
 """Largest rounding error, as a fraction of a quantity's spread before the drives."""
@@ -103,14 +100,19 @@ def quantity_rows(found: Identification) -> list[tuple[str, ...]]:
     return [*(quantity_row(each) for each in found.quantities.values()), gradient]
 
 
-def reached_lines(found: Identification, one: Reached) -> list[str]:
-    """Return what the drives reached, as sentences."""
+def reached_lines(outcome: Outcome) -> list[str]:
+    """Return what the drives reached, as sentences, with 95 % intervals of the forces and of the slips at which a map ends."""
+    found, one = outcome.found, outcome.reached
     speeds = " to ".join(dict.fromkeys(f"{each / KM_H:.0f}" for each in one.speed))
     lines = [f"The drives cover {speeds} km/h and a lateral acceleration up to {one.lateral_acceleration:.1f} m/s^2."]
-    for axle, slip, friction in zip(("front", "rear"), one.slip, one.friction, strict=True):
+    for axle, slip, friction, force in zip(AXLES, one.slip, one.friction, outcome.forces, strict=True):
         is_identified = found.quantities[f"{axle}_peak"].is_identified
         held = "the identified curve holds up to there" if is_identified else "D, C and E are as configured"
         lines.append(f"The {axle} tyres reached {slip / DEGREE:.1f} deg of slip and a friction of {friction:.2f}; {held}.")
+        largest = f"{1e-3 * force.force:.2f} ± {1e-3 * CONFIDENCE * force.force_deviation:.2f} kN"
+        limit = f"{force.slip_limit / DEGREE:.1f} ± {CONFIDENCE * force.slip_limit_deviation / DEGREE:.1f} deg"
+        end = f"; a map ends at a slip of {limit}" if math.isfinite(force.slip_limit) else ""
+        lines.append(f"The largest force of the {axle} axle was {largest}{end}.")
     return lines
 
 
@@ -123,16 +125,6 @@ def validation_rows(validations: Sequence[Validation]) -> list[tuple[str, ...]]:
             acceleration = f"{run.acceleration_error:.3f}" if math.isfinite(run.acceleration_error) else "-"
             rows.append((each.name, name, *(f"{value / DEGREE:.3f}" for value in angles), acceleration))
     return rows
-
-
-def doubts(validations: Sequence[Validation]) -> list[str]:
-    """Return a line for each drive that the identified car does not predict."""
-    return [
-        f"{each.name}: the free run of the identified car has an error of {each.identified.yaw_rate_error / DEGREE:.3g} deg/s, "
-        f"where {each.identified.yaw_rate_size / DEGREE:.3g} deg/s were measured; check signs and units of all signals"
-        for each in validations
-        if each.identified.yaw_rate_error > DOUBT * max(each.identified.yaw_rate_size, TURNING)
-    ]
 
 
 def whiteness_rows(validation: Validation) -> list[tuple[str, ...]]:
@@ -158,12 +150,13 @@ def whiteness_line(validations: Sequence[Validation]) -> str:
     return f"errors that may be white noise (Ljung-Box): {', '.join(counts)}"
 
 
-def to_dict(found: Identification, one: Reached, validations: Sequence[Validation]) -> dict[str, Any]:
+def to_dict(outcome: Outcome) -> dict[str, Any]:
     """Return all figures as JSON values, in the units that the names state; SI where there is none."""
 
     def finite(value: float) -> float | None:
         return value if math.isfinite(value) else None
 
+    found, one, forces, validations = outcome.found, outcome.reached, outcome.forces, outcome.validations
     gradient = understeer_gradient(found)
     return {
         "quantities": {
@@ -184,6 +177,11 @@ def to_dict(found: Identification, one: Reached, validations: Sequence[Validatio
             "lateral_acceleration_m_s2": one.lateral_acceleration,
             "slip_rad": list(one.slip),
             "friction": list(one.friction),
+            "share_of_peak": list(one.share),
+            "force_n": [each.force for each in forces],
+            "force_standard_deviation_n": [each.force_deviation for each in forces],
+            "slip_limit_rad": [finite(each.slip_limit) for each in forces],
+            "slip_limit_standard_deviation_rad": [finite(each.slip_limit_deviation) for each in forces],
         },
         "validation": [
             {
@@ -201,5 +199,7 @@ def to_dict(found: Identification, one: Reached, validations: Sequence[Validatio
             }
             for each in validations
         ],
-        "notes": [*found.notes, *doubts(validations)],
+        "model_error": outcome.model_error,
+        "doubts": list(outcome.doubts),
+        "notes": list(found.notes),
     }

@@ -22,6 +22,8 @@ BEGIN_S = 1.0
 """Time in s from the start of a run that is not compared: its initial lateral speed is a guess, which a car soon forgets."""
 LAGS_S = 0.2
 """Lags of the whiteness test in s."""
+MOVED_MIN = 3.0
+"""Least size of an output in a drive, as a multiple of its noise, with which the drive shows an error of the model."""
 WHITE_P_MIN = 0.01
 """Residuals count as white where chance exceeds their correlation with at least this probability."""
 
@@ -140,6 +142,30 @@ def whiteness(residuals: FloatArray, step: float) -> Whiteness:
     correlation = np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
     statistic = count * (count + 2.0) * float((correlation**2 / (count - np.arange(1, lags + 1))).sum())
     return Whiteness(float(correlation[0]), statistic, lags, float(chi2.sf(statistic, lags)))
+
+
+def model_errors(validations: Sequence[Validation]) -> FloatArray:
+    """Return the error of the model in each output (outputs,) of predicted drives, root mean square over that of the output.
+
+    The error of the free run has the noise of the sensors, too. Its change from sample to sample, over the root of two, is that
+    noise. Errors that are white are noise alone. NaN: not measured, or hardly moved.
+    """
+    excess, moved = np.zeros(len(OUTPUTS)), np.zeros(len(OUTPUTS))
+    for each in validations:
+        run = each.identified
+        errors = run.measured - run.simulated
+        for k, name in enumerate(OUTPUTS):
+            if name not in each.whiteness:
+                continue
+            noise = 0.5 * float(np.nanmean(np.diff(errors[:, k]) ** 2))
+            count, size = int(np.isfinite(errors[:, k]).sum()), float(np.nanvar(run.measured[:, k]))
+            if size < MOVED_MIN**2 * noise:
+                continue
+            moved[k] += count * size
+            if not each.whiteness[name].is_white:
+                excess[k] += count * max(float(np.nanmean(errors[:, k] ** 2)) - noise, 0.0)
+    known = moved > 0.0
+    return np.where(known, np.sqrt(excess / np.where(known, moved, 1.0)), math.nan)
 
 
 def validate_fitted(found: Identification, drives: Sequence[Drive]) -> list[Validation]:

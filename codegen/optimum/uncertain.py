@@ -27,7 +27,7 @@ from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.optimum.turns import turns_of
-from codegen.vehicle.population import draw
+from codegen.vehicle.population import draw, require_accepted
 
 OPTION = "--uncertain"
 CONFIDENCE = 0.95
@@ -142,7 +142,8 @@ def solve_uncertain(config: Config, case: str, share: float, progress: Progress 
         progress: called with (cars done, about how many in all).
 
     Raises:
-        ConfigError: the share is impossible, the case has no rear steering; see also `solve_case` and `draw`.
+        ConfigError: the share is impossible, the case has no rear steering, the identification of the car is in doubt; see also
+            `solve_case` and `draw`.
         MapError: no limits that a map can have are enough; see also `solve_case`.
     """
     if not SHARE_MIN <= share <= SHARE_MAX:
@@ -151,6 +152,7 @@ def solve_uncertain(config: Config, case: str, share: float, progress: Progress 
     if not config.case(case).rear_steering:
         what = "without rear steering no car can follow the map of another one"
         raise ConfigError(what, where=f"{OPTION}: [cases.{case}]", remedy="choose a case with rear_steering = true")
+    require_accepted(config)
     whole, count = config.with_whole_limits.with_case(case), car_count(share)
     cars, allowed = draw(whole, count, SEED), lost_allowed(share, count)
     counted = _counter(progress, 3 * (FIRST_CARS + count))  # about three rounds each

@@ -24,6 +24,9 @@ COMPLIANCE_RATIO = (0.9, 2.7)
 """Range of the front axle's compliance over that of the rear axle. One axle with twice its stiffness leaves it."""
 OF_AN_AXLE = "is it the stiffness of the whole axle? Then halve it"
 OF_HALF_A_TYRE = "is it in N/deg, or half of a tyre's?"
+EXCHANGED = (
+    "are vehicle.cg_to_front_axle_m and cg_to_rear_axle_m exchanged? With the one for the other, both axles are plausible"
+)
 NEUTRAL_DEG_PER_G = 0.05
 """Largest magnitude of the understeer gradient of a neutral car. Its characteristic or critical speed is above 600 km/h."""
 TUNED_LAG_FACTOR = 1.5
@@ -81,7 +84,14 @@ def _beyond(value: float, limits: tuple[float, float]) -> str:
 
 def car_warnings(config: Config) -> tuple[str, ...]:
     """Return a warning for each implausible value and for each pair of keys that contradict each other."""
-    return (*_vehicle(config), *_tyres(config), *_actuator(config), *_plant(config), *_controller(config))
+    return (*_identified(config), *_vehicle(config), *_tyres(config), *_actuator(config), *_plant(config), *_controller(config))
+
+
+def _identified(config: Config) -> Iterator[str]:
+    """Yield each doubt about the identification that nobody accepted."""
+    if config.identified.is_doubtful:
+        for doubt in config.identified.doubts:
+            yield f"[identified] is in doubt: {doubt}; its deviations count only with identified.doubts_accepted = true"
 
 
 def _vehicle(config: Config) -> Iterator[str]:
@@ -111,23 +121,37 @@ def _tyres(config: Config) -> Iterator[str]:
         "rear": (degrees_per_g * car.rear_slip_per_lateral_acceleration, car.rear_stiffness),
     }
     low, high = CORNERING_COMPLIANCE_DEG_PER_G
+    arms = config.vehicle.cg_to_front_axle_m / config.vehicle.cg_to_rear_axle_m
+    front, rear = (compliance for compliance, _ in compliances.values())
+    is_exchanged = _are_plausible(front * arms, rear / arms)
     plausible = True
     for axle, (compliance, stiffness) in compliances.items():
         if low <= compliance <= high:
             continue
         plausible = False
+        cause = _cause(OF_AN_AXLE if compliance < low else OF_HALF_A_TYRE, is_exchanged)
         yield (
             f"tyre.{axle}: {0.5 * stiffness:.0f} N/rad for one tyre gives {_beyond(compliance, (low, high))} deg of slip for "
-            f"each g; cars have {low:g} to {high:g}: {OF_AN_AXLE if compliance < low else OF_HALF_A_TYRE}"
+            f"each g; cars have {low:g} to {high:g}: {cause}"
         )
-    front, rear = (compliance for compliance, _ in compliances.values())
     ratio, (low, high) = front / rear, COMPLIANCE_RATIO
     if plausible and not low <= ratio <= high:
         yield (
             f"tyre.{'front' if ratio < low else 'rear'}: the slip for each g at the front axle is "
             f"{_beyond(ratio, (low, high))} times that at the rear axle ({front:.1f} and {rear:.1f} deg); "
-            f"cars have {low:g} to {high:g} times: {OF_AN_AXLE}"
+            f"cars have {low:g} to {high:g} times: {_cause(OF_AN_AXLE, is_exchanged)}"
         )
+
+
+def _are_plausible(front: float, rear: float) -> bool:
+    """Return whether the compliances of both axles in deg/g, and their ratio, are plausible."""
+    low, high = CORNERING_COMPLIANCE_DEG_PER_G
+    return all(low <= each <= high for each in (front, rear)) and COMPLIANCE_RATIO[0] <= front / rear <= COMPLIANCE_RATIO[1]
+
+
+def _cause(own: str, is_exchanged: bool) -> str:
+    """Return the probable causes of an implausible stiffness: its `own` one, and exchanged distances if they explain it too."""
+    return f"{own}; or {EXCHANGED}" if is_exchanged else own
 
 
 def is_limit_beyond_actuator(config: Config) -> bool:

@@ -28,7 +28,7 @@ from codegen.sweep.spec import FACTORS, Spec
 from codegen.sweep.versions import sources_digest
 from codegen.tuning.tune import tune
 from codegen.vehicle.plant_car import plant_parameters
-from codegen.vehicle.population import Population, changed_car, require_identified
+from codegen.vehicle.population import Population, changed_car, require_accepted, require_identified
 
 SPEC: dict[str, Any] = {"samples": 1000, "seed": 1, "scenarios": ["step-steer", "sine-with-dwell"]}
 """Campaign without a `sweep.toml`."""
@@ -80,6 +80,7 @@ def load(path: Path) -> MeasuredCar:
     config = configuration.load(path)
     with within(path):
         require_identified(config)
+        require_accepted(config)
         varied = [key for key in config.identified.keys if _can_vary(config, key)]
         if not varied:
             raise ConfigError(

@@ -33,6 +33,7 @@ from codegen.sil.batch import NOISES, BatchSoftware, Lanes
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.tuning.transient import Response, compile_controller, family_of, tune_response, unit_step, with_response
 from codegen.units import KM_H
+from codegen.vehicle.population import require_accepted
 
 Driver = Callable[[FloatArray], FloatArray]
 """Fraction of the front angle as a function of the time since the driver acts, in s, >= 0."""
@@ -273,10 +274,11 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
         where: the place that an error names.
 
     Raises:
-        ConfigError: no gains meet the demands, see `design`.
+        ConfigError: no gains meet the demands, see `design`; the identification of the car is in doubt.
         BuildError: no C compiler.
         MapError: see `model_excess`.
     """
+    require_accepted(config)
     made = design(config, progress)
     config = with_tracking(config, {"schedule": made.schedule}, where)
     if not reference_map.solved:

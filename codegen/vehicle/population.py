@@ -26,6 +26,8 @@ COVERAGE = 0.95
 """Share of the drawn cars inside a band."""
 BAND = (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE))
 """Quantiles at the ends of a band."""
+INTERVAL_DEVIATIONS = 1.96
+"""Half of the width of a 95 % interval in standard deviations."""
 SLOPE_STEP = 1e-3
 """Step, in standard deviations, of the derivatives of a slip bound."""
 SHRINKAGE_STEPS = 20
@@ -69,9 +71,10 @@ class Population:
                 where="identified.correlations",
                 remedy="take the table as `codegen identify` wrote it",
             )
-        deviations = np.array(identified.standard_deviations)[places]
-        root = deviations[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
         mean = np.array([config.value(key) for key in chosen])
+        floor = identified.interval_floor_percent / 100.0 / INTERVAL_DEVIATIONS
+        deviations = np.maximum(np.array(identified.standard_deviations)[places], floor * np.abs(mean))
+        root = deviations[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
         bounded = {}
         for place, axle in _drawable_bounds(config, chosen):
             slopes = np.zeros(len(chosen))
@@ -190,6 +193,18 @@ def require_identified(config: Config) -> None:
             where="identified.keys",
             remedy="take the file that `codegen identify` wrote from drives that determine some of them",
         )
+
+
+def require_accepted(config: Config) -> None:
+    """Raise ConfigError if the deviations of `[identified]` are doubtful, and its key does not accept that."""
+    if not config.identified.is_doubtful:
+        return
+    doubts = config.identified.doubts
+    raise ConfigError(
+        f"the identification is in doubt: {'; '.join(doubts)}",
+        where="identified.doubts",
+        remedy="drive what is missing and identify again, or set identified.doubts_accepted = true to use its deviations",
+    )
 
 
 STEPS = (1.0, -1.0, 1e-3, -1e-3)

@@ -27,7 +27,7 @@ CORRELATIONS = [[1.0, 0.8, 0.5], [0.8, 1.0, 0.6], [0.5, 0.6, 1.0]]
 
 
 def measured(keys: list[str], deviations: list[float], correlations: list[list[float]], **tuning: Any) -> Config:
-    table = {"keys": keys, "standard_deviations": deviations, "correlations": correlations}
+    table = {"keys": keys, "standard_deviations": deviations, "correlations": correlations, "interval_floor_percent": 0.0}
     return small_config({"identified": table}, **tuning)
 
 
@@ -81,6 +81,7 @@ def test_a_linear_figure_of_99_5_percent_of_the_cars_is_no_worse_than_the_worst_
                 "keys": keys,
                 "standard_deviations": deviations.tolist(),
                 "correlations": correlations.tolist(),
+                "interval_floor_percent": 0.0,
             },
         }
     )
@@ -128,6 +129,7 @@ def test_a_measured_lag_and_relaxation_replace_their_lists() -> None:
         "keys": [LAG, RELAXATION, "tyre.front.peak_factor_p1"],
         "standard_deviations": [0.002, 0.02, 0.05],
         "correlations": np.eye(3).tolist(),
+        "interval_floor_percent": 0.0,
     }
     config = small_config({"identified": table, "plant": {"relaxation_length_m": 0.4}}, actuator_lag_s=[0.02, 0.1])
     assert measured_keys(config) == (LAG, RELAXATION)  # the gains do not depend on D
@@ -137,6 +139,16 @@ def test_a_measured_lag_and_relaxation_replace_their_lists() -> None:
     for found, mean, deviation in ((lags, 0.05, 0.002), (lengths, 0.4, 0.02)):
         steps = (-1.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5), 1.0)
         assert found == {round(mean + step * radius * deviation, 9) for step in steps}
+
+
+def test_a_family_in_doubt_is_that_of_tuning_until_it_is_accepted() -> None:
+    config = car()
+    for accepted in (False, True):
+        known = config.identified.model_copy(update={"doubts": ["a doubt"], "doubts_accepted": accepted})
+        doubted = config.model_copy(update={"identified": known})
+        assert bool(measured_keys(doubted)) == accepted
+        assert bool(origin(doubted)) == accepted
+        assert members(doubted) == members(config if accepted else small_config(relaxation_length_m=[0.0]))
 
 
 def test_a_family_without_gains_names_the_remedy() -> None:

@@ -179,6 +179,18 @@ def drive(
     errors = Errors() if errors is None else errors
     rows = profile(parts)
     true = np.array(list(_true(config, rows, Plant(config) if plant is None else plant, errors.command_delay)))
+    return measure(config, rows, true, seed, errors, name=name, signals=signals)
+
+
+def measure(
+    config: Config, rows: FloatArray, true: FloatArray, seed: int, errors: Errors, *, name: str, signals: Iterable[str]
+) -> Drive:
+    """Return what the sensors of a car measure; see `drive`.
+
+    Args:
+        rows: what is driven, see `profile`.
+        true: (n, 6) speed, front angle, yaw rate, rear angle, lateral acceleration and sideslip on the same grid.
+    """
     columns = dict(zip(("vx", "delta_f", "yaw_rate", "delta_r", "lateral_acceleration", "sideslip"), true.T, strict=True))
     rng = np.random.default_rng((seed, 1))
     per = round(PERIOD / STEP)

@@ -64,7 +64,8 @@ def test_a_curve_that_was_not_driven_beyond_its_slip_bound_spreads_as_was_assume
 
 def in_band(true: Config, known: Config, found: Identification, axle: str) -> BoolArray:
     """Return whether the true side force is in the band of drawn cars, at POINTS slips up to the one that was reached."""
-    identified = parse(tomllib.loads(identified_toml(found, whole(known, "a test"), "test")), "test")
+    written = parse(tomllib.loads(identified_toml(found, whole(known, "a test"), "test")), "test")
+    identified = written.replace({"identified": {"interval_floor_percent": 0.0}})
     slips = np.linspace(0.0, reached(found.vehicle, known).slip[AXLES.index(axle)], POINTS + 1)[1:]
     forces = [getattr(AxleTyres.from_config(car), axle).force(slips) for car in (true, *draw(identified, 400, 1))]
     low, high = np.quantile(forces[1:], BAND, axis=0)

@@ -71,6 +71,10 @@ def test_a_configuration_a_report_and_facts_are_written(run: Run, files: Path) -
     assert "tyre.front.peak_factor_p1" in written.identified.keys
     (validation,) = told["validation"]
     assert validation["drive"] == "two"
+    # The doubts are the same in the answer, in the file and in the report.
+    assert told["doubts"] and written.identified.doubts == told["doubts"]
+    assert all(f"in doubt: {doubt}" in answer.err and f"In doubt: {doubt}" in page for doubt in told["doubts"])
+    assert "refuse found.toml until it has identified.doubts_accepted = true" in answer.err
     assert validation["identified"]["free_run_rad_s"] < 0.2 * validation["configured"]["free_run_rad_s"]
 
 

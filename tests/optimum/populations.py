@@ -20,4 +20,12 @@ def uncertain(config: Config) -> Config:
         _, axle, name = key.split(".")
         values.append(float(getattr(getattr(config.tyre, axle), name)))
     deviations = [share * value for share, value in zip(KEYS.values(), values, strict=True)]
-    return changed(config, identified={"keys": list(KEYS), "standard_deviations": deviations, "correlations": CORRELATIONS})
+    return changed(
+        config,
+        identified={
+            "keys": list(KEYS),
+            "standard_deviations": deviations,
+            "correlations": CORRELATIONS,
+            "interval_floor_percent": 0.0,
+        },
+    )

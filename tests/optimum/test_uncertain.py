@@ -141,6 +141,7 @@ def test_a_file_gets_the_tightening_of_the_map(tmp_path: Path) -> None:
         ("4ws-2", math.nan, {}, "--uncertain: nan is not"),
         ("fws", 0.9, {}, r"--uncertain: \[cases.fws\]: without rear steering"),
         ("4ws-2", 0.9, {"identified": NONE}, "identified.keys: there are no"),
+        ("4ws-2", 0.9, {"identified": {"doubts": ["a doubt"]}}, "in doubt: a doubt; .* identified.doubts_accepted = true"),
         (
             "4ws-2",
             0.9,

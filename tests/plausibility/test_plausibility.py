@@ -65,6 +65,10 @@ def test_a_plausible_car_has_no_warning(number: int) -> None:
             {"tyre": {"front": {"cornering_stiffness_n_per_rad": 120e3}}},
             "tyre.front: the slip for each g .* Then halve it",
         ),
+        (
+            {"vehicle": {"cg_to_front_axle_m": 1.6, "cg_to_rear_axle_m": 1.0}},
+            "tyre.front: the slip for each g .* are vehicle.cg_to_front_axle_m and cg_to_rear_axle_m exchanged",
+        ),
         ({"vehicle": {"cg_height_m": 1.0}}, "rolls over before its tyres slide"),
         ({"rear_actuator": {"rate_max_deg_s": 20.0}}, "rear_rate_max_deg_s = 25 is above rear_actuator.rate_max_deg_s = 20"),
         (
@@ -84,6 +88,13 @@ def test_a_plausible_car_has_no_warning(number: int) -> None:
 def test_a_mistake_in_the_configuration_is_found(tables: dict[str, Any], words: str) -> None:
     assert car_warnings(hatchback()) == ()
     assert any(re.search(words, text) for text in car_warnings(hatchback(**tables)))
+
+
+def test_doubts_about_an_identification_are_warnings_until_they_are_accepted() -> None:
+    doubts = {"doubts": ["front D is at the end of its range, 3", "another"]}
+    first, _ = car_warnings(hatchback(identified=doubts))
+    assert re.search(r"front D is at the end .* identified\.doubts_accepted = true", first)
+    assert car_warnings(hatchback(identified={**doubts, "doubts_accepted": True})) == ()
 
 
 SCHEDULE = {"speed_km_h": [15.0, 120.0], "proportional_gain_s": [0.0, 0.09], "integral_gain": [1.3, 0.5]}

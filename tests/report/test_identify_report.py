@@ -33,6 +33,7 @@ def test_the_band_of_a_tyre_is_that_of_its_stiffness_where_the_curve_is_straight
         "keys": [f"tyre.front.{key}"],
         "standard_deviations": [DEVIATION * stiffness],
         "correlations": [[1.0]],
+        "interval_floor_percent": 0.0,
     }
     front, rear = curves(configuration.parse(data, "test"))
     band, identified = front[0], front[1]

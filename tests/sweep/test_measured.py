@@ -63,6 +63,7 @@ def identified(deviations: dict[str, float], **changes: Any) -> dict[str, Any]:
         "keys": list(deviations),
         "standard_deviations": list(deviations.values()),
         "correlations": matrix.tolist(),
+        "interval_floor_percent": 0.0,
     }
     return data | {"identified": table} | changes
 
@@ -221,6 +222,19 @@ def test_what_cannot_vary_and_builds_of_other_cars_are_notes(tmp_path: Path) -> 
 def test_refused(tmp_path: Path, deviations: dict[str, float], factors: str, message: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(message)):
         planning.read(write_spec(tmp_path, factors=factors), None, write_car(tmp_path, deviations))
+
+
+def test_a_car_in_doubt_is_refused_until_its_file_accepts_it(tmp_path: Path) -> None:
+    car = write_car(tmp_path, DEVIATIONS)
+    text = car.read_text(encoding="utf-8")
+    car.write_text(
+        text.replace("[identified]", '[identified]\ndoubts = ["front D is at the end of its range, 3"]'), encoding="utf-8"
+    )
+    with pytest.raises(ConfigError, match=r"in doubt: front D is at the end .* identified.doubts_accepted = true"):
+        measured.load(car)
+    text = car.read_text(encoding="utf-8")
+    car.write_text(text.replace("[identified]", "[identified]\ndoubts_accepted = true"), encoding="utf-8")
+    assert measured.load(car).population.keys
 
 
 def test_a_factorial_design_and_another_sampling_time_are_refused(tmp_path: Path) -> None:

@@ -73,6 +73,7 @@ def test_measured_deviations_replace_stiffness_and_lag() -> None:
     """Both ends of each axis; masses stay, and so does the order of the rows."""
     keys = ["tyre.rear.cornering_stiffness_n_per_rad", "vehicle.yaw_inertia_kg_m2", "rear_actuator.lag_s"]
     table = {"keys": keys, "standard_deviations": [2_000.0, 100.0, 0.002], "correlations": np.eye(3).tolist()}
+    table["interval_floor_percent"] = 0.0
     data = builds.TRACKING_CONFIG.model_dump(mode="json", exclude_none=True)
     own, limits = family_of(parse({**data, "identified": table}, "test"))
     plain, plain_limits = family_of(builds.TRACKING_CONFIG)

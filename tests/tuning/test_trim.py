@@ -8,6 +8,7 @@ import pytest
 
 from codegen.configuration import Config
 from codegen.ecu_map.model_excess import Excess
+from codegen.errors import ConfigError
 from codegen.map_file import map as npz
 from codegen.plausibility.build import excess_warning
 from codegen.tuning import tune
@@ -42,6 +43,24 @@ def test_the_trim_is_what_the_build_asks_for(
         place = {"at_km_h": 108.0, "at_front_angle_deg": 4.0, "at_friction": 0.9}
         facts = {"percent": excess.percent, "trim_max_percent": trim, "enough": excess.percent <= trim, **place}
         assert excess_warning({"reference_model_excess": facts}) == ""
+
+
+def test_a_car_whose_identification_is_in_doubt_is_refused_until_its_file_accepts_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Designed(Exception):
+        pass
+
+    def designed(*_: object) -> None:
+        raise Designed
+
+    monkeypatch.setattr(tune, "design", designed)
+    assert COMMITTED.config is not None
+    doubted = COMMITTED.config.replace({"identified": {"doubts": ["a doubt"]}})
+    with pytest.raises(
+        ConfigError, match=r"identified.doubts: the identification is in doubt: a doubt; .*doubts_accepted = true"
+    ):
+        tune.tune(COMMITTED, doubted)
+    with pytest.raises(Designed):
+        tune.tune(COMMITTED, doubted.replace({"identified": {"doubts_accepted": True}}))
 
 
 def test_the_response_gain_reduces_the_trim_and_the_responses_are_those_with_the_last_one(

@@ -9,7 +9,7 @@ from codegen import configuration
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import ConfigError
-from codegen.vehicle.population import draw, with_values
+from codegen.vehicle.population import INTERVAL_DEVIATIONS, draw, with_values
 from codegen.vehicle.tyre import AxleTyres
 
 COUNT = 1_000
@@ -20,9 +20,12 @@ STIFFNESS, INERTIA, DELAY = (
 )
 
 
-def identified(keys: list[str], standard_deviations: list[float], correlations: list[list[float]]) -> Config:
+def identified(
+    keys: list[str], standard_deviations: list[float], correlations: list[list[float]], floor: float = 0.0
+) -> Config:
     data = configuration.preset().model_dump(mode="json", exclude_none=True)
     table = {"keys": keys, "standard_deviations": standard_deviations, "correlations": correlations}
+    table["interval_floor_percent"] = floor
     return configuration.parse(data | {"identified": table}, "test")
 
 
@@ -77,6 +80,20 @@ def test_d_is_drawn_where_it_is_known_better() -> None:
     assert drawn.std() == pytest.approx(0.001, rel=4.0 / (2.0 * COUNT) ** 0.5)
     assert drawn.mean() == pytest.approx(peak, abs=4.0 * 0.001 / COUNT**0.5)
     assert slip_bounds(cars).std() > 0.01 * slip_bounds(cars).mean()
+
+
+@pytest.mark.parametrize(("floor", "percent"), [(0.0, 1.0), (5.0, 5.0), (20.0, 20.0)])
+def test_cars_never_differ_less_than_the_floor(floor: float, percent: float) -> None:
+    """The interval of the stiffness has a half-width of 1 %."""
+    car = configuration.preset()
+    config = identified([STIFFNESS], [0.01 / INTERVAL_DEVIATIONS * car.value(STIFFNESS)], [[1.0]], floor)
+    drawn = np.array([each.value(STIFFNESS) / config.value(STIFFNESS) for each in draw(config, COUNT, 1)])
+    # Four standard errors of a deviation.
+    assert 100.0 * INTERVAL_DEVIATIONS * drawn.std() == pytest.approx(percent, rel=4.0 / (2.0 * COUNT) ** 0.5)
+
+
+def test_a_file_has_a_floor_of_five_percent() -> None:
+    assert configuration.preset().identified.interval_floor_percent == 5.0
 
 
 def test_a_car_that_no_file_may_have_is_drawn_again() -> None:

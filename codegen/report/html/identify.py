@@ -14,6 +14,7 @@ from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.identify.map_spread import map_spread
 from codegen.identify.model import OUTPUTS
+from codegen.identify.outcome import Outcome
 from codegen.identify.reached import Reached
 from codegen.identify.reading import Reading
 from codegen.identify.run import Identification
@@ -23,7 +24,6 @@ from codegen.identify.summary import (
     SIGNAL_HEADER,
     VALIDATION_HEADER,
     WHITENESS_HEADER,
-    doubts,
     finding_rows,
     quantity_rows,
     reached_lines,
@@ -49,19 +49,17 @@ BANDS = ((BLUE, "rgba(0, 114, 178, 0.25)"), (VERMILION, "rgba(213, 94, 0, 0.25)"
 """Colour of the line and of the band for each speed."""
 
 
-def identify_sections(
-    found: Identification, identified: Config, one: Reached, validations: Sequence[Validation], *, is_held_out: bool
-) -> list[Section]:
+def identify_sections(outcome: Outcome, identified: Config) -> list[Section]:
     """Return the sections.
 
     Args:
         identified: configuration with the identified values.
-        validations: predictions of drives; `is_held_out`: whether the values were identified without these drives.
     """
+    found = outcome.found
     return [
-        Section("values", "Identified values", list(_values(found, one)), is_open=True),
-        Section("prediction", "Prediction of drives", list(_prediction(validations, is_held_out)), is_open=True),
-        Section("tyres", "Tyre curves", [Gallery(_curves(found, identified, one))], is_open=True),
+        Section("values", "Identified values", list(_values(outcome)), is_open=True),
+        Section("prediction", "Prediction of drives", list(_prediction(outcome)), is_open=True),
+        Section("tyres", "Tyre curves", [Gallery(_curves(found, identified, outcome.reached))], is_open=True),
         Section("map", "Spread of the map", list(_spread(identified)), is_open=True),
         Section("correlation", "Correlation", [_correlation(found)]),
     ]
@@ -105,7 +103,8 @@ def _spread(identified: Config) -> Iterator[Block]:
     look = layout(xaxis=axis("Front angle (deg)"), yaxis=axis("Yaw rate (deg/s)", rangemode="tozero"))
     caption = (
         f"Yaw rate of the case {spread.case}. Lines: the identified car. Bands: {100.0 * COVERAGE:g} % of "
-        f"{spread.cars} cars drawn from the values, standard deviations and correlations above. A line ends where its car has "
+        f"{spread.cars} cars drawn from the values, standard deviations and correlations above, no key with less than "
+        f"±{identified.identified.interval_floor_percent:g} %. A line ends where its car has "
         "no feasible turn, a band where half of the cars have none. The line need not lie in the middle: a limit that one car "
         "meets first is another one for another car."
     )
@@ -120,7 +119,8 @@ def _spread(identified: Config) -> Iterator[Block]:
     yield Text("`codegen solve --uncertain 0.99` solves a map whose limits 99 % of such cars keep.")
 
 
-def _values(found: Identification, one: Reached) -> Sequence[Block]:
+def _values(outcome: Outcome) -> Sequence[Block]:
+    found = outcome.found
     rows = quantity_rows(found)
     blocks: list[Block] = [
         Table(
@@ -140,22 +140,22 @@ def _values(found: Identification, one: Reached) -> Sequence[Block]:
             "by how many standard deviations of the noise one standard deviation before changes the drives (singular value)"
         )
         blocks.append(Table(caption, ("combination", "left", "effect"), texts))
+    blocks += [Text(f"In doubt: {doubt}.", "notice") for doubt in outcome.doubts]
     blocks += [Text(note, "notice") for note in found.notes]
-    blocks += [Text(text) for text in reached_lines(found, one)]
+    blocks += [Text(text) for text in reached_lines(outcome)]
     return blocks
 
 
-def _prediction(validations: Sequence[Validation], is_held_out: bool) -> Sequence[Block]:
+def _prediction(outcome: Outcome) -> Sequence[Block]:
     blocks: list[Block] = []
-    if not is_held_out:
+    if not outcome.is_held_out:
         blocks.append(Text("No drive was held out: the values were identified from these drives.", "notice"))
-    blocks += [Text(text, "notice") for text in doubts(validations)]
     caption = (
         "Errors of the yaw rate, simulated from speed and steering angles alone (free run) and one sample ahead (one step); "
         "the measured yaw rate itself; and the errors of the lateral acceleration in the free run. rms: root mean square"
     )
-    blocks.append(Table(caption, VALIDATION_HEADER, validation_rows(validations), words=(0, 1)))
-    for number, each in enumerate(validations):
+    blocks.append(Table(caption, VALIDATION_HEADER, validation_rows(outcome.validations), words=(0, 1)))
+    for number, each in enumerate(outcome.validations):
         blocks.append(Gallery(list(_run_charts(each, f"run-{number}"))))
         blocks.append(
             Table(f"Whiteness of the errors in {each.name} (Ljung-Box)", WHITENESS_HEADER, whiteness_rows(each), words=(0, 5))
@@ -210,7 +210,8 @@ def _curves(found: Identification, identified: Config, one: Reached) -> list[Cha
         look = layout(xaxis=axis("Slip angle (deg)"), yaxis=axis("Side force (kN)", rangemode="tozero"), shapes=shapes)
         caption = f"Side force of the {axle} axle at static load. The dashed line is the largest slip of the drives."
         if drawn:
-            caption += " The band has the curves of 95 % of the cars that the drives leave possible, at each slip."
+            caption += " The band has the curves of 95 % of the cars drawn from [identified], at each slip."
+            caption += f" No key varies less than ±{identified.identified.interval_floor_percent:g} %."
         charts.append(Chart(f"curve-{axle}", {"data": data, "layout": look}, caption, caption))
     return charts
 
