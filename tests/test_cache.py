@@ -99,8 +99,8 @@ def test_no_flipped_bit_and_no_other_length_is_accepted(folder: Path) -> None:
             changed[place] ^= 1 << bit
             kept.path.write_bytes(changed)
             assert cache.find(folder, NAME) is None, (place, bit)
-    for changed in (b"", CONTENT[:-1], CONTENT + b"\0"):
-        kept.path.write_bytes(changed)
+    for other in (b"", CONTENT[:-1], CONTENT + b"\0"):
+        kept.path.write_bytes(other)
         assert cache.find(folder, NAME) is None
     kept.path.write_bytes(CONTENT)
     assert cache.find(folder, NAME) == kept
