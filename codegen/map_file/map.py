@@ -21,6 +21,7 @@ import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import EllipsisType
 from typing import Any
 
 import numpy as np
@@ -250,11 +251,18 @@ def to_bytes(reference_map: ReferenceMap) -> bytes:
     return stream.getvalue()
 
 
-def save(reference_map: ReferenceMap, path: Path) -> None:
-    """Write a map (see `to_bytes`). A failure, whenever it comes, leaves what stood at `path`. Raises MapError."""
+def save(reference_map: ReferenceMap, path: Path, *, replaces: bytes | EllipsisType | None = ...) -> None:
+    """Write a map (see `to_bytes`). A failure, whenever it comes, leaves what stood at `path`.
+
+    Args:
+        replaces: see `write_atomically`.
+
+    Raises:
+        MapError: it cannot be written, or another program wrote the file in the meantime.
+    """
     data = to_bytes(reference_map)
     try:
-        write_atomically(path, data)
+        write_atomically(path, data, replaces=replaces)
     except CodegenError as error:
         raise MapError(error.what, where=error.where, remedy=error.remedy) from error
 
