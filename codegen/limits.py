@@ -26,10 +26,9 @@ MEMORY_BYTES = 1_600_000_000
 """Memory for a small file. With Python and its libraries a command stays within 2 GB."""
 SMALL_BYTES = 64 * MIB
 """Files up to this size have the limits of a small one; those of larger files grow in proportion."""
-SMALL_LOG_BYTES = 16 * MIB
-"""The same for logs of a bus and for measurements: a sound BLF of 64 MiB takes half a minute."""
-SMALL_PROGRAM_BYTES = 4 * MIB
-"""The same for programs with debug information: sound ones take some 3 s for each MiB of it."""
+SMALL_SLOW_BYTES = 16 * MIB
+"""The same for formats whose sound files need more: a BLF of 64 MiB takes half a minute and 2 GB; programs with debug
+information are similar."""
 REPEAT_S = 1.0
 """Interval of further signals, for a library that catches the first exception."""
 _is_enforced = False

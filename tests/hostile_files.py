@@ -38,8 +38,8 @@ class Hostile:
 # --- BLF -----------------------------------------------------------------------------------------------------------------
 
 
-def _container(content: bytes) -> bytes:
-    packed = struct.pack("<H6xL4x", 2, len(content)) + zlib.compress(content, 1)
+def _container(content: bytes, level: int = 1) -> bytes:
+    packed = struct.pack("<H6xL4x", 2, len(content)) + zlib.compress(content, level)
     size = OBJECT.size + len(packed)
     return OBJECT.pack(b"LOBJ", OBJECT.size, 1, size, 10) + packed + bytes(size % 4)
 
@@ -62,7 +62,7 @@ def blf_with_an_endless_object(size: float) -> bytes:
 
 @functools.cache
 def _objects() -> bytes:
-    return _container(OBJECT.pack(b"LOBJ", OBJECT.size, 1, OBJECT.size, 65) * (4 * MIB))
+    return _container(OBJECT.pack(b"LOBJ", OBJECT.size, 1, OBJECT.size, 65) * (4 * MIB), 9)
 
 
 def blf_of_empty_objects(size: float) -> bytes:
@@ -91,8 +91,8 @@ def parquet_of_many_rows(size: float) -> bytes:
 
 
 def table_of_many_columns(size: float) -> bytes:
-    """A line of 20 million cells."""
-    count = round(1000 + 2e7 * size)
+    """A line of 16 million cells."""
+    count = round(1000 + 1.6e7 * size)
     return b"vx" + b";1" * count + b"\n1" + b";2" * count + b"\n"
 
 
@@ -186,13 +186,13 @@ def program_with_types_inside_types(size: float) -> bytes:
 
 @functools.cache
 def program_with_packed_zeros(size: float) -> bytes:
-    """Debug information of 4 GiB, packed into 4 MB."""
+    """Debug information of 3 GiB, packed into 13 MB."""
     from elftools.elf.elffile import ELFFile
 
     content = bytearray(_program("int counter = 1;\nint main(void) { return counter; }\n"))
     file = ELFFile(io.BytesIO(bytes(content)))
     index = next(k for k, section in enumerate(file.iter_sections()) if section.name == ".debug_info")
-    length = round(MIB + 2**32 * size)
+    length = round(MIB + 3 * 2**30 * size)
     packer, piece = zlib.compressobj(1), bytes(MIB)
     packed = b"".join(packer.compress(piece) for _ in range(length // MIB)) + packer.flush()
     header = file["e_shoff"] + index * file["e_shentsize"]

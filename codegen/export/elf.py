@@ -14,7 +14,7 @@ from typing import Any, Literal, Self
 
 from codegen.errors import BuildError, CodegenError
 from codegen.files import read_file
-from codegen.limits import SMALL_PROGRAM_BYTES, Limits
+from codegen.limits import SMALL_SLOW_BYTES, Limits
 from codegen.requirements import missing
 
 ELF_BYTES_MAX = 2**30
@@ -77,7 +77,7 @@ class Elf:
 
     def __init__(self, name: str, content: bytes, *, shared: bool = False) -> None:
         self.name, self.content, self._type = name, content, "ET_DYN" if shared else "ET_EXEC"
-        self._limits = Limits.of(len(content), SMALL_PROGRAM_BYTES)
+        self._limits = Limits.of(len(content), SMALL_SLOW_BYTES)
         with self._reading():
             self._read()
 

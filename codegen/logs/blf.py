@@ -29,6 +29,8 @@ CONTAINER_BYTES_MAX = 2**26
 UNPACKED_FACTOR, UNPACKED_BYTES_MIN = 16, 2**25
 """Largest size of all unpacked containers as a multiple of the file's, and what every file may have. Tools reach 4; the packing
 can reach 1000."""
+PACKED_OBJECT_BYTES, OBJECTS_MIN = 5, 100_000
+"""Fewest bytes of the file for each object: packed frames have 8 or more. What every file may have."""
 OBJECT_BYTES_MAX = 2**26
 """Largest object. Those with frames have some 100 bytes."""
 HEADER_VERSIONS = (1, 2)
@@ -90,6 +92,7 @@ def _container(objects: bytes) -> bytes:
 def _batches(file: BinaryIO, path: Path, into: Collector) -> Iterator[list[bytes]]:
     """Yield the objects that python-can reads, some at a time. Counts all frames."""
     tail, number = b"", 0
+    objects_max = max(path.stat().st_size // PACKED_OBJECT_BYTES, OBJECTS_MIN)
     whole: list[bytes] = []
     for chunk in _chunks(file, path):
         data, position = tail + chunk, 0
@@ -108,6 +111,8 @@ def _batches(file: BinaryIO, path: Path, into: Collector) -> Iterator[list[bytes
                 whole.append(data[start : start + size] + bytes(-size % 4))
             position = start + size
             number += 1
+            if number > objects_max:
+                raise CodegenError("it holds far more objects than a log of its size", where=path, remedy=REMEDY)
         tail = data[position:]
         if len(whole) >= BATCH_OBJECTS:
             yield whole
