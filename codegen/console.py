@@ -7,25 +7,66 @@ import json
 import os
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, Protocol, TextIO
 
+import click
 
-def say(*lines: str) -> None:
+from codegen.errors import one_line, printable
+
+TEXT_MAX = 100_000
+"""Limit on the characters of a note or a warning."""
+
+
+@dataclass(frozen=True)
+class Coloured:
+    """A line with one coloured word.
+
+    Attributes:
+        before, word, after: the parts of the line.
+        colour: of the word, as click names it.
+    """
+
+    before: str
+    word: str
+    after: str
+    colour: str
+
+
+def say(*lines: str | Coloured) -> None:
     """Print lines of a result on standard output."""
-    for text in lines:
-        print(text)
+    for line in lines:
+        _print(line, sys.stdout)
 
 
 def note(*texts: str) -> None:
-    """Print notes on standard error."""
+    """Print notes on standard error, each in one line."""
     for text in texts:
-        print(f"note: {text}", file=sys.stderr)
+        _print(f"note: {one_line(text, TEXT_MAX)}", sys.stderr)
 
 
 def warn(*texts: str) -> None:
-    """Print warnings on standard error."""
+    """Print warnings on standard error, each in one line."""
     for text in texts:
-        print(f"warning: {text}", file=sys.stderr)
+        _print(f"warning: {one_line(text, TEXT_MAX)}", sys.stderr)
+
+
+def complain(text: str) -> None:
+    """Print the message of an error on standard error."""
+    _print(text, sys.stderr)
+
+
+def _print(line: str | Coloured, stream: TextIO) -> None:
+    """Print to a terminal: the only place that does, besides JSON, which escapes all but ASCII, and the bars of `rich`.
+
+    Lines quote texts from files, which may contain escape sequences.
+    """
+    if isinstance(line, Coloured):
+        word = printable(line.word)
+        shown = click.style(word, fg=line.colour) if has_colour(stream) else word
+        print(f"{printable(line.before)}{shown}{printable(line.after)}", file=stream)
+    else:
+        print(printable(line), file=stream, flush=stream is sys.stderr)
 
 
 def print_json(data: Any) -> None:
@@ -48,6 +89,7 @@ def _is_screen(stream: TextIO | None) -> bool:
 @contextlib.contextmanager
 def status(title: str) -> Iterator[None]:
     """Show a line during work of unknown length if standard error is a terminal; print nothing otherwise."""
+    title = printable(title)
     if not _is_screen(sys.stderr):
         yield
         return
@@ -67,6 +109,7 @@ class Tell(Protocol):
 @contextlib.contextmanager
 def progress(title: str) -> Iterator[Tell]:
     """Report progress on standard error: a bar on a terminal, otherwise a plain line for each tenth or named step."""
+    title = printable(title)
     if _is_screen(sys.stderr):
         from rich.console import Console
         from rich.progress import Progress
@@ -77,7 +120,7 @@ def progress(title: str) -> Iterator[Tell]:
             task = bar.add_task(Text(title).markup, total=None)
 
             def draw(done: int, total: int, step: str = "") -> None:
-                named = f"{title}: {step}" if step else title
+                named = f"{title}: {printable(step)}" if step else title
                 bar.update(task, completed=done, total=total, description=Text(named).markup)
 
             yield draw
@@ -89,9 +132,9 @@ def progress(title: str) -> Iterator[Tell]:
         tenths = 10 * done // total
         if step:
             told = tenths
-            print(f"{title}: {100 * done // total} %, {step}", file=sys.stderr, flush=True)
+            _print(f"{title}: {100 * done // total} %, {step}", sys.stderr)
         elif tenths > told:
             told = tenths
-            print(f"{title}: {10 * tenths} %", file=sys.stderr, flush=True)
+            _print(f"{title}: {10 * tenths} %", sys.stderr)
 
     yield tell

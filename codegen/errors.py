@@ -8,17 +8,20 @@ import unicodedata
 from collections.abc import Iterable, Iterator
 
 
-def one_line(text: object, limit: int = 300) -> str:
-    """Return `text` as a single printable line of at most `limit` characters.
+def printable(text: object) -> str:
+    """Return `text` without control characters, those that change the direction of writing included; newlines and tabs stay.
 
-    Messages quote names and values from files; a newline or an escape sequence in those must not reach the terminal.
+    Output quotes names and values from files; an escape sequence in those must not reach the terminal.
     """
-    flat = "".join(
-        " " if character.isspace() else character
-        for character in str(text)
-        if character.isspace() or not unicodedata.category(character).startswith("C")
-    )
-    flat = " ".join(flat.split())
+    whole = str(text)
+    if all(line.isprintable() for line in whole.split("\n")):  # nearly always
+        return whole
+    return "".join(each for each in whole if each in "\n\t" or not unicodedata.category(each).startswith("C"))
+
+
+def one_line(text: object, limit: int = 300) -> str:
+    """Return `text` as a single printable line of at most `limit` characters. See `printable`."""
+    flat = " ".join(printable("".join(" " if each.isspace() else each for each in str(text))).split())
     return flat if len(flat) <= limit else flat[: limit - 1] + "…"
 
 

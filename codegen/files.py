@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
 import stat
 import tempfile
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import EllipsisType
 
 from codegen.errors import CodegenError
 from codegen.interrupts import deferred
+
+LOCK_TIMEOUT_S = 10.0
+"""Time to wait for the lock of a file. Other commands hold it for milliseconds."""
+LOCK_RETRY_S = 0.01
 
 
 def read_file(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError) -> bytes:
@@ -73,24 +80,115 @@ def reason_of(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write one file completely or not at all. See `write_together`."""
-    write_together({path: content})
+class ChangedError(CodegenError):
+    """A file that was to be replaced is no longer the one that was read."""
 
 
-def write_together(files: Mapping[Path, bytes]) -> None:
+def write_atomically(path: Path, content: bytes, *, replaces: bytes | EllipsisType | None = ...) -> None:
+    """Write one file completely or not at all. See `write_together`.
+
+    Args:
+        replaces: content that the file must still have; None: it must not exist; ...: any.
+
+    Raises:
+        ChangedError: another program wrote the file in the meantime. Nothing is written.
+    """
+    write_together({path: content}, {} if isinstance(replaces, EllipsisType) else {path: replaces})
+
+
+def write_together(files: Mapping[Path, bytes], replaces: Mapping[Path, bytes | None] | None = None) -> None:
     """Write a temporary file beside each path, then rename them all. If one cannot be written, all previous files remain. Links
     are followed. A rename that fails leaves those before it done; then the content of all is on the same disk already.
 
+    The files are locked from the comparison with `replaces` to the rename, so of two programs that replace the same content one
+    succeeds.
+
+    Args:
+        replaces: path -> content that the file must still have, None: it must not exist. Other paths may have any.
+
     Raises:
         CodegenError: a folder is missing, a path is a folder or a device, the disk is full, or similar.
+        ChangedError: see `replaces`.
     """
+    expected = replaces or {}
     # A signal between creating a temporary file and entering `try` would leave it there.
     with deferred(), contextlib.ExitStack() as stack:
         written = [(path, *stack.enter_context(_written_beside(path, content))) for path, content in files.items()]
+        for path, _, target in sorted(written, key=lambda each: each[2]):  # in one order, so that no two wait for each other
+            stack.enter_context(_locked(path, target))
+        for path, _, target in written:
+            if path in expected:
+                _require_unchanged(path, target, expected[path])
         for path, temporary, target in written:
             with _told(path):
-                temporary.replace(target)
+                if path in expected and expected[path] is None:
+                    _rename_to_new(path, temporary, target)
+                else:
+                    temporary.replace(target)
+
+
+@contextlib.contextmanager
+def _locked(path: Path, target: Path) -> Iterator[None]:
+    """Hold the lock of a file, if it exists and its file system has locks. The lock leaves no file."""
+    handle = _handle_of_lock(path, target)
+    try:
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
+def _handle_of_lock(path: Path, target: Path) -> int | None:
+    end = time.monotonic() + LOCK_TIMEOUT_S
+    while True:
+        try:
+            handle = os.open(target, os.O_RDONLY | os.O_NONBLOCK)
+        except OSError:  # new, or unreadable
+            return None
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.path.samestat(os.fstat(handle), target.stat()):
+                return handle
+        except FileNotFoundError:
+            pass  # removed since
+        except BlockingIOError:
+            if time.monotonic() > end:
+                os.close(handle)
+                raise CodegenError(
+                    "another program holds its lock", where=path, remedy="end that program, or name another file"
+                ) from None
+            time.sleep(LOCK_RETRY_S)
+        except OSError:  # a file system without locks
+            return handle
+        os.close(handle)  # of a file that was replaced since
+
+
+def _require_unchanged(path: Path, target: Path, expected: bytes | None) -> None:
+    try:
+        with target.open("rb") as file:
+            found: bytes | None = file.read(len(expected or b"") + 1)
+    except OSError:
+        found = None
+    if found != expected:
+        raise _changed(path)
+
+
+def _rename_to_new(path: Path, temporary: Path, target: Path) -> None:
+    """Rename a file to a name that must not exist. Raises ChangedError."""
+    try:
+        os.link(temporary, target)
+    except FileExistsError:
+        raise _changed(path) from None
+    except OSError:  # a file system without links
+        temporary.replace(target)
+
+
+def _changed(path: Path) -> ChangedError:
+    return ChangedError(
+        "another program wrote it in the meantime",
+        where=path,
+        remedy="nothing was written; repeat the command with its new content",
+    )
 
 
 @contextlib.contextmanager

@@ -19,7 +19,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
-from codegen import configuration
+from codegen import cache, configuration
 from codegen.cache import cache_folder
 from codegen.emit.folder import read_files
 from codegen.emit.manifest import read_build
@@ -33,7 +33,7 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-g", "-fno-pie", "-no-pie")
 """The same arithmetic as in `codegen.sil`: no fused multiply-add. For XCP: 32-bit addresses and debug information."""
 
 FOLDERS = ("include/", "src/", "linux/")
-CACHE_FORMAT = 2
+CACHE_FORMAT = 3
 """Version of the cached program; increase it when its sources or the build change."""
 
 
@@ -86,13 +86,14 @@ def compile_ecu(build: Path) -> Path:
         raise BuildError(f"the build has no {program}", where=build, remedy="build again with `codegen build`")
     compiler = compiler_command()
     flags = (*FLAGS, section_flag(prefix))
-    name, cache = f"{prefix}_ecu_{_key(sources, compiler, flags)}", cache_folder()
+    name, folder = f"{prefix}_ecu_{_key(sources, compiler, flags)}", cache_folder()
     try:
-        return _cached(cache, name) or _compile(sources, program, (*compiler, *flags), cache, name)
+        found = cache.find(folder, name) or _compile(sources, program, (*compiler, *flags), folder, name)
+        return found.path
     except OSError as error:
         raise BuildError(
             f"the native ECU cannot be stored: {error.strerror or error}",
-            where=cache,
+            where=folder,
             remedy="free space there, or set ARS_CACHE",
         ) from error
 
@@ -112,17 +113,8 @@ def _key(sources: dict[str, bytes], compiler: tuple[str, ...], flags: tuple[str,
     return hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()
 
 
-def _digest(program: Path) -> str:
-    return hashlib.sha256(program.read_bytes()).hexdigest()[:16]
-
-
-def _cached(cache: Path, name: str) -> Path | None:
-    """Return the cached program if its content matches its name; a damaged one is ignored."""
-    return next((path for path in sorted(cache.glob(f"{name}-*")) if path.name == f"{name}-{_digest(path)}"), None)
-
-
-def _compile(sources: dict[str, bytes], program: str, compile_c: tuple[str, ...], cache: Path, name: str) -> Path:
-    with tempfile.TemporaryDirectory(prefix="build-", dir=cache) as scratch_name:
+def _compile(sources: dict[str, bytes], program: str, compile_c: tuple[str, ...], folder: Path, name: str) -> cache.Entry:
+    with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as scratch_name:
         tree, made = Path(scratch_name, "tree"), Path(scratch_name, "ecu")
         for path, content in sources.items():
             (tree / path).parent.mkdir(parents=True, exist_ok=True)
@@ -130,8 +122,7 @@ def _compile(sources: dict[str, bytes], program: str, compile_c: tuple[str, ...]
         units = sorted(path for path in sources if path.endswith(".c"))
         same_everywhere = f"-fdebug-prefix-map={tree}=."
         require_success(run([*compile_c, same_everywhere, "-Iinclude", *units, "-o", str(made), "-lm"], tree), program)
-        # Renamed in one step, so that other processes never see a partial file, and a running program is kept.
-        return made.replace(cache / f"{name}-{_digest(made)}")
+        return cache.keep(folder, name, made.read_bytes(), executable=True)
 
 
 READY = "ready"

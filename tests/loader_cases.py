@@ -1,18 +1,23 @@
 """Damaged files for every loader: seeds, kinds of damage, and the loaders that must read each file or reject it with one
-line."""
+line. Hostile files are in `tests.hostile_files`."""
 
 from __future__ import annotations
 
 import functools
+import importlib
 import io
 import json
+import os
 import re
+import resource
 import signal
 import subprocess
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.io import savemat
@@ -21,8 +26,9 @@ from codegen import configuration
 from codegen.cli.identify_command import reading_as_json
 from codegen.configuration import preset, preset_text
 from codegen.emit.manifest import read_build
-from codegen.errors import CodegenError
+from codegen.errors import CodegenError, one_line
 from codegen.export import runs as exported
+from codegen.export.arxml.export import export
 from codegen.export.calibration.build import BuildCalibration
 from codegen.export.calibration.images import Image
 from codegen.export.calibration.layout import layout_of_a2l
@@ -30,8 +36,10 @@ from codegen.export.calibration.sets import READERS, merged
 from codegen.export.elf import Elf
 from codegen.identify.names import load_names
 from codegen.identify.reading import read_drives
+from codegen.importing import child
 from codegen.importing.maps import Choices, import_map
 from codegen.importing.tyre import import_tyres
+from codegen.limits import MIB, Limits
 from codegen.map_file import map as npz
 from codegen.plausibility.build import build_warnings, folder_warnings, margins_line
 from codegen.report.html.build import manifest_blocks
@@ -50,6 +58,9 @@ ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "generated" / "4ws2-paper"
 PAPER = preset()
 CAN = PAPER.can
+MF4, PARQUET = "codegen.importing.mf4", "codegen.importing.parquet"
+CPU_S, MEMORY_BYTES = 20.0, 2_000_000_000
+"""Largest processor time and memory for a file of up to 64 MiB."""
 HANG_S = 60
 """A loader that takes this long counts as hanging; the slowest case takes under a second."""
 
@@ -67,12 +78,14 @@ class Loader:
         seed: content of a good file.
         load: reads a path; raises CodegenError if it cannot.
         weight: share of the generated cases; less for slow readers.
+        reader: module that reads the file in a process of its own, which takes a second; "" without one.
     """
 
     name: str
     seed: bytes
     load: Callable[[Path], object]
     weight: float = 1.0
+    reader: str = ""
 
 
 def _written(name: str, write: Callable[[Path], object]) -> bytes:
@@ -141,13 +154,13 @@ def loaders() -> Mapping[str, Loader]:
         "recorded steering": Loader("mine.csv", steering.encode(), _scenario),
         "text table": Loader("table.csv", _table(), _map),
         "tyre": Loader("tyre.tir", tyre, _tyre),
-        "MATLAB file": Loader("map.mat", _mat(), _map, 0.02),
+        "MATLAB file": Loader("map.mat", _mat(), _map, 0.02, "codegen.importing.matlab"),
         "limits": Loader("limits.toml", b"overshoot_percent = 5.0\ninstructions = 1320\n", requirements.load),
         "faults": Loader("faults.json", _faults(), _report_input),
-        "program": Loader("program", _written("program", _program), Elf.read, 0.5),
+        "program": Loader("program", _written("program", _program), _objects, 0.5),
     }
-    for kind, weight in (("csv", 1.0), ("parquet", 0.5), ("mf4", 0.02)):
-        found[f"run, {kind}"] = Loader(f"run.{kind}", _written(f"run.{kind}", _run), _report_input, weight)
+    for kind, weight, reader in (("csv", 1.0, ""), ("parquet", 0.02, PARQUET), ("mf4", 0.02, MF4)):
+        found[f"run, {kind}"] = Loader(f"run.{kind}", _written(f"run.{kind}", _run), _report_input, weight, reader)
     for kind, module in READERS.items():
         own = _calibration()
         found[f"calibration, {kind}"] = Loader(f"set{kind}", module.write(own.values, own.layout, "test"), _calibrated)
@@ -166,10 +179,10 @@ def _drive_loaders() -> dict[str, Loader]:
     frames = made.frames(duration=0.3)
     bus = {kind: _written(f"drive.{kind}", lambda path: made.write_bus(path, frames)) for kind in ("asc", "log", "blf")}
     found = {f"drive, {kind}": Loader(f"drive.{kind}", seed, _drive, 0.3) for kind, seed in bus.items()}
-    found["drive, mf4"] = Loader("drive.mf4", _written("drive.mf4", made.write_mf4), _drive, 0.02)
+    found["drive, mf4"] = Loader("drive.mf4", _written("drive.mf4", made.write_mf4), _drive, 0.02, MF4)
     table = made.table().head(40)
     found["drive, csv"] = Loader("drive.csv", table.to_csv(index=False).encode(), _drive)
-    found["drive, parquet"] = Loader("drive.parquet", _written("drive.parquet", table.to_parquet), _drive, 0.5)
+    found["drive, parquet"] = Loader("drive.parquet", _written("drive.parquet", table.to_parquet), _drive, 0.02, PARQUET)
     names = b'time_unit = "s"\nwithout = ["sideslip"]\n[vx]\nsignal = ["Speed"]\nunit = "km/h"\nsign = 1\noffset = 0.1\n'
 
     def with_database(path: Path) -> object:
@@ -178,6 +191,7 @@ def _drive_loaders() -> dict[str, Loader]:
         return read_drives([log], [path])
 
     found["database"] = Loader("damaged.dbc", made.DBC.encode(), with_database, 0.3)
+    found["database, ARXML"] = Loader("damaged.arxml", export(BUILD).folder.files["ars.arxml"], with_database, 0.02)
     found["signals"] = Loader("names.toml", names, load_names)
     return found
 
@@ -223,6 +237,11 @@ def _program(path: Path) -> None:
     source = path.with_suffix(".c")
     source.write_text("int counter = 1;\nint main(void) { return counter; }\n", encoding="ascii")
     subprocess.run([*compiler_command(), "-g", "-no-pie", str(source), "-o", str(path)], check=True)
+
+
+def _objects(path: Path) -> object:
+    """Read a program as `codegen a2l` does."""
+    return Elf.read(path).instances("ars_task_t")
 
 
 def _manifest(path: Path) -> object:
@@ -318,3 +337,49 @@ def fault_of_file(loader: Loader, path: Path) -> str:
 
 def _hung(_signal: int, _frame: object) -> None:
     raise HangError(f"no answer after {HANG_S} s")
+
+
+@contextmanager
+def readers_in_process() -> Iterator[None]:
+    """Make the calls of `codegen.importing.child` in this process."""
+
+    def call(module: str, function: str, *arguments: Any, limits: Limits | None = None) -> Any:
+        del limits
+        try:
+            return getattr(importlib.import_module(module), function)(*arguments)
+        except MemoryError:
+            raise
+        except Exception as error:
+            raise ValueError(one_line(error) or type(error).__name__) from None
+
+    before, child.call = child.call, call
+    try:
+        yield
+    finally:
+        child.call = before
+
+
+def fault_apart(loader: Loader, data: bytes, folder: Path) -> str:
+    """Return the fault in a loader's response to a file in a process of its own; see `fault_of`. A crash is one too, and more
+    processor time or memory than a file of its size may take."""
+    path = folder / loader.name
+    path.write_bytes(data)
+    reading, writing = os.pipe()
+    process = os.fork()
+    if process == 0:
+        try:
+            resource.setrlimit(resource.RLIMIT_CPU, (HANG_S, HANG_S))
+            os.write(writing, fault_of_file(loader, path).encode()[:4000])
+        finally:
+            os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as stream:
+        fault = stream.read().decode("utf-8", "replace")
+    _, status, usage = os.wait4(process, 0)  # with the processes that it started
+    factor = max(1.0, len(data) / (64 * MIB))
+    seconds, memory_bytes = usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024
+    if os.WIFSIGNALED(status):
+        return f"ended by signal {os.WTERMSIG(status)} after {seconds:.0f} s"
+    if seconds > CPU_S * factor:
+        return f"took {seconds:.0f} s"
+    return fault or (f"took {memory_bytes / 1e9:.1f} GB" if memory_bytes > MEMORY_BYTES * factor else "")

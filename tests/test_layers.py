@@ -12,6 +12,7 @@ PACKAGES = ("ars_codegen", "codegen", "hil_sim")
 LEVELS = (
     ("codegen",),  # the package itself: its version
     ("codegen.errors", "codegen.interrupts"),
+    ("codegen.limits",),
     (
         "codegen.requirements",
         "codegen.cache",

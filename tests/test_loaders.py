@@ -4,6 +4,7 @@ import functools
 import json
 import operator
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.loader_cases import damaged, fault_of, fault_of_file, loaders
+from tests.hostile_files import HOSTILE
+from tests.loader_cases import Loader, damaged, fault_apart, fault_of, fault_of_file, loaders
 
 CASES = 30
 """Cases for each loader of full weight."""
@@ -73,3 +75,33 @@ def test_pipes_devices_endless_lines_and_links_to_themselves_are_rejected_in_one
         with path.open("wb") as file:
             file.truncate(2**23 if name.endswith(("asc", "log")) else 2**33)
         assert fault_of_file(loader, path) == ""
+
+
+QUICK = ("BLF, zeros", "BLF, endless object", "CDF, default values", "CDF, entities", "ARXML, default values", "ELF, types")
+QUICK += ("S-record, pieces",)
+"""Kinds that take no second to make. The evidence has all, and the sizes of others."""
+
+
+@pytest.mark.parametrize("kind", QUICK)
+def test_hostile_files_are_rejected_within_their_limits(kind: str, tmp_path: Path) -> None:
+    hostile = HOSTILE[kind]
+    size = 0.02 if kind == "S-record, pieces" else 1.0
+    assert fault_apart(LOADERS[hostile.loader], hostile.make(size), tmp_path) == ""
+
+
+def crash(_: Path) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def work_for_ever(_: Path) -> None:
+    while True:
+        pass
+
+
+@pytest.mark.parametrize(("load", "fault"), [(crash, "ended by signal 9"), (work_for_ever, "HangError: no "), (str, "took 0.")])
+def test_a_crash_endless_work_and_much_memory_are_faults(
+    load: Any, fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tests.loader_cases.HANG_S", 1)
+    monkeypatch.setattr("tests.loader_cases.MEMORY_BYTES", 10**6)
+    assert fault_apart(Loader("file", b"", load), b"content", tmp_path).startswith(fault)

@@ -52,7 +52,7 @@ def _version(context: click.Context, parameter: click.Parameter, wanted: bool) -
     del parameter
     if wanted and not context.resilient_parsing:
         for line in _version_lines():
-            click.echo(line)
+            console.say(line)
         context.exit()
 
 

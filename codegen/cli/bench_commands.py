@@ -316,9 +316,10 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
         signal.signal(number, end)
     with Bus(address, software.config.can) as bus:
         node = EcuNode(software, bus)
-        print(READY, flush=True)
+        console.say(READY)
+        sys.stdout.flush()
         node.run(lock_step, lambda: ended or (parent is not None and os.getppid() != parent))
-    print(counters_line(node), file=sys.stderr)
+    console.complain(counters_line(node))
 
 
 @cli.command(

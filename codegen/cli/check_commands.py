@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -139,24 +138,23 @@ def doctor(as_json: bool) -> None:
     if as_json:
         console.print_json(found.to_dict())
     else:
-        console.say(*_lines(found, coloured=console.has_colour(sys.stdout)))
+        console.say(*_lines(found))
     if found.stopping:
         names = ", ".join(finding.name for finding in found.stopping)
         raise CheckFailed(f"codegen sil cannot work: {names}", remedy=found.stopping[0].remedy)
 
 
-def _lines(found: Examination, *, coloured: bool) -> Iterator[str]:
+def _lines(found: Examination) -> Iterator[str | console.Coloured]:
     names = max(len(finding.name) for section in found.sections for finding in section.findings)
     for number, section in enumerate(found.sections):
         yield from ("", section.title) if number else (section.title,)
         for finding in section.findings:
-            yield from _of(finding, names, coloured)
+            yield from _of(finding, names)
 
 
-def _of(finding: Finding, width: int, coloured: bool) -> Iterator[str]:
-    state = f"{finding.state:<7}"
-    shown = click.style(state, fg=COLOURS[finding.state]) if coloured else state
-    yield f"  {shown}  {finding.name:<{width}}  {finding.what}"
+def _of(finding: Finding, width: int) -> Iterator[str | console.Coloured]:
+    after = f"  {finding.name:<{width}}  {finding.what}"
+    yield console.Coloured("  ", f"{finding.state:<7}", after, COLOURS[finding.state])
     margin = " " * (13 + width)
     if finding.state != "good" and finding.serves:
         yield f"{margin}for {finding.serves}"

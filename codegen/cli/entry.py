@@ -13,6 +13,7 @@ from typing import NoReturn, TextIO
 
 import click
 
+from codegen import console
 from codegen.cli import EXIT_INTERRUPTED, INTERRUPTED, end_quietly
 from codegen.cli.commands import cli
 from codegen.errors import CodegenError, one_line
@@ -45,7 +46,7 @@ def main() -> NoReturn:
             if debug and not isinstance(error, (SystemExit, click.exceptions.Exit)):
                 raise
             if text:
-                print(text, file=sys.stderr)
+                console.complain(text)
         if sys.stdout is not None:  # closed by the caller
             sys.stdout.flush()
     except BrokenPipeError:

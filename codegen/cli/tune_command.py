@@ -93,6 +93,7 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     from codegen.design.margins import gains_of, weakest
     from codegen.emit.outputs import check_output
     from codegen.map_file import map as npz
+    from codegen.map_file.archive import read_map_file
     from codegen.map_file.judged import KEY, with_judgement
     from codegen.map_file.map import choose_config
     from codegen.plausibility.build import schedule_warnings
@@ -101,7 +102,8 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     from codegen.tuning.tune import tune as tune_map
 
     check_output(output, ".npz", (config_path,))
-    reference_map = npz.load(map_path)
+    data = read_map_file(map_path)
+    reference_map = npz.from_bytes(data, map_path)
     if reference_map.config is None and config_path is None:
         raise MapError(
             "it contains no configuration, and so no car to design for",
@@ -117,7 +119,9 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     with console.progress("judging the car") as progress:
         judgement, unjudged = _judgement(reference_map, tuned, progress)
     facts_of_car = None if judgement is None else judgement.to_dict()
-    npz.save(with_judgement(reference_map.with_config(config), facts_of_car), output)
+    # Tuning takes half a minute, during which another program may write the same map.
+    replaces = data if output.exists() and output.samefile(map_path) else ...
+    npz.save(with_judgement(reference_map.with_config(config), facts_of_car), output, replaces=replaces)
     least = weakest(config, gains_of(made.schedule))
     trim = _trim_facts(tuned, chosen.config.controller.tracking.trim_max_percent)
     warnings = [*car_warnings(config), *schedule_warnings(config), *map_warnings(reference_map, config)]

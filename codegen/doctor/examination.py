@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen import __version__
-from codegen.cache import cache_folder
+from codegen.cache import choose_folder
 from codegen.doctor import Finding, State, buses
 from codegen.errors import BuildError, one_line
 from codegen.programs import run_program
@@ -91,13 +91,13 @@ def cache() -> Finding:
     """Check the folder of compiled files and whether it is writable."""
     serves = "compiled C, so that later runs start at once"
     try:
-        folder = cache_folder()
+        chosen = choose_folder()
     except BuildError as error:
         return Finding("cache", State.BAD, error.what, serves, error.remedy, needed=True)
-    if folder.is_relative_to(tempfile.gettempdir()) and not os.environ.get("ARS_CACHE", "").startswith(str(folder)):
-        what = f"{folder}, because no folder of the user is writable"
-        return Finding("cache", State.GOOD, what, serves, "set ARS_CACHE to a folder that stays", needed=True)
-    return Finding("cache", State.GOOD, str(folder), serves, needed=True)
+    if chosen.reason:
+        what = f"{chosen.path}, because {chosen.reason}"
+        return Finding("cache", State.GOOD, what, serves, "set ARS_CACHE to a folder of your own", needed=True)
+    return Finding("cache", State.GOOD, str(chosen.path), serves, needed=True)
 
 
 def module() -> Finding:

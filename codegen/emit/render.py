@@ -8,20 +8,15 @@ Templates print domain objects through the filters, so view models need not copy
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
-from jinja2 import Environment, FileSystemBytecodeCache, FileSystemLoader, StrictUndefined, pass_context
-from jinja2.bccache import Bucket
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 from jinja2.runtime import Context
 
-from codegen.cache import cache_folder
 from codegen.emit.text import Precision, comment_text
 from codegen.emit.text import literal as literal_text
 from codegen.errors import BuildError
@@ -105,32 +100,12 @@ def templates_root() -> Path:
     raise BuildError("the templates are missing", where=package, remedy="install ars-codegen again")
 
 
-class _BytecodeCache(FileSystemBytecodeCache):
-    """Cache of compiled templates. Jinja compares the hash of the source; the folder is specific to `OPTIONS`."""
-
-    def dump_bytecode(self, bucket: Bucket) -> None:
-        """Write one template. If that fails, for instance on a full disk, the template is compiled again next time."""
-        with contextlib.suppress(OSError):
-            super().dump_bytecode(bucket)
-
-
 @lru_cache(maxsize=1)
 def environment() -> Environment:
-    """Return the environment that all templates share."""
-    made = Environment(loader=FileSystemLoader(templates_root(), encoding="utf-8"), bytecode_cache=_bytecode_cache(), **OPTIONS)
+    """Return the environment that all templates share. It has no cache on disk, from which a changed file would run as code."""
+    made = Environment(loader=FileSystemLoader(templates_root(), encoding="utf-8"), **OPTIONS)
     made.filters.update(FILTERS)
     return made
-
-
-def _bytecode_cache() -> _BytecodeCache | None:
-    """Return the cache of compiled templates; None if no folder is writable."""
-    key = hashlib.sha256(f"{jinja2.__version__} {OPTIONS}".encode()).hexdigest()[:16]
-    try:
-        folder = cache_folder() / f"templates-{key}"
-        folder.mkdir(mode=0o700, exist_ok=True)
-    except (BuildError, OSError):
-        return None
-    return _BytecodeCache(str(folder))
 
 
 def render(template: str, context: Mapping[str, Any]) -> bytes:

@@ -16,7 +16,7 @@ from codegen.configuration import CONFIG_BYTES_MAX, Config, parse, preset_text
 from codegen.emit.outputs import check_output
 from codegen.errors import CodegenError, ConfigError
 from codegen.explore.controls import ExploreError
-from codegen.files import read_file, write_atomically
+from codegen.files import ChangedError, read_file, write_atomically
 from codegen.importing.toml_edit import replace_values, whole
 
 REMARK = "codegen explore wrote into this table."
@@ -75,7 +75,10 @@ class Target:
                 raise Existing(found, *self._told(before, config, kept))
         elif replaces is not None:
             raise ExploreError("the file that was to be replaced is gone", where=self.path, remedy="write again")
-        write_atomically(self.path, text.encode("utf-8"))
+        try:
+            write_atomically(self.path, text.encode("utf-8"), replaces=before)
+        except ChangedError:  # since it was read above: ask again, about the file of now
+            self.write(config, replaces)
 
     def _text(self, config: Config, before: bytes | None) -> tuple[str, bool]:
         """Return the text to write, and whether it is the existing file with other numbers."""

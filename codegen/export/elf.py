@@ -14,6 +14,7 @@ from typing import Any, Literal, Self
 
 from codegen.errors import BuildError, CodegenError
 from codegen.files import read_file
+from codegen.limits import SMALL_SLOW_BYTES, Limits
 from codegen.requirements import missing
 
 ELF_BYTES_MAX = 2**30
@@ -76,8 +77,15 @@ class Elf:
 
     def __init__(self, name: str, content: bytes, *, shared: bool = False) -> None:
         self.name, self.content, self._type = name, content, "ET_DYN" if shared else "ET_EXEC"
-        with _whole(name):
+        self._limits = Limits.of(len(content), SMALL_SLOW_BYTES)
+        with self._reading():
             self._read()
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Limit time and memory of pyelftools, and convert its exceptions to BuildError."""
+        with self._limits.enforced(self.name, BuildError), _whole(self.name):
+            yield
 
     def _read(self) -> None:
         self._file = _parsed(self.name, self.content)
@@ -103,7 +111,7 @@ class Elf:
             sections = [each for each in file.iter_sections() if each["sh_flags"] & _SHF_ALLOC]
             return [(each.name, each["sh_addr"], each.data()) for each in sections]
 
-        with _whole(self.name):
+        with self._reading():
             return loaded(self._file) == loaded(_parsed(self.name, other))
 
     def place(self, path: str) -> Place | None:
@@ -112,7 +120,7 @@ class Elf:
 
         Raises BuildError: the name is ambiguous, has no such part, or the part is not a number.
         """
-        with _whole(self.name):
+        with self._reading():
             return self._place(path)
 
     def _place(self, path: str) -> Place | None:
@@ -149,11 +157,15 @@ class Elf:
     def instances(self, type_name: str) -> list[str]:
         """Return the paths of all objects of a named type, including members of structs."""
         paths: set[str] = set()
-        with _whole(self.name):
+        search = _Search(type_name)
+        with self._reading():
             for name, variables in self._variables.items():
                 several = len({each.address for each in variables}) > 1
                 for each in variables:
-                    paths.update(_instances(each.type, f"{each.unit}:{name}" if several else name, type_name, DEPTH_MAX))
+                    for path in search.paths(each.type, f"{each.unit}:{name}" if several else name, DEPTH_MAX):
+                        paths.add(path)
+                        if len(paths) > INSTANCES_MAX:
+                            raise ValueError(f"more than {INSTANCES_MAX} objects of a type")
         return sorted(paths)
 
     def bytes_at(self, address: int, size: int) -> bytes | None:
@@ -178,7 +190,7 @@ class Elf:
 
     def _loaded(self, address: int, size: int) -> tuple[int, int] | None:
         """Return offset in the file and load address of initial bytes; None if the file does not contain them."""
-        with _whole(self.name):
+        with self._reading():
             for segment in self._file.iter_segments("PT_LOAD"):
                 offset = address - segment["p_vaddr"]
                 if offset >= 0 and offset + size <= segment["p_filesz"]:
@@ -299,6 +311,8 @@ def _referenced(entry: Any, attribute: str) -> Any:
 ALIASES_MAX = 100
 LENGTH_MAX = 100_000
 """Largest array of tasks; a larger one indicates a damaged file."""
+INSTANCES_MAX = 100_000
+"""Largest number of objects of one type; more indicate a damaged file."""
 
 
 def aliases(ctype: Any) -> Iterator[Any]:
@@ -343,22 +357,62 @@ def _lengths(array: Any) -> list[int]:
     return found
 
 
-def _instances(ctype: Any, path: str, type_name: str, depth: int) -> Iterator[str]:
-    for each in aliases(ctype):
-        if each is not None and each.tag == "DW_TAG_typedef" and _name(each) == type_name:
+class _Search:
+    """Search for objects of a named type in other types.
+
+    A type is entered only if it holds such an object at all, which is decided once for each type: structs inside structs have
+    more paths than a program can have bytes.
+    """
+
+    def __init__(self, type_name: str) -> None:
+        self._type_name = type_name
+        self._holds: dict[tuple[int, int], bool] = {}
+
+    def paths(self, ctype: Any, path: str, depth: int) -> Iterator[str]:
+        """Yield the paths of all objects of the type in an object of type `ctype` at `path`, down to a depth."""
+        named, ctype = self._underlying(ctype)
+        if named:
             yield path
-            return
-        ctype = each
-    if ctype is None or depth == 0:
-        return
-    if ctype.tag in _STRUCTS:
-        for member in children(ctype):
-            if member.tag == "DW_TAG_member":
-                yield from _instances(_referenced(member, "DW_AT_type"), f"{path}.{_name(member)}", type_name, depth - 1)
-    elif ctype.tag == "DW_TAG_array_type" and len(lengths := _lengths(ctype)) == 1:
-        # Test one element: an array of other objects may have a million elements.
-        holds = any(True for _ in _instances(_referenced(ctype, "DW_AT_type"), path, type_name, depth - 1))
+        elif self._contains(ctype, depth):
+            if ctype.tag in _STRUCTS:
+                for name, member in self._members(ctype):
+                    yield from self.paths(member, f"{path}.{name}", depth - 1)
+            else:
+                for index in range(_lengths(ctype)[0]):
+                    yield from self.paths(_referenced(ctype, "DW_AT_type"), f"{path}[{index}]", depth - 1)
+
+    def _underlying(self, ctype: Any) -> tuple[bool, Any]:
+        """Return whether a type has the name, and the type that it is an alias of."""
+        for each in aliases(ctype):
+            if each is not None and each.tag == "DW_TAG_typedef" and _name(each) == self._type_name:
+                return True, each
+            ctype = each
+        return False, ctype
+
+    def _contains(self, ctype: Any, depth: int) -> bool:
+        if ctype is None or depth == 0:
+            return False
+        key = ctype.offset, depth
+        if key not in self._holds:
+            self._holds[key] = self._looked_into(ctype, depth)
+        return self._holds[key]
+
+    def _looked_into(self, ctype: Any, depth: int) -> bool:
+        if ctype.tag in _STRUCTS:
+            return any(self._is_or_contains(member, depth - 1) for _, member in self._members(ctype))
+        if ctype.tag != "DW_TAG_array_type" or len(lengths := _lengths(ctype)) != 1:
+            return False
+        holds = self._is_or_contains(_referenced(ctype, "DW_AT_type"), depth - 1)
         if holds and lengths[0] > LENGTH_MAX:
             raise ValueError(f"an array of {lengths[0]} tasks")
-        for index in range(lengths[0] if holds else 0):
-            yield from _instances(_referenced(ctype, "DW_AT_type"), f"{path}[{index}]", type_name, depth - 1)
+        return holds
+
+    def _is_or_contains(self, ctype: Any, depth: int) -> bool:
+        named, ctype = self._underlying(ctype)
+        return named or self._contains(ctype, depth)
+
+    @staticmethod
+    def _members(struct: Any) -> Iterator[tuple[str, Any]]:
+        for member in children(struct):
+            if member.tag == "DW_TAG_member":
+                yield _name(member), _referenced(member, "DW_AT_type")

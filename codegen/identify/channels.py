@@ -29,6 +29,7 @@ from codegen.identify.names import Names
 from codegen.importing import child, table
 from codegen.importing.quantities import Name, take_apart, unit_of
 from codegen.importing.source import TABLE_BYTES_MAX, read, text_of
+from codegen.limits import SMALL_SLOW_BYTES, Limits
 from codegen.logs.account import BusLog, open_bus_log
 from codegen.logs.databases import BusKey, Databases, Defined
 from codegen.logs.reader import BYTES_MAX, LOGS
@@ -170,7 +171,9 @@ def _time_column(columns: Sequence[str], names: Names, path: Path) -> tuple[int,
 
 def _text_table(path: Path, names: Names) -> Log:
     source = read(path, TABLE_BYTES_MAX)
-    cells = table.split(text_of(source), path)
+    limits = Limits.of(len(source.data))
+    with limits.enforced(path):
+        cells = table.split(text_of(source), path)
     if cells.head is None:
         raise CodegenError(
             "the first line has no names", where=path, remedy="give a line such as time_s, vx_m_s, yaw_rate_rad_s"
@@ -179,7 +182,8 @@ def _text_table(path: Path, names: Names) -> Log:
     of_time, size = _time_column(columns, names, path)
 
     def read_columns(indices: Sequence[int]) -> list[Samples]:
-        time, *values = (np.array([cells.value(line, index, path) for line in cells.body]) for index in (of_time, *indices))
+        with limits.enforced(path):
+            time, *values = (np.array([cells.value(line, index, path) for line in cells.body]) for index in (of_time, *indices))
         return [_present(time * size, one) for one in values]
 
     return Log(_columns(columns, of_time), read_columns)
@@ -196,31 +200,17 @@ def _present(time: FloatArray, values: FloatArray) -> Samples:
 
 
 def _parquet(path: Path, names: Names) -> Log:
-    try:
-        import pyarrow as pa
-        from pyarrow import parquet
-    except ImportError:
-        raise missing("pyarrow", "reads .parquet", path) from None
-    with _damage(path, "Parquet file"):
-        schema = parquet.read_schema(path)
-        columns = list(schema.names)
+    limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
+    found: list[tuple[str, str]] = _in_child(path, "parquet", "columns", limits=limits)
+    columns = [name for name, _ in found]
     of_time, size = _time_column(columns, names, path)
-    kind = schema.field(of_time).type
-    in_nanoseconds = None
-    if pa.types.is_timestamp(kind):
-        in_nanoseconds = pa.timestamp("ns", tz=kind.tz)
-    elif pa.types.is_duration(kind):
-        in_nanoseconds = pa.duration("ns")
+    if found[of_time][1] == "time":
+        size = 1e-9
 
     def read_columns(indices: Sequence[int]) -> list[Samples]:
-        with _damage(path, "Parquet file"):
-            needed = dict.fromkeys(columns[index] for index in (of_time, *indices))
-            found = parquet.read_table(path, columns=list(needed))
-            time, *values = (found.column(columns[index]) for index in (of_time, *indices))
-            if in_nanoseconds is not None:
-                time = time.cast(in_nanoseconds).cast(pa.int64())
-            time, *values = (np.asarray(column.to_numpy(), dtype=np.float64) for column in (time, *values))
-        return [_present(time * (size if in_nanoseconds is None else 1e-9), one) for one in values]
+        wanted = [columns[index] for index in (of_time, *indices)]
+        time, *values = _in_child(path, "parquet", "read", wanted, child.result_bytes(limits), limits=limits)
+        return [_present(time * size, one) for one in values]
 
     return Log(_columns(columns, of_time), read_columns)
 
@@ -242,7 +232,8 @@ def _damage(path: Path, what: str) -> Iterator[None]:
 
 def _measurement(path: Path) -> Log | None:
     """Return the measurement in an MF4 file; None for the log of a bus."""
-    found: list[ChannelName] | None = _in_child(path, "channels")
+    limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
+    found: list[ChannelName] | None = _in_child(path, "mf4", "channels", limits=limits)
     if found is None:
         return None
     channels = [
@@ -252,16 +243,26 @@ def _measurement(path: Path) -> Log | None:
         )
         for one in found
     ]
-    return Log(channels, lambda places: [Samples(*one) for one in _in_child(path, "samples", list(places))])
+
+    def read_samples(places: Sequence[Any]) -> list[Samples]:
+        bytes_max = child.result_bytes(limits)
+        return [Samples(*one) for one in _in_child(path, "mf4", "samples", list(places), bytes_max, limits=limits)]
+
+    return Log(channels, read_samples)
 
 
-def _in_child(path: Path, function: str, *arguments: Any) -> Any:
-    """Call a function of `codegen.importing.mf4`. Raises CodegenError."""
-    with _damage(path, "MF4 file"):
+READERS = {"mf4": ("MF4 file", "asammdf"), "parquet": ("Parquet file", "pyarrow")}
+"""Module of `codegen.importing` -> what it reads, and the package that it needs."""
+
+
+def _in_child(path: Path, module: str, function: str, *arguments: Any, limits: Limits) -> Any:
+    """Call a function of a module of READERS. Raises CodegenError."""
+    what, package = READERS[module]
+    with _damage(path, what):
         try:
-            return child.call("codegen.importing.mf4", function, path, *arguments, **child.LOG)
+            return child.call(f"codegen.importing.{module}", function, path, *arguments, limits=limits)
         except ImportError:
-            raise missing("asammdf", "reads .mf4", path) from None
+            raise missing(package, f"reads {path.suffix.lower()}", path) from None
 
 
 # --- logs of a bus -------------------------------------------------------------------------------------------------------

@@ -7,48 +7,63 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import math
 import os
 import pickle
+import signal
 import subprocess
 import sys
-from pathlib import Path
+import time
 from typing import Any
 
 from codegen.errors import one_line
+from codegen.limits import Limits, limit_memory
 
 PROGRAM = (sys.executable, "-P", "-m", __name__)
 """-P: neither the user's folder nor this one comes before the libraries."""
-SPARE_BYTES = 2**30
-"""Default memory limit of a call, in addition to Python and the libraries."""
-SECONDS = 60.0
-"""Default time limit of a call."""
-LOG: dict[str, Any] = {"seconds": 600.0, "spare_bytes": 2**34}
-"""Limits for a log of up to 2 GiB."""
+WALL_FACTOR = 3.0
+"""Time limit by the clock, as a multiple of the processor time: the machine may be busy."""
+
+
+RESULT_SHARE = 4
+"""Part of the memory that a result may have: both processes hold several copies of it."""
+
+
+def result_bytes(limits: Limits) -> int:
+    """Return the largest size of a result."""
+    return limits.memory_bytes // RESULT_SHARE
 
 
 class ChildError(Exception):
     """The call ended without a result: the process crashed or took too long."""
 
 
-def call(module: str, function: str, *arguments: Any, seconds: float = SECONDS, spare_bytes: int = SPARE_BYTES) -> Any:
+def call(module: str, function: str, *arguments: Any, limits: Limits | None = None) -> Any:
     """Call a function of a module, which only the child imports, and return its result.
 
     Args:
         arguments: of types that can be pickled.
-        spare_bytes: memory limit, where Linux reports the size of the process.
+        limits: time and memory after the import of the module; None: those of a small file.
 
     Raises:
         ChildError: the process crashed or took too long, or could not be started.
-        Exception: whatever the import of the module or the function raises, ImportError and MemoryError included.
+        MemoryError: it needs more memory.
+        Exception: whatever the import of the module or the function raises, ImportError included.
     """
+    limits = limits or Limits()
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)}
-    request = pickle.dumps((module, function, arguments, spare_bytes))
+    request = pickle.dumps((module, function, arguments, limits))
+    too_long = f"reading it takes more than {limits.seconds:g} s, the limit for its size"
     try:
-        ended = subprocess.run(PROGRAM, input=request, capture_output=True, timeout=seconds, check=False, env=environment)
+        ended = subprocess.run(
+            PROGRAM, input=request, capture_output=True, timeout=WALL_FACTOR * limits.seconds, check=False, env=environment
+        )
     except subprocess.TimeoutExpired:
-        raise ChildError(f"no answer within {seconds:g} s") from None
+        raise ChildError(too_long) from None
     except OSError as error:
         raise ChildError(f"it cannot be read in a process of its own: {error.strerror}") from None
+    if ended.returncode == -signal.SIGXCPU:
+        raise ChildError(too_long)
     if ended.returncode:
         raise ChildError(f"its reader crashed, exit code {ended.returncode}")
     result, failure = pickle.loads(ended.stdout)
@@ -57,31 +72,33 @@ def call(module: str, function: str, *arguments: Any, seconds: float = SECONDS, 
     return result
 
 
-def _bound_process(spare_bytes: int) -> None:
-    """Disable core files and, where Linux reports the size of this process, limit its memory to `spare_bytes` more."""
+def _bound_process(limits: Limits) -> None:
+    """Disable core files, and limit the processor time and the memory of this process."""
     with contextlib.suppress(ImportError, OSError, ValueError):
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        _, most = resource.getrlimit(resource.RLIMIT_AS)
-        resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + spare_bytes, most))
+        _, most = resource.getrlimit(resource.RLIMIT_CPU)
+        resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(time.process_time() + limits.seconds), most))
+    limit_memory(limits.memory_bytes)
 
 
 def _main() -> None:
     """Make the call that standard input describes and write its result or its error to standard output."""
     output, sys.stdout = sys.stdout.buffer, sys.stderr  # libraries may print
-    module, function, arguments, spare_bytes = pickle.load(sys.stdin.buffer)
-    result: tuple[Any, Exception | None]
+    module, function, arguments, limits = pickle.load(sys.stdin.buffer)
     try:
         called = getattr(importlib.import_module(module), function)
-        _bound_process(spare_bytes)
-        result = called(*arguments), None
-    except (ImportError, MemoryError) as error:
-        result = None, type(error)(one_line(error))
+        _bound_process(limits)
+        content = pickle.dumps((called(*arguments), None))
+    except ImportError as error:
+        content = pickle.dumps((None, ImportError(one_line(error))))
+    except MemoryError:
+        text = f"reading it takes more than {limits.memory_bytes / 1e9:.1f} GB of memory, the limit for its size"
+        content = pickle.dumps((None, MemoryError(text)))
     except Exception as error:  # some cannot be pickled, or not restored
-        result = None, ValueError(one_line(error) or type(error).__name__)
-    output.write(pickle.dumps(result))
+        content = pickle.dumps((None, ValueError(one_line(error) or type(error).__name__)))
+    output.write(content)
 
 
 if __name__ == "__main__":

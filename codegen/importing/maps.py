@@ -22,6 +22,7 @@ from codegen.importing import child, quantities
 from codegen.importing.quantities import FACTORS, LOGICAL, QUANTITIES
 from codegen.importing.source import MIB, TABLE_BYTES_MAX, ImportFault, Source, read
 from codegen.importing.table import Axis, RawMap, read_table
+from codegen.limits import Limits
 from codegen.map_file.map import SCHEMA_VERSION, ReferenceMap, from_arrays
 from codegen.map_file.tables import UNITS
 
@@ -52,7 +53,7 @@ def contents(source: Source) -> Contents:
     if HDF5_SIGNATURE in data[:1024] or (data[126:128] in (b"IM", b"MI") and 2 in data[124:126]):
         raise ImportFault("a MATLAB file of version 7.3 (HDF5), which is not read", where=source.path, remedy=SAVE_AGAIN)
     try:
-        return Contents(*child.call("codegen.importing.matlab", "read", data, TABLE_BYTES_MAX))
+        return Contents(*child.call("codegen.importing.matlab", "read", data, TABLE_BYTES_MAX, limits=Limits.of(len(data))))
     except MemoryError:
         remedy = "save the map's own variables only"
         raise ImportFault(f"over {TABLE_BYTES_MAX // MIB} MiB unpacked", where=source.path, remedy=remedy) from None
@@ -103,7 +104,12 @@ def import_map(path: Path, choices: Choices) -> ImportedMap:
     """
     given = quantities.parse_units(choices.units)
     source = read(path, TABLE_BYTES_MAX)
-    found = contents(source) if path.suffix.lower() in MATLAB_ENDINGS else None
+    with Limits.of(len(source.data)).enforced(path, ImportFault):
+        return _read(source, choices, given)
+
+
+def _read(source: Source, choices: Choices, given: Mapping[str, str]) -> ImportedMap:
+    found = contents(source) if source.path.suffix.lower() in MATLAB_ENDINGS else None
     try:
         return _imported(source, found, choices, given)
     except CodegenError as error:

@@ -14,16 +14,15 @@ from asammdf import MDF
 from codegen.arrays import AnyArray, FloatArray
 
 
-def columns(path: Path, names: Sequence[str]) -> list[FloatArray] | None:
+def columns(path: Path, names: Sequence[str], bytes_max: int) -> list[FloatArray] | None:
     """Return the physical values of the named channels; None for the log of a bus.
 
-    A channel whose values are texts, as those of a status are, gives its numbers.
-
-    Raises whatever asammdf raises for a damaged file.
+    A channel whose values are texts, as those of a status are, gives its numbers. For `bytes_max` and errors see `samples`.
     """
     with MDF(path) as mdf:
         if "CAN_DataFrame" in mdf.channels_db:
             return None
+        _check_size(mdf, [place for name in names for place in mdf.channels_db[name][:1]], bytes_max)
         return [_column(mdf, name) for name in names]
 
 
@@ -32,6 +31,9 @@ def _column(mdf: MDF, name: str) -> FloatArray:
     if samples.dtype.kind not in "biuf":
         samples = mdf.get(name, raw=True).samples
     return np.array(samples, dtype=np.float64)
+
+
+BYTES_PER_NUMBER = 8
 
 
 @dataclass(frozen=True)
@@ -61,15 +63,26 @@ def _unit(channel: Any) -> str:
     return str(channel.unit or getattr(channel.conversion, "unit", "") or "")
 
 
-def samples(path: Path, places: Sequence[tuple[int, int]]) -> list[tuple[FloatArray, FloatArray]]:
+def samples(path: Path, places: Sequence[tuple[int, int]], bytes_max: int) -> list[tuple[FloatArray, FloatArray]]:
     """Return times in s and values of channels, without invalid samples; NaN for texts, which mark reserved values.
 
+    Args:
+        bytes_max: limit on the size of all results.
+
     Raises:
-        ValueError: a channel has no number.
+        ValueError: more than that, or a channel has no number.
         Exception: whatever asammdf raises for a damaged file.
     """
     with MDF(path) as mdf:
+        _check_size(mdf, places, bytes_max)
         return [_samples(mdf, *place) for place in places]
+
+
+def _check_size(mdf: MDF, places: Sequence[tuple[int, int]], bytes_max: int) -> None:
+    """Raise ValueError if times and values of channels are too large: packed zeros of a small file can have any length."""
+    numbers = sum(int(mdf.groups[group].channel_group.cycles_nr) for group, _ in places)
+    if 2 * BYTES_PER_NUMBER * numbers > bytes_max:
+        raise ValueError(f"{numbers} samples, more than a file of its size may hold")
 
 
 def _samples(mdf: MDF, group: int, index: int) -> tuple[FloatArray, FloatArray]:

@@ -26,6 +26,13 @@ CONTAINER_HEADER = struct.Struct("<H6xL4x")
 CONTAINER, NOT_COMPRESSED, DEFLATE = 10, 0, 2
 CONTAINER_BYTES_MAX = 2**26
 """Largest unpacked container. Tools write 128 KiB."""
+UNPACKED_FACTOR, UNPACKED_BYTES_MIN = 16, 2**25
+"""Largest size of all unpacked containers as a multiple of the file's, and what every file may have. Tools reach 4; the packing
+can reach 1000."""
+PACKED_OBJECT_BYTES, OBJECTS_MIN = 5, 100_000
+"""Fewest bytes of the file for each object: packed frames have 8 or more. What every file may have."""
+OBJECT_BYTES_MAX = 2**26
+"""Largest object. Those with frames have some 100 bytes."""
 HEADER_VERSIONS = (1, 2)
 PADDING_MAX = 8
 BATCH_OBJECTS = 1000
@@ -85,6 +92,7 @@ def _container(objects: bytes) -> bytes:
 def _batches(file: BinaryIO, path: Path, into: Collector) -> Iterator[list[bytes]]:
     """Yield the objects that python-can reads, some at a time. Counts all frames."""
     tail, number = b"", 0
+    objects_max = max(path.stat().st_size // PACKED_OBJECT_BYTES, OBJECTS_MIN)
     whole: list[bytes] = []
     for chunk in _chunks(file, path):
         data, position = tail + chunk, 0
@@ -95,7 +103,7 @@ def _batches(file: BinaryIO, path: Path, into: Collector) -> Iterator[list[bytes
             if start < 0 or start + OBJECT_HEADER.size > len(data):
                 break
             _, _, version, size, kind = OBJECT_HEADER.unpack_from(data, start)
-            if size < OBJECT_HEADER.size:
+            if not OBJECT_HEADER.size <= size <= OBJECT_BYTES_MAX:
                 raise CodegenError(f"an object has the size {size}", where=f"{path}, object {number}", remedy=REMEDY)
             if start + size > len(data):
                 break  # it continues in the next container
@@ -103,6 +111,8 @@ def _batches(file: BinaryIO, path: Path, into: Collector) -> Iterator[list[bytes
                 whole.append(data[start : start + size] + bytes(-size % 4))
             position = start + size
             number += 1
+            if number > objects_max:
+                raise CodegenError("it holds far more objects than a log of its size", where=path, remedy=REMEDY)
         tail = data[position:]
         if len(whole) >= BATCH_OBJECTS:
             yield whole
@@ -130,6 +140,7 @@ def _is_readable(kind: int, version: int, into: Collector, number: int) -> bool:
 
 def _chunks(file: BinaryIO, path: Path) -> Iterator[bytes]:
     """Yield the unpacked contents of containers, and each object outside of a container."""
+    left = max(UNPACKED_FACTOR * path.stat().st_size, UNPACKED_BYTES_MIN)
     while head := file.read(OBJECT_HEADER.size):
         if not head.strip(b"\0"):
             continue  # padding at the end
@@ -145,7 +156,11 @@ def _chunks(file: BinaryIO, path: Path) -> Iterator[bytes]:
             yield head + content
             return
         file.read(size % 4)  # as tools pad containers
-        yield _unpacked(content, path) if kind == CONTAINER else head + content
+        chunk = _unpacked(content, path) if kind == CONTAINER else head + content
+        left -= len(chunk)
+        if left < 0:
+            raise CodegenError("its containers hold far more than a log of its size", where=path, remedy=REMEDY)
+        yield chunk
 
 
 def _unpacked(content: bytes, path: Path) -> bytes:

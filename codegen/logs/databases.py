@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from codegen.errors import CodegenError, one_line
 from codegen.files import read_file, require_regular
+from codegen.importing.xml_head import check_head
+from codegen.limits import Limits
 from codegen.logs import library_warnings
 from codegen.requirements import missing
 
@@ -180,7 +182,7 @@ def _are_equal(one: Message, other: Message) -> bool:
 
 def load_database(path: Path) -> Loaded:
     """Read a DBC or ARXML with cantools. Raises CodegenError."""
-    require_regular(path, DATABASE_BYTES_MAX, "give a DBC or ARXML")
+    size = require_regular(path, DATABASE_BYTES_MAX, "give a DBC or ARXML")
     kind = path.suffix.lower()
     if kind not in DATABASE_ENDINGS:
         raise CodegenError("not a database of a bus", where=path, remedy="give a .dbc or .arxml")
@@ -191,11 +193,12 @@ def load_database(path: Path) -> Loaded:
     findings: list[str] = []
     left_out: list[str] = []
     try:
-        with library_warnings.collected() as warnings:
+        with Limits.of(size).enforced(path), library_warnings.collected() as warnings:
             # Not strict: databases in use have signals that overlap, or that are longer than their message.
             if kind == ".dbc":
                 found, left_out = _load_dbc(path, findings)
             else:
+                check_head(read_file(path, DATABASE_BYTES_MAX, "give an ARXML"), path)
                 found = database.load_file(path, database_format="arxml", strict=False)  # type: ignore[assignment]
     except CodegenError:
         raise

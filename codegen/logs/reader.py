@@ -7,6 +7,7 @@ from pathlib import Path
 from codegen.errors import CodegenError, one_line
 from codegen.files import reason_of, require_regular
 from codegen.importing import child
+from codegen.limits import SMALL_SLOW_BYTES, Limits
 from codegen.logs import library_warnings
 from codegen.logs.frames import REMEDY, Collector, FileAccount, Frames
 from codegen.requirements import pip_install
@@ -20,15 +21,16 @@ def read_frames(path: Path) -> tuple[Frames, FileAccount]:
     Raises:
         CodegenError: not a regular file, over 1 GiB, damaged, cut short, or the package that reads it is missing.
     """
-    require_regular(path, BYTES_MAX, "give a shorter log")
+    limits = Limits.of(require_regular(path, BYTES_MAX, "give a shorter log"), SMALL_SLOW_BYTES)
     kind = path.suffix.lower()
     try:
         if kind == ".mf4":
-            found: tuple[Frames, FileAccount] = child.call("codegen.logs.mf4", "read", path, **child.LOG)
+            found: tuple[Frames, FileAccount] = child.call("codegen.logs.mf4", "read", path, limits=limits)
             return found
-        with library_warnings.collected() as warnings:
-            into, clock = READERS[kind](path)
-        return into.finish(clock, warnings)
+        with limits.enforced(path):
+            with library_warnings.collected() as warnings:
+                into, clock = READERS[kind](path)
+            return into.finish(clock, warnings)
     except CodegenError:
         raise
     except OSError as error:

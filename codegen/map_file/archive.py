@@ -51,8 +51,11 @@ def _refuse_damage(where: object) -> Iterator[None]:
 
 def read_archive(
     data: bytes, where: object, keys: Sequence[str], check_keys: Callable[[Iterable[str], object], None]
-) -> dict[str, AnyArray]:
-    """Return the arrays of `keys` in an .npz archive. `check_keys` checks all names before unpacking. Raises MapError."""
+) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
+    """Return the arrays of `keys` in an .npz archive, and the names of all others in it.
+
+    `check_keys` checks all names before unpacking. Raises MapError.
+    """
     check_size(len(data), PACKED_BYTES_MAX, where)
     if not data.startswith(b"PK"):
         raise MapError("not an .npz file (a zip archive)", where=where, remedy=SAVE_AS)
@@ -65,7 +68,8 @@ def read_archive(
                 raise MapError("the key is there twice", where=f"{where}: {key}", remedy=SAVE_AS)
             members[key] = info
         check_keys(members, where)
-        return {key: _read_member(archive, members[key], f"{where}: {key}") for key in keys if key in members}
+        arrays = {key: _read_member(archive, members[key], f"{where}: {key}") for key in keys if key in members}
+        return arrays, tuple(key for key in members if key not in keys)
 
 
 def _read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, place: str) -> AnyArray:

@@ -21,6 +21,7 @@ import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import EllipsisType
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,7 @@ class ReferenceMap:
         meta: the parsed JSON of the file; {} where it has none.
         layers: the stack over one quantity, rising; () where the file has none. A layer's map always has the configuration
             (`changed`), case and meta of this one: replacing those here replaces them there.
+        ignored: names of arrays in the file that are no keys of a map; only a table without `meta` may have any.
 
     Raises:
         ConfigError: the configuration is invalid for a layer of the stack.
@@ -119,6 +121,7 @@ class ReferenceMap:
     case: str | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
     layers: tuple[Layer, ...] = ()
+    ignored: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "layers", tuple(self._of_this_car(layer) for layer in self.layers))
@@ -174,11 +177,12 @@ def load(path: Path) -> ReferenceMap:
 
 def from_bytes(data: bytes, where: object) -> ReferenceMap:
     """Read a map from the bytes of an `.npz`; messages name `where` as the place. Raises MapError."""
-    return from_arrays(archive.read_archive(data, where, KEYS, tables.check_keys), where)
+    arrays, others = archive.read_archive(data, where, KEYS, tables.check_keys)
+    return replace(from_arrays(arrays, where), ignored=others)
 
 
 def from_arrays(arrays: Mapping[str, AnyArray], where: object) -> ReferenceMap:
-    """Check arrays under the keys of the file and make a map of them; other keys are ignored.
+    """Check arrays under the keys of the file and make a map of them. A table without `meta` may have other keys.
 
     The arrays are copied. Values of infeasible cells mean nothing and become NaN.
 
@@ -247,11 +251,18 @@ def to_bytes(reference_map: ReferenceMap) -> bytes:
     return stream.getvalue()
 
 
-def save(reference_map: ReferenceMap, path: Path) -> None:
-    """Write a map (see `to_bytes`). A failure, whenever it comes, leaves what stood at `path`. Raises MapError."""
+def save(reference_map: ReferenceMap, path: Path, *, replaces: bytes | EllipsisType | None = ...) -> None:
+    """Write a map (see `to_bytes`). A failure, whenever it comes, leaves what stood at `path`.
+
+    Args:
+        replaces: see `write_atomically`.
+
+    Raises:
+        MapError: it cannot be written, or another program wrote the file in the meantime.
+    """
     data = to_bytes(reference_map)
     try:
-        write_atomically(path, data)
+        write_atomically(path, data, replaces=replaces)
     except CodegenError as error:
         raise MapError(error.what, where=error.where, remedy=error.remedy) from error
 
@@ -387,9 +398,10 @@ def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) 
     """
     own = reference_map.config if reference_map is not None else None
     cases = None if reference_map is None else [reference_map.case]
+    ignored = () if reference_map is None else tuple(f"{key}: not a key of a map; ignored" for key in reference_map.ignored)
     if config_path is not None:
         config = configuration.load(config_path)
-        notes = _notes_on_design(config)
+        notes = (*ignored, *_notes_on_design(config))
         if own is not None and (own.vehicle, own.tyre, own.road) != (config.vehicle, config.tyre, config.road):
             notes += (f"{config_path.name} describes another car than the map was solved for; the map is taken as it is",)
         if own is not None and own.tightening != config.tightening == Tightening():
@@ -401,7 +413,7 @@ def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) 
     if reference_map is None:
         return Chosen(paper, "preset")
     # The paper's controller belongs to the paper's maps; another table gets the one with its rate limit on.
-    return Chosen(paper.model_copy(update={"controller": Controller(kind="pi")}), "preset", (PRESET_NOTE,))
+    return Chosen(paper.model_copy(update={"controller": Controller(kind="pi")}), "preset", (*ignored, PRESET_NOTE))
 
 
 def grip_notes(config: Config, cases: Iterable[str | None] | None = None) -> Iterator[str]:

@@ -114,8 +114,16 @@ class Tables:
 
 
 def check_keys(keys: Iterable[str], where: object) -> None:
-    """Reject a set of keys that lacks a required one or holds an incomplete stack. Raises MapError."""
+    """Reject a set of keys that lacks a required one, holds an incomplete stack, or has one that is no key of a map.
+
+    A table of another tool may have keys of its own (see `unknown_keys`), unless it is one letter away from a known one: a
+    flipped bit in a name would turn a solved map into a table without its configuration.
+
+    Raises:
+        MapError: with the key.
+    """
     present = list(keys)
+    _check_unknown_keys(present, where)
     for key in REQUIRED:
         if key not in present:
             raise MapError(
@@ -128,6 +136,27 @@ def check_keys(keys: Iterable[str], where: object) -> None:
     if all(stack.key in present for stack in STACKS):
         remedy = f"leave out the keys of one, such as {ACCELERATION.key}"
         raise MapError("a map has one stack at most", where=f"{where}: {ACCELERATION.key}", remedy=remedy)
+
+
+def unknown_keys(keys: Iterable[str]) -> tuple[str, ...]:
+    """Return the keys that are no keys of a map."""
+    return tuple(key for key in keys if key not in KEYS)
+
+
+def _check_unknown_keys(present: list[str], where: object) -> None:
+    for key in unknown_keys(present):
+        meant = next((known for known in KEYS if _one_letter_apart(key, known) or _one_letter_apart(key, f"{known}.npy")), None)
+        if meant is not None or "meta" in present:
+            remedy = "leave it out, or use the version that wrote it" if meant is None else f"did you mean {meant!r}?"
+            raise MapError("not a key of a map", where=f"{where}: {key}", remedy=remedy)
+
+
+def _one_letter_apart(word: str, known: str) -> bool:
+    """Return whether replacing, adding or removing one letter turns a word into another one."""
+    if len(word) == len(known):
+        return sum(one != other for one, other in zip(word, known, strict=True)) == 1
+    short, long = sorted((word, known), key=len)
+    return len(long) == len(short) + 1 and any(long[:place] + long[place + 1 :] == short for place in range(len(long)))
 
 
 def _check_stack_keys(present: list[str], stack: Stack, where: object) -> None:

@@ -19,6 +19,7 @@ from rich.live import Live
 from rich.panel import Panel
 from rich.text import Text
 
+from codegen.errors import printable
 from codegen.sil.software import Status
 from hil_sim.codec import causes
 
@@ -419,7 +420,7 @@ class LiveView:
         """
         # FORCE_COLOR only affects colour; redrawing needs a terminal.
         self._console = Console(stderr=True, force_terminal=sys.stderr.isatty()) if console is None else console
-        self._title, self._footer = title, f"{bus} · ECU {ecu} · {clock}"
+        self._title, self._footer = printable(title), f"{bus} · ECU {ecu} · {clock}"
         self._samples: deque[LiveSample] = deque()
         self._history = History()
         self._live: Live | None = None

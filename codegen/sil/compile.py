@@ -32,6 +32,7 @@ import cffi
 from cffi.recompiler import make_c_source
 from pycparser import c_ast, c_generator, c_parser
 
+from codegen import cache
 from codegen.cache import cache_folder
 from codegen.errors import BuildError
 from codegen.sil.toolchain import compiler_command, compiler_identity, find_compiler, require_success, run
@@ -39,8 +40,11 @@ from codegen.sil.toolchain import compiler_command, compiler_identity, find_comp
 __all__ = ["DEFAULT_FLAGS", "Library", "Mode", "cache_folder", "compile_library", "derive_cdef", "find_compiler"]
 
 DEFAULT_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-Wall", "-Wextra", "-Werror")
-CACHE_FORMAT = 2
+CACHE_FORMAT = 3
 """Version of the cache; increase it when the content of an entry or the way it is built changes."""
+
+LIBRARY, CDEF = ".so", ".h"
+"""Suffixes of the two files of an entry: the compiled file and its declarations."""
 
 Mode = Literal["auto", "api", "abi"]
 
@@ -178,42 +182,31 @@ def _resolved_mode(mode: Mode) -> str:
     raise BuildError("Python.h is not installed", remedy='apt install python3-dev, or use mode "abi", which does not need it')
 
 
-def _open(job: _Job, cache: Path) -> Library:
-    entry = _read_entry(job, cache)
+def _open(job: _Job, folder: Path) -> Library:
+    entry = _find_entry(job, folder)
     if entry is not None:
         # An intact entry may fail to load, for example after an update of the C library. Then it is built again.
         with contextlib.suppress(BuildError):
             return _load(job, entry)
     try:
-        return _load(job, _build(job, cache))
+        return _load(job, _build(job, folder))
     except OSError as error:
         raise BuildError(
             f"the compiled C cannot be stored: {error.strerror or error}",
-            where=cache,
+            where=folder,
             remedy="free space there, or set ARS_CACHE",
         ) from error
 
 
-def _library_path(job: _Job, cache: Path, digest: str) -> Path:
-    return cache / f"{job.module_name}-{digest[:16]}.so"
+def _find_entry(job: _Job, folder: Path) -> _Entry | None:
+    """Return the cached entry, or None if a file of it is missing or damaged. Loading a truncated library would terminate the
+    process."""
+    library, cdef = cache.find(folder, job.module_name, LIBRARY), cache.find(folder, job.module_name, CDEF)
+    return None if library is None or cdef is None else _Entry(library.path, cdef.content.decode())
 
 
-def _read_entry(job: _Job, cache: Path) -> _Entry | None:
-    """Return the cached entry, or None if it is missing or damaged.
-
-    Loading a truncated library would terminate the process, so the digest is checked first.
-    """
-    try:
-        index = json.loads((cache / f"{job.module_name}.json").read_text(encoding="utf-8"))
-        path = _library_path(job, cache, index["sha256"])
-        whole = hashlib.sha256(path.read_bytes()).hexdigest() == index["sha256"]
-        return _Entry(path, str(index["cdef"])) if whole else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-
-
-def _build(job: _Job, cache: Path) -> _Entry:
-    with tempfile.TemporaryDirectory(prefix="build-", dir=cache) as scratch_name:
+def _build(job: _Job, folder: Path) -> _Entry:
+    with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as scratch_name:
         scratch = Path(scratch_name)
         tree = scratch / "tree"  # separate, so that no source collides with a file created here
         for path, content in job.sources.items():
@@ -243,7 +236,9 @@ def _build(job: _Job, cache: Path) -> _Entry:
             objects.append("../glue.o")
         kind = ["-bundle", "-undefined", "dynamic_lookup"] if sys.platform == "darwin" else ["-shared"]
         require_success(run([*job.compiler, *job.flags, *kind, *objects, "-o", "../library.so", "-lm"], tree), job.name)
-        return _publish(job, cache, scratch, cdef)
+        cache.keep(folder, job.module_name, cdef.encode(), CDEF)
+        content = (scratch / "library.so").read_bytes()
+        return _Entry(cache.keep(folder, job.module_name, content, LIBRARY, executable=True).path, cdef)
 
 
 def _compile_glue(job: _Job, ffi: Any, tree: Path, search: Sequence[str]) -> None:
@@ -255,20 +250,6 @@ def _compile_glue(job: _Job, ffi: Any, tree: Path, search: Sequence[str]) -> Non
     python = [f"-I{folder}" for folder in _python_include_folders()]
     command = [*job.compiler, *flags, "-fPIC", "-I.", *search, *python, "-c", "../glue.c", "-o", "../glue.o"]
     require_success(run(command, tree), "the glue code of cffi")
-
-
-def _publish(job: _Job, cache: Path, scratch: Path, cdef: str) -> _Entry:
-    """Move the library to the cache under its digest, then the index that refers to it.
-
-    Both moves are atomic: other processes see the old entry or the new one, and no file in use is overwritten.
-    """
-    digest = hashlib.sha256((scratch / "library.so").read_bytes()).hexdigest()
-    path = _library_path(job, cache, digest)
-    index = scratch / "index.json"
-    index.write_text(json.dumps({"sha256": digest, "cdef": cdef}), encoding="utf-8")
-    (scratch / "library.so").replace(path)
-    index.replace(cache / f"{job.module_name}.json")
-    return _Entry(path, cdef)
 
 
 def _load(job: _Job, entry: _Entry) -> Library:

@@ -13,6 +13,7 @@ import re
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -21,7 +22,7 @@ from codegen.requirements import missing
 from codegen.sweep import store
 from codegen.sweep.chunk import Work, software
 from codegen.sweep.plan import Plan
-from codegen.sweep.versions import versions
+from codegen.sweep.versions import identity
 
 ADDRESS, PORT_MAX = re.compile(r"[a-z]+://[^\s/]+:(?P<port>\d{1,9})\Z"), 65_535
 AHEAD = 2
@@ -115,7 +116,7 @@ class Dask:
         Raises:
             CodegenError: the scheduler went away.
             CheckFailed: the cluster gave up.
-            BuildError: a worker cannot compile, lacks the instructions, or has other versions.
+            BuildError: a worker cannot compile, lacks the instructions, or does not prove the same versions, sources and tools.
         """
         try:
             yield from self._run(work, numbers)
@@ -138,10 +139,11 @@ class Dask:
         under_way: dict[Any, int] = {}
         deaths: dict[int, int] = {}
         ended = self._as_completed(loop=client.loop)
+        own = identity()
 
         def submit(number: int) -> None:
             key = f"chunk-{run}-{number}-{deaths.get(number, 0)}"
-            future = client.submit(_call, sent, number, versions(), key=key, pure=False)
+            future = client.submit(_call, sent, number, own, key=key, pure=False)
             under_way[future] = number
             ended.add(future)
 
@@ -166,7 +168,7 @@ class Dask:
                     deaths[number] = deaths.get(number, 0) + 1
                     submit(number)
                     continue
-                yield number, _result(future, number)
+                yield number, _proven(_result(future, number), own)
                 refill()
         finally:
             with contextlib.suppress(Exception):  # the scheduler may be gone
@@ -215,26 +217,51 @@ def _itself(work: Call) -> Call:
     return work
 
 
-def _call(work: Call, number: int, wanted: Mapping[str, str]) -> Any:
+@dataclass(frozen=True)
+class Answer:
+    """What a worker returns for a chunk.
+
+    Attributes:
+        worker: its address.
+        identity: its own `identity`, computed for this chunk, so that workers that join later prove theirs too.
+        result: of the work; None if the identity is not the one of the campaign.
+    """
+
+    worker: str
+    identity: Mapping[str, str]
+    result: Any
+
+
+def _call(work: Call, number: int, wanted: Mapping[str, str]) -> Answer:
     from distributed import get_worker
 
+    address = get_worker().address
     try:
-        _require(wanted)
-        return work(number)
+        own = identity()
+        return Answer(address, own, work(number) if own == wanted else None)
     except BuildError as error:
-        # One of many machines lacks the compiler, the instructions or the versions, so the message names the machine.
-        where = f"Dask worker {get_worker().address}{': ' if error.where else ''}{error.where}"
+        # One of many machines lacks the compiler or the instructions, so the message names the machine.
+        where = f"Dask worker {address}{': ' if error.where else ''}{error.where}"
         raise BuildError(error.what, where=where, remedy=error.remedy) from None
 
 
-def _require(wanted: Mapping[str, str]) -> None:
-    """Reject a campaign made with other versions (name -> version) than those installed here. Raises BuildError."""
-    own = versions()
-    other = [name for name in wanted if own.get(name) != wanted[name]]
-    if other:
-        here = ", ".join(f"{name} {own.get(name, 'missing')}" for name in other)
-        there = ", ".join(f"{name} {wanted[name]}" for name in other)
-        raise BuildError(f"it has {here}, and the campaign {there}", remedy="install the same versions on all machines")
+def _proven(answer: object, wanted: Mapping[str, str]) -> Any:
+    """Return the result of an answer. Raises BuildError if its worker does not prove the identity of the campaign."""
+    if not isinstance(answer, Answer):  # `_call` of other sources
+        raise BuildError("a worker does not prove its sources", where="--scheduler", remedy="install the same on all machines")
+    if answer.identity == wanted:
+        return answer.result
+    # The longest names are digests, of which some digits suffice.
+    differences = [
+        f"{name} {str(answer.identity.get(name, 'missing'))[:40]}, and the campaign {wanted.get(name, 'none')[:40]}"
+        for name in sorted(answer.identity.keys() | wanted)
+        if answer.identity.get(name) != wanted.get(name)
+    ]
+    raise BuildError(
+        f"it has {'; '.join(differences)}",
+        where=f"Dask worker {answer.worker}",
+        remedy="install the same on all machines, and start the worker again",
+    )
 
 
 def _result(future: Any, number: int) -> Any:

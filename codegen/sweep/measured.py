@@ -6,6 +6,7 @@ determines it.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,12 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from codegen import configuration
-from codegen.cache import cache_folder
+from codegen import cache, configuration
 from codegen.configuration import Config, Identified
 from codegen.design.family import measured_keys
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
-from codegen.errors import CodegenError, ConfigError, within
+from codegen.errors import ConfigError, within
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
@@ -119,17 +119,17 @@ def solve_map(car: MeasuredCar, progress: Progress | None = None) -> ReferenceMa
     if case is None:
         raise ConfigError("no case has rear steering", where=f"{car.name}: [cases]", remedy="add one with rear_steering = true")
     key = hashlib.sha256("\n".join((car.digest, case, sources_digest())).encode()).hexdigest()
-    path = cache_folder() / f"map-{key[:32]}.npz"
-    try:
-        return npz.load(path)
-    except CodegenError:
-        pass  # not there yet, or damaged
+    folder, name = cache.cache_folder(), f"map-{key}"
+    kept = cache.find(folder, name, ".npz")
+    if kept is not None:
+        return npz.from_bytes(kept.content, kept.path)
     with within(car.name):
         reference_map = solve_case(config, case)
         if config.controller.kind == "tracking":
             assert reference_map.config is not None  # a solved map has one
             reference_map = reference_map.with_config(_tuned(reference_map, reference_map.config, progress, car.name))
-    npz.save(reference_map, path)
+    with contextlib.suppress(OSError):  # for instance a full disk: then it is solved again next time
+        cache.keep(folder, name, npz.to_bytes(reference_map), ".npz")
     return reference_map
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import json
 import multiprocessing
 import os
-import pickle
 import signal
 import sys
 import tempfile
@@ -218,15 +218,31 @@ def outcome_of(check: Registered, subject: Subject, effort: Effort) -> Outcome:
 
 def _saved(subject: Subject, scratch: str) -> Path:
     """Write a subject for the workers. In the pipe to them, it would block the pool for ever after a crash (CPython 94777)."""
-    handle, name = tempfile.mkstemp(".pickle", dir=scratch)
-    with os.fdopen(handle, "wb") as file:
-        pickle.dump(subject, file)
+    content = {
+        **{"name": subject.name, "manifest": subject.manifest, "edited": subject.edited},
+        "files": {path: data.decode("latin-1") for path, data in subject.files.items()},
+        "manifest_sha256": subject.manifest_sha256,
+        "unbounded": vars(subject).get("unbounded"),  # None if nothing has used it yet
+    }
+    handle, name = tempfile.mkstemp(".json", dir=scratch)
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        json.dump(content, file)
     return Path(name)
+
+
+def _restored(saved: Path) -> Subject:
+    """Return a subject that `_saved` wrote."""
+    content = json.loads(saved.read_bytes())
+    files = {path: text.encode("latin-1") for path, text in content["files"].items()}
+    subject = Subject(content["name"], files, content["manifest"], tuple(content["edited"]), content["manifest_sha256"])
+    if content["unbounded"] is not None:
+        vars(subject)["unbounded"] = tuple(content["unbounded"])
+    return subject
 
 
 def _outcome_in_worker(check: Registered, saved: Path, effort: Effort) -> Outcome:
     """Run one check, which ends on SIGTERM together with its children."""
-    subject = pickle.loads(saved.read_bytes())
+    subject = _restored(saved)
     signal.signal(signal.SIGTERM, _leave)
     try:
         return outcome_of(check, subject, effort)

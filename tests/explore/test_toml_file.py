@@ -64,6 +64,29 @@ def test_a_confirmation_holds_only_for_the_unchanged_file(pi: Explorer, tmp_path
     assert not target.path.exists()
 
 
+def test_a_file_written_between_the_comparison_and_the_rename_is_kept(
+    pi: Explorer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = Target(tmp_path / "ars.toml")
+    text = Target._text
+
+    def other_explorer_writes(*given: object) -> object:
+        made = text(*given)  # type: ignore[arg-type]
+        target.path.write_text("written meanwhile", encoding="utf-8")
+        return made
+
+    for before in (None, "old"):
+        target.path.unlink(missing_ok=True)
+        if before is not None:
+            target.path.write_text(before, encoding="utf-8")
+        seen = None if before is None else sha(target.path)
+        monkeypatch.setattr(Target, "_text", other_explorer_writes)
+        with pytest.raises(Existing) as caught:
+            target.write(pi.start, seen)
+        assert target.path.read_text(encoding="utf-8") == "written meanwhile"
+        assert caught.value.sha256 == sha(target.path)
+
+
 def test_a_file_of_another_car_is_replaced_completely(pi: Explorer, tmp_path: Path) -> None:
     target = Target(tmp_path / "ars.toml")
     target.path.write_text(configuration.preset_text().replace("2335.07", "1500.0"), encoding="utf-8")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from codegen import cache
 from codegen.errors import BuildError, CodegenError
 from codegen.sil.toolchain import compiler_command
 from hil_sim import ecu_process
@@ -81,7 +82,7 @@ def test_it_is_compiled_once_and_depends_on_no_folder(
 
 
 def test_its_cache_name_depends_on_sources_and_compiler(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ecu_process, "_compile", lambda *given: given[-1])
+    monkeypatch.setattr(ecu_process, "_compile", lambda *given: cache.Entry(given[-1], b""))
     names = {ecu_process.compile_ecu(folder)}
     for path in ("linux/ars_ecu.c", "src/ars_task.c", "include/ars_can.h"):
         with (folder / path).open("a") as file:

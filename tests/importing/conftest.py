@@ -16,7 +16,7 @@ __all__ = ["refused", "run"]
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the calls of `codegen.importing.child` in this process, which has imported the libraries."""
 
-    def call(module: str, function: str, *arguments: Any, **_: float) -> Any:
+    def call(module: str, function: str, *arguments: Any, **_: object) -> Any:
         try:
             return getattr(importlib.import_module(module), function)(*arguments)
         except (ImportError, MemoryError):

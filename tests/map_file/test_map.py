@@ -108,11 +108,11 @@ def test_a_solved_map_is_read_completely() -> None:
 
 @pytest.mark.parametrize("dtype", ["<f4", ">f8", np.longdouble, np.uint8, ">i2"])
 def test_numbers_of_any_kind_order_and_compression_become_float64(dtype: Any, tmp_path: Path) -> None:
-    """Infeasible cells may have any content, and unknown keys are ignored."""
+    """Infeasible cells may have any content."""
     arrays = solved_arrays()
     arrays["vx"], arrays["feasible"] = arrays["vx"].astype(dtype), arrays["feasible"].astype(dtype)
     arrays["yaw_rate"][3, 2], arrays["beta"][3, 2] = np.inf, 1e9
-    arrays |= {"yaw_rate": np.asfortranarray(arrays["yaw_rate"]), "notes": np.array([{"a": 1}], dtype=object)}
+    arrays["yaw_rate"] = np.asfortranarray(arrays["yaw_rate"])
     np.savez_compressed(tmp_path / "map.npz", **arrays)
     loaded = refmap.load(tmp_path / "map.npz")
     np.testing.assert_array_equal(loaded.speed, arrays["vx"].astype(np.float64))
@@ -120,6 +120,36 @@ def test_numbers_of_any_kind_order_and_compression_become_float64(dtype: Any, tm
     np.testing.assert_array_equal(loaded.sideslip, solved_map().sideslip)
     assert loaded.speed.dtype == loaded.yaw_rate.dtype == np.dtype("=f8")
     assert loaded.feasible.tolist() == solved_map().feasible.tolist()
+
+
+def test_another_key_in_a_table_without_meta_is_ignored_with_a_note(tmp_path: Path) -> None:
+    np.savez(tmp_path / "map.npz", **plain_arrays(), notes=np.array([{"a": 1}], dtype=object))
+    loaded = refmap.load(tmp_path / "map.npz")
+    assert loaded.ignored == ("notes",)
+    assert "notes: not a key of a map; ignored" in choose_config(loaded, None).notes
+    refmap.save(loaded, tmp_path / "saved.npz")
+    assert refmap.load(tmp_path / "saved.npz").ignored == ()
+
+
+@pytest.mark.parametrize("name", ["notes", "mata", "xmeta.npy"])
+def test_another_key_in_a_map_with_meta_is_rejected(name: str, tmp_path: Path) -> None:
+    np.savez(tmp_path / "map.npz", **solved_arrays(), **{name: np.zeros(1)})
+    with pytest.raises(MapError, match=f"{name}: not a key of a map"):
+        refmap.load(tmp_path / "map.npz")
+
+
+def test_no_flipped_bit_in_the_name_of_a_member_turns_a_solved_map_into_another_one(tmp_path: Path) -> None:
+    whole = refmap.to_bytes(solved_map())
+    expected = solved_map().meta
+    for name in (b"meta.npy", b"active.npy", b"feasible.npy", b"beta.npy"):
+        at = whole.rindex(name)  # in the directory at the end, which decides
+        for place in range(at, at + len(name)):
+            for bit in range(8):
+                damaged = bytearray(whole)
+                damaged[place] ^= 1 << bit
+                with pytest.raises(MapError):
+                    refmap.from_bytes(bytes(damaged), tmp_path / "map.npz")
+    assert refmap.from_bytes(whole, "whole").meta == expected
 
 
 def cell(key: str, index: Any, value: float) -> Change:

@@ -1,6 +1,5 @@
 """Compiling with cffi: small C examples, both modes, the cache, and the messages of failures."""
 
-import hashlib
 import json
 import os
 import stat
@@ -280,27 +279,28 @@ def test_concurrent_and_later_processes_share_one_build(
         process.stdin.flush()
     found = [finish(process) for process in processes]
     assert [value for value, _ in found] == [1, 1]
-    assert {path.suffix for path in own_cache.iterdir()} == {".so", ".json"}
+    assert {path.suffix for path in own_cache.iterdir()} == {".so", ".h"}
     count = compilations(compiler_log)
     assert finish(start_process(unique_sources, mode)) in found
     assert compilations(compiler_log) == count > 0
 
 
-@pytest.mark.parametrize("damage", ["truncated", "no library", "half an index", "foreign"])
-def test_a_damaged_entry_is_built_again(compiler_log: Path, unique_sources: Sources, damage: str) -> None:
+@pytest.mark.parametrize("damage", ["truncated", "no library", "one bit", "one bit of a declaration", "foreign"])
+def test_a_damaged_entry_is_built_again(compiler_log: Path, unique_sources: Sources, own_cache: Path, damage: str) -> None:
     _, path = finish(start_process(unique_sources, "abi"))
-    (index,) = path.parent.glob("*.json")
     content = path.read_bytes()
     if damage == "truncated":
         path.write_bytes(content[: len(content) // 3])
     elif damage == "no library":
         path.unlink()
-    elif damage == "half an index":
-        index.write_bytes(index.read_bytes()[:40])
+    elif damage == "one bit":
+        path.write_bytes(content.replace(b"tiny", b"tinx"))
+    elif damage == "one bit of a declaration":
+        (declarations,) = own_cache.glob("*.h")
+        declarations.write_bytes(declarations.read_bytes().replace(b"tiny", b"tinx"))
     else:  # whole, but not for this machine
-        digest = hashlib.sha256(b"foreign").hexdigest()
-        index.write_text(json.dumps({**json.loads(index.read_text(encoding="utf-8")), "sha256": digest}), encoding="utf-8")
-        path.with_name(f"{path.stem.rpartition('-')[0]}-{digest[:16]}.so").write_bytes(b"foreign")
+        path.unlink()
+        cache.keep(own_cache, path.stem.rpartition("-")[0], b"foreign", ".so")
     assert finish(start_process(unique_sources, "abi")) == (1, path)
     assert compilations(compiler_log) == 2
     assert path.read_bytes() == content

@@ -1,6 +1,7 @@
 """CDF 2.0 (ASAM Calibration Data Format, `.cdfx`), the XML format of calibration values.
 
-Files are parsed with expat of the standard library. A file that declares an entity is rejected, so nothing can expand.
+Files are parsed with expat of the standard library. A file that declares an entity, or a default value of an attribute, is
+rejected, so nothing can expand.
 Expat loads no DTD or other external file.
 """
 
@@ -15,6 +16,7 @@ from codegen import __version__
 from codegen.errors import CodegenError
 from codegen.export.calibration.labels import READ_REMEDY, Label, number_text
 from codegen.export.calibration.layout import CalibrationObject, Kind, Layout, Numbers, Values
+from codegen.importing.xml_head import refuse_declarations
 
 _BOOLEANS = {"true": "1", "false": "0"}
 _KINDS: dict[str, Kind] = {
@@ -48,14 +50,9 @@ def read(content: bytes, path: Path, start: str) -> Iterator[Label]:
 
 
 def _parsed(content: bytes, path: Path) -> ElementTree.Element:
-    """Return the root of an XML file without entities."""
+    """Return the root of an XML file without such declarations."""
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
-
-    def refuse(*_: object) -> None:
-        where = f"{path}, line {parser.CurrentLineNumber}"
-        raise CodegenError("declares an entity", where=where, remedy="remove the declaration")
-
-    parser.EntityDeclHandler = refuse
+    refuse_declarations(parser, path)
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     parser.CharacterDataHandler = builder.data
     try:

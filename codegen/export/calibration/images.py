@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,11 +17,14 @@ from codegen.export.a2l import fill
 from codegen.export.calibration.layout import CalibrationObject, Layout, Values, layout_of_a2l, read_layout
 from codegen.export.elf import ELF_BYTES_MAX, Elf
 from codegen.files import read_file
+from codegen.limits import Limits
 from codegen.requirements import missing
 
 ELF_MAGIC = b"\x7fELF"
 IMAGE_REMEDY = "give a linked program as ELF, S-record or Intel HEX"
 _RECORD_BYTES = 32
+PIECES_MAX, RECORDS_AT_A_TIME = 1000, 1000
+"""Largest number of separate pieces of an image. Linked programs have some ten."""
 _SREC_BITS = {b"S1": 16, b"S2": 24, b"S3": 32}
 
 Format = Literal["ELF", "S-record", "Intel HEX"]
@@ -153,10 +156,21 @@ def _records(content: bytes, path: Path) -> Any:
     except ImportError:
         raise missing("bincopy", "reads S-records and Intel HEX", "codegen calibrate") from None
     records = bincopy.BinFile()
-    with _undamaged(path):
+    with Limits.of(len(content)).enforced(path, BuildError), _undamaged(path):
         text = content.decode("ascii")
-        (records.add_srec if content[:1] == b"S" else records.add_ihex)(text)
+        if content[:1] == b":":
+            records.add_ihex(text)  # whole, because a line can set the address of those that follow
+        else:
+            _add_records(records, text.splitlines(keepends=True))
     return records
+
+
+def _add_records(records: Any, lines: Sequence[str]) -> None:
+    """Add S-records some at a time, because bincopy takes for ever for many pieces. Raises ValueError: there are too many."""
+    for start in range(0, len(lines), RECORDS_AT_A_TIME):
+        records.add_srec("".join(lines[start : start + RECORDS_AT_A_TIME]))
+        if len(records.segments) > PIECES_MAX:
+            raise ValueError(f"more than {PIECES_MAX} separate pieces")
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from codegen.export.calibration.build import BuildCalibration
 from codegen.export.calibration.labels import CALIBRATION_BYTES_MAX, READ_REMEDY, python_numbers, values_of
 from codegen.export.calibration.layout import CalibrationObject, Layout, Values
 from codegen.files import read_file
+from codegen.limits import Limits
 
 READERS = {".dcm": dcm, ".cdfx": cdf}
 """Module of each format by extension, with `read` and `write`."""
@@ -30,7 +31,8 @@ def read_set(path: Path, layout: Layout) -> Values:
             remedy="give a .dcm or .cdfx file, or an image with --image",
         )
     content = read_file(path, CALIBRATION_BYTES_MAX, READ_REMEDY)
-    values = values_of(reader.read(content, path, f"{layout.prefix}."), layout)
+    with Limits.of(len(content)).enforced(path):
+        values = values_of(reader.read(content, path, f"{layout.prefix}."), layout)
     if not values:
         what = f"contains no value of this build: no name begins with {layout.prefix}."
         raise CodegenError(what, where=path, remedy="give the file of this build")

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -15,6 +16,7 @@ from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
 from codegen.files import read_file, require_regular
 from codegen.importing import child
+from codegen.limits import SMALL_SLOW_BYTES, Limits
 from codegen.logs.account import findings, open_bus_log
 from codegen.logs.databases import Identifiers
 from codegen.logs.reader import LOGS
@@ -163,32 +165,35 @@ def read_faults(path: Path) -> list[FaultEntry]:
 
 
 def _read_parquet(path: Path) -> FloatArray:
-    try:
-        from pyarrow import ArrowException, parquet
-    except ImportError:
-        raise missing("pyarrow", f"reads {path.suffix}", path) from None
-    try:
-        table = parquet.read_table(path, columns=list(RECORD_COLUMNS))
-        columns = [np.asarray(table.column(name), dtype=np.float64) for name in RECORD_COLUMNS]
-    except (OSError, ValueError, KeyError, TypeError, ArrowException) as error:  # TypeError: structs instead of numbers
-        raise _no_run(path, error) from None
+    limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
+    columns = _in_child(path, "parquet", "read", RECORD_COLUMNS, child.result_bytes(limits), limits=limits)
     return _checked(np.column_stack(columns), path)
 
 
 def _read_mf4(path: Path) -> FloatArray | None:
     """Return the recording in an MF4 file; None for a log of the bus."""
-    try:
-        columns = child.call("codegen.importing.mf4", "columns", path, RECORD_COLUMNS, **child.LOG)
-    except ImportError:
-        raise missing("asammdf", f"reads {path.suffix}", path) from None
-    except Exception as error:  # asammdf may raise anything for a damaged file
-        raise _no_run(path, error) from None
+    limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
+    columns = _in_child(path, "mf4", "columns", RECORD_COLUMNS, child.result_bytes(limits), limits=limits)
     return None if columns is None else _checked(np.column_stack(columns), path)
+
+
+PACKAGES = {"mf4": "asammdf", "parquet": "pyarrow"}
+
+
+def _in_child(path: Path, module: str, function: str, *arguments: Any, limits: Limits) -> Any:
+    """Call a function of a module of `codegen.importing` in a process of its own. Raises CodegenError."""
+    try:
+        return child.call(f"codegen.importing.{module}", function, path, *arguments, limits=limits)
+    except ImportError:
+        raise missing(PACKAGES[module], f"reads {path.suffix}", path) from None
+    except Exception as error:  # libraries may raise anything for a damaged file
+        raise _no_run(path, error) from None
 
 
 def _read_csv(path: Path) -> FloatArray:
     try:
-        record = load_csv(path)
+        with Limits.of(path.stat().st_size).enforced(path):
+            record = load_csv(path)
     except (OSError, ValueError) as error:
         raise _no_run(path, error) from None
     return _checked(record, path)

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,13 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen import __version__
 from codegen.errors import BuildError, CodegenError
 from codegen.sweep import plan as planning
 from codegen.sweep.chunk import Table, Work
 from codegen.sweep.engine import Dask, Threads, run_campaign
 from codegen.sweep.plan import Plan
 from codegen.sweep.store import RUNS, part_path
+from codegen.sweep.versions import identity
 from tests.sweep.conftest import ROOT, Recording, write_spec
 
 TIMEOUT_S = 600.0
@@ -99,16 +100,16 @@ def test_a_cluster_gives_the_same_bytes_despite_a_killed_worker(
         assert died.exists()
         with pytest.raises(BuildError, match=r"^Dask worker tcp://\S+: --isa: no such instructions; take others$"):
             list(engine.run(lacking_instructions, [0]))
-        monkeypatch.setattr("codegen.sweep.engine.versions", lambda: {"codegen": __version__, "numpy": "0.1"})
-        message = rf"^Dask worker tcp://\S+: it has numpy {np.__version__}, and the campaign numpy 0\.1; install the same"
+        monkeypatch.setattr("codegen.sweep.engine.identity", lambda: {**identity(), "numpy": "0.1"})
+        message = rf"^Dask worker tcp://\S+: it has numpy {np.__version__}, and the campaign 0\.1; install the same"
         with pytest.raises(BuildError, match=message):
             list(engine.run(Work(plan), [0]))
 
 
 @contextlib.contextmanager
-def dask_process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+def dask_process(*arguments: str, root: Path = ROOT) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-m", "dask", *arguments, "--no-dashboard"]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(command, cwd=root, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         try:
             yield process
         finally:
@@ -121,6 +122,33 @@ def scheduler() -> Iterator[tuple[subprocess.Popen[str], str]]:
     with dask_process("scheduler", "--host", "127.0.0.1", "--port", "0") as process:
         assert process.stderr is not None
         yield process, next(found[0] for line in process.stderr if (found := re.findall(r"tcp://127\.0\.0\.1:\d+", line)))
+
+
+def test_a_worker_with_other_sources_that_joins_later_is_refused_and_nothing_of_it_is_kept(
+    plan: Plan, whole: bytes, tmp_path: Path
+) -> None:
+    """The worker has the same version, and one other number in its sources."""
+    for name in ("codegen", "hil_sim", "templates"):
+        shutil.copytree(ROOT / name, tmp_path / "foreign" / name, ignore=shutil.ignore_patterns("__pycache__"))
+    changed = tmp_path / "foreign/codegen/units.py"
+    changed.write_text(changed.read_text(encoding="utf-8").replace("9.81", "9.82"), encoding="utf-8")
+    options = ("--nthreads", "1", "--no-nanny", "--death-timeout", "60")
+    with contextlib.ExitStack() as stack:
+        _, address = stack.enter_context(scheduler())
+        own = stack.enter_context(dask_process("worker", address, *options))
+        engine = stack.enter_context(contextlib.closing(Dask(address)))
+
+        def exchange_the_worker() -> None:
+            if own.poll() is None:
+                stack.enter_context(dask_process("worker", address, *options, root=tmp_path / "foreign"))
+                own.kill()
+
+        with pytest.raises(
+            BuildError, match=r"^Dask worker tcp://\S+: it has sources \w+, and the campaign \w+; install"
+        ) as caught:
+            run_campaign(plan, tmp_path / "mixed", WrappedEngine(engine, after=exchange_the_worker))
+        assert caught.value.exit_code == 2
+    check_resumption(plan, tmp_path / "mixed", whole)
 
 
 @pytest.mark.long

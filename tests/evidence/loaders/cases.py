@@ -1,4 +1,5 @@
-"""Part `loaders`: 100,000 randomly damaged files for all loaders."""
+"""Part `loaders`: 100,000 randomly damaged files for all loaders in the processes of this part, and 2,000 damaged and hostile
+files, each in a process of its own with limits on its time and its memory."""
 
 import functools
 import os
@@ -11,34 +12,57 @@ import numpy as np
 
 from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.progress import Progress
-from tests.loader_cases import Loader, damaged, fault_of, loaders
+from tests.hostile_files import HOSTILE
+from tests.loader_cases import MF4, Loader, damaged, fault_apart, fault_of, loaders, readers_in_process
 
 CASES, QUICK_CASES = 100_000, 2_500
+APART_CASES, QUICK_APART_CASES = 2_000, 100
+HOSTILE_SHARE = 0.1
+"""Fraction of the files of `tests.hostile_files` in those that have a process of their own."""
 Block = tuple[str, int, int]
-"""Loader, seed and number of its cases."""
-BLOCK_SIZE = 200
+"""Loader or kind of hostile file, seed and number of its cases. A seed below zero: each in a process of its own."""
+BLOCK_SIZE, APART_BLOCK_SIZE = 200, 10
 """Cases per seed."""
-SHOWS = "damaged files are read, or rejected in one line with the location"
+SHOWS = "damaged and hostile files are read, or rejected in one line with the location, within 20 s and 2 GB"
 
 
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     """Run the cases on all processors."""
     del folders
     found = _loaders()
-    total = QUICK_CASES if effort.quick else CASES
-    share = total / sum(loader.weight for loader in found.values())
-    blocks: list[Block] = []
-    for name, loader in found.items():
-        count = max(1, round(share * loader.weight))
-        blocks += [(name, seed, min(BLOCK_SIZE, count - seed * BLOCK_SIZE)) for seed in range(-(-count // BLOCK_SIZE))]
+    # asammdf may crash on a damaged file.
+    together = {name: loader.weight for name, loader in found.items() if loader.reader != MF4}
+    blocks = _blocks(QUICK_CASES if effort.quick else CASES, together)
+    apart = QUICK_APART_CASES if effort.quick else APART_CASES
+    hostile = round(HOSTILE_SHARE * apart)
+    blocks += _apart_blocks(apart - hostile, [*found]) + _apart_blocks(hostile, [*HOSTILE])
     waiting = [block for block in blocks if progress.done.get(_key(block)) is None]
     with ProcessPoolExecutor(os.cpu_count()) as pool:  # unlike a Pool, it reports a worker that crashes
         for block, faults in zip(waiting, pool.map(_block, waiting), strict=True):
             progress.keep(_key(block), faults)
     findings = [fault for block in blocks for fault in progress.done.get(_key(block))]
-    cases = sum(count for _, _, count in blocks)
+    counts = [sum(count for _, seed, count in blocks if (seed < 0) is is_apart) for is_apart in (False, True)]
     verdict = Verdict.FAILED if findings else Verdict.PASSED
-    return Outcome(SHOWS, f"{cases:,} files for {len(found)} loaders", verdict, tuple(findings))
+    figure = f"{counts[0]:,} files for {len(found)} loaders; {counts[1]:,} in processes of their own, {hostile} of them hostile"
+    return Outcome(SHOWS, figure, verdict, tuple(findings))
+
+
+def _blocks(total: int, weights: Mapping[str, float]) -> list[Block]:
+    share = total / sum(weights.values())
+    blocks: list[Block] = []
+    for name, weight in weights.items():
+        count = max(1, round(share * weight))
+        blocks += [(name, seed, min(BLOCK_SIZE, count - seed * BLOCK_SIZE)) for seed in range(-(-count // BLOCK_SIZE))]
+    return blocks
+
+
+def _apart_blocks(total: int, names: Sequence[str]) -> list[Block]:
+    """Return the blocks of as many cases for each name."""
+    return [
+        (name, -1 - number, min(APART_BLOCK_SIZE, count - number * APART_BLOCK_SIZE))
+        for name, count in zip(names, np.diff(np.linspace(0, total, len(names) + 1).round().astype(int)).tolist(), strict=True)
+        for number in range(-(-count // APART_BLOCK_SIZE))
+    ]
 
 
 @functools.cache
@@ -54,10 +78,26 @@ def _key(block: Block) -> str:
 def _block(block: Block) -> list[str]:
     """Return the failures in one block of cases: loader, seed and case of each."""
     name, seed, count = block
-    loader, generator = _loaders()[name], np.random.default_rng([seed, sum(name.encode())])
+    generator = np.random.default_rng([abs(seed), sum(name.encode()), int(seed < 0)])
     findings = []
     with tempfile.TemporaryDirectory() as folder:
         for case in range(count):
-            if fault := fault_of(loader, damaged(loader.seed, generator), Path(folder)):
+            if fault := _fault(name, seed < 0, generator, Path(folder)):
                 findings.append(f"{name}, seed {seed}, case {case}: {fault}")
     return findings
+
+
+def _fault(name: str, is_apart: bool, generator: np.random.Generator, folder: Path) -> str:
+    if name in HOSTILE:
+        kind = HOSTILE[name]
+        return fault_apart(_loaders()[kind.loader], kind.make(SIZES[int(generator.integers(len(SIZES)))]), folder)
+    loader = _loaders()[name]
+    data = damaged(loader.seed, generator)
+    if is_apart:
+        return fault_apart(loader, data, folder)
+    with readers_in_process():
+        return fault_of(loader, data, folder)
+
+
+SIZES = (1.0, 0.5, 0.1, 0.01)
+"""Sizes of hostile files; few, because making one may take longer than reading it."""

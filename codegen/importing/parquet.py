@@ -1,0 +1,55 @@
+"""Columns of Parquet files, read with pyarrow. Only a child process imports it (see `child`): a small file may hold any number
+of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
+
+from codegen.arrays import FloatArray
+
+BYTES_PER_NUMBER = 8
+
+Kind = Literal["time", "other"]
+"""Whether a column has times in a type of its own, which become ns."""
+
+
+def columns(path: Path) -> list[tuple[str, Kind]]:
+    """Return name and kind of each column. Raises whatever pyarrow raises for a damaged file."""
+    return [(field.name, "time" if _in_nanoseconds(field.type) is not None else "other") for field in parquet.read_schema(path)]
+
+
+def read(path: Path, names: Sequence[str], bytes_max: int) -> list[FloatArray]:
+    """Return the numbers of columns, times in ns.
+
+    Args:
+        bytes_max: limit on the size of all results.
+
+    Raises:
+        ValueError: more than that, or a column has no numbers.
+        Exception: whatever pyarrow raises for a damaged file.
+    """
+    rows = parquet.read_metadata(path).num_rows
+    if rows * len(names) * BYTES_PER_NUMBER > bytes_max:
+        raise ValueError(f"{rows} rows, more than a file of its size may hold")
+    table = parquet.read_table(path, columns=list(dict.fromkeys(names)), use_threads=False)
+    return [_numbers(table.column(name)) for name in names]
+
+
+def _numbers(column: pa.ChunkedArray) -> FloatArray:
+    wanted = _in_nanoseconds(column.type)
+    if wanted is not None:
+        column = column.cast(wanted).cast(pa.int64())
+    return np.asarray(column.to_numpy(), dtype=np.float64)
+
+
+def _in_nanoseconds(kind: pa.DataType) -> pa.DataType | None:
+    """Return the type of times in ns; None for other types."""
+    if pa.types.is_timestamp(kind):
+        return pa.timestamp("ns", tz=kind.tz)
+    return pa.duration("ns") if pa.types.is_duration(kind) else None
