@@ -15,7 +15,7 @@ from codegen.configuration.signals import Status
 
 
 class Reaction(enum.Enum):
-    """What the receiver gets in a state."""
+    """Reaction to a state: the command that the receiver gets."""
 
     FOLLOW = "the command of the control law"
     PREDICT = "the command of the control law, which continues from the last sample"
@@ -49,6 +49,11 @@ class StateRow:
     text: str
     reaction: Reaction
     status: Status
+
+    @property
+    def has_command(self) -> bool:
+        """Whether a command is sent."""
+        return self.reaction is not Reaction.NOT_AVAILABLE
 
 
 STATES: Mapping[State, StateRow] = {

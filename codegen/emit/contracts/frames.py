@@ -13,8 +13,6 @@ from codegen.emit.contracts.conditions import Conditions
 from codegen.emit.contracts.contract import Argument, Claim, Unit
 from codegen.emit.supervision import STATES, Cause, Reaction, State, next_state
 
-_WITHOUT_CONTROL = (Reaction.NOT_AVAILABLE, Reaction.RAMP)
-
 
 class FrameUnits(Conditions):
     """Contracts of E2E protection, CAN and task."""
@@ -258,7 +256,8 @@ class FrameUnits(Conditions):
         def is_in(place: str, states: Iterable[State]) -> str:
             return f"({' || '.join(f'({place}->supervision.state == {state}_{each.name})' for each in states)})"
 
-        silent, ramps = ([each for each, row in STATES.items() if row.reaction is reaction] for reaction in _WITHOUT_CONTROL)
+        silent = [each for each, row in STATES.items() if not row.has_command]
+        ramps = [each for each, row in STATES.items() if row.reaction is Reaction.RAMP]
         is_long = "(self_before->silent_calls > self->parameters->inputs.missing_samples_max)"
         heard = "((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u))"
         restarts = f"({is_in('self_before', silent)} || ({is_long} && {heard} && self_before->has_measured))"

@@ -17,7 +17,7 @@ from codegen.emit.contracts.contract import Invariant
 from codegen.emit.controller_view import ACTUATOR_SAMPLES_MAX
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
 from codegen.emit.parameters import ParameterView
-from codegen.emit.supervision import STATES, Cause, Reaction, State
+from codegen.emit.supervision import STATES, Cause, State
 
 TASK_COUNT_MAX = 80
 """Bound of the counts of disturbances in the task."""
@@ -60,7 +60,7 @@ class Invariants(Conditions):
         yield Invariant(own("task_input_t"), (*states, *counts, "is_flag(value->disturbed)", "is_flag(value->usable)"))
         codes = {"state": len(State), "cause": len(Cause), "status": len(STATUSES)}
         supervised = [self.is_code(f"value->{name}", count - 1) for name, count in codes.items()]
-        silent = [each for each, row in STATES.items() if row.reaction is Reaction.NOT_AVAILABLE]
+        silent = [each for each, row in STATES.items() if not row.has_command]
         known = " && ".join(f"(value->state != {self.upper}_SUPERVISION_{each.name})" for each in silent)
         supervised += ["is_flag(value->has_command)", f"(value->has_command == ({known}))"]
         yield Invariant(own("supervision_t"), tuple(supervised))

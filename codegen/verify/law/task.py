@@ -9,7 +9,7 @@ from typing import Any
 
 from codegen.configuration.can import Can
 from codegen.configuration.e2e_profiles import DataId
-from codegen.emit.supervision import CAUSES, STATES, Cause, Reaction, State, next_state, status_of
+from codegen.emit.supervision import CAUSES, STATES, Cause, State, next_state, status_of
 from codegen.sil.software import Measurement, Status
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.inputs import Quality
@@ -133,7 +133,7 @@ class SecondTask:
         found |= self._causes_of_controller(command.status)
         self._state = next_state(self._state, min(found))
         diagnostics |= self._of_controller(is_good)
-        has_command = STATES[self._state].reaction is not Reaction.NOT_AVAILABLE
+        has_command = STATES[self._state].has_command
         sent = (command.rear_angle, command.yaw_rate_reference) if has_command else (math.nan, math.nan)
         message, status = self.can.rear_steer_command, status_of(self._state, command.status is Status.LIMITED)
         contents = self.codec.encode(RearSteerCommand(*sent, status, diagnostics))
@@ -204,7 +204,7 @@ class SecondTask:
         if is_over:
             self._samples_without_angle = 0
         self._silence = 0 if has_frames else self._silence + 1
-        return is_over or STATES[self._state].reaction is Reaction.NOT_AVAILABLE
+        return is_over or not STATES[self._state].has_command
 
     def _start(self, rear_angle: float | None) -> bool:
         """Start control from the measured rear angle (None: no good sample), not from an impossible one.
