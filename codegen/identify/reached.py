@@ -49,7 +49,7 @@ class Reached:
 
 @dataclass(frozen=True)
 class AxleForce:
-    """What a map takes from the identified tyres of an axle, each with its standard deviation.
+    """Figures that a map takes from the identified tyres of an axle, each with its standard deviation.
 
     Attributes:
         force: largest side force of the axle in the drives, N.

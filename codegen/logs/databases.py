@@ -48,7 +48,7 @@ class Defined:
 
 
 class Directory(Protocol):
-    """What the account of a log needs to know about messages."""
+    """Facts about messages that the account of a log needs."""
 
     @property
     def files(self) -> Sequence[Loaded]:
@@ -56,7 +56,7 @@ class Directory(Protocol):
 
     @property
     def findings(self) -> Sequence[str]:
-        """What is not plain in the databases."""
+        """Findings in the databases."""
 
     @property
     def conflicts(self) -> Mapping[BusKey, str]:
@@ -121,7 +121,7 @@ class Databases:
 
     @property
     def findings(self) -> list[str]:
-        """What is not plain in the files: statements that are left out, warnings of the library."""
+        """Findings in the files: statements that are left out, warnings of the library."""
         return [f"{each.path.name}: {text}" for each in self.files for text in each.findings]
 
     @cached_property

@@ -66,7 +66,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class FileAccount:
-    """Where the frames of a file went when it was read.
+    """Account of the frames of a file when it was read.
 
     Attributes:
         form: name of the format.

@@ -30,7 +30,7 @@ TICK_S = 1e-6
 
 
 class Fate(IntEnum):
-    """What became of a frame that was read."""
+    """Use of a frame that was read."""
 
     USED = 0
     ERROR = 1
@@ -71,7 +71,7 @@ class Sender:
 
 @dataclass
 class Allotment:
-    """What became of each frame.
+    """Use of each frame.
 
     Attributes:
         fate: (n,) values of Fate.

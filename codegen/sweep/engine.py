@@ -219,7 +219,7 @@ def _itself(work: Call) -> Call:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a worker returns for a chunk.
+    """Answer of a worker for a chunk.
 
     Attributes:
         worker: its address.
